@@ -1,0 +1,82 @@
+"""The design of a sensor: what is known of it before any picture. The defaults are the published 9DTact."""
+
+from dataclasses import dataclass
+
+from ninedtact.errors import NinedtactError
+
+
+class DesignImpossible(NinedtactError):
+    """A dimension that no sensor can have."""
+
+
+@dataclass(frozen=True)
+class Gel:
+    """The translucent layer that is pressed, bonded on a stiffer transparent one."""
+
+    thickness_mm: float = 2.5
+
+    def __post_init__(self) -> None:
+        require_positive("gel.thickness_mm", self.thickness_mm)
+
+
+@dataclass(frozen=True)
+class FieldOfView:
+    """The rectified picture: its size in pixels, and the raw picture for which one pixel there is one pixel here."""
+
+    rows: int = 345
+    cols: int = 460
+    raw_long_side_px: int = 640
+    """A raw picture of another size is rectified to the same number of mm, in the same number of pixels."""
+
+    def __post_init__(self) -> None:
+        for name in ("rows", "cols", "raw_long_side_px"):
+            require_positive(f"field_of_view.{name}", getattr(self, name))
+
+
+@dataclass(frozen=True)
+class PinBoard:
+    """The calibration board: coplanar pins on a square lattice, long side along x."""
+
+    rows: int = 7
+    cols: int = 9
+    pitch_mm: float = 2.5
+    pin_diameter_mm: float = 1.2
+
+    def __post_init__(self) -> None:
+        require_positive("pin_board.pitch_mm", self.pitch_mm)
+        require_positive("pin_board.pin_diameter_mm", self.pin_diameter_mm)
+        if self.rows < 3 or self.cols < 3:
+            raise DesignImpossible(
+                f"expected a pin board of at least 3 x 3 pins, got {self.cols} x {self.rows}; a lens cannot be fitted to fewer"
+            )
+
+    @property
+    def count(self) -> int:
+        """Number of pins."""
+        return self.rows * self.cols
+
+
+@dataclass(frozen=True)
+class BallGauge:
+    """The ball that calibrates depth."""
+
+    radius_mm: float = 4.0
+
+    def __post_init__(self) -> None:
+        require_positive("ball.radius_mm", self.radius_mm)
+
+
+@dataclass(frozen=True)
+class SensorDesign:
+    """One sensor's design. The calibration searches for it, the twin simulates it, the hardware draws it."""
+
+    gel: Gel = Gel()
+    field_of_view: FieldOfView = FieldOfView()
+    pin_board: PinBoard = PinBoard()
+    ball: BallGauge = BallGauge()
+
+
+def require_positive(name: str, value: float) -> None:
+    """Refuse zero, negative and not-a-number."""
+    if not value > 0:
+        raise DesignImpossible(f"expected {name} above zero, got {value}; correct the design")
