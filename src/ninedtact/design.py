@@ -9,6 +9,12 @@ class DesignImpossible(NinedtactError):
     """A dimension that no sensor can have."""
 
 
+def require_positive(name: str, value: float) -> None:
+    """Refuse zero, negative and not-a-number."""
+    if not value > 0:
+        raise DesignImpossible(f"expected {name} above zero, got {value}; correct the design")
+
+
 @dataclass(frozen=True)
 class Gel:
     """The translucent layer that is pressed, bonded on a stiffer transparent one."""
@@ -31,6 +37,17 @@ class FieldOfView:
     def __post_init__(self) -> None:
         for name in ("rows", "cols", "raw_long_side_px"):
             require_positive(f"field_of_view.{name}", getattr(self, name))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The wide-angle camera under the gel, looking straight up through the middle of the skin."""
+
+    distance_mm: float = 14.05
+    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards: see `shape.parallax`."""
+
+    def __post_init__(self) -> None:
+        require_positive("camera.distance_mm", self.distance_mm)
 
 
 @dataclass(frozen=True)
@@ -71,12 +88,7 @@ class SensorDesign:
     """One sensor's design. The calibration searches for it, the twin simulates it, the hardware draws it."""
 
     gel: Gel = Gel()
+    camera: Camera = Camera()
     field_of_view: FieldOfView = FieldOfView()
     pin_board: PinBoard = PinBoard()
     ball: BallGauge = BallGauge()
-
-
-def require_positive(name: str, value: float) -> None:
-    """Refuse zero, negative and not-a-number."""
-    if not value > 0:
-        raise DesignImpossible(f"expected {name} above zero, got {value}; correct the design")

@@ -39,16 +39,19 @@ class Frame:
 
 @dataclass(frozen=True)
 class Rectified:
-    """Grey brightness on the skin's own square grid, lens removed."""
+    """Grey brightness (0 to 255) on the skin's own square grid, lens removed."""
 
-    grey: UInt8[Array, "rows cols"]
+    grey: Float32[Array, "rows cols"]
     mm_per_px: float
     stamp_ns: int = 0
 
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Height of the skin above its untouched plane: negative where pressed in, positive where it bulges."""
+    """Height of the skin above its untouched plane: negative where pressed in, positive where it bulges.
+
+    Pixels are lines of sight: pixel (x, y) on the untouched plane sees the skin point at (x, y)·(1 + z/camera distance).
+    """
 
     z_mm: Float32[Array, "rows cols"]
     coverage: UInt8[Array, "rows cols"]
@@ -56,6 +59,8 @@ class HeightMap:
     mm_per_px: float
     noise_mm: float = 0.0
     """Standard deviation of one pixel's height from one picture to the next, as the calibration measured it."""
+    camera_distance_mm: float = np.inf
+    """From the camera to the untouched skin; infinite where every pixel is seen from straight below."""
     stamp_ns: int = 0
 
     @property

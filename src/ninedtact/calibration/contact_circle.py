@@ -1,0 +1,159 @@
+"""Where a ball touched: its dark disc in a rectified picture, found by where the skin neither darkens nor brightens.
+
+Pressed gel is darker, the rim that bulges around it is brighter; between them the change is zero, and that circle is
+the edge of the disc. It needs no threshold: only the background far away is taken as the zero.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+from numpy import ndarray as Array
+from scipy import ndimage
+from scipy.optimize import least_squares
+
+from ninedtact.calibration.brightness import noise_levels, smoothed
+from ninedtact.errors import NinedtactError
+
+SMOOTHING_PX = 2.0
+RAYS = 120
+STEP_PX = 0.25
+FAINTEST_DROP = 3.0
+"""Grey levels: what drifts between two pictures of untouched skin stays below it (real pictures: 0.6)."""
+SECOND_CONTACT = 0.35
+"""Another spot this deep, relative to the deepest, is another contact."""
+LEAST_OF_CIRCLE = 0.6
+"""Part of the rays that must reach the edge."""
+ROUNDNESS = 0.12
+"""Largest scatter of the edge, relative to the radius: a sheared ball press has 0.03, other objects far more."""
+
+
+class BallRefused(NinedtactError):
+    """The ball picture cannot calibrate depth, and why."""
+
+
+@dataclass(frozen=True)
+class ContactCircle:
+    """The disc's edge in rectified pixels, and how even the press was."""
+
+    centre_px: tuple[float, float]
+    """(x, y)"""
+    radius_px: float
+    edge_scatter_px: float
+    drop: float
+    """Darkening at the deepest point, grey levels."""
+    asymmetry: float
+    """Uneven brightness of the bulge around the disc, as a part of the drop: first harmonic over the angle."""
+
+    def distance_px(self, shape: tuple[int, ...]) -> Float[Array, "rows cols"]:
+        """Distance of every pixel from the disc's centre."""
+        rows, cols = np.indices(shape)
+        return np.hypot(cols - self.centre_px[0], rows - self.centre_px[1])
+
+
+def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
+    """The one round contact in a rectified relative change (grey levels); raises `BallRefused` with the reason."""
+    calm = smoothed(change, SMOOTHING_PX)
+    calm = calm - np.median(calm)
+    require_contact(calm, noise_levels(change))
+    spot = deepest_spot(calm)
+    require_one_contact(calm, spot)
+    row, column = ndimage.center_of_mass(spot)
+    edge = edge_points(calm, (column, row))
+    return fitted_circle(calm, edge)
+
+
+def require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
+    """Refuse an untouched picture and a swapped pair."""
+    drop, rise = -float(calm.min()), float(calm.max())
+    needed = max(FAINTEST_DROP, 3 * noise)
+    if max(drop, rise) < needed:
+        raise BallRefused(
+            f"expected the ball's dark disc, at least {needed:.0f} grey levels darker than the reference, got no contact "
+            f"(largest change {max(drop, rise):.1f} levels); press the ball while the second picture is taken"
+        )
+    if rise > drop:
+        raise BallRefused(
+            f"expected a dark disc where the ball presses, got a bright one (+{rise:.0f} against −{drop:.0f} grey levels); "
+            "the pictures look swapped: give the untouched one as the reference"
+        )
+
+
+def deepest_spot(calm: Float32[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
+    """The connected region around the darkest pixel that is darker than half of it."""
+    labels, _ = ndimage.label(calm < calm.min() / 2)
+    return np.asarray(labels == labels[np.unravel_index(calm.argmin(), calm.shape)])
+
+
+def require_one_contact(calm: Float32[Array, "rows cols"], spot: Bool[Array, "rows cols"]) -> None:
+    """Refuse a second contact, and a disc at the border."""
+    border = np.ones_like(spot)
+    border[1:-1, 1:-1] = False
+    if (spot & border).any():
+        raise BallRefused(
+            "expected the whole disc in view, got one cut by the picture's border; press nearer to the middle"
+        )
+    labels, count = ndimage.label(calm < SECOND_CONTACT * calm.min())
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    rivals = int((sizes > 0.1 * sizes.max()).sum())
+    if rivals > 1:
+        raise BallRefused(f"expected one contact, got {rivals}; press with the ball alone")
+
+
+def edge_points(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float]) -> Float[Array, "n 2"]:
+    """Along each ray from the centre, the first point that is no darker than untouched skin; (x, y)."""
+    angles = np.arange(RAYS) * (2 * np.pi / RAYS)
+    radii = np.arange(STEP_PX, max(calm.shape), STEP_PX)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    points = centre_px + radii[:, None, None] * directions
+    seen = ndimage.map_coordinates(calm, points[..., ::-1].transpose(2, 0, 1), order=1, cval=np.nan)
+    risen = seen >= 0
+    first = risen.argmax(axis=0)
+    reached = risen.any(axis=0) & ~np.isnan(np.take_along_axis(seen, first[None], axis=0)[0])
+    left_view = np.isnan(np.cumsum(seen, axis=0)[first, np.arange(RAYS)])
+    require_whole_disc(reached & ~left_view)
+    return points[first, np.arange(RAYS)][reached & ~left_view]
+
+
+def require_whole_disc(reached: Bool[Array, " rays"]) -> None:
+    """Refuse a disc whose edge lies outside the view for too many rays."""
+    if reached.mean() < LEAST_OF_CIRCLE:
+        raise BallRefused(
+            f"expected the disc's edge all around, got it on {reached.mean():.0%} of the circle; the rest is outside the view "
+            "or has no bright rim: press nearer to the middle, and with the ball alone"
+        )
+
+
+def fitted_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) -> ContactCircle:
+    """Robust least-squares circle through the edge."""
+    middle = edge.mean(axis=0)
+    start = [*middle, np.hypot(*(edge - middle).T).mean()]
+    x, y, radius = least_squares(lambda c: np.hypot(*(edge - c[:2]).T) - c[2], start, loss="soft_l1").x
+    scatter = float(np.std(np.hypot(edge[:, 0] - x, edge[:, 1] - y)))
+    require_round(calm.shape, (x, y), radius, scatter)
+    asymmetry = bulge_harmonic(calm, (x, y), radius) / -float(calm.min())
+    return ContactCircle((float(x), float(y)), float(radius), scatter, -float(calm.min()), asymmetry)
+
+
+def require_round(shape: tuple[int, ...], centre_px: tuple[float, float], radius_px: float, scatter_px: float) -> None:
+    """Refuse what is not a disc, or not wholly in view."""
+    if scatter_px > ROUNDNESS * radius_px:
+        raise BallRefused(
+            f"expected a round disc, got an edge that strays {scatter_px / radius_px:.0%} of its radius from a circle; "
+            "press with a ball, straight down"
+        )
+    x, y = centre_px
+    if min(x, y, shape[1] - 1 - x, shape[0] - 1 - y) < radius_px:
+        raise BallRefused(
+            "expected the whole disc in view, got one cut by the picture's border; press nearer to the middle"
+        )
+
+
+def bulge_harmonic(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float], radius_px: float) -> float:
+    """Amplitude of cos θ and sin θ in the brightness just outside the disc."""
+    rows, cols = np.indices(calm.shape)
+    x, y = cols - centre_px[0], rows - centre_px[1]
+    distance = np.hypot(x, y)
+    ring = (distance > 1.1 * radius_px) & (distance < 1.6 * radius_px)
+    columns = np.column_stack([np.ones(ring.sum()), x[ring] / distance[ring], y[ring] / distance[ring]])
+    return float(np.hypot(*np.linalg.lstsq(columns, calm[ring], rcond=None)[0][1:]))

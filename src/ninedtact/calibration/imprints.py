@@ -1,0 +1,71 @@
+"""Where exactly a pin touched: the centre of its imprint, found on the skin rather than in the picture.
+
+Each imprint is looked at through the lens model, as it would look from straight above: there it is round, its window
+is a disc, and its centroid is not pulled by the slant. Lens and centres are refined in turn.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy import ndarray as Array
+
+from ninedtact.shape.lens import LensModel, Points
+
+SAMPLES = 41
+"""Samples across a patch."""
+FLOOR = 0.3
+"""Darkening below this part of an imprint's depth does not count: the skirt belongs to the neighbours too."""
+CENTROID_STEPS = 5
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Square pieces of the skin around n points, seen from straight above."""
+
+    darkening: Float32[Array, "n samples samples"]
+    """Above the ring around each piece, 0 and up."""
+    x_mm: Float[Array, "samples samples"]
+    y_mm: Float[Array, "samples samples"]
+
+    @property
+    def depth(self) -> Float[Array, " n"]:
+        """Contrast of each imprint, in the picture's unit."""
+        return self.darkening.max(axis=(1, 2))
+
+    @property
+    def centroid_mm(self) -> Points:
+        """Centre of what is darker than `FLOOR` of each imprint's depth, relative to the piece's middle."""
+        weight = np.maximum(self.darkening - FLOOR * self.depth[:, None, None], 0)
+        total = np.maximum(weight.sum(axis=(1, 2)), 1e-12)
+        return np.column_stack([(weight * axis).sum(axis=(1, 2)) / total for axis in (self.x_mm, self.y_mm)])
+
+
+def centred_px(picture: Float32[Array, "rows cols"], lens: LensModel, points_px: Points, radius_mm: float) -> Points:
+    """Centres of the imprints near these points, in raw pixels."""
+    points_mm = lens.to_mm(points_px)
+    for _ in range(CENTROID_STEPS):
+        points_mm = points_mm + patches(picture, lens, points_mm, radius_mm).centroid_mm
+    return lens.to_px(points_mm)
+
+
+def patches(picture: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, radius_mm: float) -> Patches:
+    """Look at the skin around each point through the lens, within a disc."""
+    axis = np.linspace(-radius_mm, radius_mm, SAMPLES)
+    x, y = np.meshgrid(axis, axis)
+    offsets = np.column_stack([x.ravel(), y.ravel()])
+    source = lens.to_px((points_mm[:, None] + offsets).reshape(-1, 2)).astype(np.float32)
+    seen = sampled(picture, source).reshape(len(points_mm), SAMPLES, SAMPLES)
+    distance = np.hypot(x, y)
+    ring = (distance > 0.85 * radius_mm) & (distance <= radius_mm)
+    darker = np.median(seen[:, ring], axis=1)[:, None, None] - seen
+    return Patches(np.maximum(darker, 0) * (distance <= radius_mm), x, y)
+
+
+def sampled(picture: Float32[Array, "rows cols"], points_px: Float32[Array, "n 2"]) -> Float32[Array, " n"]:
+    """Bilinear samples; OpenCV wants a map of moderate sides."""
+    side = int(np.ceil(np.sqrt(len(points_px))))
+    padded = np.resize(points_px, (side, side, 2))
+    field = cv2.remap(picture, padded[..., 0], padded[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(field).ravel()[: len(points_px)]

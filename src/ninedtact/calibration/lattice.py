@@ -1,0 +1,123 @@
+"""Order spots as a square lattice seen through a lens, without knowing pitch, position, tilt or distortion.
+
+A lattice grows from a seed: each next node is sought where its neighbours' own steps say it should be, so that the step
+may change across the picture as the lens bends it. Noise does not grow far; the lattice with most contrast wins.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from ninedtact.calibration.blobs import Blobs
+
+Node = tuple[int, int]
+"""(column, row) on the lattice, along picture columns and picture rows."""
+
+SEEDS = 16
+NEIGHBOURS = 8
+REACH = 0.3
+"""A node is taken when it lies within this part of a step from where it is expected."""
+LENGTH_RATIO = 1.6
+SQUARENESS = 0.35
+"""Largest |cosine| between the two steps at the seed: a board tilted or turned further is not looked for."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Spots with their lattice nodes."""
+
+    nodes: Int[Array, "n 2"]
+    points_px: Float[Array, "n 2"]
+    strength: Float[Array, " n"]
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    @property
+    def score(self) -> float:
+        """Contrast gathered; the root keeps a few strong spots from outweighing many."""
+        return float(np.sqrt(self.strength).sum())
+
+    def window(self, cols: int, rows: int) -> "Lattice":
+        """The cols × rows part with most contrast, its nodes counted from (0, 0)."""
+        return max((self.cut(corner, cols, rows) for corner in self.corners(cols, rows)), key=lambda part: part.score)
+
+    def cut(self, corner: Node, cols: int, rows: int) -> "Lattice":
+        """The part from one corner on."""
+        nodes = self.nodes - corner
+        inside = ((nodes >= 0) & (nodes < (cols, rows))).all(axis=1)
+        return Lattice(nodes[inside], self.points_px[inside], self.strength[inside])
+
+    def corners(self, cols: int, rows: int) -> Iterator[Node]:
+        """Every corner whose cols × rows window touches the lattice."""
+        (left, top), (right, bottom) = self.nodes.min(axis=0), self.nodes.max(axis=0)
+        for column in range(min(left, right - cols + 1), max(left, right - cols + 1) + 1):
+            for row in range(min(top, bottom - rows + 1), max(top, bottom - rows + 1) + 1):
+                yield column, row
+
+
+def find_lattice(blobs: Blobs, middle_px: Float[Array, "2"]) -> Lattice | None:
+    """The lattice with most contrast, grown from spots around the middle; None when nothing grows."""
+    grown = (grow(blobs, *seed) for seed in seeds(blobs, middle_px))
+    return max(grown, key=lambda lattice: lattice.score, default=None)
+
+
+def seeds(blobs: Blobs, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Array, Array]]:
+    """A spot near the middle with a step to the right and a step down that could span a square lattice."""
+    nearest_first = np.argsort(np.hypot(*(blobs.points_px - middle_px).T))[:SEEDS]
+    for seed in nearest_first:
+        steps = blobs.points_px - blobs.points_px[seed]
+        around = steps[np.argsort(np.hypot(*steps.T))[1 : NEIGHBOURS + 1]]
+        right = around[around[:, 0] > np.abs(around[:, 1])]
+        down = around[around[:, 1] >= np.abs(around[:, 0])]
+        yield from ((int(seed), u, v) for u in right for v in down if could_span(u, v))
+
+
+def could_span(u: Float[Array, "2"], v: Float[Array, "2"]) -> bool:
+    """Whether two steps are of similar length and nearly at right angles."""
+    lengths = np.hypot(*u), np.hypot(*v)
+    return max(lengths) < LENGTH_RATIO * min(lengths) and abs(u @ v) < SQUARENESS * lengths[0] * lengths[1]
+
+
+def grow(blobs: Blobs, seed: int, right: Float[Array, "2"], down: Float[Array, "2"]) -> Lattice:
+    """Add nodes breadth first, each where its neighbours' steps lead."""
+    taken: dict[Node, int] = {(0, 0): seed}
+    steps = {(1, 0): right, (-1, 0): -right, (0, 1): down, (0, -1): -down}
+    queue = deque([(0, 0)])
+    while queue:
+        node = queue.popleft()
+        for direction, first_step in steps.items():
+            target = (node[0] + direction[0], node[1] + direction[1])
+            step = expected_step(blobs, taken, node, direction, first_step)
+            spot = None if target in taken else spot_near(blobs, taken, blobs.points_px[taken[node]] + step, step)
+            if spot is not None:
+                taken[target] = spot
+                queue.append(target)
+    spots = list(taken.values())
+    return Lattice(np.array(list(taken)), blobs.points_px[spots], blobs.strength[spots])
+
+
+def expected_step(
+    blobs: Blobs, taken: dict[Node, int], node: Node, direction: Node, first_step: Float[Array, "2"]
+) -> Float[Array, "2"]:
+    """Mean of the parallel steps already taken next to this one, or the seed's."""
+    around = [(node[0] + a, node[1] + b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+    pairs = [(taken.get(end), taken.get((end[0] - direction[0], end[1] - direction[1]))) for end in around]
+    known = [
+        blobs.points_px[end] - blobs.points_px[start] for end, start in pairs if end is not None and start is not None
+    ]
+    return np.mean(known, axis=0) if known else first_step
+
+
+def spot_near(
+    blobs: Blobs, taken: dict[Node, int], expected_px: Float[Array, "2"], step: Float[Array, "2"]
+) -> int | None:
+    """The free spot nearest to where one is expected, if it is near enough."""
+    distance = np.hypot(*(blobs.points_px - expected_px).T)
+    nearest = int(distance.argmin())
+    near_enough = distance[nearest] < REACH * np.hypot(*step)
+    return nearest if near_enough and nearest not in taken.values() else None

@@ -1,0 +1,68 @@
+"""The camera calibration as the paper does it, for reproduction and as the yardstick of every certificate."""
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray as Array
+from scipy import ndimage
+from scipy.interpolate import RBFInterpolator
+
+from ninedtact.calibration.board import BoardFit
+from ninedtact.calibration.brightness import smoothed
+from ninedtact.calibration.lens_fit import rms_length
+from ninedtact.errors import NinedtactError
+from ninedtact.shape.lens import Points
+from ninedtact.shape.pin_map import PinMap
+
+
+class NoCentralPin(NinedtactError):
+    """The paper's way needs a board with a pin in the middle."""
+
+
+def paper_projection(fit: BoardFit) -> tuple[PinMap, float]:
+    """The paper's map through integer pin centres, and its mm per pixel from the five central anchors."""
+    if not (fit.board.rows % 2 and fit.board.cols % 2):
+        raise NoCentralPin(
+            f"expected a board with a pin in the middle for the paper's way, got {fit.board.cols} x {fit.board.rows} pins; "
+            "use the lens model, which needs none"
+        )
+    points_px = integer_centres(fit)
+    return PinMap(fit.points_mm, points_px), anchored_mm_per_px(fit.points_mm, points_px, fit.board.pitch_mm)
+
+
+def anchored_mm_per_px(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
+    """Pitch over the mean distance in pixels of the central pin from its four neighbours."""
+    distance_mm = np.hypot(*points_mm.T)
+    middle, around = distance_mm < 0.1 * pitch_mm, np.abs(distance_mm - pitch_mm) < 0.1 * pitch_mm
+    return float(pitch_mm / np.hypot(*(points_px[around] - points_px[middle]).T).mean())
+
+
+def integer_centres(fit: BoardFit) -> Points:
+    """Centre of each spot's pixels that are darker than half its depth, cut to whole pixels; predicted pins stay."""
+    picture = smoothed(fit.change, 1.5)
+    half_step = 0.45 * fit.board.pitch_mm / anchored_mm_per_px(fit.points_mm, fit.points_px, fit.board.pitch_mm)
+    seen = [whole_centre(picture, point, round(half_step)) for point in fit.points_px]
+    return np.where(fit.found[:, None], seen, fit.points_px)
+
+
+def whole_centre(picture: Float32[Array, "rows cols"], point_px: Points, reach_px: int) -> Points:
+    """Integer centroid of the thresholded spot around one point."""
+    column, row = np.round(point_px).astype(int)
+    top, left = max(row - reach_px, 0), max(column - reach_px, 0)
+    piece = picture[top : row + reach_px + 1, left : column + reach_px + 1]
+    level = (np.median(piece) + piece[row - top, column - left]) / 2
+    spots, _ = ndimage.label(piece < level)
+    rows, columns = np.nonzero(spots == spots[row - top, column - left])
+    return np.floor([left + columns.mean(), top + rows.mean()])
+
+
+def left_out_rms_mm(points_mm: Points, points_px: Points) -> float:
+    """Leave-one-out error of the paper's map, picture to skin, each pin predicted by a map through all others."""
+    errors = [left_out_error_mm(points_mm, points_px, pin) for pin in range(len(points_mm))]
+    return rms_length(np.array(errors))
+
+
+def left_out_error_mm(points_mm: Points, points_px: Points, pin: int) -> Points:
+    """Where the other pins put this one, minus where it is."""
+    others = np.arange(len(points_mm)) != pin
+    backwards = RBFInterpolator(points_px[others], points_mm[others], kernel="cubic")
+    return np.asarray(backwards(points_px[pin : pin + 1])[0] - points_mm[pin])

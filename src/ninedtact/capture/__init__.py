@@ -1,0 +1,14 @@
+"""Pictures come in here, and every one is a `Frame`: cameras, network streams, videos, folders of pictures.
+
+source.py        FrameSource, what all members of the family honour
+camera.py        Camera (UVC through V4L2), settings.py what it is set to and how that is read back
+raspberry_pi.py  RaspberryPi (ribbon cable, through picamera2)
+stream.py        Stream (MJPEG or RTSP over the network)
+files.py         VideoFile, PictureFolder
+freshest.py      Freshest(source): the newest picture, never a stale one
+reconnecting.py  Reconnecting(source): survives an unplugged cable
+address.py       source_for("0" | "/dev/video0" | URL | FILE | FOLDER)
+pictures.py      read_picture, average_pictures
+rate.py          measure_rate: what a source really delivers
+devices.py       which cameras this machine has; checkup.py examines one
+"""

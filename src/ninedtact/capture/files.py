@@ -1,0 +1,126 @@
+"""Recordings that any program wrote: a video file, or a folder of pictures. They are sources like a camera.
+
+Read directly they deliver every picture as fast as it is asked for; under `Freshest` they play at `recorded_hz`.
+"""
+
+import re
+import time
+from pathlib import Path
+from threading import Lock
+
+import cv2
+
+from ninedtact.capture.chatter import hush_video
+from ninedtact.capture.grabber import Grabber
+from ninedtact.capture.pictures import PictureUnreadable, average_pictures, read_picture, require_size
+from ninedtact.capture.source import CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.quantities import Frame
+
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
+RATE_WHERE_UNSAID_HZ = 30.0
+
+__all__ = ["PictureFolder", "VideoFile", "average_pictures", "read_picture"]
+
+
+class VideoFile(FrameSource):
+    """Every picture of a video file, then `SourceEnded`. A picture's stamp is the time at which it was read."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.name = f"video {path}"
+        self._grabber: Grabber | None = None
+
+    def open(self) -> None:
+        """Open at the first picture; raises `CameraNotFound` or `PictureUnreadable`."""
+        if self._grabber is not None:
+            return
+        if not self.path.is_file():
+            raise CameraNotFound(f"expected a video file at {self.path}, got none; check the path")
+        hush_video()
+        capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        if not capture.isOpened():
+            raise PictureUnreadable(
+                f"expected a video in {self.path}, got something else or half a file; record it again"
+            )
+        rate_hz = capture.get(cv2.CAP_PROP_FPS)
+        self.recorded_hz = rate_hz if 0 < rate_hz <= 1000 else RATE_WHERE_UNSAID_HZ
+        self._grabber = Grabber(self.name, capture)
+
+    def read(self) -> Frame:
+        """The next picture; `SourceEnded` after the last."""
+        if self._grabber is None:
+            raise SourceNotOpen(self.name)
+        frame = self._grabber.read()
+        if frame is None:
+            read = self._grabber.next_index
+            raise SourceEnded(f"expected another picture, got the end of {self.name} after {read}; stop here")
+        return frame
+
+    def close(self) -> None:
+        """Close the file; opening it again starts over."""
+        grabber, self._grabber = self._grabber, None
+        if grabber is not None:
+            grabber.release()
+
+
+class PictureFolder(FrameSource):
+    """The pictures of a folder in the order of their names (2 before 10), all of one size, then `SourceEnded`."""
+
+    def __init__(self, folder: str | Path, recorded_hz: float = 10.0) -> None:
+        self.folder = Path(folder)
+        self.name = f"folder {folder}"
+        self.recorded_hz = recorded_hz
+        self._lock = Lock()
+        self._pictures: list[Path] | None = None
+        self._next_index = 0
+        self._size: tuple[int, int] | None = None
+
+    def open(self) -> None:
+        """List the pictures; raises `CameraNotFound` where there are none."""
+        if self._pictures is not None:
+            return
+        pictures = pictures_in(self.folder)
+        if not pictures:
+            kinds = ", ".join(PICTURE_SUFFIXES)
+            raise CameraNotFound(f"expected a folder of pictures ({kinds}), got none in {self.folder}; check the path")
+        self._pictures, self._next_index, self._size = pictures, 0, None
+
+    def read(self) -> Frame:
+        """The next picture; `SourceEnded` after the last, `PictureUnreadable` or `PictureSizeWrong` for a bad one.
+
+        A bad picture is told once and counts as read, so that the reader may go on.
+        """
+        with self._lock:
+            path = self._next_path()
+            picture = read_picture(path)
+            self._size = self._size or picture.shape[:2]
+            require_size(picture, *self._size, str(path))
+            return Frame(picture, time.monotonic_ns(), self._next_index - 1)
+
+    def close(self) -> None:
+        """Forget the list; opening again starts over."""
+        with self._lock:
+            self._pictures = None
+
+    def _next_path(self) -> Path:
+        if self._pictures is None:
+            raise SourceNotOpen(self.name)
+        if self._next_index == len(self._pictures):
+            raise SourceEnded(
+                f"expected another picture, got the end of {self.name} after {self._next_index}; stop here"
+            )
+        self._next_index += 1
+        return self._pictures[self._next_index - 1]
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The picture files of a folder, hidden ones left out, numbers in their names in counting order."""
+    if not folder.is_dir():
+        return []
+    pictures = (path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
+    return sorted((path for path in pictures if not path.name.startswith(".")), key=counting_order)
+
+
+def counting_order(path: Path) -> list[tuple[int, str]]:
+    """A sorting key that puts img_2 before img_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

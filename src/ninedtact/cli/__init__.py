@@ -1,0 +1,38 @@
+"""The command line: one file per journey, each a frozen dataclass whose fields are the options and whose `run` works.
+
+Commands import what they need when they run, so that `ninedtact --help` stays quick.
+"""
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from ninedtact.cli.doctor import Doctor
+from ninedtact.errors import NinedtactError
+
+Command = Annotated[Doctor, tyro.conf.subcommand("doctor")]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; 0 done, 1 the work failed (one line says why), 2 usage."""
+    try:
+        return parse(arguments).run()
+    except NinedtactError as refusal:
+        return fail(str(refusal))
+    except KeyboardInterrupt:
+        return fail("stopped by Ctrl-C; nothing was written half; run the command again to start over")
+    except OSError as trouble:
+        return fail(f"expected to read and write files, got: {trouble}; free the disk or correct the path and its permissions")
+
+
+def parse(arguments: Sequence[str] | None) -> Command:
+    """Turn the command line into one command."""
+    return tyro.cli(Command, prog="ninedtact", description=__doc__, args=arguments)
+
+
+def fail(sentence: str) -> int:
+    """Say why in one line; the exit code of failed work."""
+    print(f"ninedtact: {' '.join(sentence.split())}", file=sys.stderr)
+    return 1

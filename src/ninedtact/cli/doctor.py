@@ -1,0 +1,125 @@
+"""ninedtact doctor: what is plugged in and what is missing."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ninedtact.capture.checkup import Checkup
+
+EXTRAS = {
+    "studio": ("viser", "the live page"),
+    "train": ("torch", "training force models"),
+    "raspberry-pi": ("picamera2", "a camera on a Raspberry Pi's ribbon cable"),
+}
+
+
+@dataclass(frozen=True)
+class Extra:
+    """An optional part of the package."""
+
+    name: str
+    what_for: str
+    installed: bool
+    get_it: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that the doctor found."""
+
+    versions: dict[str, str]
+    cameras: "list[Checkup]"
+    extras: list[Extra]
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """List cameras, measure their true frame rate, and say what is missing and how to get it."""
+
+    source: str | None = None
+    """Examine this instead of all cameras: 0, /dev/video0, URL, FILE or FOLDER."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Print the report; 1 where the source that was named cannot be read."""
+        report = Report(versions(), self.examined(), extras())
+        print(as_json(report) if self.json else as_text(report))
+        failed = self.source is not None and report.cameras[0].trouble is not None
+        return 1 if failed else 0
+
+    def examined(self) -> "list[Checkup]":
+        """The source that was named, or every camera of this machine."""
+        from ninedtact.capture.address import source_for
+        from ninedtact.capture.checkup import examine
+        from ninedtact.capture.devices import list_cameras
+
+        if self.source is not None:
+            return [examine(source_for(self.source))]
+        return [examine(source_for(camera.path), camera.name) for camera in list_cameras()]
+
+
+def versions() -> dict[str, str]:
+    """What this machine runs."""
+    import platform
+    from importlib.metadata import version
+
+    import cv2
+    import numpy as np
+
+    return {
+        "ninedtact": version("ninedtact"),
+        "python": platform.python_version(),
+        "opencv": cv2.__version__,
+        "numpy": np.__version__,
+        "system": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def extras() -> list[Extra]:
+    """The optional parts, and the command that gets each."""
+    from importlib.util import find_spec
+
+    return [
+        Extra(name, what_for, find_spec(module) is not None, f"pip install 'ninedtact[{name}]'")
+        for name, (module, what_for) in EXTRAS.items()
+    ]
+
+
+def as_json(report: Report) -> str:
+    """The report as one object."""
+    import json
+    from dataclasses import asdict
+
+    return json.dumps(asdict(report), indent=2)
+
+
+def as_text(report: Report) -> str:
+    """The report for a person."""
+    none = ["  none found: plug one in, or name a stream, video or folder with --source"]
+    lines = [", ".join(f"{name} {number}" for name, number in report.versions.items()), "", "cameras"]
+    lines += [line for camera in report.cameras for line in camera_lines(camera)] or none
+    lines += ["", "optional parts"]
+    for extra in report.extras:
+        state = "ready" if extra.installed else f"missing, {extra.get_it}"
+        lines.append(f"  {extra.name:<14}{state} ({extra.what_for})")
+    return "\n".join(lines)
+
+
+def camera_lines(camera: "Checkup") -> list[str]:
+    """One camera: its name, what it delivers, and what to do about it."""
+    lines = [f"  {camera.name}" + (f" ({camera.model})" if camera.model else "")]
+    if camera.size_px is not None:
+        lines.append(f"    {camera.size_px[0]} x {camera.size_px[1]} pixels, {rate_words(camera)}")
+    lines += [f"    {sentence}" for sentence in camera.advice]
+    if camera.trouble is not None:
+        lines.append(f"    {camera.trouble}")
+    return lines
+
+
+def rate_words(camera: "Checkup") -> str:
+    """How fast a camera is, in words."""
+    if camera.rate is None:
+        return f"a recording at {camera.recorded_hz:g} pictures per second"
+    duplicates = f"{camera.rate.duplicates} of {camera.rate.frames} twice" if camera.rate.duplicates else "none twice"
+    return f"{camera.rate.true_hz:.1f} pictures per second, ± {camera.rate.jitter_ms:.1f} ms, {duplicates}"

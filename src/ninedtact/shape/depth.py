@@ -1,0 +1,155 @@
+"""Rectified picture → signed height of the skin, by a calibrated depth curve.
+
+Thinner gel is darker, thicker gel is brighter. Two signals say how much: the *difference* in grey levels (the paper's
+own, docs/references.md) and the *ratio* to the untouched picture, which is the one that is uniform over a picture whose
+light is not. Either is quantised finely and looked up in one table.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, UInt8, UInt16
+from numpy import ndarray as Array
+
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Coverage, HeightMap, Rectified
+
+Signal = Literal["difference", "ratio"]
+
+STEPS: dict[Signal, float] = {"difference": 32.0, "ratio": 8192.0}
+"""Table steps per grey level, and per unit of the ratio: far finer than the noise of a pixel."""
+TABLE_SIZE = 16384
+ZERO = TABLE_SIZE // 2
+"""Table index of the untouched skin."""
+DIMMEST_REFERENCE = 1.0
+"""Grey level below which a ratio means nothing; the reference is not taken darker than this."""
+
+
+class CurveImpossible(NinedtactError):
+    """A depth curve that is not one."""
+
+
+@dataclass(frozen=True)
+class DepthCurve:
+    """Darkening → indentation and, where one is known, brightening → bulge; both monotone and zero at zero."""
+
+    signal: Signal
+    darkening: tuple[float, ...]
+    """Ascending from 0; grey levels for `difference`, a fraction of the untouched brightness for `ratio`."""
+    indentation_mm: tuple[float, ...]
+    error_mm: tuple[float, ...]
+    """Standard deviation of the scatter about the curve at each knot."""
+    brightening: tuple[float, ...] = (0.0,)
+    bulge_mm: tuple[float, ...] = (0.0,)
+
+    def __post_init__(self) -> None:
+        require_curve("darkening", self.darkening, self.indentation_mm)
+        require_curve("brightening", self.brightening, self.bulge_mm)
+        if len(self.error_mm) != len(self.darkening):
+            raise CurveImpossible(f"expected {len(self.darkening)} errors, one for each knot, got {len(self.error_mm)}")
+
+    @property
+    def deepest_mm(self) -> float:
+        """Indentation at the end of the calibrated range."""
+        return self.indentation_mm[-1]
+
+    def height_mm(self, signal: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Signed height for a signed signal (negative darker); beyond the range the end value is kept."""
+        pressed = np.interp(-signal, self.darkening, self.indentation_mm)
+        return np.interp(signal, self.brightening, self.bulge_mm) - pressed
+
+    @cached_property
+    def table(self) -> Float32[Array, " size"]:
+        """Height in mm for every quantised signal."""
+        signal = (np.arange(TABLE_SIZE) - ZERO) / STEPS[self.signal]
+        return self.height_mm(signal).astype(np.float32)
+
+    @property
+    def darkest_index(self) -> int:
+        """Table index of the end of the calibrated range."""
+        return int(np.floor(ZERO - self.darkening[-1] * STEPS[self.signal]))
+
+
+def require_curve(name: str, signal: tuple[float, ...], length_mm: tuple[float, ...]) -> None:
+    """Refuse a curve that is not finite, starts away from zero, or falls."""
+    values = np.array([signal, length_mm]) if len(signal) == len(length_mm) and signal else np.array([[np.nan]])
+    if (
+        not np.isfinite(values).all()
+        or values[:, 0].any()
+        or (np.diff(values[0]) <= 0).any()
+        or (np.diff(values[1]) < 0).any()
+    ):
+        raise CurveImpossible(
+            f"expected a {name} curve of finite numbers that starts at (0, 0) and rises, got {len(signal)} and "
+            f"{len(length_mm)} numbers that do not; calibrate again"
+        )
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """The two Gaussian filters after the look-up (the paper's), standard deviations in rectified pixels."""
+
+    first_px: float = 1.5
+    second_px: float = 1.5
+
+    @property
+    def combined_px(self) -> float:
+        """One Gaussian that equals the two in a row: their variances add."""
+        return float(np.hypot(self.first_px, self.second_px))
+
+    def __call__(self, field: Float32[Array, "rows cols"]) -> Float32[Array, "rows cols"]:
+        """Smooth a field; zero standard deviations leave it as it is."""
+        if self.combined_px == 0:
+            return field
+        side = 2 * int(np.ceil(3 * self.combined_px)) + 1
+        return np.asarray(cv2.GaussianBlur(field, (side, side), self.combined_px, borderType=cv2.BORDER_REPLICATE))
+
+
+@dataclass(frozen=True)
+class DepthReader:
+    """A depth curve bound to the untouched picture of this session."""
+
+    curve: DepthCurve
+    reference: Rectified
+    lens_coverage: UInt8[Array, "rows cols"]
+    smoothing: Smoothing = Smoothing()
+    noise_mm: float = 0.0
+    camera_distance_mm: float = np.inf
+
+    def __call__(self, rectified: Rectified) -> HeightMap:
+        """Signed height of the skin, with what each pixel rests on."""
+        index = self.quantised(rectified.grey)
+        z_mm = self.smoothing(np.take(self.curve.table, index))
+        if not self.all_in_view:
+            z_mm[self.lens_coverage == Coverage.OUT_OF_VIEW] = 0
+        return HeightMap(
+            z_mm, self.coverage(index), rectified.mm_per_px, self.noise_mm, self.camera_distance_mm, rectified.stamp_ns
+        )
+
+    def quantised(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
+        """The signed signal as an index into the curve's table."""
+        gain, offset = self.gain_offset
+        signal = cv2.multiply(grey, gain)
+        cv2.add(signal, offset, dst=signal)
+        return np.clip(signal, 0, TABLE_SIZE - 1, out=signal).astype(np.uint16)
+
+    @cached_property
+    def gain_offset(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
+        """Index = grey · gain + offset, per pixel, rounding included."""
+        steps, reference = STEPS[self.curve.signal], self.reference.grey
+        if self.curve.signal == "difference":
+            return np.full_like(reference, steps), (ZERO + 0.5 - steps * reference).astype(np.float32)
+        return steps / np.maximum(reference, DIMMEST_REFERENCE), np.full_like(reference, ZERO + 0.5 - steps)
+
+    def coverage(self, index: UInt16[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
+        """Where a pixel is darker than anything calibrated, its height is an extrapolation."""
+        beyond = (index < self.curve.darkest_index).view(np.uint8)
+        return np.minimum(self.lens_coverage, np.uint8(Coverage.MEASURED) - beyond)
+
+    @cached_property
+    def all_in_view(self) -> bool:
+        """Whether the camera sees every pixel of the grid."""
+        return bool((self.lens_coverage != Coverage.OUT_OF_VIEW).all())

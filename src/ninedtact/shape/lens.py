@@ -1,0 +1,135 @@
+"""How a point of the skin's plane appears in the raw picture.
+
+The plane is seen through window and gel by a wide-angle lens: a homography (tilt, distance, position) followed by
+radial and tangential terms about a free centre (Brown 1971, as in OpenCV's camera model; docs/references.md). Points
+are (x, y): mm on the skin (sensor frame), pixels in the picture (columns, rows; pixel centres at integers).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from ninedtact.errors import NinedtactError
+
+Points = Float[Array, "n 2"]
+
+HOMOGRAPHY_TERMS = 8
+CENTRE_TERMS = 2
+TANGENTIAL_TERMS = 2
+
+
+class PointNotSeen(NinedtactError):
+    """No point of the skin appears at this pixel."""
+
+
+class Projection(Protocol):
+    """Anything that tells where a point of the skin appears in the raw picture."""
+
+    def to_px(self, points_mm: Points) -> Points:
+        """Pixels (x, y) at which these skin points appear."""
+        ...
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """Homography, then radial and tangential terms about a free centre."""
+
+    homography: tuple[float, ...]
+    """Eight entries, row by row, the ninth being 1; mm to picture units."""
+    centre: tuple[float, float]
+    """Centre of the radial terms, in picture units."""
+    radial: tuple[float, ...]
+    tangential: tuple[float, float]
+    raw_shape: tuple[int, int]
+    """(rows, cols) of the raw picture. The picture unit is half the long side, measured from the middle."""
+
+    @property
+    def unit_px(self) -> float:
+        """Pixels in one picture unit."""
+        return max(self.raw_shape) / 2
+
+    @property
+    def middle_px(self) -> Float[Array, "2"]:
+        """Where picture units are zero."""
+        rows, cols = self.raw_shape
+        return np.array([(cols - 1) / 2, (rows - 1) / 2])
+
+    @property
+    def parameters(self) -> Float[Array, " k"]:
+        """All numbers in one row: homography, centre, radial, tangential."""
+        return np.array([*self.homography, *self.centre, *self.radial, *self.tangential])
+
+    def with_parameters(self, parameters: Float[Array, " k"]) -> "LensModel":
+        """The same kind of model with other numbers."""
+        homography, centre, radial, tangential = np.split(
+            np.asarray(parameters, float), np.cumsum([HOMOGRAPHY_TERMS, CENTRE_TERMS, len(self.radial)])
+        )
+        return replace(
+            self,
+            homography=tuple(homography.tolist()),
+            centre=(float(centre[0]), float(centre[1])),
+            radial=tuple(radial.tolist()),
+            tangential=(float(tangential[0]), float(tangential[1])),
+        )
+
+    def to_px(self, points_mm: Points) -> Points:
+        """Pixels (x, y) at which skin points (x, y) in mm appear."""
+        return self.distorted(self.in_plane(np.asarray(points_mm, float))) * self.unit_px + self.middle_px
+
+    def in_plane(self, points_mm: Points) -> Points:
+        """The homography: mm to picture units before the lens bends them."""
+        matrix = np.append(self.homography, 1.0).reshape(3, 3)
+        ahead = np.column_stack([points_mm, np.ones(len(points_mm))]) @ matrix.T
+        return ahead[:, :2] / ahead[:, 2:]
+
+    def distorted(self, plane: Points) -> Points:
+        """The radial and tangential terms, picture units to picture units."""
+        offset = plane - self.centre
+        squared = (offset**2).sum(axis=1, keepdims=True)
+        growth = 1 + sum(k * squared ** (n + 1) for n, k in enumerate(self.radial))
+        p, q = self.tangential
+        product = 2 * offset.prod(axis=1, keepdims=True)
+        bend = np.array([p, q]) * product + np.array([q, p]) * (squared + 2 * offset**2)
+        return offset * growth + bend + self.centre
+
+    def px_per_mm(self, points_mm: Points) -> Float[Array, "n 2 2"]:
+        """Jacobian of `to_px`: rows are pixel axes, columns are mm axes."""
+        return jacobian(self, np.asarray(points_mm, float))
+
+    def to_mm(self, points_px: Points) -> Points:
+        """Skin points in mm that appear at these pixels; raises `PointNotSeen` where there is none."""
+        target = np.asarray(points_px, float)
+        points = self.from_affine(target)
+        for _ in range(30):
+            miss = target - self.to_px(points)
+            points = points + np.linalg.solve(self.px_per_mm(points), miss[..., None])[..., 0]
+            if np.abs(miss).max(initial=0.0) < 1e-9 * self.unit_px:
+                return points
+        raise PointNotSeen(
+            "expected pixels on the skin, got some that the lens model cannot reach; stay inside the picture"
+        )
+
+    def from_affine(self, points_px: Points) -> Points:
+        """First guess of `to_mm`: the model's tangent at the skin centre."""
+        origin = np.zeros((1, 2))
+        return (points_px - self.to_px(origin)) @ np.linalg.inv(self.px_per_mm(origin)[0]).T
+
+
+def jacobian(projection: Projection, points_mm: Points, step_mm: float = 1e-3) -> Float[Array, "n 2 2"]:
+    """Central differences of any projection: pixels per mm, rows pixel axes, columns mm axes."""
+    columns = [
+        (projection.to_px(points_mm + step) - projection.to_px(points_mm - step)) / (2 * step_mm)
+        for step in np.eye(2) * step_mm
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def central_mm_per_px(projection: Projection, reach_mm: float) -> float:
+    """mm on the skin per raw pixel around the centre: the mean over four points `reach_mm` away from it (the paper's
+    anchors, with the pitch as reach)."""
+    points = np.array([(0, 0), (reach_mm, 0), (-reach_mm, 0), (0, reach_mm), (0, -reach_mm)], float)
+    middle, *around = projection.to_px(points)
+    return float(reach_mm / np.hypot(*(np.array(around) - middle).T).mean())

@@ -1,0 +1,91 @@
+"""What one height map says in a few numbers: how deep, how large, how much, where."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32
+from numpy import ndarray as Array
+
+from ninedtact.quantities import Coverage, HeightMap
+
+
+@dataclass(frozen=True)
+class ContactRule:
+    """From which indentation on a pixel counts as touched."""
+
+    at_least_mm: float = 0.05
+    """Above what slow drift of the light and of the gel looks like, and one fiftieth of the gel's thickness."""
+    noise_factor: float = 5.0
+    """In standard deviations of a pixel: at 5, not one pixel in three million untouched ones passes by chance."""
+
+    def threshold_mm(self, noise_mm: float) -> float:
+        """The larger of the two."""
+        return max(self.at_least_mm, self.noise_factor * noise_mm)
+
+
+@dataclass(frozen=True)
+class ShapeSummary:
+    """The measures of one height map."""
+
+    max_indentation_mm: float
+    max_bulge_mm: float
+    contact_area_mm2: float
+    displaced_volume_mm3: float
+    """Between the contact and the untouched plane."""
+    contact_centre_mm: tuple[float, float] | None
+    """x and y of the centre of the displaced volume; None where nothing touches."""
+    contact_threshold_mm: float
+    extrapolated_share: float
+    """Part of the contact area that lies beyond what the calibration covered, 0 to 1."""
+
+
+def summarise(height: HeightMap, rule: ContactRule = ContactRule()) -> ShapeSummary:
+    """Measure one height map; what is out of view does not count."""
+    touched = contact(height, rule)
+    # Only inside the contact: rectified noise over the whole picture adds up to cubic millimetres.
+    depth_mm = np.where(touched, -height.z_mm, np.float32(0))
+    pixel_mm2 = height.mm_per_px**2
+    return ShapeSummary(
+        max_indentation_mm=max_indentation_mm(height),
+        max_bulge_mm=max_bulge_mm(height),
+        contact_area_mm2=contact_area_mm2(height, rule),
+        displaced_volume_mm3=float(depth_mm.sum(dtype=np.float64) * pixel_mm2),
+        contact_centre_mm=centre_mm(height, depth_mm),
+        contact_threshold_mm=rule.threshold_mm(height.noise_mm),
+        extrapolated_share=share(height.coverage == Coverage.EXTRAPOLATED, touched),
+    )
+
+
+def contact(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[Array, "rows cols"]:
+    """Where the skin is pressed in by more than drift and noise explain."""
+    return height.in_view & (height.z_mm < -rule.threshold_mm(height.noise_mm))
+
+
+def contact_area_mm2(height: HeightMap, rule: ContactRule = ContactRule()) -> float:
+    """Area of the contact."""
+    return float(np.count_nonzero(contact(height, rule)) * height.mm_per_px**2)
+
+
+def max_indentation_mm(height: HeightMap) -> float:
+    """The deepest point in view, 0 where nothing is pressed in."""
+    return float(-np.min(height.z_mm, where=height.in_view, initial=0))
+
+
+def max_bulge_mm(height: HeightMap) -> float:
+    """The highest point in view, 0 where nothing bulges."""
+    return float(np.max(height.z_mm, where=height.in_view, initial=0))
+
+
+def centre_mm(height: HeightMap, weight: Float32[Array, "rows cols"]) -> tuple[float, float] | None:
+    """Weighted mean position, None without any weight."""
+    total = weight.sum(dtype=np.float64)
+    if total == 0:
+        return None
+    x, y = height.axes_mm
+    along_x, along_y = weight.sum(axis=0, dtype=np.float64), weight.sum(axis=1, dtype=np.float64)
+    return float(along_x @ x / total), float(along_y @ y / total)
+
+
+def share(part: Bool[Array, "rows cols"], whole: Bool[Array, "rows cols"]) -> float:
+    """How much of `whole` is `part`; 0 of nothing."""
+    return float((part & whole).sum()) / max(float(whole.sum()), 1.0)

@@ -1,0 +1,96 @@
+"""Raw picture → grey picture on the skin's own square grid."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.design import FieldOfView
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Coverage, Frame, Rectified, centred_axis_mm
+from ninedtact.shape.lens import Projection
+
+Area = tuple[float, float, float, float]
+"""x from, x to, y from, y to, in mm on the skin."""
+
+
+class WrongPictureSize(NinedtactError):
+    """A picture of another size than the one calibrated."""
+
+
+@dataclass(frozen=True)
+class Rectification:
+    """For every pixel of the rectified grid, where in the raw picture its brightness comes from."""
+
+    source_px: Float32[Array, "rows cols 2"]
+    """Raw pixel (x, y) of every rectified pixel."""
+    mm_per_px: float
+    raw_shape: tuple[int, int]
+    calibrated_area_mm: Area
+    """Where the calibration had evidence; heights outside are marked as extrapolated."""
+
+    def __call__(self, frame: Frame) -> Rectified:
+        """Rectify one frame; raises `WrongPictureSize`."""
+        self.require_size(frame.image)
+        grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+        return Rectified(self.resampled(grey), self.mm_per_px, frame.stamp_ns)
+
+    def resampled(self, raw: Float32[Array, "raw_rows raw_cols"]) -> Float32[Array, "rows cols"]:
+        """Any raw grey field on the rectified grid, bilinear, edges repeated outside the picture."""
+        coarse, fine = self.fixed_point_maps
+        return np.asarray(cv2.remap(raw, coarse, fine, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+    def require_size(self, image: UInt8[Array, "raw_rows raw_cols 3"]) -> None:
+        """Refuse a picture of another size."""
+        if image.shape[:2] != self.raw_shape:
+            (rows, cols), (got_rows, got_cols) = self.raw_shape, image.shape[:2]
+            raise WrongPictureSize(
+                f"expected pictures of {cols}x{rows} pixels as this sensor was calibrated with, got {got_cols}x{got_rows}; "
+                "set the camera to that size, or calibrate again at the new one"
+            )
+
+    @cached_property
+    def fixed_point_maps(self) -> tuple[Array, Array]:
+        """The source pixels in the form that OpenCV resamples fastest (1/32 pixel)."""
+        return cv2.convertMaps(self.source_px[..., 0], self.source_px[..., 1], cv2.CV_16SC2)
+
+    @cached_property
+    def coverage(self) -> UInt8[Array, "rows cols"]:
+        """`Coverage` of every pixel as far as the lens goes, before any depth is known."""
+        rows, cols = self.raw_shape
+        x, y = self.source_px[..., 0], self.source_px[..., 1]
+        seen = (x >= -0.5) & (x <= cols - 0.5) & (y >= -0.5) & (y <= rows - 0.5)
+        return np.where(seen, self.calibrated, Coverage.OUT_OF_VIEW).astype(np.uint8)
+
+    @property
+    def calibrated(self) -> UInt8[Array, "rows cols"]:
+        """MEASURED inside the calibrated area, EXTRAPOLATED outside."""
+        x, y = skin_grid_mm(self.source_px.shape[:2], self.mm_per_px)
+        left, right, top, bottom = self.calibrated_area_mm
+        inside = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
+        return np.where(inside, Coverage.MEASURED, Coverage.EXTRAPOLATED).astype(np.uint8)
+
+
+def rectification(
+    projection: Projection,
+    field_of_view: FieldOfView,
+    mm_per_px: float,
+    raw_shape: tuple[int, int],
+    calibrated_area_mm: Area,
+) -> Rectification:
+    """Lay the rectified grid on the skin and look where each of its pixels appears in the raw picture."""
+    shape = (field_of_view.rows, field_of_view.cols)
+    points_mm = np.column_stack([axis.ravel() for axis in skin_grid_mm(shape, mm_per_px)]).astype(float)
+    source = projection.to_px(points_mm).astype(np.float32).reshape(*shape, 2)
+    return Rectification(source, mm_per_px, raw_shape, calibrated_area_mm)
+
+
+def skin_grid_mm(
+    shape: tuple[int, int], mm_per_px: float
+) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
+    """Coordinates x and y of every pixel of a rectified grid."""
+    x, y = np.meshgrid(centred_axis_mm(shape[1], mm_per_px), centred_axis_mm(shape[0], mm_per_px))
+    return x, y

@@ -1,0 +1,125 @@
+"""Devices on the test bench, behind the one seam where the package opens a camera; stubborn, and easily unplugged."""
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+
+MODES = ((320, 240), (640, 480))
+
+
+@dataclass
+class BenchCamera:
+    """A UVC camera as Video4Linux shows it: fixed modes, clamped controls, exposure only by hand, a driver's queue."""
+
+    plugged_in: bool = True
+    limits: dict[int, tuple[float, float]] = field(
+        default_factory=lambda: {
+            cv2.CAP_PROP_AUTO_EXPOSURE: (0, 3),
+            cv2.CAP_PROP_EXPOSURE: (1, 5000),
+            cv2.CAP_PROP_GAIN: (0, 100),
+            cv2.CAP_PROP_AUTO_WB: (0, 1),
+            cv2.CAP_PROP_WB_TEMPERATURE: (2800, 6500),
+        }
+    )
+    rates_hz: tuple[float, ...] = (29.97, 60.0)
+    driver_delay_ms: float | None = None
+    damaged_pictures: int = 0
+    shown: int = 0
+    held: int = 0
+    """Captures that are open now."""
+
+    def open_capture(self, device: int | str) -> "BenchCapture":
+        self.held += 1
+        return BenchCapture(self)
+
+
+class BenchCapture:
+    """What OpenCV would have made of it."""
+
+    def __init__(self, camera: BenchCamera) -> None:
+        self.camera = camera
+        self.released = False
+        self.wanted = [640.0, 480.0]
+        self.values: dict[int, float] = {prop: least for prop, (least, _) in camera.limits.items()}
+        self.values |= {
+            cv2.CAP_PROP_AUTO_EXPOSURE: 3,
+            cv2.CAP_PROP_FPS: camera.rates_hz[0],
+            cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"YUYV"),
+        }
+
+    def isOpened(self) -> bool:  # noqa: N802
+        return self.camera.plugged_in and not self.released
+
+    def get(self, prop: int, /) -> float:
+        if prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT):
+            return self.mode()[prop == cv2.CAP_PROP_FRAME_HEIGHT]
+        if prop == cv2.CAP_PROP_POS_MSEC and self.camera.driver_delay_ms is not None:
+            return time.monotonic_ns() / 1e6 - self.camera.driver_delay_ms
+        return self.values.get(prop, -1.0)
+
+    def set(self, prop: int, value: float, /) -> bool:
+        if prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT):
+            self.wanted[prop == cv2.CAP_PROP_FRAME_HEIGHT] = value
+        elif prop == cv2.CAP_PROP_FPS:
+            self.values[prop] = min(self.camera.rates_hz, key=lambda rate: abs(rate - value))
+        elif prop == cv2.CAP_PROP_FOURCC and value == cv2.VideoWriter.fourcc(*"MJPG"):
+            self.values[prop] = value
+        elif prop in self.camera.limits and not self.locked(prop):
+            self.values[prop] = float(np.clip(value, *self.camera.limits[prop]))
+        else:
+            return False
+        return True
+
+    def locked(self, prop: int) -> bool:
+        return prop == cv2.CAP_PROP_EXPOSURE and self.values[cv2.CAP_PROP_AUTO_EXPOSURE] != 1
+
+    def mode(self) -> tuple[int, int]:
+        return min(MODES, key=lambda mode: abs(mode[0] - self.wanted[0]) + abs(mode[1] - self.wanted[1]))
+
+    def read(self) -> tuple[bool, Any]:
+        time.sleep(0.002)
+        if self.released or not self.camera.plugged_in:
+            return False, None
+        if self.camera.damaged_pictures:
+            self.camera.damaged_pictures -= 1
+            return False, None
+        self.camera.shown += 1
+        cols, rows = self.mode()
+        return True, np.full((rows, cols, 3), self.camera.shown % 256, np.uint8)
+
+    def release(self) -> None:
+        self.camera.held -= not self.released
+        self.released = True
+
+
+class BenchPi:
+    """A ribbon-cable camera as picamera2 shows it: controls arrive a few pictures late, exposure is limited."""
+
+    camera_controls = ("FrameRate", "AeEnable", "ExposureTime", "AnalogueGain", "AwbEnable")
+
+    def __init__(self, number: int = 0) -> None:
+        self.shown = 0
+        self.controls: dict[str, float] = {}
+
+    def create_video_configuration(self, **configuration: Any) -> dict[str, Any]:
+        return configuration
+
+    def configure(self, configuration: dict[str, Any]) -> None:
+        self.cols, self.rows = configuration["main"]["size"]
+        self.controls = configuration["controls"]
+
+    def start(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def capture_arrays(self, names: list[str], wait: bool) -> "BenchPi":
+        return self
+
+    def get_result(self, timeout: float) -> tuple[list[np.ndarray], dict[str, float]]:
+        self.shown += 1
+        exposure = min(self.controls.get("ExposureTime", 0), 20_000) if self.shown > 3 else 5
+        picture = np.full((self.rows, self.cols, 3), self.shown % 256, np.uint8)
+        return [picture], {"ExposureTime": exposure, "AnalogueGain": self.controls.get("AnalogueGain", 1.0)}

@@ -1,0 +1,96 @@
+"""A camera on the network that a test can unplug, plug in again and slow down: MJPEG over HTTP on 127.0.0.1."""
+
+import threading
+import time
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
+
+import cv2
+import numpy as np
+
+BOUNDARY = "frame"
+
+
+class MjpegCamera:
+    """Serves numbered pictures at `url`, each `period_s` after the last, for as long as it is plugged in."""
+
+    def __init__(self, rows: int = 48, cols: int = 64, period_s: float = 0.01) -> None:
+        self.rows, self.cols = rows, cols
+        self.period_s = period_s
+        self.served = 0
+        self.plugged_in = threading.Event()
+        self._server: ThreadingHTTPServer | None = None
+        self._port = 0
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self._port}/stream.mjpg"
+
+    def plug_in(self) -> None:
+        """Listen, on the same port as before if there was one."""
+        self.plugged_in.set()
+        self._server = Listener(("127.0.0.1", self._port), handler_of(self))
+        self._port = self._server.server_port
+        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
+
+    def unplug(self) -> None:
+        """Cut every connection and refuse new ones."""
+        self.plugged_in.clear()
+        if self._server is not None:
+            self._server.shutdown()
+            self._server.server_close()
+            self._server = None
+
+    def jpegs(self) -> Iterator[bytes]:
+        """Pictures until the plug is pulled; each one a grey level brighter than the last."""
+        while self.plugged_in.is_set():
+            yield encoded(self.served % 200 + 20, self.rows, self.cols)
+            self.served += 1
+            time.sleep(self.period_s)
+
+    def __enter__(self) -> "MjpegCamera":
+        self.plug_in()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.unplug()
+
+
+class Listener(ThreadingHTTPServer):
+    """Waits for no viewer when it closes: a viewer that reads nothing must not hold up the test."""
+
+    daemon_threads = True
+    block_on_close = False
+    allow_reuse_address = True
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """A viewer that hung up is no news."""
+
+
+def handler_of(camera: MjpegCamera) -> type[BaseHTTPRequestHandler]:
+    """The HTTP side of one camera."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            if self.path != "/stream.mjpg":
+                self.send_error(404)
+                return
+            self.send_response(200)
+            self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
+            self.end_headers()
+            for jpeg in camera.jpegs():
+                head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                self.wfile.write(head.encode() + jpeg + b"\r\n")
+
+        def log_message(self, *arguments: object) -> None:
+            pass
+
+    return Handler
+
+
+def encoded(level: int, rows: int, cols: int) -> bytes:
+    """One flat grey picture as JPEG."""
+    done, jpeg = cv2.imencode(".jpg", np.full((rows, cols, 3), level, np.uint8))
+    assert done
+    return jpeg.tobytes()

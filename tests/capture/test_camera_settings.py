@@ -1,0 +1,103 @@
+"""A setting is read back, and refused if the camera did not take it; a refusal leaves nothing open."""
+
+import time
+
+import cv2
+import pytest
+from bench_camera import BenchCamera, BenchPi
+
+from ninedtact.capture.camera import Camera
+from ninedtact.capture.raspberry_pi import RaspberryPi
+from ninedtact.capture.settings import STEADY, CameraSettings, SettingRefused
+from ninedtact.capture.source import CameraLost
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [
+        CameraSettings(size_px=(320, 240)),
+        CameraSettings(size_px=None),
+        CameraSettings(rate_hz=30.0),  # the camera has 29.97
+        CameraSettings(rate_hz=60.0, pixel_format="MJPG"),
+        CameraSettings(exposure_ms=15.6, gain=40),
+        CameraSettings(auto_exposure=True),
+        CameraSettings(white_balance_k=4600),
+        STEADY,
+    ],
+    ids=repr,
+)
+def test_a_setting_that_the_camera_has_is_in_force(wish: CameraSettings) -> None:
+    with Camera(0, wish, BenchCamera().open_capture) as camera:
+        got = camera.settings_in_force
+        for name in ("size_px", "pixel_format", "auto_exposure", "gain", "auto_white_balance"):
+            assert getattr(wish, name) in (None, getattr(got, name))
+        for name in ("exposure_ms", "white_balance_k", "rate_hz"):
+            if getattr(wish, name) is not None:
+                assert getattr(got, name) == pytest.approx(getattr(wish, name), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("wish", "words"),
+    [
+        (CameraSettings(size_px=(800, 600)), "picture width 800, got 640"),
+        (CameraSettings(rate_hz=90), "pictures per second 90, got 60"),
+        (CameraSettings(pixel_format="H264"), "pixel format H264"),
+        (CameraSettings(exposure_ms=900), "exposure .* 9000, got 5000"),
+        (CameraSettings(gain=101), "gain 101, got 100"),
+        (CameraSettings(white_balance_k=9000), "white balance in kelvin 9000, got 6500"),
+    ],
+)
+def test_a_setting_that_the_camera_clamps_is_refused(wish: CameraSettings, words: str) -> None:
+    bench = BenchCamera()
+    with (
+        pytest.raises(SettingRefused, match=f"expected camera 0 to take {words}.*;"),
+        Camera(0, wish, bench.open_capture),
+    ):
+        pass
+    assert bench.held == 0
+
+
+def test_a_control_that_the_camera_lacks_is_refused() -> None:
+    bench = BenchCamera()
+    del bench.limits[cv2.CAP_PROP_AUTO_WB]
+    with pytest.raises(SettingRefused, match="automatic white balance"), Camera(0, STEADY, bench.open_capture):
+        pass
+    with Camera(0, opener=bench.open_capture) as camera:
+        assert camera.settings_in_force.auto_white_balance is None
+
+
+def test_settings_that_contradict_each_other_are_refused() -> None:
+    for contradiction in (
+        {"exposure_ms": 5.0, "auto_exposure": True},
+        {"white_balance_k": 4000, "auto_white_balance": True},
+        {"pixel_format": "MJPEG"},
+    ):
+        with pytest.raises(SettingRefused, match=r"expected .* got .*;"):
+            CameraSettings(**contradiction)
+
+
+def test_a_raspberry_pi_is_read_back_too() -> None:
+    with RaspberryPi(settings=CameraSettings(exposure_ms=8, gain=2.0, rate_hz=60), opener=BenchPi) as camera:
+        assert camera.read().image.shape == (480, 640, 3)
+    for refused in (CameraSettings(exposure_ms=50), CameraSettings(white_balance_k=4000)):
+        with pytest.raises(SettingRefused, match=r"expected .* got .*;"), RaspberryPi(settings=refused, opener=BenchPi):
+            pass
+
+
+def test_a_picture_that_waited_in_the_driver_is_stamped_with_its_arrival() -> None:
+    with Camera(0, opener=BenchCamera(driver_delay_ms=70).open_capture) as camera:
+        frame = camera.read()
+        assert 70 <= (time.monotonic_ns() - frame.stamp_ns) / 1e6 < 10_000
+    with Camera(0, opener=BenchCamera(driver_delay_ms=-1e12).open_capture) as camera:  # a wall clock is no stamp
+        before = time.monotonic_ns()
+        assert before <= camera.read().stamp_ns <= time.monotonic_ns()
+
+
+def test_one_damaged_picture_is_read_over_and_a_dead_camera_is_lost() -> None:
+    bench = BenchCamera()
+    with Camera(0, opener=bench.open_capture) as camera:
+        bench.damaged_pictures = 1
+        assert camera.read().index == 0
+        bench.plugged_in = False
+        with pytest.raises(CameraLost):
+            camera.read()

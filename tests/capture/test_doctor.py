@@ -1,0 +1,95 @@
+"""The doctor finds cameras, tells their true rate, and is not upset by a machine that has none."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hand_fed import HandFed
+from mjpeg_camera import MjpegCamera
+
+from ninedtact.capture.address import SourceUnknown
+from ninedtact.capture.checkup import Checkup, advice_on_rate, advice_on_settings, examine
+from ninedtact.capture.devices import CameraDevice, list_cameras
+from ninedtact.capture.rate import RateUnmeasurable, measure_rate
+from ninedtact.capture.settings import CameraSettings
+from ninedtact.capture.source import SourceEnded
+from ninedtact.cli.doctor import Doctor, camera_lines
+
+
+def test_pictures_that_come_twice_are_told_from_the_true_rate() -> None:
+    source = HandFed()
+    for number in range(45):
+        source.show(level=number // 2, stamp_ns=1_000_000_000 + number * 10_000_000)
+    rate = measure_rate(source, frames=40)
+    assert rate.delivered_hz == pytest.approx(100)
+    assert rate.true_hz == pytest.approx(50)
+    assert rate.jitter_ms == pytest.approx(0, abs=1e-6)
+    assert (rate.frames, rate.duplicates) == (40, 20)
+    assert "20 of 40 pictures repeat" in advice_on_rate(rate)[0]
+
+
+def test_a_frozen_picture_has_no_rate() -> None:
+    source = HandFed()
+    for number in range(10):
+        source.show(stamp_ns=number)
+    source.fail(SourceEnded("over"))
+    with pytest.raises(RateUnmeasurable, match=r"expected at least 3 different pictures .* got 1;"):
+        measure_rate(source)
+    source.show()
+    source.fail(SourceEnded("over"))
+    assert "different pictures" in (examine(source).trouble or "")
+
+
+def test_cameras_are_listed_by_number_with_their_names(tmp_path: Path) -> None:
+    for number, name in ((10, "9DTact"), (2, "Laptop camera"), (0, None)):
+        (tmp_path / f"video{number}").mkdir()
+        if name is not None:
+            (tmp_path / f"video{number}" / "name").write_text(name + "\n")
+    assert list_cameras(tmp_path, Path("/nowhere")) == [
+        CameraDevice("/nowhere/video0", "unnamed"),
+        CameraDevice("/nowhere/video2", "Laptop camera"),
+        CameraDevice("/nowhere/video10", "9DTact"),
+    ]
+    assert list_cameras(tmp_path / "not linux") == []
+
+
+def test_no_camera_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    assert Doctor().run() == 0
+    words = capsys.readouterr().out
+    assert "cameras" in words and "opencv" in words and "optional parts" in words
+    assert Doctor(json=True).run() == 0
+    report = json.loads(capsys.readouterr().out)
+    assert set(report) == {"versions", "cameras", "extras"}
+    assert {"ninedtact", "python", "opencv", "numpy"} <= set(report["versions"])
+    assert "pip install 'ninedtact[studio]'" in [extra["get_it"] for extra in report["extras"]]
+
+
+def test_a_stream_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    with MjpegCamera() as camera:
+        assert Doctor(camera.url, json=True).run() == 0
+        (found,) = json.loads(capsys.readouterr().out)["cameras"]
+        assert found["size_px"] == [64, 48] and found["rate"]["true_hz"] > 1 and found["trouble"] is None
+        assert Doctor(camera.url).run() == 0
+        assert "64 x 48 pixels" in capsys.readouterr().out
+
+
+def test_a_recording_is_named_as_one_and_a_wrong_source_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((6, 8, 3), np.uint8))
+    assert Doctor(str(tmp_path)).run() == 0
+    assert "8 x 6 pixels, a recording at 10 pictures per second" in capsys.readouterr().out
+    (tmp_path / "a.png").unlink()
+    assert Doctor(str(tmp_path), json=True).run() == 1
+    assert "got none" in json.loads(capsys.readouterr().out)["cameras"][0]["trouble"]
+    with pytest.raises(SourceUnknown, match="expected a camera"):
+        Doctor("nonsense").run()
+
+
+def test_a_camera_that_regulates_itself_is_pointed_out() -> None:
+    regulated = CameraSettings(auto_exposure=True, auto_white_balance=True)
+    assert len(advice_on_settings(regulated)) == 2 and advice_on_settings(CameraSettings()) == []
+    lines = camera_lines(Checkup("camera 0", "9DTact", trouble="expected much, got little; wait"))
+    assert lines == ["  camera 0 (9DTact)", "    expected much, got little; wait"]

@@ -1,0 +1,95 @@
+"""The newest picture, never the same twice, never a stale one, and nothing left running."""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hand_fed import HandFed
+
+from ninedtact.capture.files import PictureFolder
+from ninedtact.capture.freshest import Freshest, PictureStale
+from ninedtact.capture.source import CameraLost, SourceEnded, SourceNotOpen
+
+LONG_MS = 20_000.0
+
+
+def wait_until(is_true: Callable[[], bool]) -> None:
+    give_up_at = time.monotonic() + 20
+    while not is_true():
+        assert time.monotonic() < give_up_at
+        time.sleep(0.001)
+
+
+def test_a_slow_reader_gets_the_newest_once_and_hears_of_the_dropped() -> None:
+    fed = HandFed()
+    with Freshest(fed, max_age_ms=LONG_MS, timeout_ms=50) as freshest:
+        for level in (1, 2, 3):
+            fed.show(level)
+        wait_until(lambda: freshest.dropped == 2)
+        assert freshest.read().index == 2
+        with pytest.raises(PictureStale, match=r"expected a new picture .* got none within 50 ms;"):
+            freshest.read()
+        fed.show(4)
+        assert freshest.read().index == 3
+        assert freshest.dropped == 2
+
+
+def test_a_stale_picture_is_not_served_as_new() -> None:
+    fed = HandFed()
+    with Freshest(fed, max_age_ms=1000, timeout_ms=100) as freshest:
+        fed.show(age_ms=1500)
+        with pytest.raises(PictureStale):
+            freshest.read()
+        assert freshest.dropped == 1
+    with Freshest(fed, max_age_ms=1000, timeout_ms=LONG_MS) as freshest:
+        fed.show(age_ms=1500)
+        fed.show(age_ms=500, level=7)
+        assert freshest.read().image[0, 0, 0] == 7
+
+
+@pytest.mark.parametrize("trouble", [CameraLost("gone"), ZeroDivisionError("a bug in a source")])
+def test_trouble_of_the_source_reaches_the_reader_after_the_last_picture(trouble: Exception) -> None:
+    fed = HandFed()
+    with Freshest(fed, max_age_ms=LONG_MS, timeout_ms=LONG_MS) as freshest:
+        fed.show()
+        fed.fail(trouble)
+        assert freshest.read().index == 0
+        for _ in range(2):
+            with pytest.raises(type(trouble), match=str(trouble)):
+                freshest.read()
+
+
+def test_closing_wakes_a_waiting_reader_and_leaves_no_thread() -> None:
+    freshest = Freshest(HandFed(), timeout_ms=LONG_MS)
+    freshest.open()
+    ended_with: list[BaseException] = []
+
+    def read() -> None:
+        try:
+            freshest.read()
+        except BaseException as trouble:
+            ended_with.append(trouble)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    freshest.close()
+    reader.join(20)
+    assert [type(trouble) for trouble in ended_with] == [SourceNotOpen]
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("fetch")]
+
+
+def test_a_recording_is_played_at_its_own_rate_and_ends(tmp_path: Path) -> None:
+    for number in range(6):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((4, 4, 3), np.uint8))
+    began = time.monotonic()
+    with Freshest(PictureFolder(tmp_path, recorded_hz=20), max_age_ms=LONG_MS) as freshest:
+        served = list(freshest)
+        assert time.monotonic() - began >= 5 / 20
+        assert len(served) + freshest.dropped == 6
+        assert served[-1].index == 5
+        with pytest.raises(SourceEnded):
+            freshest.read()

@@ -1,0 +1,88 @@
+"""An unplugged camera is reported once and reopened when it is back."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from bench_camera import BenchCamera
+from mjpeg_camera import MjpegCamera
+
+from ninedtact.capture.camera import Camera
+from ninedtact.capture.freshest import Freshest, PictureStale
+from ninedtact.capture.reconnecting import Reconnecting
+from ninedtact.capture.source import CameraLost, FrameSource
+from ninedtact.capture.stream import Stream
+
+Plug = Callable[[bool], None]
+
+
+@contextmanager
+def network_camera() -> Iterator[tuple[FrameSource, Plug]]:
+    with MjpegCamera() as camera:
+        yield Stream(camera.url), lambda is_in: camera.plug_in() if is_in else camera.unplug()
+
+
+@contextmanager
+def usb_camera() -> Iterator[tuple[FrameSource, Plug]]:
+    camera = BenchCamera()
+    yield Camera(0, opener=camera.open_capture), lambda is_in: setattr(camera, "plugged_in", is_in)
+    assert camera.held == 0
+
+
+@pytest.mark.parametrize("kind", [network_camera, usb_camera])
+def test_a_loss_is_reported_once_and_reading_goes_on_when_the_camera_is_back(kind: Callable[[], object]) -> None:
+    told: list[str] = []
+    with kind() as (camera, plug):
+        source = Reconnecting(
+            camera, lambda loss: told.append(str(loss)), on_back=lambda: told.append("back"), retry_ms=20
+        )
+        with source:
+            first = source.read()
+            plug(False)
+            replug = threading.Timer(0.3, plug, [True])
+            replug.start()
+            frames = [source.read()]
+            while source.losses == 0:  # pictures that were under way when the plug was pulled
+                frames.append(source.read())
+            frames.append(source.read())
+            replug.join()
+        indices = [first.index, *(frame.index for frame in frames)]
+        assert indices == list(range(len(indices)))
+        assert len(told) == 2 and "expected a picture" in told[0] and told[1] == "back"
+
+
+@pytest.mark.parametrize("kind", [network_camera, usb_camera])
+def test_under_freshest_the_reader_sees_no_old_picture_meanwhile(kind: Callable[[], object]) -> None:
+    losses: list[CameraLost] = []
+    with (
+        kind() as (camera, plug),
+        Freshest(Reconnecting(camera, losses.append, retry_ms=20), max_age_ms=20_000, timeout_ms=300) as freshest,
+    ):
+        last = freshest.read()
+        plug(False)
+        with pytest.raises(PictureStale):
+            for last in freshest:  # noqa: B007
+                pass
+        assert len(losses) == 1
+        plug(True)
+        for _ in range(60):  # of 300 ms each
+            try:
+                assert freshest.read().stamp_ns > last.stamp_ns
+                break
+            except PictureStale:
+                continue
+        else:
+            pytest.fail("the camera was back and no picture came")
+        plug(False)  # and closing while it is away ends the wait
+
+
+def test_closing_while_the_camera_is_away_leaves_nothing_open() -> None:
+    camera = BenchCamera()
+    lost = threading.Event()
+    freshest = Freshest(Reconnecting(Camera(0, opener=camera.open_capture), lambda loss: lost.set(), retry_ms=60_000))
+    with freshest:
+        camera.plugged_in = False
+        assert lost.wait(20)
+    assert camera.held == 0
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("fetch")]

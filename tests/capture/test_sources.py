@@ -1,0 +1,201 @@
+"""What every member of the FrameSource family honours, live or recorded, bare or wrapped."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from bench_camera import BenchCamera, BenchPi
+from mjpeg_camera import MjpegCamera
+
+from ninedtact.capture.address import SourceUnknown, source_for
+from ninedtact.capture.camera import Camera
+from ninedtact.capture.files import PictureFolder, VideoFile
+from ninedtact.capture.freshest import Freshest
+from ninedtact.capture.pictures import PictureSizeWrong, PictureUnreadable
+from ninedtact.capture.raspberry_pi import RaspberryPi
+from ninedtact.capture.reconnecting import Reconnecting
+from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.capture.stream import Stream
+
+PICTURES = 8
+
+
+class Bench:
+    """Makes a member of the family by name; whatever it needs lasts until the test ends."""
+
+    def __init__(self, folder: Path, resources: ExitStack) -> None:
+        self.folder, self.resources = folder, resources
+
+    def folder_source(self) -> FrameSource:
+        for number in range(PICTURES):
+            cv2.imwrite(str(self.folder / f"press_{number}.png"), np.full((48, 64, 3), 20 * number, np.uint8))
+        return PictureFolder(self.folder, recorded_hz=50.0)
+
+    def video_source(self) -> FrameSource:
+        path = self.folder / "prüfung.avi"
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 50.0, (64, 48))
+        for number in range(PICTURES):
+            writer.write(np.full((48, 64, 3), 20 * number, np.uint8))
+        writer.release()
+        return VideoFile(path)
+
+    def stream_source(self) -> FrameSource:
+        return Stream(self.resources.enter_context(MjpegCamera()).url)
+
+    def camera_source(self) -> FrameSource:
+        return Camera(0, opener=BenchCamera().open_capture)
+
+    def raspberry_pi_source(self) -> FrameSource:
+        return RaspberryPi(opener=BenchPi)
+
+
+RECORDED = {"folder": Bench.folder_source, "video": Bench.video_source}
+LIVE = {"stream": Bench.stream_source, "camera": Bench.camera_source, "raspberry pi": Bench.raspberry_pi_source}
+BARE = RECORDED | LIVE
+
+
+def reconnecting(source: FrameSource) -> FrameSource:
+    return Reconnecting(source, on_lost=lambda loss: pytest.fail(str(loss)))
+
+
+def patient(source: FrameSource) -> FrameSource:
+    return Freshest(source, max_age_ms=20_000, timeout_ms=20_000)
+
+
+FAMILY: dict[str, Callable[[Bench], FrameSource]] = {
+    **BARE,
+    **{f"freshest of {name}": lambda bench, make=make: patient(make(bench)) for name, make in BARE.items()},
+    **{f"reconnecting {name}": lambda bench, make=make: reconnecting(make(bench)) for name, make in BARE.items()},
+    "freshest of reconnecting stream": lambda bench: patient(reconnecting(bench.stream_source())),
+}
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    with ExitStack() as resources:
+        yield Bench(tmp_path, resources)
+
+
+@pytest.mark.parametrize("member", FAMILY)
+def test_every_source_keeps_the_contract(bench: Bench, member: str) -> None:
+    source = FAMILY[member](bench)
+    with pytest.raises(SourceNotOpen, match="with source"):
+        source.read()
+    for _ in range(2):  # a source that was closed opens again as if new
+        with source:
+            source.open()  # opening an open source does nothing
+            frames = [source.read() for _ in range(4)]
+            as_read = [frame.image.copy() for frame in frames]
+            frames.append(source.read())
+        images, indices = [frame.image for frame in frames], [frame.index for frame in frames]
+        assert all(image.dtype == np.uint8 and image.shape == images[0].shape for image in images)
+        assert images[0].ndim == 3 and images[0].shape[2] == 3
+        assert all(np.array_equal(image, copy) for image, copy in zip(images, as_read, strict=False))
+        assert not any(np.shares_memory(images[i], images[j]) for i in range(5) for j in range(i))
+        stamps = [frame.stamp_ns for frame in frames]
+        assert stamps == sorted(stamps) and stamps[0] > 0 and stamps[-1] <= time.monotonic_ns()
+        assert indices == list(range(5)) if "freshest" not in member else indices == sorted(set(indices))
+        with pytest.raises(SourceNotOpen):
+            source.read()
+    source.close()
+    source.close()
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("fetch")]
+
+
+@pytest.mark.parametrize("recording", RECORDED)
+def test_a_recording_gives_every_picture_and_then_ends(bench: Bench, recording: str) -> None:
+    with RECORDED[recording](bench) as source:
+        assert [int(frame.image[0, 0, 0]) for frame in source] == [20 * number for number in range(PICTURES)]
+        with pytest.raises(SourceEnded, match=f"after {PICTURES}"):
+            source.read()
+
+
+@pytest.mark.parametrize(
+    "absent",
+    [
+        Camera(0, opener=BenchCamera(plugged_in=False).open_capture),
+        Camera("/dev/video-not-there"),
+        Stream("http://127.0.0.1:9/stream.mjpg", open_timeout_ms=1000),
+        VideoFile("no/such.mp4"),
+        PictureFolder("no/such/folder"),
+        RaspberryPi(),
+    ],
+    ids=lambda source: source.name,
+)
+def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
+    absent: FrameSource, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for source in (absent, Freshest(absent), reconnecting(absent)):
+        with pytest.raises(CameraNotFound, match=r"expected .* got .*;"), source:
+            pass
+        with pytest.raises(SourceNotOpen):
+            source.read()
+    assert capfd.readouterr().err == ""
+
+
+def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> None:
+    with MjpegCamera() as camera, Stream(camera.url, read_timeout_ms=300) as source:
+        source.read()
+        camera.unplug()
+        with pytest.raises(CameraLost):
+            list(source)
+    with MjpegCamera() as camera, Stream(camera.url, read_timeout_ms=300) as source:
+        source.read()
+        camera.period_s = 60
+        with pytest.raises(CameraLost):
+            list(source)
+
+
+def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_path: Path) -> None:
+    with MjpegCamera() as camera, pytest.raises(CameraNotFound), Stream(camera.url.replace("stream", "other")):
+        pass
+    (tmp_path / "video.mp4").write_bytes(b"not a video" * 100)
+    with pytest.raises(PictureUnreadable, match="expected a video"), VideoFile(tmp_path / "video.mp4"):
+        pass
+
+
+def test_a_folder_is_read_in_counting_order_and_goes_on_after_a_bad_picture(tmp_path: Path) -> None:
+    for number, rows in ((10, 8), (2, 8), (1, 8), (11, 9)):
+        cv2.imwrite(str(tmp_path / f"press_{number}.png"), np.full((rows, 8, 3), number, np.uint8))
+    (tmp_path / "press_3.png").write_bytes(b"")
+    (tmp_path / ".press_0.png").write_bytes(b"left behind by a copying program")
+    (tmp_path / "notes.txt").write_text("none of its business")
+    with PictureFolder(tmp_path) as folder:
+        assert [int(folder.read().image[0, 0, 0]) for _ in range(2)] == [1, 2]
+        with pytest.raises(PictureUnreadable, match=r"press_3.*empty"):
+            folder.read()
+        after = folder.read()
+        assert int(after.image[0, 0, 0]) == 10 and after.index == 3
+        with pytest.raises(PictureSizeWrong, match="8 x 8 pixels, got 8 x 9"):
+            folder.read()
+
+
+def test_text_names_a_source(bench: Bench) -> None:
+    video, folder = bench.video_source(), bench.folder_source()
+    named = {
+        "0": Camera,
+        "/dev/video0": Camera,
+        "csi": RaspberryPi,
+        "csi:1": RaspberryPi,
+        "http://127.0.0.1/a.mjpg": Stream,
+        "RTSP://127.0.0.1/a": Stream,
+        str(video.path): VideoFile,
+        str(folder.folder): PictureFolder,
+    }
+    assert {text: type(source_for(text)) for text in named} == named
+    for text in ("sim", "", "no/such/file", "gopher://x", "-1", str(bench.folder / "press_0.png")):
+        with pytest.raises(SourceUnknown, match=r"expected .* got .*;"):
+            source_for(text)
+
+
+def test_a_password_is_never_shown() -> None:
+    source = Stream("rtsp://me:secret@127.0.0.1:9/live?x=1", open_timeout_ms=500)
+    with pytest.raises(CameraNotFound) as refusal:
+        source.open()
+    assert source.name == "rtsp://127.0.0.1:9/live?x=1"
+    assert "secret" not in str(refusal.value)
