@@ -55,10 +55,10 @@ class BenchCapture:
 
     def get(self, prop: int, /) -> float:
         if prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT):
-            return self.mode()[prop == cv2.CAP_PROP_FRAME_HEIGHT]
+            return float(self.mode()[prop == cv2.CAP_PROP_FRAME_HEIGHT])
         if prop == cv2.CAP_PROP_POS_MSEC and self.camera.driver_delay_ms is not None:
             return time.monotonic_ns() / 1e6 - self.camera.driver_delay_ms
-        return self.values.get(prop, -1.0)
+        return float(self.values.get(prop, -1.0))
 
     def set(self, prop: int, value: float, /) -> bool:
         if prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT):

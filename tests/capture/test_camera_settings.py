@@ -19,9 +19,9 @@ from ninedtact.capture.source import CameraLost
         CameraSettings(size_px=None),
         CameraSettings(rate_hz=30.0),  # the camera has 29.97
         CameraSettings(rate_hz=60.0, pixel_format="MJPG"),
-        CameraSettings(exposure_ms=15.6, gain=40),
+        CameraSettings(exposure_ms=15.6, gain=40.0),
         CameraSettings(auto_exposure=True),
-        CameraSettings(white_balance_k=4600),
+        CameraSettings(white_balance_k=4600.0),
         STEADY,
     ],
     ids=repr,
@@ -40,11 +40,11 @@ def test_a_setting_that_the_camera_has_is_in_force(wish: CameraSettings) -> None
     ("wish", "words"),
     [
         (CameraSettings(size_px=(800, 600)), "picture width 800, got 640"),
-        (CameraSettings(rate_hz=90), "pictures per second 90, got 60"),
+        (CameraSettings(rate_hz=90.0), "pictures per second 90, got 60"),
         (CameraSettings(pixel_format="H264"), "pixel format H264"),
-        (CameraSettings(exposure_ms=900), "exposure .* 9000, got 5000"),
-        (CameraSettings(gain=101), "gain 101, got 100"),
-        (CameraSettings(white_balance_k=9000), "white balance in kelvin 9000, got 6500"),
+        (CameraSettings(exposure_ms=900.0), "exposure .* 9000, got 5000"),
+        (CameraSettings(gain=101.0), "gain 101, got 100"),
+        (CameraSettings(white_balance_k=9000.0), "white balance in kelvin 9000, got 6500"),
     ],
 )
 def test_a_setting_that_the_camera_clamps_is_refused(wish: CameraSettings, words: str) -> None:
@@ -69,7 +69,7 @@ def test_a_control_that_the_camera_lacks_is_refused() -> None:
 def test_settings_that_contradict_each_other_are_refused() -> None:
     for contradiction in (
         {"exposure_ms": 5.0, "auto_exposure": True},
-        {"white_balance_k": 4000, "auto_white_balance": True},
+        {"white_balance_k": 4000.0, "auto_white_balance": True},
         {"pixel_format": "MJPEG"},
     ):
         with pytest.raises(SettingRefused, match=r"expected .* got .*;"):
@@ -77,9 +77,9 @@ def test_settings_that_contradict_each_other_are_refused() -> None:
 
 
 def test_a_raspberry_pi_is_read_back_too() -> None:
-    with RaspberryPi(settings=CameraSettings(exposure_ms=8, gain=2.0, rate_hz=60), opener=BenchPi) as camera:
+    with RaspberryPi(settings=CameraSettings(exposure_ms=8.0, gain=2.0, rate_hz=60.0), opener=BenchPi) as camera:
         assert camera.read().image.shape == (480, 640, 3)
-    for refused in (CameraSettings(exposure_ms=50), CameraSettings(white_balance_k=4000)):
+    for refused in (CameraSettings(exposure_ms=50.0), CameraSettings(white_balance_k=4000.0)):
         with pytest.raises(SettingRefused, match=r"expected .* got .*;"), RaspberryPi(settings=refused, opener=BenchPi):
             pass
 

@@ -26,7 +26,7 @@ def wait_until(is_true: Callable[[], bool]) -> None:
 
 def test_a_slow_reader_gets_the_newest_once_and_hears_of_the_dropped() -> None:
     fed = HandFed()
-    with Freshest(fed, max_age_ms=LONG_MS, timeout_ms=50) as freshest:
+    with Freshest(fed, max_age_ms=LONG_MS, timeout_ms=50.0) as freshest:
         for level in (1, 2, 3):
             fed.show(level)
         wait_until(lambda: freshest.dropped == 2)
@@ -40,12 +40,13 @@ def test_a_slow_reader_gets_the_newest_once_and_hears_of_the_dropped() -> None:
 
 def test_a_stale_picture_is_not_served_as_new() -> None:
     fed = HandFed()
-    with Freshest(fed, max_age_ms=1000, timeout_ms=100) as freshest:
+    with Freshest(fed, max_age_ms=1000.0, timeout_ms=100.0) as freshest:
         fed.show(age_ms=1500)
         with pytest.raises(PictureStale):
             freshest.read()
         assert freshest.dropped == 1
-    with Freshest(fed, max_age_ms=1000, timeout_ms=LONG_MS) as freshest:
+    fed = HandFed()
+    with Freshest(fed, max_age_ms=1000.0, timeout_ms=LONG_MS) as freshest:
         fed.show(age_ms=1500)
         fed.show(age_ms=500, level=7)
         assert freshest.read().image[0, 0, 0] == 7
@@ -86,7 +87,7 @@ def test_a_recording_is_played_at_its_own_rate_and_ends(tmp_path: Path) -> None:
     for number in range(6):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((4, 4, 3), np.uint8))
     began = time.monotonic()
-    with Freshest(PictureFolder(tmp_path, recorded_hz=20), max_age_ms=LONG_MS) as freshest:
+    with Freshest(PictureFolder(tmp_path, recorded_hz=20.0), max_age_ms=LONG_MS) as freshest:
         served = list(freshest)
         assert time.monotonic() - began >= 5 / 20
         assert len(served) + freshest.dropped == 6

@@ -35,7 +35,7 @@ def test_a_loss_is_reported_once_and_reading_goes_on_when_the_camera_is_back(kin
     told: list[str] = []
     with kind() as (camera, plug):
         source = Reconnecting(
-            camera, lambda loss: told.append(str(loss)), on_back=lambda: told.append("back"), retry_ms=20
+            camera, lambda loss: told.append(str(loss)), on_back=lambda: told.append("back"), retry_ms=20.0
         )
         with source:
             first = source.read()
@@ -57,7 +57,7 @@ def test_under_freshest_the_reader_sees_no_old_picture_meanwhile(kind: Callable[
     losses: list[CameraLost] = []
     with (
         kind() as (camera, plug),
-        Freshest(Reconnecting(camera, losses.append, retry_ms=20), max_age_ms=20_000, timeout_ms=300) as freshest,
+        Freshest(Reconnecting(camera, losses.append, retry_ms=20.0), max_age_ms=20_000.0, timeout_ms=300.0) as freshest,
     ):
         last = freshest.read()
         plug(False)
@@ -80,7 +80,7 @@ def test_under_freshest_the_reader_sees_no_old_picture_meanwhile(kind: Callable[
 def test_closing_while_the_camera_is_away_leaves_nothing_open() -> None:
     camera = BenchCamera()
     lost = threading.Event()
-    freshest = Freshest(Reconnecting(Camera(0, opener=camera.open_capture), lambda loss: lost.set(), retry_ms=60_000))
+    freshest = Freshest(Reconnecting(Camera(0, opener=camera.open_capture), lambda loss: lost.set(), retry_ms=60_000.0))
     with freshest:
         camera.plugged_in = False
         assert lost.wait(20)

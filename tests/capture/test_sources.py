@@ -64,7 +64,7 @@ def reconnecting(source: FrameSource) -> FrameSource:
 
 
 def patient(source: FrameSource) -> FrameSource:
-    return Freshest(source, max_age_ms=20_000, timeout_ms=20_000)
+    return Freshest(source, max_age_ms=20_000.0, timeout_ms=20_000.0)
 
 
 FAMILY: dict[str, Callable[[Bench], FrameSource]] = {
@@ -120,7 +120,7 @@ def test_a_recording_gives_every_picture_and_then_ends(bench: Bench, recording: 
     [
         Camera(0, opener=BenchCamera(plugged_in=False).open_capture),
         Camera("/dev/video-not-there"),
-        Stream("http://127.0.0.1:9/stream.mjpg", open_timeout_ms=1000),
+        Stream("http://127.0.0.1:9/stream.mjpg", open_timeout_ms=1000.0),
         VideoFile("no/such.mp4"),
         PictureFolder("no/such/folder"),
         RaspberryPi(),
@@ -139,12 +139,12 @@ def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
 
 
 def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> None:
-    with MjpegCamera() as camera, Stream(camera.url, read_timeout_ms=300) as source:
+    with MjpegCamera() as camera, Stream(camera.url, read_timeout_ms=300.0) as source:
         source.read()
         camera.unplug()
         with pytest.raises(CameraLost):
             list(source)
-    with MjpegCamera() as camera, Stream(camera.url, read_timeout_ms=300) as source:
+    with MjpegCamera() as camera, Stream(camera.url, read_timeout_ms=300.0) as source:
         source.read()
         camera.period_s = 60
         with pytest.raises(CameraLost):
@@ -194,7 +194,7 @@ def test_text_names_a_source(bench: Bench) -> None:
 
 
 def test_a_password_is_never_shown() -> None:
-    source = Stream("rtsp://me:secret@127.0.0.1:9/live?x=1", open_timeout_ms=500)
+    source = Stream("rtsp://me:secret@127.0.0.1:9/live?x=1", open_timeout_ms=500.0)
     with pytest.raises(CameraNotFound) as refusal:
         source.open()
     assert source.name == "rtsp://127.0.0.1:9/live?x=1"

@@ -19,7 +19,15 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 from scipy.optimize import minimize
 
-from ninedtact.calibration.brightness import Image, noise_levels, require_same_size, require_usable, smoothed
+from ninedtact.calibration.brightness import (
+    Image,
+    grey_float,
+    noise_levels,
+    relative_change,
+    require_same_size,
+    require_usable,
+    smoothed,
+)
 from ninedtact.calibration.contact_circle import BallRefused, ContactCircle, find_contact_circle
 from ninedtact.calibration.depth_curve import monotone_curve
 from ninedtact.calibration.seen_ball import seen_depth_mm
@@ -105,9 +113,9 @@ class BallFit:
     """Mean absolute error of the reconstructed height inside the disc."""
     half_mae_mm: float
     """The same on one half of the disc with the curve of the other half, mean over four cuts."""
-    noise_mm: float
-    """Standard deviation of one pixel's height from picture to picture, filters included."""
     warnings: tuple[str, ...]
+    noise_mm: float = 0.0
+    """Standard deviation of one pixel's height from picture to picture, filters included."""
 
     @property
     def deepest_mm(self) -> float:
@@ -128,7 +136,10 @@ def fit_ball(
     before, after = rectify(Frame(reference)), rectify(Frame(press))
     circle = find_contact_circle(uniform_change(before, after))
     require_depth(design.ball, circle, rectify.mm_per_px)
-    return fit_curve(centred(BallPress(before, after, circle, design.ball, design.camera)), method)
+    fit = fit_curve(centred(BallPress(before, after, circle, design.ball, design.camera)), method)
+    # Two pictures' noise is in their difference; a reading against an averaged reference has one picture's.
+    noise = noise_levels(relative_change(reference, press)) / np.sqrt(2)
+    return replace(fit, noise_mm=repeatability_mm(fit.curve, rectify, reference, noise))
 
 
 def centred(press: BallPress) -> BallPress:
@@ -162,7 +173,6 @@ def fit_curve(press: BallPress, method: Method) -> BallFit:
         press,
         press.error_mm(curve, press.disc),
         float(np.mean(half_errors)),
-        repeatability_mm(curve, press.before),
         warnings(press.circle),
     )
 
@@ -187,14 +197,19 @@ def require_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float) -> N
         )
 
 
-def repeatability_mm(curve: DepthCurve, before: Rectified, seed: int = 0) -> float:
-    """Scatter of the height when noise as strong as the reference's is put on an even press half-way down the range."""
-    noise = np.random.default_rng(seed).normal(0, noise_levels(before.grey), before.grey.shape)
+def repeatability_mm(curve: DepthCurve, rectify: Rectification, reference: Image, noise: float, seed: int = 0) -> float:
+    """Scatter of the height when the camera's noise is put on an even press half-way down the range.
+
+    noise: standard deviation of one raw pixel, grey levels. Lens and filters are passed through, so what they leave of
+    the noise is what a reading has.
+    """
+    raw = grey_float(reference)
     half_way = curve.darkening[-1] / 2
-    pressed = before.grey - half_way if curve.signal == "difference" else before.grey * (1 - half_way)
-    everywhere = np.full(before.grey.shape, Coverage.MEASURED, np.uint8)
-    height = DepthReader(curve, before, everywhere)(Rectified((pressed + noise).astype(np.float32), before.mm_per_px))
-    return float(np.std(height.z_mm))
+    pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
+    noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
+    before, after = (Rectified(rectify.resampled(picture), rectify.mm_per_px) for picture in (raw, noisy))
+    height = DepthReader(curve, before, rectify.coverage)(after)
+    return float(np.std(height.z_mm[height.in_view]))
 
 
 def cap_height_mm(radius_mm: float, edge_radius_mm: float) -> float:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from threading import Lock
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from ninedtact.capture.source import SourceNotOpen
 from ninedtact.quantities import Frame
@@ -11,6 +11,7 @@ from ninedtact.quantities import Frame
 Answer = TypeVar("Answer")
 
 
+@runtime_checkable
 class Capture(Protocol):
     """The part of cv2.VideoCapture that is used; a bench device in the tests has the same."""
 

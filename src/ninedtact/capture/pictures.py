@@ -62,7 +62,7 @@ def require_size(picture: Shaped[Array, "rows cols *channels"], rows: int, cols:
         )
 
 
-def average_pictures(pictures: Sequence[UInt8[Array, "rows cols 3"]]) -> UInt8[Array, "rows cols 3"]:
+def average_pictures(pictures: Sequence[UInt8[Array, "_ _ 3"]]) -> UInt8[Array, "rows cols 3"]:
     """Mean of pictures of one size, rounded to whole grey levels; raises `PictureSizeWrong`, `PictureUnreadable`."""
     if not pictures:
         raise PictureUnreadable("expected at least one picture to average, got none; name the pictures")

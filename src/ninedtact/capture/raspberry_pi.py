@@ -15,6 +15,7 @@ from ninedtact.quantities import Frame
 SILENCE_LIMIT_S = 2.0
 PICTURES_TO_SETTLE = 30
 RELATIVE_TOLERANCE = 0.05
+Control = float | int | bool
 HOW_TO_GET_IT = (
     "on Raspberry Pi OS run `sudo apt install python3-picamera2` and make the environment with "
     "`python3 -m venv --system-site-packages`; elsewhere `pip install 'ninedtact[raspberry-pi]'`"
@@ -91,10 +92,10 @@ class RaspberryPi(FrameSource):
         camera.start()
         self._read_back(camera, controls)
 
-    def _read_back(self, camera: Any, controls: dict[str, float]) -> None:
+    def _read_back(self, camera: Any, controls: dict[str, Control]) -> None:
         """libcamera applies controls a few pictures late: give it time, then refuse."""
         wanted = {name: controls[name] for name in ("ExposureTime", "AnalogueGain") if name in controls}
-        got: dict[str, float] = {}
+        got: dict[str, Control] = {}
         for _ in range(PICTURES_TO_SETTLE):
             _, got = self._capture(camera)
             if all(math.isclose(got[name], value, rel_tol=RELATIVE_TOLERANCE) for name, value in wanted.items()):
@@ -103,7 +104,7 @@ class RaspberryPi(FrameSource):
             f"expected {self.name} to take {wanted}, got { {name: got[name] for name in wanted} }; ask for other values"
         )
 
-    def _capture(self, camera: Any) -> tuple[Any, dict[str, float]]:
+    def _capture(self, camera: Any) -> tuple[Any, dict[str, Any]]:
         job = camera.capture_arrays(["main"], wait=False)
         try:
             (image,), metadata = job.get_result(timeout=SILENCE_LIMIT_S)
@@ -112,7 +113,7 @@ class RaspberryPi(FrameSource):
         return np.array(image[:, :, :3], order="C"), metadata
 
 
-def controls_of(settings: CameraSettings) -> Iterator[tuple[str, float]]:
+def controls_of(settings: CameraSettings) -> Iterator[tuple[str, Control]]:
     """The settings in libcamera's words; raises `SettingRefused` for those that it has no word for."""
     if settings.pixel_format is not None or settings.white_balance_k is not None:
         raise SettingRefused("expected no pixel_format and no white_balance_k on a Raspberry Pi, got one; leave it out")

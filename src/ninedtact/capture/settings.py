@@ -94,10 +94,10 @@ def wishes_of(settings: CameraSettings) -> Iterator[Wish]:
     modes = "ask for one that it has (`v4l2-ctl --list-formats-ext` shows them)"
     if settings.pixel_format is not None:
         fourcc = cv2.VideoWriter.fourcc(*settings.pixel_format)
-        yield Wish(f"pixel format {settings.pixel_format}", cv2.CAP_PROP_FOURCC, (fourcc,), remedy=modes)
+        yield Wish(f"pixel format {settings.pixel_format}", cv2.CAP_PROP_FOURCC, (float(fourcc),), remedy=modes)
     if settings.size_px is not None:
-        yield Wish("picture width", cv2.CAP_PROP_FRAME_WIDTH, (settings.size_px[0],), remedy=modes)
-        yield Wish("picture height", cv2.CAP_PROP_FRAME_HEIGHT, (settings.size_px[1],), remedy=modes)
+        yield Wish("picture width", cv2.CAP_PROP_FRAME_WIDTH, (float(settings.size_px[0]),), remedy=modes)
+        yield Wish("picture height", cv2.CAP_PROP_FRAME_HEIGHT, (float(settings.size_px[1]),), remedy=modes)
     if settings.rate_hz is not None:
         tolerance = 0.02 * settings.rate_hz  # 29.97 answers a wish for 30
         yield Wish("pictures per second", cv2.CAP_PROP_FPS, (settings.rate_hz,), tolerance, modes)
@@ -109,7 +109,7 @@ def _controls_of(settings: CameraSettings) -> Iterator[Wish]:
         accepted = AUTOMATIC if settings.auto_exposure else MANUAL
         yield Wish("exposure mode (1 manual, 3 automatic)", cv2.CAP_PROP_AUTO_EXPOSURE, accepted)
     if settings.exposure_ms is not None:
-        steps = round(settings.exposure_ms * V4L2_EXPOSURE_PER_MS)
+        steps = float(round(settings.exposure_ms * V4L2_EXPOSURE_PER_MS))
         yield Wish("exposure (in steps of 0.1 ms)", cv2.CAP_PROP_EXPOSURE, (steps,))
     if settings.gain is not None:
         yield Wish("gain", cv2.CAP_PROP_GAIN, (settings.gain,))

@@ -7,10 +7,12 @@ source's own setting, because only its driver can keep a limit. `Freshest` keeps
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from types import TracebackType
-from typing import Self
+from typing import TypeVar
 
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
+
+Opened = TypeVar("Opened", bound="FrameSource")
 
 
 class CameraNotFound(NinedtactError):
@@ -60,7 +62,7 @@ class FrameSource(ABC):
     def close(self) -> None:
         """Release the device. Any thread may call it, any number of times; it waits for a read in progress."""
 
-    def __enter__(self) -> Self:
+    def __enter__(self: Opened) -> Opened:
         self.open()
         return self
 

@@ -15,7 +15,7 @@ SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")
 class Stream(FrameSource):
     """A video stream by URL. Silence longer than `read_timeout_ms` is `CameraLost`."""
 
-    def __init__(self, url: str, open_timeout_ms: float = 5000, read_timeout_ms: float = 2000) -> None:
+    def __init__(self, url: str, open_timeout_ms: float = 5000.0, read_timeout_ms: float = 2000.0) -> None:
         self.name = without_password(url)
         self._url = url
         self._limits = [

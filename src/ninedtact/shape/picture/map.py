@@ -19,6 +19,7 @@ from ninedtact.shape.picture.page import (
     note,
     page,
     png,
+    round_number,
     signed,
 )
 from ninedtact.shape.picture.palette import OUT_OF_VIEW, ColourScale, scale_for
@@ -83,10 +84,9 @@ def draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
 
 
 def contour_levels(deepest_mm: float) -> list[float]:
-    """Round depths below zero, three to seven of them, lowest first."""
-    power = 10.0 ** np.floor(np.log10(deepest_mm / 3))
-    step = max(factor * power for factor in (1, 2, 5) if factor * power <= deepest_mm / 3)
-    return [float(level) for level in np.arange(-np.floor(deepest_mm / step), 0) * step]
+    """Round depths, lowest first, six at most."""
+    step = round_number(deepest_mm / 6)
+    return [-step * count for count in range(int(deepest_mm / step), 0, -1)]
 
 
 def draw_legend(axes: "Axes", height: HeightMap) -> None:

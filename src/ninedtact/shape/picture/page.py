@@ -3,6 +3,7 @@
 matplotlib is slow to import, so it is imported when a picture is drawn; its global state is never touched.
 """
 
+import math
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -76,6 +77,12 @@ def in_words(summary: ShapeSummary) -> str:
 def signed(length_mm: float) -> str:
     """A number with a true minus sign and no idle zeros."""
     return f"{length_mm:g}".replace("-", "−")
+
+
+def round_number(at_least: float) -> float:
+    """The smallest of 1, 2, 5, 10, 20, … that is not below, also below 1."""
+    power = 10.0 ** math.floor(math.log10(at_least))
+    return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= at_least))
 
 
 def png(figure: "Figure") -> bytes:

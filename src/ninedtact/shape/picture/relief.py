@@ -1,55 +1,71 @@
-"""The skin in perspective, lit from a side, as the top of a block of gel that stands in a frame of millimetres."""
+"""The skin in perspective, lit from a side: the top of a block of gel with millimetres along its edges."""
 
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
-from numpy import ndarray as Array
 
 from ninedtact.quantities import HeightMap
 from ninedtact.shape.measures import max_bulge_mm, max_indentation_mm, summarise
-from ninedtact.shape.picture.page import INK, LEFT_PX, TOP_PX, axes_at, colour_bar, in_words, note, page, png, signed
+from ninedtact.shape.picture.edges import number_edges
+from ninedtact.shape.picture.page import LEFT_PX, TOP_PX, axes_at, colour_bar, in_words, note, page, png
 from ninedtact.shape.picture.palette import scale_for
 from ninedtact.shape.picture.render import render
 from ninedtact.shape.picture.sight import Block, sight_of
 from ninedtact.shape.picture.texture import texture
-from ninedtact.shape.picture.viewpoint import Viewpoint, viewpoint_of
+from ninedtact.shape.picture.viewpoint import viewpoint_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 WIDTH_PX, HEIGHT_PX = 860, 600
-NUMBERS_PX = 45
+NUMBERS_PX = 50
 """Room around the block for the numbers along its edges."""
 FINER = 1.5
-"""The picture is computed this much finer than it is shown, against jagged edges."""
+"""The block is computed this much finer than it is shown, against jagged edges."""
 SMOOTHING_PX = 2.0
-"""Standard deviation of the Gaussian on the heights that are lit: light that grazes the skin shows noise above all."""
+"""Standard deviation of the Gaussian on the heights drawn: light that grazes the skin would show noise above all."""
 EXAGGERATIONS = (1, 2, 5, 10, 20)
 FLATTEST = 1 / 8
-"""The heights are exaggerated as long as the relief stays below this part of the skin's longer side."""
-TICK_MM = 5
+"""Heights are exaggerated as long as the relief stays below this part of the skin's longer side."""
+UNDER_DEEPEST = 1 / 30
+"""Gel drawn under the deepest point, in the same measure."""
 
 
 def relief_picture(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """A PNG with the skin in perspective, seen from outside; axes and heights in mm, any exaggeration stated."""
-    times, scale = exaggeration(height), scale_for(height)
-    block = block_of(height, times)
-    margin, size = np.array([NUMBERS_PX, NUMBERS_PX]), np.array([WIDTH_PX, HEIGHT_PX])
-    view = viewpoint_of(block.corners, tuple(margin * FINER), tuple((size - margin) * FINER))
-    seen = sight_of(block, view, int(HEIGHT_PX * FINER), int(WIDTH_PX * FINER))
-    picture = cv2.resize(render(block, texture(height, scale), seen), (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
     figure = page(title, in_words(summarise(height)), WIDTH_PX, HEIGHT_PX)
     axes = axes_at(figure, LEFT_PX, TOP_PX, WIDTH_PX, HEIGHT_PX)
-    draw(axes, picture)
-    number_edges(axes, block, view, times)
-    colour_bar(figure, scale, LEFT_PX + WIDTH_PX + 36, HEIGHT_PX)
+    times = exaggeration(height)
+    draw_block(axes, height, times)
+    colour_bar(figure, scale_for(height), LEFT_PX + WIDTH_PX + 36, HEIGHT_PX)
+    drawn = "heights true to scale" if times == 1 else f"heights drawn {times} times larger"
+    note(figure, LEFT_PX, TOP_PX + HEIGHT_PX + 50, f"seen from outside · {drawn} · fine lines every millimetre")
     return png(figure)
 
 
 def exaggeration(height: HeightMap) -> int:
     """How many times larger than true the heights are drawn."""
-    relief = max(max_indentation_mm(height) + max_bulge_mm(height), 1e-3)
-    room = FLATTEST * max(height.z_mm.shape) * height.mm_per_px
-    return max([times for times in EXAGGERATIONS if times * relief <= room], default=1)
+    relief_mm = max_indentation_mm(height) + max_bulge_mm(height)
+    room_mm = FLATTEST * max(height.z_mm.shape) * height.mm_per_px
+    return max((times for times in EXAGGERATIONS if times * relief_mm <= room_mm), default=1)
+
+
+def draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
+    """The block and the numbers along its edges, in axes whose coordinates are the pixels of its viewpoint."""
+    rows, cols = round(HEIGHT_PX * FINER), round(WIDTH_PX * FINER)
+    block, margin = block_under(height, times), NUMBERS_PX * FINER
+    view = viewpoint_of(block.corners, (margin, margin), (cols - margin, rows - margin))
+    picture = render(block, texture(height, scale_for(height)), sight_of(block, view, rows, cols))
+    shown = cv2.resize(picture, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
+    axes.imshow(shown, extent=(-0.5, cols - 0.5, rows - 0.5, -0.5), aspect="auto")
+    axes.set_axis_off()
+    number_edges(axes, block, view, times)
+
+
+def block_under(height: HeightMap, times: int) -> Block:
+    """The gel under the skin, heights exaggerated; level where the camera does not see it."""
+    seen_mm = np.where(height.in_view, height.z_mm, np.float32(0))
+    skin = cv2.GaussianBlur(seen_mm, (0, 0), SMOOTHING_PX) * np.float32(times)
+    under_mm = UNDER_DEEPEST * max(skin.shape) * height.mm_per_px
+    return Block(skin, height.mm_per_px, min(float(skin.min()), 0.0) - under_mm)

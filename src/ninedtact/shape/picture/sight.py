@@ -12,7 +12,7 @@ from ninedtact.shape.picture.viewpoint import Viewpoint
 
 Field = Float32[Array, "rows cols"]
 
-WALL_CLEARANCE = 1e-3
+AT_THE_EDGE = 1e-3
 """How far, in pixels or mm, rounding may push a point off its wall."""
 STEPS = 28
 """Along each line of sight through the box around the block; what is thinner than a step may be missed."""
@@ -75,7 +75,7 @@ def sight_of(block: Block, view: Viewpoint, rows: int, cols: int) -> Sight:
         return z - block.at(col, row)
 
     hit = near < far
-    wall = hit & (above(near) < -WALL_CLEARANCE)
+    wall = hit & (above(near) < -AT_THE_EDGE)
     ahead = first_crossing(above, near, far)
     skin = hit & ~wall & np.isfinite(ahead)
     return Sight(*place(np.where(skin, ahead, near)), skin, wall)

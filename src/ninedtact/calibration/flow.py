@@ -1,0 +1,191 @@
+"""Four pictures → one sensor: the whole calibration, top-down."""
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Literal
+
+import numpy as np
+
+from ninedtact.calibration.ball import BallFit, Method, fit_ball, reference_warnings
+from ninedtact.calibration.board import BoardFit, fit_board
+from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float
+from ninedtact.calibration.mounting import Mounting
+from ninedtact.calibration.paper import integer_centres, left_out_rms_mm, paper_projection
+from ninedtact.calibration.record import (
+    FORMAT,
+    BallFigures,
+    BoardFigures,
+    Certificate,
+    Depth,
+    Grid,
+    LensTable,
+    PinTable,
+    SensorRecord,
+)
+from ninedtact.design import SensorDesign
+from ninedtact.shape.depth import Smoothing
+from ninedtact.shape.lens import Projection, central_mm_per_px
+from ninedtact.shape.rectification import Area, Rectification, rectification
+
+LensKind = Literal["lens", "paper"]
+
+
+@dataclass(frozen=True)
+class CalibrationPictures:
+    """The four raw pictures, (rows, cols, 3) BGR."""
+
+    board_reference: Image
+    board: Image
+    ball_reference: Image
+    ball: Image
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """How to calibrate; the defaults suit every sensor seen so far."""
+
+    lens: LensKind = "lens"
+    """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
+    mounting_deg: Mounting | Literal["auto"] = "auto"
+    """Angle from the picture's columns to the sensor's x axis, clockwise on the screen."""
+    method: Method = "ratio"
+    """`table` is the paper's mapping list of grey differences, `ratio` the brightness factor."""
+    smoothing: Smoothing = Smoothing()
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated sensor with all that it was made from."""
+
+    pictures: CalibrationPictures
+    board: BoardFit
+    ball: BallFit
+    rectify: Rectification
+    record: SensorRecord
+
+
+def calibrate(
+    pictures: CalibrationPictures,
+    design: SensorDesign = SensorDesign(),
+    settings: CalibrationSettings = CalibrationSettings(),
+    sensor_id: str = "9dtact",
+) -> Calibration:
+    """Calibrate a sensor; raises `BoardNotFound`, `BallRefused`, `PictureUnusable`, each saying what to do."""
+    board = fit_board(pictures.board_reference, pictures.board, design.pin_board, settings.mounting_deg)
+    projection, raw_mm_per_px = chosen_lens(board, settings.lens)
+    raw_shape = pictures.board.shape[:2]
+    mm_per_px = raw_mm_per_px * max(raw_shape) / design.field_of_view.raw_long_side_px
+    rectify = rectification(projection, design.field_of_view, mm_per_px, raw_shape, calibrated_area_mm(design))
+    ball = fit_ball(rectify, pictures.ball_reference, pictures.ball, design, settings.method)
+    record = SensorRecord(
+        format=FORMAT,
+        id=sensor_id,
+        created=datetime.now(UTC).replace(microsecond=0),
+        software=version("ninedtact"),
+        design=design,
+        grid=Grid(mm_per_px, *raw_shape, rectify.calibrated_area_mm, board.mounting),
+        lens=lens_table(board, settings.lens),
+        depth=Depth(settings.method, ball.noise_mm, settings.smoothing, ball.curve),
+        certificate=certificate(pictures, board, ball, rectify, settings),
+    )
+    return Calibration(pictures, board, ball, rectify, record)
+
+
+def chosen_lens(board: BoardFit, kind: LensKind) -> tuple[Projection, float]:
+    """The projection and its mm per raw pixel around the centre."""
+    if kind == "paper":
+        return paper_projection(board)
+    return board.lens, central_mm_per_px(board.lens, board.board.pitch_mm)
+
+
+def lens_table(board: BoardFit, kind: LensKind) -> LensTable | PinTable:
+    """The chosen lens as the sensor's file holds it."""
+    if kind == "paper":
+        points_px = integer_centres(board)
+        return PinTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
+    lens = board.lens
+    return LensTable(lens.homography, lens.centre, lens.radial, lens.tangential)  # type: ignore[arg-type]
+
+
+def calibrated_area_mm(design: SensorDesign) -> Area:
+    """One pitch beyond the outermost pins: as far as leaving out an outermost pin tests the lens."""
+    board = design.pin_board
+    x, y = (board.cols + 1) / 2 * board.pitch_mm, (board.rows + 1) / 2 * board.pitch_mm
+    return -x, x, -y, y
+
+
+def certificate(
+    pictures: CalibrationPictures, board: BoardFit, ball: BallFit, rectify: Rectification, settings: CalibrationSettings
+) -> Certificate:
+    """All figures, and what a person should know in words."""
+    return Certificate(
+        board_figures(board, rectify, settings.lens),
+        ball_figures(pictures, ball),
+        [
+            *board_warnings(board),
+            *ball.warnings,
+            *reference_warnings(pictures.board_reference, pictures.ball_reference),
+        ],
+    )
+
+
+def board_figures(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardFigures:
+    """How good the camera calibration is."""
+    seen_mm, centres_px = board.points_mm[board.found], integer_centres(board)[board.found]
+    left_out_mm = board.lens_fit.left_out_mm
+    original_mm = left_out_rms_mm(seen_mm, centres_px)
+    return BoardFigures(
+        pins_found=int(board.found.sum()),
+        pins_expected=board.board.count,
+        missing=board.missing,
+        loo_rms_mm=original_mm if lens == "paper" else board.lens_fit.left_out_rms_mm,
+        loo_max_mm=float(np.hypot(*left_out_mm.T).max()),
+        loo_rms_mm_original=original_mm,
+        mm_per_px=rectify.mm_per_px,
+        mm_per_px_error=board.lens_fit.mm_per_px_error(board.board.pitch_mm),
+        contrast_grey_levels=float(np.median(board.contrast)),
+        noise_grey_levels=board.noise,
+        lens=lens,
+        mounting_deg=board.mounting,
+    )
+
+
+def ball_figures(pictures: CalibrationPictures, ball: BallFit) -> BallFigures:
+    """How good the depth calibration is."""
+    circle = ball.press.circle
+    return BallFigures(
+        method=ball.method,
+        radius_px=circle.radius_px,
+        radius_mm=ball.press.edge_radius_mm,
+        ball_radius_mm=ball.press.ball.radius_mm,
+        deepest_mm=ball.deepest_mm,
+        fit_mae_mm=ball.fit_mae_mm,
+        half_mae_mm=ball.half_mae_mm,
+        range_mm=ball.curve.deepest_mm,
+        noise_mm=ball.noise_mm,
+        drop_grey_levels=circle.drop,
+        asymmetry=circle.asymmetry,
+        overexposed=float((grey_float(pictures.ball_reference) >= OVEREXPOSED).mean()),
+    )
+
+
+def board_warnings(board: BoardFit) -> list[str]:
+    """What a person should know about the board press."""
+    found = []
+    if board.missing:
+        found.append(
+            f"found {int(board.found.sum())} of {board.board.count} pins; predicted from the others: "
+            f"{'; '.join(board.missing)}; press harder there, or hold the board flatter, for a better lens"
+        )
+    if board.lens_fit.left_out_rms_mm > 0.04 * board.board.pitch_mm:
+        found.append(
+            f"pins are predicted only to {board.lens_fit.left_out_rms_mm:.2f} mm (0.03 to 0.06 mm is usual); "
+            "focus the camera and press the board evenly"
+        )
+    return found
+
+
+def with_ball_radius(design: SensorDesign, radius_mm: float) -> SensorDesign:
+    """The same design, calibrated with another ball."""
+    return replace(design, ball=replace(design.ball, radius_mm=radius_mm))

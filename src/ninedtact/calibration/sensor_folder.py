@@ -1,0 +1,192 @@
+"""A calibrated sensor on disk: `sensor.toml`, `pictures/`, `certificate.html`."""
+
+import shutil
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from secrets import token_hex
+
+import msgspec
+import numpy as np
+import tomli_w
+
+from ninedtact.calibration.brightness import Image
+from ninedtact.calibration.record import FORMAT, LensTable, MapTable, PinTable, SensorRecord
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Frame
+from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.lens import LensModel, Projection
+from ninedtact.shape.pin_map import PinMap
+from ninedtact.shape.rectification import Rectification, rectification
+
+RECORD = "sensor.toml"
+
+
+class SensorFolderDamaged(NinedtactError):
+    """The folder is not a sensor, or something in it is missing, changed or from a newer program."""
+
+
+class SensorFolderRefused(NinedtactError):
+    """A sensor cannot be written there without overwriting something else."""
+
+
+@dataclass(frozen=True)
+class SensorFolder:
+    """One sensor's folder, read and checked."""
+
+    path: Path
+    record: SensorRecord
+
+    @property
+    def id(self) -> str:
+        """Name of the sensor."""
+        return self.record.id
+
+    @cached_property
+    def shape(self) -> CalibratedShape:
+        """The calibrated path from frame to height."""
+        depth = self.record.depth
+        return CalibratedShape(
+            self.rectification, depth.curve, depth.noise_mm, self.record.design.camera.distance_mm, depth.smoothing
+        )
+
+    @cached_property
+    def rectification(self) -> Rectification:
+        """The lens on the grid; raises `SensorFolderDamaged`."""
+        grid, lens = self.record.grid, self.record.lens
+        raw_shape = (grid.raw_rows, grid.raw_cols)
+        if isinstance(lens, MapTable):
+            source_px = read_map(self.verified(lens.file, lens.sha256), self.record)
+            return Rectification(source_px, grid.mm_per_px, raw_shape, grid.calibrated_area_mm)
+        field_of_view = self.record.design.field_of_view
+        return rectification(
+            projection(lens, raw_shape), field_of_view, grid.mm_per_px, raw_shape, grid.calibrated_area_mm
+        )
+
+    def picture(self, name: str, read: Callable[[Path], Image]) -> Frame:
+        """A picture that the sensor was calibrated from (`board`, `ball_reference`, …), read by the given reader."""
+        if name not in self.record.pictures:
+            raise SensorFolderDamaged(
+                f"expected {self.path} to hold the picture {name!r}, got a sensor without it (imported?); calibrate again"
+            )
+        entry = self.record.pictures[name]
+        return Frame(read(self.verified(entry.file, entry.sha256)))
+
+    def verified(self, file: str, digest: str) -> Path:
+        """Path of a file of the folder whose content is what was written."""
+        path = self.path / file
+        if not path.is_file():
+            raise SensorFolderDamaged(
+                f"expected {path}, got no such file; restore the sensor folder or calibrate again"
+            )
+        if sha256(path.read_bytes()).hexdigest() != digest:
+            raise SensorFolderDamaged(
+                f"expected {path} as it was calibrated with, got other content; restore the sensor folder or calibrate again"
+            )
+        return path
+
+
+def load_sensor(folder: Path | str) -> SensorFolder:
+    """Read and check a sensor folder; raises `SensorFolderDamaged`."""
+    path = Path(folder)
+    try:
+        text = (path / RECORD).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as trouble:
+        raise SensorFolderDamaged(
+            f"expected a sensor folder with a readable {RECORD}, got {path} ({trouble}); give the folder that "
+            "'ninedtact calibrate --out' wrote"
+        ) from trouble
+    return SensorFolder(path, parsed(path / RECORD, text))
+
+
+def parsed(path: Path, text: str) -> SensorRecord:
+    """The record in a file's text, every field checked."""
+    try:
+        table = tomllib.loads(text)
+        require_format(path, table)
+        return msgspec.convert(table, SensorRecord)
+    except (tomllib.TOMLDecodeError, msgspec.ValidationError, RecursionError) as trouble:
+        raise damaged(path, trouble) from trouble
+    except NinedtactError as trouble:
+        if isinstance(trouble, SensorFolderDamaged):
+            raise
+        raise damaged(path, trouble) from trouble
+
+
+def damaged(path: Path, trouble: Exception) -> SensorFolderDamaged:
+    """The refusal of a record that cannot be understood."""
+    return SensorFolderDamaged(
+        f"expected {path} as the program wrote it, got: {trouble}; restore the sensor folder or calibrate again"
+    )
+
+
+def require_format(path: Path, table: dict[str, object]) -> None:
+    """Refuse a file from a newer program."""
+    version = table.get("format")
+    if isinstance(version, int) and version > FORMAT:
+        raise SensorFolderDamaged(
+            f"expected {path} in format {FORMAT} or older, got format {version} from a newer ninedtact; update ninedtact"
+        )
+
+
+def projection(lens: LensTable | PinTable, raw_shape: tuple[int, int]) -> Projection:
+    """The lens that a table describes."""
+    if isinstance(lens, LensTable):
+        return LensModel(lens.homography, lens.centre, lens.radial, lens.tangential, raw_shape)
+    return PinMap(np.array(lens.points_mm), np.array(lens.points_px))
+
+
+def read_map(path: Path, record: SensorRecord) -> np.ndarray:
+    """A stored rectification, float32 (rows, cols, 2)."""
+    view = record.design.field_of_view
+    source_px = np.load(path, allow_pickle=False)
+    if source_px.shape != (view.rows, view.cols, 2):
+        raise SensorFolderDamaged(
+            f"expected {path} of shape {(view.rows, view.cols, 2)}, got {source_px.shape}; restore the sensor folder"
+        )
+    return np.asarray(source_px, np.float32)
+
+
+def record_toml(record: SensorRecord) -> bytes:
+    """The record as the text of `sensor.toml`."""
+    return tomli_w.dumps(msgspec.to_builtins(record, builtin_types=(type(record.created),))).encode()
+
+
+@contextmanager
+def new_sensor_folder(out: Path | str) -> Iterator[Path]:
+    """A folder to fill, which takes the place of `out` when the block ends well; a sensor that was there is replaced."""
+    final = Path(out)
+    require_replaceable(final)
+    final.parent.mkdir(parents=True, exist_ok=True)
+    partial = final.with_name(f".{final.name}.{token_hex(4)}.partial")
+    partial.mkdir()
+    try:
+        yield partial
+        swap(partial, final)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def swap(partial: Path, final: Path) -> None:
+    """Move the finished folder into place; what was there is removed only then."""
+    if not final.exists():
+        partial.rename(final)
+        return
+    previous = partial.with_suffix(".previous")
+    final.rename(previous)
+    partial.rename(final)
+    shutil.rmtree(previous, ignore_errors=True)
+
+
+def require_replaceable(final: Path) -> None:
+    """Only an empty folder or a sensor is replaced."""
+    if final.is_dir() and (not any(final.iterdir()) or (final / RECORD).is_file()):
+        return
+    if final.exists():
+        raise SensorFolderRefused(
+            f"expected --out to be new, empty or a sensor folder, got {final} with other content; choose another name"
+        )

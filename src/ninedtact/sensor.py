@@ -1,0 +1,79 @@
+"""A sensor at work: the shape row of the flow, top-down. Read this file first.
+
+source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from time import perf_counter
+from types import TracebackType
+from typing import Self
+
+from ninedtact.capture.source import FrameSource
+from ninedtact.quantities import Reading
+from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.depth import DepthReader
+
+REFERENCE_FRAMES = 10
+"""Frames of untouched skin averaged when a session starts: their noise falls below that of a reading."""
+
+
+class Stopwatch:
+    """Milliseconds of each stage since the last mark."""
+
+    def __init__(self) -> None:
+        self.stage_ms: dict[str, float] = {}
+        self._last = perf_counter()
+
+    def mark(self, stage: str) -> None:
+        """The time since the last mark belongs to this stage."""
+        now = perf_counter()
+        self.stage_ms[stage], self._last = (now - self._last) * 1e3, now
+
+
+@dataclass
+class Sensor:
+    """A frame source with a calibration. Open it with `with`; the skin must be untouched then."""
+
+    source: FrameSource
+    calibrated: CalibratedShape
+    reference_frames: int = REFERENCE_FRAMES
+    depth: DepthReader | None = None
+    """Bound to the untouched skin of this session when the sensor is opened; given here, it is kept."""
+
+    def read(self) -> Reading:
+        """The newest reading: waits for the next frame; raises what the source raises."""
+        watch = Stopwatch()
+        frame = self.source.read()
+        watch.mark("capture")
+        rectified = self.calibrated.rectify(frame)
+        watch.mark("rectify")
+        height = self.reader(rectified)
+        watch.mark("depth")
+        return Reading(frame, rectified, height, watch.stage_ms)
+
+    @property
+    def reader(self) -> DepthReader:
+        """The depth reader of this session; the first use without one takes the reference."""
+        if self.depth is None:
+            self.take_reference()
+        assert self.depth is not None
+        return self.depth
+
+    def take_reference(self) -> None:
+        """Take the skin as it is now for untouched."""
+        frames = [self.source.read() for _ in range(self.reference_frames)]
+        self.depth = self.calibrated.depth_reader(*frames)
+
+    def __iter__(self) -> Iterator[Reading]:
+        while True:
+            yield self.read()
+
+    def __enter__(self) -> Self:
+        self.source.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.source.__exit__(kind, error, trace)

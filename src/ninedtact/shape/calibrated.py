@@ -1,0 +1,52 @@
+"""One sensor's calibrated shape path: everything between a frame and its height but the session's untouched picture."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Frame, Rectified
+from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
+from ninedtact.shape.rectification import Rectification
+
+UNLIT = 15.0
+"""Mean grey level below which a picture is a dark room, not a skin."""
+
+
+class ReferenceUnusable(NinedtactError):
+    """The untouched picture of this session cannot serve as one."""
+
+
+@dataclass(frozen=True)
+class CalibratedShape:
+    """Rectification, depth curve and their errors."""
+
+    rectify: Rectification
+    curve: DepthCurve
+    noise_mm: float
+    camera_distance_mm: float
+    smoothing: Smoothing = Smoothing()
+
+    def depth_reader(self, *references: Frame) -> DepthReader:
+        """Bind the untouched skin of this session, the mean of one or more frames; raises `ReferenceUnusable`."""
+        reference = mean_rectified([self.rectify(frame) for frame in references])
+        return DepthReader(
+            self.curve, reference, self.rectify.coverage, self.smoothing, self.noise_mm, self.camera_distance_mm
+        )
+
+
+def mean_rectified(pictures: list[Rectified]) -> Rectified:
+    """Mean brightness of several pictures of the same skin."""
+    if not pictures:
+        raise ReferenceUnusable("expected at least one picture of the untouched skin, got none; take one first")
+    total = np.zeros_like(pictures[0].grey)
+    for picture in pictures:
+        cv2.accumulate(picture.grey, total)
+    total /= len(pictures)
+    if total.mean() < UNLIT:
+        raise ReferenceUnusable(
+            f"expected a lit picture of the untouched skin, got a mean grey level of {total.mean():.0f} of 255; "
+            "switch the sensor's light on and raise the exposure"
+        )
+    return Rectified(total, pictures[0].mm_per_px, pictures[-1].stamp_ns)
