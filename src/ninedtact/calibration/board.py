@@ -23,29 +23,38 @@ from ninedtact.calibration.brightness import (
     require_usable,
     smoothed,
 )
-from ninedtact.calibration.imprints import centred_px, patches
+from ninedtact.calibration.imprints import centred_mm, patches
 from ninedtact.calibration.lattice import Lattice, find_lattice
 from ninedtact.calibration.lens_fit import LensFit, fit_lens, fit_terms
 from ninedtact.calibration.mounting import MOUNTINGS, Mounting, lattice_size, skin_points_mm
 from ninedtact.design import PinBoard
 from ninedtact.errors import NinedtactError
-from ninedtact.shape.lens import LensModel, Points
+from ninedtact.shape.lens import LensModel, Points, central_mm_per_px
 
 SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
 """Spot sizes tried, as parts of the picture's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""
-CLEAR_RMS = 0.04
-"""Left-out error, in pitches, under which a complete board needs no second opinion."""
-LARGEST_RMS = 0.10
-"""Left-out error, in pitches, above which spots are no board: chance lattices lie near 0.2, real boards near 0.02."""
+FEWEST = 0.5
+"""Part of the pins that a lattice must have to be looked at as the board."""
+CLEAR = 0.08
+"""Left-out error of the first lens, in pitches, under which a complete board needs no second opinion."""
+LARGEST = 0.10
+"""Its median over the pins, above which spots are no board: chance lattices lie near 0.2, real boards near 0.04."""
 MOST_MISSING = 0.10
 """Part of the pins that may be predicted instead of seen."""
-IMPRINT_RADIUS = 0.48
+IMPRINT_RADIUS = 0.52
 """Disc in which a centre is sought, in pitches: as much as fits without the neighbours."""
 FAINTEST = 0.12
 """Contrast of a pin, relative to the median pin, below which it is not seen."""
 FAINTEST_NOISE = 1.5
 """The same, in standard deviations of a lightly smoothed pixel."""
-REFINEMENTS = 3
+MOST_OFFSET = 0.25
+"""A centre farther than this from where the lens expects it, in pitches, is another thing."""
+STRAY, STRAY_TIMES = 0.10, 5.0
+"""A pin that the others miss by this many pitches and by this many times the median is not trusted (glare, dirt)."""
+FEWEST_FOR_LENS = 9
+UNTOUCHED = 4.0
+"""Range of a smoothed change, in standard deviations of a pixel, below which nothing happened."""
+REFINEMENTS = 4
 SMOOTHING_PX = 1.0
 
 
@@ -96,9 +105,20 @@ class Sighting:
     fit: LensFit
 
     @property
+    def miss_mm(self) -> float:
+        """Median left-out error: how far from a lens this lattice is."""
+        return float(np.median(np.hypot(*self.fit.left_out_mm.T)))
+
+    @property
+    def agreeing_px(self) -> Points:
+        """Spots that lie where the lens through all of them puts them."""
+        pitch_mm = np.hypot(*(self.fit.points_mm[1] - self.fit.points_mm[0]))
+        return self.lattice.points_px[np.hypot(*self.fit.left_out_mm.T) < LARGEST * pitch_mm]
+
+    @property
     def rank(self) -> tuple[int, float]:
         """More pins first, then the better lens."""
-        return len(self.lattice), -self.fit.left_out_rms_mm
+        return len(self.lattice), -self.miss_mm
 
 
 def fit_board(
@@ -112,42 +132,47 @@ def fit_board(
     require_usable("board reference", reference)
     require_usable("board picture", press)
     change = relative_change(reference, press)
-    return refined(change, board, best_sighting(change, board, mounting))
+    sighting = best_sighting(change, board, mounting)
+    if sighting is None or not could_be_board(sighting, board):
+        raise not_found(change, board, sighting.agreeing_px if sighting else np.empty((0, 2)), sighting)
+    return refined(change, board, sighting)
 
 
 def best_sighting(
     change: Float32[Array, "rows cols"], board: PinBoard, mounting: Mounting | Literal["auto"]
-) -> Sighting:
+) -> Sighting | None:
     """The most complete, best explained lattice over all spot sizes and ways to lie."""
     best: Sighting | None = None
     for sighting in sightings(change, board, mounting):
         best = sighting if best is None or sighting.rank > best.rank else best
-        if len(best.lattice) == board.count and best.fit.left_out_rms_mm < CLEAR_RMS * board.pitch_mm:
+        if is_clear(best, board):
             break
-    return require_board(change, board, best)
+    return best
+
+
+def could_be_board(sighting: Sighting, board: PinBoard) -> bool:
+    """Whether it is worth a closer look."""
+    return sighting.miss_mm < LARGEST * board.pitch_mm and len(sighting.lattice) >= FEWEST * board.count
+
+
+def is_clear(sighting: Sighting, board: PinBoard) -> bool:
+    """Whether no other sighting could be better."""
+    return len(sighting.lattice) == board.count and sighting.fit.left_out_rms_mm < CLEAR * board.pitch_mm
 
 
 def sightings(
     change: Float32[Array, "rows cols"], board: PinBoard, mounting: Mounting | Literal["auto"]
 ) -> Iterator[Sighting]:
-    """Lattices large enough to be the board, at each spot size and in each orientation that the mounting allows."""
+    """At each spot size the lattice, cut to the board in the way to lie that keeps most contrast."""
     middle = np.array(change.shape[::-1]) / 2
     for size in SIZES:
         lattice = find_lattice(dark_blobs(change, size * max(change.shape)), middle)
-        for way in MOUNTINGS[mounting] if lattice else ():
-            part = lattice.window(*lattice_size(board, way))
-            if len(part) >= board.count / 2:
-                points_mm = skin_points_mm(part.nodes, board, way)
-                yield Sighting(part, way, fit_terms(points_mm, part.points_px, change.shape, 1))
-
-
-def require_board(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sighting | None) -> Sighting:
-    """Refuse what is not a board."""
-    if sighting is None:
-        raise not_found(change, board, 0, np.empty((0, 2)))
-    if sighting.fit.left_out_rms_mm > LARGEST_RMS * board.pitch_mm:
-        raise not_found(change, board, 0, sighting.lattice.points_px)
-    return sighting
+        if lattice is not None:
+            parts = {way: lattice.window(*lattice_size(board, way)) for way in MOUNTINGS[mounting]}
+            way = max(parts, key=lambda way: parts[way].score)
+            if len(parts[way]) >= FEWEST_FOR_LENS:
+                points_mm = skin_points_mm(parts[way].nodes, board, way)
+                yield Sighting(parts[way], way, fit_terms(points_mm, parts[way].points_px, change.shape, 1))
 
 
 def refined(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sighting) -> BoardFit:
@@ -155,25 +180,43 @@ def refined(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sigh
     cols, rows = lattice_size(board, sighting.mounting)
     nodes = np.array([(column, row) for row in range(rows) for column in range(cols)])
     points_mm = skin_points_mm(nodes, board, sighting.mounting)
-    picture, radius_mm = smoothed(change, SMOOTHING_PX), IMPRINT_RADIUS * board.pitch_mm
-    fit = sighting.fit
+    picture, noise, fit = smoothed(change, SMOOTHING_PX), noise_levels(change), sighting.fit
+    strays = np.zeros(len(nodes), bool)
     for _ in range(REFINEMENTS):
-        points_px = centred_px(picture, fit.lens, fit.lens.to_px(points_mm), radius_mm)
-        seen_mm = fit.lens.to_mm(points_px)
-        contrast = patches(picture, fit.lens, seen_mm, radius_mm).depth
-        found = is_pin(contrast, seen_mm - points_mm, noise_levels(change), board)
-        require_enough(change, board, nodes, found, points_px)
+        points_px, contrast, found = look(picture, fit.lens, points_mm, noise, board)
+        found &= ~strays
+        require_enough(change, board, nodes, found, points_px, sighting)
         fit = fit_lens(points_mm[found], points_px[found], change.shape)
+        strays[np.flatnonzero(found)[is_stray(fit, board)]] = True
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
-    return BoardFit(
-        board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise_levels(change), change
-    )
+    return BoardFit(board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
 
 
-def is_pin(contrast: Float[Array, " n"], offset_mm: Points, noise: float, board: PinBoard) -> Bool[Array, " n"]:
-    """Dark enough against noise and against the other pins, and near where the lens expects it."""
-    enough = max(FAINTEST * float(np.median(contrast)), FAINTEST_NOISE * noise)
-    return (contrast > enough) & (np.hypot(*offset_mm.T) < 0.25 * board.pitch_mm)
+def look(
+    picture: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, noise: float, board: PinBoard
+) -> tuple[Points, Float[Array, " n"], Bool[Array, " n"]]:
+    """Centre and contrast of the imprint at each pin's place, and whether it is one."""
+    radius_mm = IMPRINT_RADIUS * board.pitch_mm
+    seen_mm = centred_mm(picture, lens, points_mm, radius_mm)
+    points_px = lens.to_px(seen_mm)
+    contrast = patches(picture, lens, seen_mm, radius_mm).depth
+    near = np.hypot(*(seen_mm - points_mm).T) < MOST_OFFSET * board.pitch_mm
+    margin_px = board.pin_diameter_mm / 2 / central_mm_per_px(lens, board.pitch_mm)
+    dark = contrast > max(FAINTEST * float(np.median(contrast)), FAINTEST_NOISE * noise)
+    return points_px, contrast, dark & near & in_picture(points_px, picture.shape, margin_px)
+
+
+def in_picture(points_px: Points, shape: tuple[int, ...], margin_px: float) -> Bool[Array, " n"]:
+    """Whether a pin's own width around these pixels is inside the picture."""
+    x, y = points_px.T
+    rows, cols = shape
+    return (x >= margin_px) & (y >= margin_px) & (x <= cols - 1 - margin_px) & (y <= rows - 1 - margin_px)
+
+
+def is_stray(fit: LensFit, board: PinBoard) -> Bool[Array, " n"]:
+    """Pins that all others contradict."""
+    miss_mm = np.hypot(*fit.left_out_mm.T)
+    return miss_mm > max(STRAY * board.pitch_mm, STRAY_TIMES * float(np.median(miss_mm)))
 
 
 def require_enough(
@@ -182,32 +225,32 @@ def require_enough(
     nodes: Int[Array, "n 2"],
     found: Bool[Array, " n"],
     points_px: Points,
+    sighting: Sighting,
 ) -> None:
     """Refuse a board with too many pins missing, or with a whole side missing, which could then be any row."""
     last = nodes.max(axis=0)
     sides = [found[nodes[:, axis] == end].any() for axis in (0, 1) for end in (0, last[axis])]
     if (~found).sum() > MOST_MISSING * board.count or not all(sides):
-        raise not_found(change, board, int(found.sum()), points_px[found])
+        raise not_found(change, board, points_px[found], sighting)
 
 
-def not_found(change: Float32[Array, "rows cols"], board: PinBoard, found: int, seen_px: Points) -> BoardNotFound:
+def not_found(
+    change: Float32[Array, "rows cols"], board: PinBoard, seen_px: Points, sighting: Sighting | None = None
+) -> BoardNotFound:
     """The refusal, in words that help: swapped pictures and no contact at all are told apart."""
-    return BoardNotFound(
-        f"expected {board.count} pins ({board.cols} x {board.rows}), found {found}; {advice(change, board)}",
-        found,
-        board.count,
-        seen_px,
-        change,
-    )
+    if np.ptp(smoothed(change, 2.0)) < UNTOUCHED * noise_levels(change):
+        seen_px, advice = seen_px[:0], "nothing touched the skin: press the board while the second picture is taken"
+    elif looks_swapped(change, board, sighting):
+        advice = "the pictures look swapped: give the untouched one as the reference"
+    else:
+        advice = "press harder, hold the board flatter so that all pins touch, and check that it is the design's board"
+    words = f"expected {board.count} pins ({board.cols} x {board.rows}), found {len(seen_px)}; {advice}"
+    return BoardNotFound(words, len(seen_px), board.count, seen_px, change)
 
 
-def advice(change: Float32[Array, "rows cols"], board: PinBoard) -> str:
-    """What to do about a board that was not found."""
-    calm = smoothed(change, 2.0)
-    if np.ptp(calm) < 4 * noise_levels(change):
-        return "the two pictures show the same untouched skin: press the board on the gel while the second one is taken"
-    if next(sightings(-change, board, "auto"), None) is not None:
-        return "the pictures look swapped: give the untouched one as the reference"
-    return (
-        "press harder, hold the board flatter so that all pins touch, and check that the board's size is the design's"
-    )
+def looks_swapped(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sighting | None) -> bool:
+    """Whether a whole board stands out brighter than the reference, more than what there is of a darker one."""
+    inverted = best_sighting(-change, board, "auto")
+    if inverted is None or not is_clear(inverted, board):
+        return False
+    return sighting is None or np.median(inverted.lattice.strength) > np.median(sighting.lattice.strength)

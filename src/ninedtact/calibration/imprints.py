@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.shape.lens import LensModel, Points
 
 SAMPLES = 41
 """Samples across a patch."""
-FLOOR = 0.3
+FLOOR = 0.2
 """Darkening below this part of an imprint's depth does not count: the skirt belongs to the neighbours too."""
 CENTROID_STEPS = 5
 
@@ -24,8 +24,8 @@ CENTROID_STEPS = 5
 class Patches:
     """Square pieces of the skin around n points, seen from straight above."""
 
-    darkening: Float32[Array, "n samples samples"]
-    """Above the ring around each piece, 0 and up."""
+    darkening: Float[Array, "n samples samples"]
+    """Below the plane through the ring around each piece, 0 and up."""
     x_mm: Float[Array, "samples samples"]
     y_mm: Float[Array, "samples samples"]
 
@@ -42,12 +42,11 @@ class Patches:
         return np.column_stack([(weight * axis).sum(axis=(1, 2)) / total for axis in (self.x_mm, self.y_mm)])
 
 
-def centred_px(picture: Float32[Array, "rows cols"], lens: LensModel, points_px: Points, radius_mm: float) -> Points:
-    """Centres of the imprints near these points, in raw pixels."""
-    points_mm = lens.to_mm(points_px)
+def centred_mm(picture: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, radius_mm: float) -> Points:
+    """Centres of the imprints near these points, as this lens places them on the skin."""
     for _ in range(CENTROID_STEPS):
         points_mm = points_mm + patches(picture, lens, points_mm, radius_mm).centroid_mm
-    return lens.to_px(points_mm)
+    return points_mm
 
 
 def patches(picture: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, radius_mm: float) -> Patches:
@@ -59,8 +58,21 @@ def patches(picture: Float32[Array, "rows cols"], lens: LensModel, points_mm: Po
     seen = sampled(picture, source).reshape(len(points_mm), SAMPLES, SAMPLES)
     distance = np.hypot(x, y)
     ring = (distance > 0.85 * radius_mm) & (distance <= radius_mm)
-    darker = np.median(seen[:, ring], axis=1)[:, None, None] - seen
+    darker = ring_plane(seen, ring, x, y) - seen
     return Patches(np.maximum(darker, 0) * (distance <= radius_mm), x, y)
+
+
+def ring_plane(
+    seen: Float32[Array, "n samples samples"],
+    ring: Bool[Array, "samples samples"],
+    x_mm: Float[Array, "samples samples"],
+    y_mm: Float[Array, "samples samples"],
+) -> Float[Array, "n samples samples"]:
+    """The plane through each piece's ring: what the skin would look like without the pin, a glare's slope included."""
+    ones = np.ones_like(x_mm)
+    columns = np.stack([ones, x_mm, y_mm])
+    planes = np.linalg.lstsq(columns[:, ring].T, seen[:, ring].T, rcond=None)[0]
+    return np.tensordot(planes.T, columns, axes=1)
 
 
 def sampled(picture: Float32[Array, "rows cols"], points_px: Float32[Array, "n 2"]) -> Float32[Array, " n"]:

@@ -3,16 +3,24 @@
 Commands import what they need when they run, so that `ninedtact --help` stays quick.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
+from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.doctor import Doctor
+from ninedtact.cli.reconstruct import Reconstruct
 from ninedtact.errors import NinedtactError
 
-Command = Annotated[Doctor, tyro.conf.subcommand("doctor")]
+Command = (
+    Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
+    | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
+    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
+)
+DESCRIPTION = "The software of the 9DTact tactile sensor: pictures in, calibrated millimetres out."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,16 +31,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return fail(str(refusal))
     except KeyboardInterrupt:
         return fail("stopped by Ctrl-C; nothing was written half; run the command again to start over")
+    except BrokenPipeError:
+        return quiet_end()
     except OSError as trouble:
-        return fail(f"expected to read and write files, got: {trouble}; free the disk or correct the path and its permissions")
+        return fail(
+            f"expected to read and write files, got: {trouble}; free the disk or correct the path and its permissions"
+        )
 
 
 def parse(arguments: Sequence[str] | None) -> Command:
     """Turn the command line into one command."""
-    return tyro.cli(Command, prog="ninedtact", description=__doc__, args=arguments)
+    return tyro.cli(Command, prog="ninedtact", description=DESCRIPTION, args=arguments)
 
 
 def fail(sentence: str) -> int:
     """Say why in one line; the exit code of failed work."""
     print(f"ninedtact: {' '.join(sentence.split())}", file=sys.stderr)
+    return 1
+
+
+def quiet_end() -> int:
+    """Whoever read our output (`| head`) has had enough: leave without a word, also from the interpreter's last flush."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 1

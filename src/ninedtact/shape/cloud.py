@@ -1,13 +1,12 @@
 """Points on the skin, with the outward normal at each."""
 
-from functools import lru_cache
-
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray as Array
 
-from ninedtact.quantities import HeightMap, PointCloud, centred_axis_mm
+from ninedtact.quantities import HeightMap, PointCloud
+from ninedtact.shape.sightlines import plane_mm, spread, uprightness
 from ninedtact.shape.slope import slope
 
 
@@ -17,9 +16,11 @@ def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
     `every` = 3 keeps each third row and column, for display; the normals are still those of the full grid.
     """
     # One block for both results: as two, the allocator hands each back to the system and asks for it anew on the next
-    # picture, and taking fresh memory costs three times as much as all the arithmetic here.
+    # picture, and taking fresh memory costs more than all the arithmetic here.
     block = np.empty((2, *height.z_mm.shape, 3), np.float32)
-    cv2.merge([*plane_mm(*height.z_mm.shape, height.mm_per_px), height.z_mm], block[0])
+    u, v = plane_mm(*height.z_mm.shape, height.mm_per_px)
+    away = spread(height)
+    cv2.merge([u * away, v * away, height.z_mm], block[0])
     cv2.merge(normals(height), block[1])
     seen = height.in_view[::every, ::every]
     points, directions = (seen_triples(grid[::every, ::every], seen) for grid in block)
@@ -37,22 +38,15 @@ def seen_triples(grid: Float32[Array, "rows cols 3"], seen: Bool[Array, "rows co
 
 
 def normals(height: HeightMap) -> list[Float32[Array, "rows cols"]]:
-    """Outward unit normals as three planes x, y, z: (−dz/dx, −dz/dy, 1) at unit length."""
+    """Outward unit normals as three planes x, y, z."""
     x, y = slope(height)
-    z = x * x
-    z += y * y
-    z += 1
-    cv2.pow(z, -0.5, z)
-    inward = -z
-    x *= inward
-    y *= inward
+    z = uprightness(height, x, y)
+    scale = x * x
+    scale += y * y
+    scale += z * z
+    cv2.pow(scale, -0.5, scale)
+    z *= scale
+    np.negative(scale, out=scale)
+    x *= scale
+    y *= scale
     return [x, y, z]
-
-
-@lru_cache(maxsize=8)
-def plane_mm(rows: int, cols: int, mm_per_px: float) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-    """Coordinates x and y of every pixel; read-only, as every caller gets the same two arrays."""
-    x, y = np.meshgrid(centred_axis_mm(cols, mm_per_px), centred_axis_mm(rows, mm_per_px))
-    for plane in (x, y):
-        plane.flags.writeable = False
-    return x, y

@@ -129,6 +129,11 @@ class DepthReader:
             z_mm, self.coverage(index), rectified.mm_per_px, self.noise_mm, self.camera_distance_mm, rectified.stamp_ns
         )
 
+    def error_mm(self, indentation_mm: float) -> float:
+        """Standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""
+        scatter = np.interp(indentation_mm, self.curve.indentation_mm, self.curve.error_mm)
+        return float(np.hypot(scatter, self.noise_mm))
+
     def quantised(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """The signed signal as an index into the curve's table."""
         gain, offset = self.gain_offset

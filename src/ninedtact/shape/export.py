@@ -40,7 +40,9 @@ def export(height: HeightMap, path: Path | str, every: int = 1) -> None:
         case ".obj":
             write_obj(path, surface_mesh(height, every))
         case other:
-            raise FormatUnknown(f"expected a file name ending in .npy, .png, .ply, .stl or .obj, got {other or path!r}")
+            raise FormatUnknown(
+                f"expected a file name ending in .npy, .png, .ply, .stl or .obj, got {other or path!s}; rename it"
+            )
 
 
 def write_npy(path: Path | str, height: HeightMap) -> None:

@@ -2,8 +2,8 @@
 
     z_mm = (level − 32768) / 1000, level 0 where the camera does not see the skin
 
-The text chunks `mm_per_px`, `noise_mm` and `stamp_ns` carry the rest of a `HeightMap`, except which of its heights are
-extrapolated: read back, they are all MEASURED.
+The text chunks `mm_per_px`, `noise_mm`, `camera_distance_mm` and `stamp_ns` carry the rest of a `HeightMap`, except
+which of its heights are extrapolated: read back, they are all MEASURED.
 """
 
 import struct
@@ -26,6 +26,8 @@ OUT_OF_VIEW_LEVEL = 0
 REACH_MM = 32.767
 """The largest height, up or down, that the levels hold."""
 LEGEND = "height of the skin: z_mm = (level - 32768) / 1000, level 0 = out of view, negative = pressed in"
+SCALES = ("mm_per_px", "noise_mm", "camera_distance_mm")
+"""What of a height map is carried as text."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 TEXT_PLACE = len(SIGNATURE) + 25
 """Where a PNG may first carry text: after its header chunk."""
@@ -42,12 +44,8 @@ class HeightPictureUnreadable(NinedtactError):
 def height_png(height: HeightMap) -> bytes:
     """Encode heights, rounded to the micrometre; raises `HeightNotStorable` beyond ±32.767 mm."""
     png = cv2.imencode(".png", levels(height))[1].tobytes()
-    text = {
-        "Description": LEGEND,
-        "mm_per_px": repr(float(height.mm_per_px)),
-        "noise_mm": repr(float(height.noise_mm)),
-        "stamp_ns": str(height.stamp_ns),
-    }
+    numbers = {name: repr(float(getattr(height, name))) for name in SCALES}
+    text = {"Description": LEGEND, **numbers, "stamp_ns": str(height.stamp_ns)}
     return png[:TEXT_PLACE] + b"".join(text_chunk(*entry) for entry in text.items()) + png[TEXT_PLACE:]
 
 
@@ -81,7 +79,8 @@ def decoded(png: bytes) -> HeightMap:
     seen = picture != OUT_OF_VIEW_LEVEL
     z_mm = np.where(seen, (picture.astype(np.float32) - ZERO_LEVEL) / LEVELS_PER_MM, 0).astype(np.float32)
     coverage = np.where(seen, Coverage.MEASURED, Coverage.OUT_OF_VIEW).astype(np.uint8)
-    return HeightMap(z_mm, coverage, float(text["mm_per_px"]), float(text["noise_mm"]), int(text["stamp_ns"]))
+    numbers = {name: float(text[name]) for name in SCALES}
+    return HeightMap(z_mm, coverage, **numbers, stamp_ns=int(text["stamp_ns"]))
 
 
 def chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:

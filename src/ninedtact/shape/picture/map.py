@@ -1,12 +1,12 @@
 """The height map as a map: colours, lines of equal height, the edge of the contact, and what not to trust."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from ninedtact.quantities import Coverage, HeightMap
-from ninedtact.shape.measures import ContactRule, summarise
+from ninedtact.shape.measures import ContactRule, contact, summarise
 from ninedtact.shape.picture.page import (
     EXTRAPOLATED,
     INK,
@@ -15,6 +15,7 @@ from ninedtact.shape.picture.page import (
     TOP_PX,
     axes_at,
     colour_bar,
+    colour_map,
     in_words,
     note,
     page,
@@ -31,10 +32,11 @@ LONGEST_PX = 840
 """Width or height of the map, whichever is larger."""
 LINE_SMOOTHING_PX = 1.5
 """Standard deviation of the Gaussian that keeps noise out of the lines of equal height; the colours are as measured."""
-HATCH = {"facecolor": OUT_OF_VIEW, "hatch": "////", "edgecolor": "#a8a8a8"}
+UNSEEN: dict[str, Any] = {"facecolor": OUT_OF_VIEW, "hatch": "////", "edgecolor": "#a8a8a8"}
+BEYOND: dict[str, Any] = {"facecolor": "none", "hatch": "..", "edgecolor": EXTRAPOLATED}
 
 
-def map_picture(height: HeightMap, title: str = "Height of the skin") -> bytes:
+def height_picture(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """A PNG with the height map as the camera sees it, axes and heights in mm."""
     rows, cols = height.z_mm.shape
     width_px, height_px = cols * LONGEST_PX // max(rows, cols), rows * LONGEST_PX // max(rows, cols)
@@ -42,22 +44,27 @@ def map_picture(height: HeightMap, title: str = "Height of the skin") -> bytes:
     axes = axes_at(figure, LEFT_PX, TOP_PX, width_px, height_px)
     draw_colours(axes, height, scale)
     draw_lines(axes, height, scale)
-    draw_legend(axes, height)
+    draw_range(axes, height)
+    draw_legend(axes, height, height_px)
     colour_bar(figure, scale, LEFT_PX + width_px + 36, height_px)
-    note(figure, LEFT_PX, TOP_PX + height_px + 75, f"seen from the camera · 1 pixel = {height.mm_per_px:.4f} mm")
+    note(figure, LEFT_PX, TOP_PX + height_px + 100, where_it_is(height))
     return png(figure)
+
+
+def where_it_is(height: HeightMap) -> str:
+    """What the two axes mean, and the scale."""
+    place = "" if np.isinf(height.camera_distance_mm) else ", placed where its lines of sight cross the untouched skin"
+    return f"as the camera sees it{place} · 1 pixel = {height.mm_per_px:.4f} mm"
 
 
 def draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
     """Colours where there is a height, hatching where there is none."""
-    from matplotlib.colors import ListedColormap
-
     x, y = height.axes_mm
     half = height.mm_per_px / 2
-    axes.patch.set(**HATCH)
+    axes.patch.set(**UNSEEN)
     axes.imshow(
         np.ma.masked_where(~height.in_view, height.z_mm),
-        cmap=ListedColormap((scale.table[1:] / 255).tolist()),
+        cmap=colour_map(scale),
         vmin=-scale.pressed_mm,
         vmax=scale.bulged_mm,
         extent=(x[0] - half, x[-1] + half, y[-1] + half, y[0] - half),
@@ -69,7 +76,7 @@ def draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
 
 
 def draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
-    """Lines of equal height inside the contact, its edge, and the edge of the calibrated range."""
+    """Lines of equal height inside the contact, and its edge."""
     seen, threshold = height.in_view, ContactRule().threshold_mm(height.noise_mm)
     smooth = cv2.GaussianBlur(np.where(seen, height.z_mm, np.float32(0)), (0, 0), LINE_SMOOTHING_PX)
     z_mm, (x, y) = np.ma.masked_where(~seen, smooth), height.axes_mm
@@ -78,18 +85,26 @@ def draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
     if levels:
         lines = axes.contour(x, y, z_mm, levels, colors=colours, linewidths=0.8, linestyles="solid", alpha=0.8)
         axes.clabel(lines, fmt=signed, fontsize=8)
-    axes.contour(x, y, z_mm, [-threshold], colors=INK, linewidths=1.2, linestyles="solid")
-    beyond = np.ma.masked_where(~seen, height.coverage == Coverage.EXTRAPOLATED)
-    axes.contour(x, y, beyond, [0.5], colors=EXTRAPOLATED, linewidths=1.3, linestyles="dashed")
+    near_contact = cv2.dilate(contact(height).astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    z_there = np.ma.masked_where(~near_contact, z_mm)
+    axes.contour(x, y, z_there, [-threshold], colors=INK, linewidths=1.2, linestyles="solid")
+
+
+def draw_range(axes: "Axes", height: HeightMap) -> None:
+    """Dots on what is extrapolated, and the edge of the calibrated range."""
+    beyond = np.ma.masked_where(~height.in_view, height.coverage == Coverage.EXTRAPOLATED).astype(float)
+    axes.contour(*height.axes_mm, beyond, [0.5], colors=EXTRAPOLATED, linewidths=1.3, linestyles="dashed")
+    dots = axes.contourf(*height.axes_mm, beyond, [0.5, 1.5], colors="none", hatches=[BEYOND["hatch"]])
+    dots.set(edgecolor=EXTRAPOLATED, linewidth=0)
 
 
 def contour_levels(deepest_mm: float) -> list[float]:
-    """Round depths, lowest first, six at most."""
-    step = round_number(deepest_mm / 6)
+    """Round depths, lowest first, four at most."""
+    step = round_number(deepest_mm / 4)
     return [-step * count for count in range(int(deepest_mm / step), 0, -1)]
 
 
-def draw_legend(axes: "Axes", height: HeightMap) -> None:
+def draw_legend(axes: "Axes", height: HeightMap, axes_height_px: int) -> None:
     """Explain the lines and hatchings that occur."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -97,15 +112,16 @@ def draw_legend(axes: "Axes", height: HeightMap) -> None:
     edge = signed(-round(ContactRule().threshold_mm(height.noise_mm), 3))
     entries: list[Line2D | Patch] = [Line2D([], [], color=INK, linewidth=1.2, label=f"edge of the contact, {edge} mm")]
     if (height.coverage == Coverage.EXTRAPOLATED).any():
-        beyond = "beyond it, extrapolated"
-        entries.append(Line2D([], [], color=EXTRAPOLATED, linewidth=1.3, linestyle="dashed", label=beyond))
+        entries.append(Patch(label="extrapolated", linestyle="dashed", **BEYOND))
     if not height.in_view.all():
-        entries.append(Patch(label="out of view", **HATCH))
+        entries.append(Patch(label="out of view", **UNSEEN))
     axes.legend(
         handles=entries,
-        loc="upper right",
-        bbox_to_anchor=(1.005, -0.075),
+        loc="upper left",
+        bbox_to_anchor=(0, -58 / axes_height_px),
         ncol=3,
+        borderaxespad=0,
+        borderpad=0,
         frameon=False,
         fontsize=9,
         labelcolor=PALE_INK,

@@ -5,20 +5,23 @@ matplotlib is slow to import, so it is imported when a picture is drawn; its glo
 
 import math
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.shape.picture.palette import ColourScale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
 DPI = 110
 LEFT_PX = 80
 TOP_PX = 105
 RIGHT_PX = 175
-BOTTOM_PX = 95
+BOTTOM_PX = 110
 """Margins: for the axis and its numbers, the headings, the colour bar, the axis and the legend."""
 NARROWEST_PX = 900
 """What the headings need."""
@@ -37,13 +40,14 @@ def page(title: str, subtitle: str, width_px: int, height_px: int) -> "Figure":
     return figure
 
 
-def note(figure: "Figure", x_px: float, y_px: float, words: str, **style: object) -> None:
+def note(figure: "Figure", x_px: int, y_px: int, words: str, **style: Any) -> None:
     """Words at a pixel of the page, counted from its upper left corner."""
     width_px, height_px = figure.get_size_inches() * DPI
-    figure.text(x_px / width_px, 1 - y_px / height_px, words, **({"color": PALE_INK, "size": 9} | style))
+    look: dict[str, Any] = {"color": PALE_INK, "size": 9} | style
+    figure.text(x_px / width_px, 1 - y_px / height_px, words, **look)
 
 
-def axes_at(figure: "Figure", x_px: float, y_px: float, width_px: float, height_px: float) -> "Axes":
+def axes_at(figure: "Figure", x_px: int, y_px: int, width_px: int, height_px: int) -> "Axes":
     """Axes whose upper left corner is at a pixel of the page."""
     page_width, page_height = figure.get_size_inches() * DPI
     return figure.add_axes(
@@ -51,17 +55,24 @@ def axes_at(figure: "Figure", x_px: float, y_px: float, width_px: float, height_
     )
 
 
-def colour_bar(figure: "Figure", scale: ColourScale, x_px: float, height_px: float) -> None:
+def colour_bar(figure: "Figure", scale: ColourScale, x_px: int, height_px: int) -> None:
     """The colours of all heights, in mm, equally spaced."""
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, Normalize
+    from matplotlib.colors import Normalize
 
-    colours = ListedColormap((scale.table[1:] / 255).tolist())
-    shown = ScalarMappable(Normalize(-scale.pressed_mm, scale.bulged_mm), colours)
+    shown = ScalarMappable(Normalize(-scale.pressed_mm, scale.bulged_mm), colour_map(scale))
     bar = figure.colorbar(shown, cax=axes_at(figure, x_px, TOP_PX, 24, height_px))
     bar.set_label("height (mm): pressed in < 0 < bulging", color=INK, size=10)
     bar.outline.set_visible(False)
     bar.ax.tick_params(colors=INK, labelsize=9)
+
+
+def colour_map(scale: ColourScale) -> "Colormap":
+    """The colours of a scale as matplotlib takes them."""
+    from matplotlib.colors import ListedColormap
+
+    z_mm = np.linspace(-scale.pressed_mm, scale.bulged_mm, 2048)
+    return ListedColormap((scale.colour(z_mm) / 255).tolist())
 
 
 def in_words(summary: ShapeSummary) -> str:
@@ -76,7 +87,7 @@ def in_words(summary: ShapeSummary) -> str:
 
 def signed(length_mm: float) -> str:
     """A number with a true minus sign and no idle zeros."""
-    return f"{length_mm:g}".replace("-", "−")
+    return f"{length_mm:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def round_number(at_least: float) -> float:
@@ -87,8 +98,6 @@ def round_number(at_least: float) -> float:
 
 def png(figure: "Figure") -> bytes:
     """The page as a PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     buffer = BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)
+    figure.savefig(buffer, format="png", dpi=DPI)
     return buffer.getvalue()

@@ -11,15 +11,15 @@ from numpy import ndarray as Array
 from ninedtact.quantities import HeightMap
 from ninedtact.shape.measures import max_bulge_mm, max_indentation_mm
 
-# ColorBrewer's RdBu, which colour-blind readers can tell apart, with a darker end for the deepest part.
-PRESSED = ("#f7f7f7", "#d1e5f0", "#92c5de", "#4393c3", "#2166ac", "#053061", "#021a38")
+# ColorBrewer's RdBu, which colour-blind readers can tell apart.
+PRESSED = ("#f7f7f7", "#d1e5f0", "#92c5de", "#4393c3", "#2166ac", "#08306b")
 BULGED = ("#f7f7f7", "#fddbc7", "#f4a582", "#d6604d", "#b2182b", "#67001f")
 OUT_OF_VIEW = "#8c8c8c"
 
 
 @dataclass(frozen=True)
 class ColourScale:
-    """The heights at the two ends of the colours. Each side has its own, as a bulge is far smaller than what causes it."""
+    """Heights at the two ends of the colours; each side has its own, as a bulge is far smaller than what causes it."""
 
     pressed_mm: float = 2.0
     bulged_mm: float = 0.5
@@ -28,14 +28,14 @@ class ColourScale:
     def table(self) -> UInt8[Array, "256 3"]:
         """RGB of 256 equal steps of height; the first stands for out of view."""
         z_mm = np.linspace(-self.pressed_mm, self.bulged_mm, 255)
-        return np.vstack([rgb(OUT_OF_VIEW), self.colour(z_mm)]).astype(np.uint8)
+        return np.asarray(np.vstack([rgb(OUT_OF_VIEW), self.colour(z_mm)]), np.uint8)
 
     def colour(self, z_mm: Float[Array, " n"]) -> Float[Array, "n 3"]:
         """RGB (0 to 255) of some heights."""
         pressed, bulged = (np.array([rgb(stop) for stop in stops]) for stops in (PRESSED, BULGED))
         stops = np.vstack([pressed[::-1], bulged[1:]])
         places = [*np.linspace(-self.pressed_mm, 0, len(pressed)), *np.linspace(0, self.bulged_mm, len(bulged))[1:]]
-        return np.rint(np.column_stack([np.interp(z_mm, places, channel) for channel in stops.T]))
+        return np.column_stack([np.rint(np.interp(z_mm, places, channel)) for channel in stops.T])
 
 
 def scale_for(height: HeightMap) -> ColourScale:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ninedtact.quantities import HeightMap
+from ninedtact.quantities import Coverage, HeightMap
 from ninedtact.shape.measures import max_bulge_mm, max_indentation_mm, summarise
 from ninedtact.shape.picture.edges import number_edges
 from ninedtact.shape.picture.page import LEFT_PX, TOP_PX, axes_at, colour_bar, in_words, note, page, png
@@ -14,11 +14,12 @@ from ninedtact.shape.picture.render import render
 from ninedtact.shape.picture.sight import Block, sight_of
 from ninedtact.shape.picture.texture import texture
 from ninedtact.shape.picture.viewpoint import viewpoint_of
+from ninedtact.shape.sightlines import from_straight_below
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-WIDTH_PX, HEIGHT_PX = 860, 600
+WIDTH_PX, HEIGHT_PX = 860, 570
 NUMBERS_PX = 50
 """Room around the block for the numbers along its edges."""
 FINER = 1.5
@@ -28,25 +29,37 @@ SMOOTHING_PX = 2.0
 EXAGGERATIONS = (1, 2, 5, 10, 20)
 FLATTEST = 1 / 8
 """Heights are exaggerated as long as the relief stays below this part of the skin's longer side."""
+CALM = 60
+"""A relief below this many standard deviations of its noise does not fill that room."""
 UNDER_DEEPEST = 1 / 30
 """Gel drawn under the deepest point, in the same measure."""
 
 
-def relief_picture(height: HeightMap, title: str = "Height of the skin") -> bytes:
+def shaded_picture(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """A PNG with the skin in perspective, seen from outside; axes and heights in mm, any exaggeration stated."""
     figure = page(title, in_words(summarise(height)), WIDTH_PX, HEIGHT_PX)
     axes = axes_at(figure, LEFT_PX, TOP_PX, WIDTH_PX, HEIGHT_PX)
-    times = exaggeration(height)
-    draw_block(axes, height, times)
+    straight, times = from_straight_below(height), exaggeration(height)
+    draw_block(axes, straight, times)
     colour_bar(figure, scale_for(height), LEFT_PX + WIDTH_PX + 36, HEIGHT_PX)
-    drawn = "heights true to scale" if times == 1 else f"heights drawn {times} times larger"
-    note(figure, LEFT_PX, TOP_PX + HEIGHT_PX + 50, f"seen from outside · {drawn} · fine lines every millimetre")
+    note(figure, LEFT_PX, TOP_PX + HEIGHT_PX + 60, legend(straight, times))
     return png(figure)
+
+
+def legend(height: HeightMap, times: int) -> str:
+    """What the picture shows, in one line."""
+    words = ["seen from outside", "heights true to scale" if times == 1 else f"heights drawn {times} times larger"]
+    words.append("fine lines every millimetre")
+    if (height.coverage == Coverage.EXTRAPOLATED).any():
+        words.append("orange: edge of the calibrated range")
+    if not height.in_view.all():
+        words.append("grey: out of view")
+    return " · ".join(words)
 
 
 def exaggeration(height: HeightMap) -> int:
     """How many times larger than true the heights are drawn."""
-    relief_mm = max_indentation_mm(height) + max_bulge_mm(height)
+    relief_mm = max(max_indentation_mm(height) + max_bulge_mm(height), CALM * height.noise_mm)
     room_mm = FLATTEST * max(height.z_mm.shape) * height.mm_per_px
     return max((times for times in EXAGGERATIONS if times * relief_mm <= room_mm), default=1)
 

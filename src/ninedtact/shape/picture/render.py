@@ -35,7 +35,7 @@ def shading(block: Block) -> Float32[Array, "skin_rows skin_cols"]:
     """How bright the skin is at each pixel, 1 where it is level."""
     y, x = np.gradient(block.skin, block.mm_per_px)
     facing = (LIGHT[2] - x * LIGHT[0] - y * LIGHT[1]) / np.sqrt(1 + x * x + y * y)
-    return (AMBIENT + (1 - AMBIENT) * np.maximum(facing, 0) / LIGHT[2]).astype(np.float32)
+    return np.asarray(AMBIENT + (1 - AMBIENT) * np.maximum(facing, 0) / LIGHT[2], np.float32)
 
 
 def wall_colours(block: Block, sight: Sight) -> Float32[Array, "rows cols 3"]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
@@ -42,7 +43,7 @@ class Block:
     @property
     def corners(self) -> Float32[Array, "8 3"]:
         """All corners of the surrounding box."""
-        return np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), axis=-1).reshape(8, 3)
+        return np.array(list(product(*zip(self.low, self.high, strict=True))), np.float32)
 
     def at(self, col: Field, row: Field) -> Field:
         """Height of the skin between its pixels."""
@@ -72,7 +73,7 @@ def sight_of(block: Block, view: Viewpoint, rows: int, cols: int) -> Sight:
 
     def above(ahead: Field) -> Field:
         col, row, z = place(ahead)
-        return z - block.at(col, row)
+        return np.asarray(z - block.at(col, row))
 
     hit = near < far
     wall = hit & (above(near) < -AT_THE_EDGE)
@@ -82,7 +83,7 @@ def sight_of(block: Block, view: Viewpoint, rows: int, cols: int) -> Sight:
 
 
 def through_box(block: Block, view: Viewpoint, rays: Float32[Array, "3 rows cols"]) -> tuple[Field, Field]:
-    """Where each line enters and leaves the box around the block; it misses the box where it leaves before it enters."""
+    """Where each line enters and leaves the box around the block; it misses it where it leaves before it enters."""
     eye = view.eye.astype(np.float32)
     with np.errstate(divide="ignore"):
         sides = [(side - eye)[:, None, None] / rays for side in (block.low, block.high)]

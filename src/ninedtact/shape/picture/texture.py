@@ -1,4 +1,4 @@
-"""What is painted on the skin in a perspective picture: its colours, a graph paper of millimetres, the calibrated range."""
+"""What is painted on the skin in a perspective picture: colours, graph paper in millimetres, the calibrated range."""
 
 import cv2
 import numpy as np
@@ -11,10 +11,10 @@ from ninedtact.shape.picture.palette import ColourScale, colourise, rgb
 
 FINER = 4
 """Pixels of paint per pixel of the height map, each way."""
-LINE_MM = {1: 0.04, 5: 0.10}
+LINE_MM = {1.0: 0.04, 5.0: 0.10}
 """Width of the graph paper's lines, for each distance between them."""
 LINE_STRENGTH = 0.25
-RANGE_EDGE_PX = 7
+RANGE_EDGE_PX = 11
 
 
 def texture(height: HeightMap, scale: ColourScale) -> UInt8[Array, "fine_rows fine_cols 3"]:
@@ -57,11 +57,11 @@ def on_line(axis_mm: Float32[Array, " n"], distance_mm: float, width_mm: float) 
 def lined(paint: UInt8[Array, "n 3"]) -> UInt8[Array, "n 3"]:
     """Paint under a line: towards black where it is bright, towards white where it is dark."""
     ink = np.where(paint.mean(axis=1, keepdims=True) > 110, 0, 255)
-    return (paint * (1 - LINE_STRENGTH) + ink * LINE_STRENGTH).astype(np.uint8)
+    return np.asarray(paint * (1 - LINE_STRENGTH) + ink * LINE_STRENGTH, np.uint8)
 
 
 def range_edge(height: HeightMap) -> Bool[Array, "rows cols"]:
     """The extrapolated side of the edge of the calibrated range."""
     measured = (height.coverage == Coverage.MEASURED).astype(np.uint8)
     touching = cv2.dilate(measured, np.ones((RANGE_EDGE_PX, RANGE_EDGE_PX), np.uint8)).astype(bool)
-    return touching & (height.coverage == Coverage.EXTRAPOLATED)
+    return np.asarray(touching & (height.coverage == Coverage.EXTRAPOLATED))

@@ -25,13 +25,13 @@ class Viewpoint:
     def project(self, points: Float[Array, "n 3"]) -> Float[Array, "n 2"]:
         """Pixels (x, y) at which points of space appear."""
         right, down, ahead = self.axes @ (points - self.eye).T
-        return np.column_stack([right / ahead, down / ahead]) * self.focal_px + self.centre_px
+        return np.asarray(np.column_stack([right / ahead, down / ahead]) * self.focal_px + self.centre_px)
 
     def rays(self, rows: int, cols: int) -> Float32[Array, "3 rows cols"]:
         """Direction in which every pixel looks, at one unit ahead."""
         x, y = np.meshgrid(np.arange(cols) - self.centre_px[0], np.arange(rows) - self.centre_px[1])
         here = np.stack([x / self.focal_px, y / self.focal_px, np.ones_like(x)])
-        return np.einsum("ij,irc->jrc", self.axes, here).astype(np.float32)
+        return np.asarray(np.einsum("ij,irc->jrc", self.axes, here), np.float32)
 
 
 def viewpoint_of(

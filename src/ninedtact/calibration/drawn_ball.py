@@ -1,0 +1,142 @@
+"""The ball press drawn for a person: the disc, the curve through its pixels, the ball as it is read back."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy import ndarray as Array
+
+from ninedtact.calibration.ball import BallPress
+from ninedtact.calibration.drawing import INK, PALE_INK, colour_bar, plain_axes, png, sheet, stretched
+from ninedtact.calibration.flow import Calibration
+from ninedtact.shape.depth import DepthCurve, DepthReader, Signal
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axes._secondary_axes import SecondaryAxis
+
+CIRCLE, CURVE = "#ffb000", "#c2410c"
+AXIS_COLOURS = {"x": "#d62f1f", "y": "#0f8a4c"}
+DARKENING: dict[Signal, str] = {
+    "ratio": "darkening 1 \N{MINUS SIGN} I/I₀ (fraction of the untouched brightness)",
+    "difference": "darkening I₀ \N{MINUS SIGN} I (grey levels)",
+}
+"""What the two methods read, in words."""
+PALEST = 0.3
+"""Pixels in a spot of the scatter that would be white: a single one is still seen."""
+LEAST_ERROR_SCALE_MM = 0.1
+"""End of the residual map's colours at least, so that good calibrations look alike and calm."""
+
+
+def skin_box(calibration: Calibration) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of the rectified picture in mm, y downwards."""
+    before = calibration.ball.press.before
+    (rows, cols), mm_per_px = before.grey.shape, before.mm_per_px
+    return -cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px
+
+
+def disc_picture(calibration: Calibration) -> bytes:
+    """PNG of the rectified ball picture with the contact circle and its centre."""
+    figure, press = sheet(), calibration.ball.press
+    axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.84), "x (mm)", "y (mm)")
+    axes.imshow(stretched(press.after.grey), cmap="gray", vmin=0, vmax=255, extent=skin_box(calibration))
+    draw_circle(axes, press, CIRCLE)
+    axes.plot(*centre_mm(press), "+", color=CIRCLE, markersize=9, markeredgewidth=1.2)
+    return png(figure)
+
+
+def draw_circle(axes: "Axes", press: BallPress, colour: str) -> None:
+    """The contact circle."""
+    from matplotlib.patches import Circle
+
+    axes.add_patch(Circle(centre_mm(press), press.edge_radius_mm, fill=False, edgecolor=colour, linewidth=1.4))
+
+
+def centre_mm(press: BallPress) -> tuple[float, float]:
+    """Centre of the disc on the skin."""
+    (rows, cols), (x, y) = press.before.grey.shape, press.circle.centre_px
+    return (x - (cols - 1) / 2) * press.before.mm_per_px, (y - (rows - 1) / 2) * press.before.mm_per_px
+
+
+def curve_picture(calibration: Calibration) -> bytes:
+    """PNG of the depth curve over all pixels of the disc, with the band of their scatter."""
+    from matplotlib.colors import LogNorm
+
+    curve, press = calibration.ball.curve, calibration.ball.press
+    figure = sheet()
+    axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.725), DARKENING[curve.signal], "depth (mm)")
+    shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=PALEST)}
+    axes.hexbin(darkening(press, curve.signal), press.depth_mm[press.disc], gridsize=(70, 40), mincnt=1, **shades)
+    draw_curve(axes, curve)
+    top = other_axis(axes, curve.signal, float(press.before.grey[press.disc].mean()))
+    top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
+    axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.deepest_mm))
+    axes.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
+    return png(figure)
+
+
+def darkening(press: BallPress, signal: Signal) -> Float[Array, " n"]:
+    """How much every pixel of the disc darkened, as a curve of this signal counts it."""
+    before, after = press.before.grey[press.disc], press.after.grey[press.disc]
+    return np.asarray(before - after if signal == "difference" else 1 - after / np.maximum(before, 1))
+
+
+def draw_curve(axes: "Axes", curve: DepthCurve) -> None:
+    """The curve, the band of its scatter, and the end of its range."""
+    at, depth_mm, error_mm = (np.array(values) for values in (curve.darkening, curve.indentation_mm, curve.error_mm))
+    band: dict[str, Any] = {
+        "color": CURVE,
+        "alpha": 0.22,
+        "linewidth": 0,
+        "label": "scatter of the pixels (± standard deviation)",
+    }
+    axes.fill_between(at, depth_mm - error_mm, depth_mm + error_mm, **band)
+    axes.plot(at, depth_mm, color=CURVE, linewidth=1.6, label="the sensor's curve")
+    axes.axhline(curve.deepest_mm, color=PALE_INK, linewidth=0.8, linestyle=(0, (4, 3)), label="end of the range")
+
+
+def other_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis":
+    """On top, the other method's signal, as it is where the untouched skin has the disc's mean brightness."""
+    other: Signal = "ratio" if signal == "difference" else "difference"
+    factor = mean_grey if signal == "ratio" else 1 / mean_grey
+    top = axes.secondary_xaxis("top", functions=(lambda at: np.multiply(at, factor), lambda at: np.divide(at, factor)))
+    where = f"at an untouched grey level of {mean_grey:.0f}"
+    top.set_xlabel(f"{DARKENING[other]}, {where}", color=PALE_INK, fontsize=8)
+    return top
+
+
+def residual_picture(calibration: Calibration) -> bytes:
+    """PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
+    press = calibration.ball.press
+    error_mm = np.where(press.disc, read_back_mm(calibration) - press.depth_mm, np.nan)
+    figure, end = sheet(), max(LEAST_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
+    axes = plain_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
+    shown = axes.imshow(error_mm, cmap="RdBu_r", vmin=-end, vmax=end, extent=skin_box(calibration))
+    draw_circle(axes, press, INK)
+    (x, y), reach = centre_mm(press), 1.25 * press.edge_radius_mm
+    axes.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach))
+    colour_bar(figure, shown, (0.82, 0.135, 0.025, 0.84), "too shallow < 0 < too deep (mm)")
+    return png(figure)
+
+
+def read_back_mm(calibration: Calibration) -> Float32[Array, "rows cols"]:
+    """Depth of the ball as the calibrated sensor reads it, filters included."""
+    fit = calibration.ball
+    reader = DepthReader(fit.curve, fit.press.before, calibration.rectify.coverage, calibration.record.depth.smoothing)
+    return reader(fit.press.after).indentation_mm
+
+
+def cuts_picture(calibration: Calibration) -> bytes:
+    """PNG of two cuts through the middle of the ball, as pressed and as read back."""
+    press, read_mm = calibration.ball.press, read_back_mm(calibration)
+    figure, column, row = sheet(), *np.rint(press.circle.centre_px).astype(int)
+    axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.84), "distance from the ball's centre (mm)", "depth (mm)")
+    for name, index, along in (("x", column, np.s_[row, :]), ("y", row, np.s_[:, column])):
+        at_mm = (np.arange(read_mm[along].size) - index) * press.before.mm_per_px
+        axes.plot(at_mm, read_mm[along], color=AXIS_COLOURS[name], linewidth=1.3, label=f"read back along {name}")
+        axes.plot(at_mm, press.depth_mm[along], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="the ball")
+    reach = 1.6 * press.edge_radius_mm
+    axes.set(xlim=(-reach, reach), ylim=(1.1 * calibration.ball.deepest_mm, -0.08 * calibration.ball.deepest_mm))
+    axes.legend(loc="upper center", fontsize=8, frameon=False, labelcolor=INK)
+    return png(figure)

@@ -1,0 +1,142 @@
+"""ninedtact calibrate: one press of the board and one of the ball → a sensor folder with its certificate."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from ninedtact.cli.answer import answer
+from ninedtact.cli.options import CalibrationOptions
+from ninedtact.design import SensorDesign
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.board import BoardNotFound
+    from ninedtact.calibration.flow import Calibration, CalibrationPictures
+    from ninedtact.calibration.sensor_folder import SensorFolder
+
+PRESSES = ("board_reference", "board", "ball_reference", "ball")
+
+
+class PicturesMissing(NinedtactError):
+    """Neither four pictures nor a camera."""
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Calibrate a sensor from one press of the pin board and one of the ball.
+
+    Give the four pictures, and nothing is asked; or give --source, and the terminal guides you through the presses.
+    """
+
+    out: Path
+    """Sensor folder to write; an older calibration there is replaced."""
+    board_reference: tuple[Path, ...] = ()
+    """Untouched skin before the board; several pictures are averaged."""
+    board: tuple[Path, ...] = ()
+    """The pin board pressed on the skin."""
+    ball_reference: tuple[Path, ...] = ()
+    """Untouched skin before the ball."""
+    ball: tuple[Path, ...] = ()
+    """The ball pressed on the skin, 1 to 2 mm deep, straight down."""
+    source: str | None = None
+    """A camera to take the pictures with: 0, /dev/video0, a stream's URL."""
+    ball_radius_mm: float | None = None
+    """Radius of the ball; the design's (4 mm) if not given."""
+    id: str | None = None
+    """Name of the sensor; the folder's name if not given."""
+    options: Annotated[CalibrationOptions, tyro.conf.arg(name="")] = CalibrationOptions()
+    design: SensorDesign = SensorDesign()
+    json: bool = False
+    """Print the certificate's figures as one JSON object."""
+
+    def run(self) -> int:
+        """Calibrate, write the folder, say how good it is."""
+        from ninedtact.calibration.board import BoardNotFound
+        from ninedtact.calibration.flow import calibrate
+        from ninedtact.calibration.sensor_folder import require_replaceable
+        from ninedtact.calibration.written import write_sensor
+
+        require_replaceable(self.out)
+        try:
+            made = calibrate(self.pictures(), self.resolved_design, self.options.settings(), self.id or self.out.name)
+        except BoardNotFound as refusal:
+            raise with_overlay(refusal, self.out) from refusal
+        sensor = write_sensor(self.out, made)
+        return answer(self.json, figures(sensor, made), summary(sensor, made))
+
+    @property
+    def resolved_design(self) -> SensorDesign:
+        """The design with the ball that was given."""
+        if self.ball_radius_mm is None:
+            return self.design
+        return replace(self.design, ball=replace(self.design.ball, radius_mm=self.ball_radius_mm))
+
+    def pictures(self) -> "CalibrationPictures":
+        """From files, or from a guided session with a camera; raises `PicturesMissing`."""
+        given = [name for name in PRESSES if getattr(self, name)]
+        if len(given) == len(PRESSES) and self.source is None:
+            return self.read_pictures()
+        if self.source is not None and not given:
+            from ninedtact.cli.guide import guided_pictures
+
+            return guided_pictures(self.source, self.resolved_design, self.options.settings())
+        options = ", ".join("--" + name.replace("_", "-") for name in PRESSES)
+        got = ", ".join("--" + name.replace("_", "-") for name in given) or "none of them"
+        both = " and --source" if self.source is not None else ""
+        raise PicturesMissing(
+            f"expected all of {options}, or --source alone, got {got}{both}; give the four pictures or a camera"
+        )
+
+    def read_pictures(self) -> "CalibrationPictures":
+        """The four pictures, each the mean of the files given for it."""
+        from ninedtact.calibration.flow import CalibrationPictures
+        from ninedtact.capture.pictures import average_pictures, read_picture
+
+        return CalibrationPictures(
+            **{name: average_pictures([read_picture(path) for path in getattr(self, name)]) for name in PRESSES}
+        )
+
+
+def with_overlay(refusal: "BoardNotFound", out: Path) -> NinedtactError:
+    """The refusal, naming a picture of what was seen that is written beside the folder asked for."""
+    import cv2
+
+    from ninedtact.calibration.drawing import not_found_overlay
+    from ninedtact.whole_file import FileNotWritten, write_whole
+
+    path = out.with_name(f"{out.name}_board_not_found.png")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, cv2.imencode(".png", not_found_overlay(refusal))[1].tobytes())
+    except (OSError, FileNotWritten):
+        return refusal
+    return NinedtactError(f"{refusal}; what was seen is drawn in {path}")
+
+
+def figures(sensor: "SensorFolder", made: "Calibration") -> dict[str, object]:
+    """The certificate for scripts."""
+    import msgspec
+
+    assert made.record.certificate is not None
+    return {"sensor": str(sensor.path), "id": sensor.id, **msgspec.to_builtins(made.record.certificate)}
+
+
+def summary(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
+    """The certificate in a few lines."""
+    assert made.record.certificate is not None
+    board, ball = made.record.certificate.board, made.record.certificate.ball
+    yield f"sensor {sensor.id} calibrated: {sensor.path}"
+    yield (
+        f"  board  {board.pins_found} of {board.pins_expected} pins, left-out error {board.loo_rms_mm:.3f} mm "
+        f"(the original's way: {board.loo_rms_mm_original:.3f} mm)"
+    )
+    yield f"  scale  {board.mm_per_px:.5f} ± {board.mm_per_px_error:.5f} mm per pixel"
+    yield (
+        f"  ball   radius {ball.ball_radius_mm:g} mm pressed {ball.deepest_mm:.2f} mm, read back to "
+        f"{ball.fit_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
+    )
+    yield from (f"  warning: {warning}" for warning in made.record.certificate.warnings)
+    yield f"  open {sensor.path / 'certificate.html'} in a browser"

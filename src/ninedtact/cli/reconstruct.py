@@ -1,0 +1,105 @@
+"""ninedtact reconstruct: pictures of a calibrated sensor → heights in millimetres, as files and figures."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import tyro
+
+from ninedtact.cli.answer import answer
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.quantities import HeightMap
+    from ninedtact.shape.depth import DepthReader
+
+Format = Literal["npy", "png", "ply", "stl", "obj"]
+
+
+class NothingToReconstruct(NinedtactError):
+    """No picture was named."""
+
+
+@dataclass(frozen=True)
+class Reconstruct:
+    """Reconstruct the shape of what touches, from pictures."""
+
+    sensor: Path
+    """Sensor folder that `ninedtact calibrate` wrote."""
+    reference: tyro.conf.UseAppendAction[tuple[Path, ...]]
+    """Untouched skin of the same session; given more than once, the pictures are averaged."""
+    images: tyro.conf.Positional[tuple[Path, ...]]
+    """Pictures of the pressed skin, one or more."""
+    out: Path
+    """Folder for the results."""
+    formats: tuple[Format, ...] = ("npy", "png", "ply", "stl")
+    """npy: heights in mm; png: 16 bits, 1 level = 1 µm; ply: points with normals and triangles; stl, obj: triangles."""
+    pictures: bool = True
+    """Also draw a colour picture and a shaded 3D picture."""
+    json: bool = False
+    """Print the figures of every picture as one JSON object."""
+
+    def run(self) -> int:
+        """Reconstruct every picture, the first bad one stopping the rest."""
+        from ninedtact.calibration.sensor_folder import load_sensor
+        from ninedtact.capture.pictures import read_picture
+        from ninedtact.quantities import Frame
+
+        if not self.images:
+            raise NothingToReconstruct("expected at least one picture of the pressed skin, got none; name it after the options")
+        shape = load_sensor(self.sensor).shape
+        depth = shape.depth_reader(*[Frame(read_picture(path)) for path in self.reference])
+        self.out.mkdir(parents=True, exist_ok=True)
+        results = []
+        for path, name in zip(self.images, names(self.images), strict=True):
+            height = depth(shape.rectify(Frame(read_picture(path))))
+            results.append(self.result(path, name, height, depth))
+        found: dict[str, Any] = {"sensor": str(self.sensor), "pictures": results}
+        return answer(self.json, found, lines(results))
+
+    def result(self, path: Path, name: str, height: "HeightMap", depth: "DepthReader") -> dict[str, Any]:
+        """Write one picture's files and return its figures."""
+        from ninedtact.shape.measures import summarise
+
+        measured = summarise(height)
+        return {
+            "picture": str(path),
+            **asdict(measured),
+            "max_indentation_error_mm": depth.error_mm(measured.max_indentation_mm),
+            "files": {kind: str(file) for kind, file in self.written(name, height)},
+        }
+
+    def written(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
+        """Write the files of one height map; kind and path of each."""
+        from ninedtact.shape.export import export
+        from ninedtact.shape.picture import height_picture, shaded_picture
+        from ninedtact.whole_file import write_whole
+
+        for ending in self.formats:
+            path = self.out / f"{name}_height.{ending}"
+            export(height, path)
+            yield ending, path
+        if self.pictures:
+            for kind, draw in (("colour", height_picture), ("shaded", shaded_picture)):
+                path = self.out / f"{name}_{kind}.png"
+                write_whole(path, draw(height))
+                yield f"{kind}_picture", path
+
+
+def names(images: tuple[Path, ...]) -> list[str]:
+    """A name for every picture's files: its own, with its number where two would be alike."""
+    stems = [path.stem for path in images]
+    return [stem if stems.count(stem) == 1 else f"{stem}_{number}" for number, stem in enumerate(stems, start=1)]
+
+
+def lines(results: list[dict[str, Any]]) -> Iterator[str]:
+    """The figures for a person."""
+    for result in results:
+        yield (
+            f"{result['picture']}: deepest {result['max_indentation_mm']:.3f} ± {result['max_indentation_error_mm']:.3f} mm, "
+            f"contact {result['contact_area_mm2']:.1f} mm²"
+        )
+        if result["extrapolated_share"] > 0.01:
+            yield f"  {result['extrapolated_share']:.0%} of the contact lies beyond the calibrated range"
+        yield from (f"  {kind}: {path}" for kind, path in result["files"].items())

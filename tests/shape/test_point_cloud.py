@@ -1,0 +1,79 @@
+"""Points and normals against closed forms."""
+
+import numpy as np
+import pytest
+from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, grid, plane, with_hole
+
+from ninedtact.shape.cloud import point_cloud
+
+
+@pytest.mark.parametrize("shape", [(30, 41), (31, 40), (2, 2), (1, 5), (5, 1)])
+def test_the_normals_of_a_plane_are_exact_up_to_the_border(shape):
+    slope_x, slope_y = 0.3 * (shape[1] > 1), -0.2 * (shape[0] > 1)
+    cloud = point_cloud(plane(*shape, slope_x, slope_y))
+    expected = np.array([-slope_x, -slope_y, 1]) / np.sqrt(1 + slope_x**2 + slope_y**2)
+    np.testing.assert_allclose(cloud.normals, np.tile(expected, (shape[0] * shape[1], 1)), atol=2e-6)
+
+
+def test_a_tilted_plane_seen_from_nearby_is_that_plane():
+    cloud = point_cloud(plane(61, 80, 0.3, -0.2, camera_mm=10.0))
+    np.testing.assert_allclose(cloud.points_mm @ [-0.3, 0.2, 1], 0, atol=1e-6)
+    np.testing.assert_allclose(cloud.normals @ [-0.3, 0.2, 1], np.sqrt(1.13), atol=1e-5)
+
+
+def test_the_normals_of_a_plane_are_exact_around_what_is_out_of_view():
+    height = with_hole(plane(30, 41, 0.3, -0.2))
+    cloud = point_cloud(height)
+    assert len(cloud.points_mm) == height.in_view.sum()
+    np.testing.assert_allclose(cloud.normals @ [-0.3, 0.2, 1], np.sqrt(1.13), atol=2e-6)
+
+
+def test_a_hidden_block_changes_no_normal_farther_than_its_neighbours():
+    whole, holed = ball_print(90, 121), with_hole(ball_print(90, 121))
+    everywhere = point_cloud(whole).normals.reshape(90, 121, 3)[holed.in_view]
+    changed = np.abs(everywhere - point_cloud(holed).normals).max(axis=1) > 1e-6
+    assert changed.sum() <= 2 * (4 + 6) + 4 + 5 + 7 + 1
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0), (3.1, -2.2)])
+@pytest.mark.parametrize("camera_mm", [np.inf, 20.0])
+def test_the_print_of_a_ball_is_a_sphere_whose_normals_point_at_its_centre(at, camera_mm):
+    cloud = point_cloud(ball_print(at=at, camera_mm=camera_mm))
+    to_centre = (np.array([*at, RADIUS_MM - DEPTH_MM]) - cloud.points_mm) / RADIUS_MM
+    inside = np.hypot(*to_centre[:, :2].T) < 0.8
+    assert inside.sum() > 10_000
+    np.testing.assert_allclose(np.linalg.norm(to_centre[inside], axis=1), 1, atol=1e-5)
+    assert np.linalg.norm(to_centre[inside] - cloud.normals[inside], axis=1).max() < 0.004
+
+
+def test_points_lie_on_the_axes_of_the_sensor_frame_in_the_order_of_the_pixels():
+    height = ball_print(31, 40)
+    cloud = point_cloud(height)
+    expected = np.stack([*grid(31, 40), height.z_mm], axis=-1).reshape(-1, 3)
+    np.testing.assert_allclose(cloud.points_mm, expected, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1, atol=1e-6)
+    assert cloud.stamp_ns == 7
+    assert cloud.points_mm.dtype == cloud.normals.dtype == np.float32
+    assert np.abs(cloud.points_mm[0, :2]).tolist() == pytest.approx([19.5 * MM_PER_PX, 15 * MM_PER_PX])
+
+
+def test_each_third_point_is_the_same_point_with_the_same_normal():
+    height = with_hole(ball_print(90, 121))
+    chosen = np.zeros(height.z_mm.shape, bool)
+    chosen[::3, ::3] = True
+    full, thin = point_cloud(height), point_cloud(height, every=3)
+    np.testing.assert_array_equal(thin.points_mm, full.points_mm[chosen[height.in_view]])
+    np.testing.assert_array_equal(thin.normals, full.normals[chosen[height.in_view]])
+
+
+@pytest.mark.parametrize("make", [ball_print, lambda: with_hole(ball_print())])
+def test_a_cloud_shares_no_memory_with_the_next_nor_with_its_height_map(make):
+    height = make()
+    first = point_cloud(height)
+    kept, z_mm = first.points_mm.copy(), height.z_mm.copy()
+    second = point_cloud(height)
+    second.points_mm[:], second.normals[:] = -1, -1
+    np.testing.assert_array_equal(first.points_mm, kept)
+    np.testing.assert_array_equal(height.z_mm, z_mm)
+    assert not np.shares_memory(first.points_mm, first.normals)
+    np.testing.assert_array_equal(point_cloud(height).points_mm, kept)

@@ -1,0 +1,126 @@
+"""Every format is read back by a reader that is not ours, or bit by bit by ours."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+from skins import ball_print, skin, with_hole
+
+from ninedtact.quantities import Coverage, HeightMap
+from ninedtact.shape.cloud import point_cloud
+from ninedtact.shape.export import FormatUnknown, export, write_ply, write_stl
+from ninedtact.shape.height_png import (
+    HeightNotStorable,
+    HeightPictureUnreadable,
+    decoded,
+    height_png,
+    read_height_png,
+)
+from ninedtact.shape.mesh import solid_mesh, surface_mesh
+from ninedtact.whole_file import FileNotWritten
+
+HEIGHT = with_hole(ball_print(61, 80, camera_mm=20.0))
+
+
+def scales(height: HeightMap) -> tuple[float, ...]:
+    return height.mm_per_px, height.noise_mm, height.camera_distance_mm, height.stamp_ns
+
+
+@pytest.mark.parametrize("ending", [".ply", ".stl", ".obj", ".PLY"])
+def test_a_mesh_is_read_by_another_program_with_its_size_area_and_orientation(tmp_path, ending):
+    export(HEIGHT, tmp_path / f"skin{ending}")
+    read, wrote = trimesh.load(tmp_path / f"skin{ending}"), surface_mesh(HEIGHT)
+    ours = trimesh.Trimesh(wrote.vertices_mm, wrote.faces)
+    assert len(read.faces) == len(wrote.faces)
+    np.testing.assert_allclose(read.bounds, ours.bounds, atol=1e-4)
+    assert read.area == pytest.approx(ours.area, rel=1e-4)
+    assert (read.face_normals[:, 2] > 0).all()
+
+
+def test_a_ply_holds_points_with_normals_and_needs_no_triangles(tmp_path):
+    cloud = point_cloud(HEIGHT)
+    write_ply(tmp_path / "points.ply", cloud)
+    read = trimesh.load(tmp_path / "points.ply")
+    assert isinstance(read, trimesh.PointCloud)
+    np.testing.assert_array_equal(read.vertices, cloud.points_mm)
+    export(HEIGHT, tmp_path / "mesh.ply")
+    raw = trimesh.load(tmp_path / "mesh.ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_array_equal(np.column_stack([raw[name] for name in ("nx", "ny", "nz")]), cloud.normals)
+
+
+def test_a_printable_stl_is_watertight_and_its_normals_agree_with_its_corners(tmp_path):
+    write_stl(tmp_path / "block.stl", solid_mesh(HEIGHT))
+    block = trimesh.load(tmp_path / "block.stl")
+    assert block.is_watertight
+    triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    triangles = np.frombuffer((tmp_path / "block.stl").read_bytes()[84:], triangle)
+    expected, _ = trimesh.triangles.normals(triangles["corners"])
+    np.testing.assert_allclose(triangles["normal"], expected, atol=1e-4)
+
+
+def test_npy_is_height_in_mm_and_nan_out_of_view(tmp_path):
+    export(HEIGHT, tmp_path / "z.npy")
+    read = np.load(tmp_path / "z.npy")
+    assert read.dtype == np.float32
+    np.testing.assert_array_equal(read, np.where(HEIGHT.in_view, HEIGHT.z_mm, np.nan))
+
+
+def test_each_third_point_may_be_exported(tmp_path):
+    export(HEIGHT, tmp_path / "thin.ply", every=3)
+    assert len(trimesh.load(tmp_path / "thin.ply").faces) == len(surface_mesh(HEIGHT, every=3).faces)
+
+
+def test_a_height_picture_reads_back_as_the_height_map_it_was(tmp_path):
+    export(HEIGHT, tmp_path / "z.png")
+    read = read_height_png(tmp_path / "z.png")
+    assert scales(read) == scales(HEIGHT)
+    np.testing.assert_array_equal(read.in_view, HEIGHT.in_view)
+    np.testing.assert_allclose(read.z_mm[read.in_view], HEIGHT.z_mm[read.in_view], atol=0.000501)
+
+
+heights = array_shapes(min_dims=2, max_dims=2, max_side=9).flatmap(
+    lambda shape: st.tuples(
+        arrays(np.int32, shape, elements=st.integers(-32767, 32767)),
+        arrays(np.uint8, shape, elements=st.sampled_from([Coverage.OUT_OF_VIEW, Coverage.MEASURED])),
+    )
+)
+
+
+@given(heights, st.floats(1e-3, 1), st.floats(0, 1), st.floats(1, None), st.integers(0, 2**63 - 1))
+def test_whole_micrometres_survive_a_height_picture_exactly(map_and_view, mm_per_px, noise_mm, camera_mm, stamp_ns):
+    micrometres, coverage = map_and_view
+    z_mm = (micrometres / 1000).astype(np.float32)
+    read = decoded(height_png(HeightMap(z_mm, coverage, mm_per_px, noise_mm, camera_mm, stamp_ns)))
+    np.testing.assert_array_equal(read.coverage, coverage)
+    np.testing.assert_array_equal(np.rint(read.z_mm[read.in_view] * 1000), micrometres[read.in_view])
+    assert scales(read) == (mm_per_px, noise_mm, camera_mm, stamp_ns)
+
+
+@given(st.data())
+def test_a_damaged_height_picture_is_refused(tmp_path_factory, data):
+    whole = height_png(HEIGHT)
+    path = tmp_path_factory.getbasetemp() / "damaged.png"
+    place = data.draw(st.integers(0, len(whole) - 1))
+    flipped = bytes([whole[place] ^ data.draw(st.integers(1, 255))])
+    path.write_bytes(data.draw(st.sampled_from([whole[:place], whole[:place] + flipped + whole[place + 1 :]])))
+    with pytest.raises(HeightPictureUnreadable, match="export it again"):
+        read_height_png(path)
+
+
+@pytest.mark.parametrize("z_mm", [32.8, -32.8, np.inf, np.nan])
+def test_a_height_that_does_not_fit_16_bits_is_refused(z_mm):
+    with pytest.raises(HeightNotStorable, match=r"\.npy"):
+        height_png(skin(np.full((2, 2), z_mm)))
+
+
+@pytest.mark.parametrize("name", ["skin", "skin.jpeg", ".ply/skin"])
+def test_an_ending_that_nobody_can_write_is_refused_by_naming_those_that_can(tmp_path, name):
+    with pytest.raises(FormatUnknown, match=r"\.npy, \.png, \.ply, \.stl or \.obj"):
+        export(HEIGHT, tmp_path / name)
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(FileNotWritten, match="make the folder"):
+        export(HEIGHT, tmp_path / "missing" / "skin.ply")

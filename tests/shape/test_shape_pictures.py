@@ -1,0 +1,79 @@
+"""Pictures: right colours at right places, and something to see for every kind of height map."""
+
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from skins import ball_print, skin, with_hole
+
+from ninedtact.quantities import Coverage
+from ninedtact.shape.picture import ColourScale, colourise, height_picture, shaded_picture
+from ninedtact.shape.picture.page import round_number
+from ninedtact.shape.picture.sight import Block, sight_of
+from ninedtact.shape.picture.viewpoint import viewpoint_of
+
+
+def extrapolated_bottom(height):
+    coverage = height.coverage.copy()
+    coverage[(height.z_mm < -1.5) & height.in_view] = Coverage.EXTRAPOLATED
+    return skin(height.z_mm, coverage, noise_mm=0.01)
+
+
+def test_pressed_is_blue_bulging_is_red_untouched_is_pale_and_unseen_is_grey():
+    coverage = np.full((1, 6), Coverage.MEASURED, np.uint8)
+    coverage[0, 5] = Coverage.OUT_OF_VIEW
+    z_mm = np.array([[-9, -1, 0, 0.25, 9, np.nan]])
+    colours = colourise(skin(z_mm, coverage), ColourScale(2.0, 0.5))[0].astype(int)
+    blue, green, red = colours.T
+    assert (blue[:2] > red[:2] + 40).all()
+    assert (red[3:5] > blue[3:5] + 40).all()
+    assert colours[2].min() > 235
+    assert blue[5] == green[5] == red[5] < 200
+
+
+@pytest.mark.parametrize("draw", [height_picture, shaded_picture])
+@pytest.mark.parametrize(
+    "height",
+    [
+        extrapolated_bottom(with_hole(ball_print())),
+        ball_print(121, 90),
+        skin(np.zeros((20, 30))),
+        skin(np.full((20, 30), np.nan), np.zeros((20, 30), np.uint8)),
+        skin(np.zeros((2, 2))),
+    ],
+    ids=["all kinds", "portrait", "untouched", "unseen", "tiny"],
+)
+def test_every_height_map_gives_a_picture(draw, height):
+    picture = cv2.imdecode(np.frombuffer(draw(height), np.uint8), cv2.IMREAD_COLOR)
+    assert 800 <= picture.shape[1] <= 1200
+    assert picture.std() > 5
+
+
+def test_sight_meets_the_skin_where_the_viewpoint_projects_it():
+    block = Block(ball_print(61, 80).z_mm, 0.051, -3.0)
+    view = viewpoint_of(block.corners, (10.0, 10.0), (290.0, 190.0))
+    seen = sight_of(block, view, 200, 300)
+    row, col = np.argwhere(seen.on_skin)[::97].T
+    x, y = block.low[0] + seen.col * 0.051, block.low[1] + seen.row * 0.051
+    points = np.stack([x, y, seen.z], axis=-1)[row, col].astype(float)
+    np.testing.assert_allclose(view.project(points), np.column_stack([col, row]), atol=0.05)
+    np.testing.assert_allclose(seen.z[row, col], block.at(seen.col, seen.row)[row, col], atol=0.01)
+
+
+def test_a_viewpoint_shows_the_whole_block():
+    corners = Block(ball_print(61, 80).z_mm, 0.051, -3.0).corners.astype(float)
+    x, y = viewpoint_of(corners, (10.0, 20.0), (290.0, 190.0)).project(corners).T
+    assert 10 - 1e-6 <= x.min() < x.max() <= 290 + 1e-6
+    assert 20 - 1e-6 <= y.min() < y.max() <= 190 + 1e-6
+
+
+@pytest.mark.parametrize(("at_least", "expected"), [(0.3, 0.5), (0.5, 0.5), (1.01, 2.0), (7.0, 10.0), (0.06, 0.1)])
+def test_round_numbers(at_least, expected):
+    assert round_number(at_least) == pytest.approx(expected)
+
+
+def test_importing_the_pictures_does_not_import_matplotlib():
+    check = "import sys, ninedtact.shape.picture; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

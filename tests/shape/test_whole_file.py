@@ -1,0 +1,61 @@
+"""Nothing half-written: not when the disk is full, not when the program is stopped."""
+
+import errno
+import stat
+
+import pytest
+
+from ninedtact.whole_file import FileNotWritten, whole_file, write_whole
+
+
+def test_content_appears_whole_and_replaces_what_was_there(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"before")
+    write_whole(path, b"first ", memoryview(b"second"))
+    assert path.read_bytes() == b"first second"
+    assert [found.name for found in tmp_path.iterdir()] == ["file"]
+
+
+def test_others_may_read_it_as_any_new_file(tmp_path):
+    (tmp_path / "plain").touch()
+    write_whole(tmp_path / "whole", b"")
+    assert stat.S_IMODE((tmp_path / "whole").stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
+
+
+def test_until_the_end_only_the_old_file_is_seen(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"before")
+    with whole_file(path) as file:
+        file.write(b"after")
+        assert path.read_bytes() == b"before"
+    assert path.read_bytes() == b"after"
+
+
+@pytest.mark.parametrize("trouble", [KeyboardInterrupt(), ValueError("no"), OSError(errno.ENOSPC, "No space left")])
+def test_a_stopped_write_leaves_what_was_there_and_nothing_else(tmp_path, trouble):
+    path = tmp_path / "file"
+    path.write_bytes(b"before")
+    expected = FileNotWritten if isinstance(trouble, OSError) else type(trouble)
+    with pytest.raises(expected), whole_file(path) as file:
+        file.write(b"half")
+        raise trouble
+    assert path.read_bytes() == b"before"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_full_disk_is_told_in_one_sentence(tmp_path):
+    with pytest.raises(FileNotWritten, match=r"expected to write .*file, got: No space left; free the disk"):  # noqa: SIM117
+        with whole_file(tmp_path / "file"):
+            raise OSError(errno.ENOSPC, "No space left")
+
+
+def test_a_folder_in_its_place_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "file").mkdir()
+    with pytest.raises(FileNotWritten):
+        write_whole(tmp_path / "file", b"content")
+    assert [found.name for found in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(FileNotWritten, match=f"make the folder {tmp_path / 'missing'}"):
+        write_whole(tmp_path / "missing" / "file", b"content")
