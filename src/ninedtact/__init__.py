@@ -1,1 +1,89 @@
-"""x"""
+"""The software of the 9DTact tactile sensor: pictures in, calibrated millimetres out.
+
+    shape    light ──capture──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap ──cloud──▶ PointCloud / mesh
+    fit      board pressed ──▶ Rectification      ball pressed ──▶ DepthCurve
+
+`sensor.py` is the file to read first. Names are loaded when they are first used, so that importing the package costs
+nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.flow import CalibrationPictures, CalibrationSettings, calibrate
+    from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+    from ninedtact.calibration.written import write_sensor
+    from ninedtact.capture.address import source_for
+    from ninedtact.capture.freshest import Freshest
+    from ninedtact.capture.pictures import read_picture
+    from ninedtact.capture.source import FrameSource
+    from ninedtact.design import SensorDesign
+    from ninedtact.errors import NinedtactError
+    from ninedtact.quantities import Coverage, Frame, HeightMap, Mesh, PointCloud, Reading, Rectified
+    from ninedtact.sensor import Sensor
+    from ninedtact.shape.cloud import point_cloud
+    from ninedtact.shape.export import export
+    from ninedtact.shape.measures import summarise
+    from ninedtact.shape.mesh import surface_mesh
+
+HOMES = {
+    "Coverage": "quantities",
+    "CalibrationPictures": "calibration.flow",
+    "CalibrationSettings": "calibration.flow",
+    "Frame": "quantities",
+    "FrameSource": "capture.source",
+    "Freshest": "capture.freshest",
+    "HeightMap": "quantities",
+    "Mesh": "quantities",
+    "NinedtactError": "errors",
+    "PointCloud": "quantities",
+    "Reading": "quantities",
+    "Rectified": "quantities",
+    "Sensor": "sensor",
+    "SensorDesign": "design",
+    "SensorFolder": "calibration.sensor_folder",
+    "calibrate": "calibration.flow",
+    "export": "shape.export",
+    "load_sensor": "calibration.sensor_folder",
+    "point_cloud": "shape.cloud",
+    "read_picture": "capture.pictures",
+    "source_for": "capture.address",
+    "summarise": "shape.measures",
+    "surface_mesh": "shape.mesh",
+    "write_sensor": "calibration.written",
+}
+
+__all__ = [
+    "CalibrationPictures",
+    "CalibrationSettings",
+    "Coverage",
+    "Frame",
+    "FrameSource",
+    "Freshest",
+    "HeightMap",
+    "Mesh",
+    "NinedtactError",
+    "PointCloud",
+    "Reading",
+    "Rectified",
+    "Sensor",
+    "SensorDesign",
+    "SensorFolder",
+    "calibrate",
+    "export",
+    "load_sensor",
+    "point_cloud",
+    "read_picture",
+    "source_for",
+    "summarise",
+    "surface_mesh",
+    "write_sensor",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its room."""
+    if name not in HOMES:
+        raise AttributeError(f"module 'ninedtact' has no attribute {name!r}")
+    return getattr(import_module(f"ninedtact.{HOMES[name]}"), name)

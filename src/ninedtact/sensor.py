@@ -4,13 +4,13 @@ source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ Hei
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from time import perf_counter
+from dataclasses import dataclass, field
+from time import monotonic_ns, perf_counter
 from types import TracebackType
 from typing import Self
 
 from ninedtact.capture.source import FrameSource
-from ninedtact.quantities import Reading
+from ninedtact.quantities import Frame, Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
@@ -40,17 +40,27 @@ class Sensor:
     reference_frames: int = REFERENCE_FRAMES
     depth: DepthReader | None = None
     """Bound to the untouched skin of this session when the sensor is opened; given here, it is kept."""
+    frames_read: int = field(default=0, init=False)
+    """Since the sensor was opened."""
+    heard_ns: int = field(default=0, init=False)
+    """Stamp of the newest frame, or of the opening: the source has been silent since."""
 
     def read(self) -> Reading:
         """The newest reading: waits for the next frame; raises what the source raises."""
         watch = Stopwatch()
-        frame = self.source.read()
+        frame = self.next_frame()
         watch.mark("capture")
         rectified = self.calibrated.rectify(frame)
         watch.mark("rectify")
         height = self.reader(rectified)
         watch.mark("depth")
-        return Reading(frame, rectified, height, watch.stage_ms)
+        return Reading(frame, rectified, height, watch.stage_ms, dropped=frame.index + 1 - self.frames_read)
+
+    def next_frame(self) -> Frame:
+        """Wait for the next frame of the source, and count it."""
+        frame = self.source.read()
+        self.frames_read, self.heard_ns = self.frames_read + 1, frame.stamp_ns
+        return frame
 
     @property
     def reader(self) -> DepthReader:
@@ -62,7 +72,7 @@ class Sensor:
 
     def take_reference(self) -> None:
         """Take the skin as it is now for untouched."""
-        frames = [self.source.read() for _ in range(self.reference_frames)]
+        frames = [self.next_frame() for _ in range(self.reference_frames)]
         self.depth = self.calibrated.depth_reader(*frames)
 
     def __iter__(self) -> Iterator[Reading]:
@@ -71,6 +81,7 @@ class Sensor:
 
     def __enter__(self) -> Self:
         self.source.__enter__()
+        self.frames_read, self.heard_ns = 0, monotonic_ns()
         return self
 
     def __exit__(

@@ -33,7 +33,7 @@ from ninedtact.calibration.depth_curve import monotone_curve
 from ninedtact.calibration.seen_ball import seen_depth_mm
 from ninedtact.design import BallGauge, Camera, SensorDesign
 from ninedtact.quantities import Coverage, Frame, Rectified
-from ninedtact.shape.depth import DepthCurve, DepthReader, Signal
+from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, Smoothing
 from ninedtact.shape.rectification import Rectification
 
 Method = Literal["table", "ratio"]
@@ -58,6 +58,7 @@ class BallPress:
     circle: ContactCircle
     ball: BallGauge
     camera: Camera
+    smoothing: Smoothing
 
     def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
         """The same press with the ball's centre elsewhere."""
@@ -92,7 +93,7 @@ class BallPress:
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
         """Mean absolute error of the reconstructed height, filters included, over a region."""
         everywhere = np.full(where.shape, Coverage.MEASURED, np.uint8)
-        height = DepthReader(curve, self.before, everywhere)(self.after)
+        height = DepthReader(curve, self.before, everywhere, self.smoothing)(self.after)
         return float(np.abs(height.indentation_mm - self.depth_mm)[where].mean())
 
     def halves(self) -> list[Bool[Array, "rows cols"]]:
@@ -124,7 +125,12 @@ class BallFit:
 
 
 def fit_ball(
-    rectify: Rectification, reference: Image, press: Image, design: SensorDesign, method: Method = "ratio"
+    rectify: Rectification,
+    reference: Image,
+    press: Image,
+    design: SensorDesign,
+    method: Method = "ratio",
+    smoothing: Smoothing = Smoothing(),
 ) -> BallFit:
     """Find the disc and fit the curve; raises `BallRefused`, `PictureUnusable`, `WrongPictureSize`.
 
@@ -136,10 +142,10 @@ def fit_ball(
     before, after = rectify(Frame(reference)), rectify(Frame(press))
     circle = find_contact_circle(uniform_change(before, after))
     require_depth(design.ball, circle, rectify.mm_per_px)
-    fit = fit_curve(centred(BallPress(before, after, circle, design.ball, design.camera)), method)
+    fit = fit_curve(centred(BallPress(before, after, circle, design.ball, design.camera, smoothing)), method)
     # Two pictures' noise is in their difference; a reading against an averaged reference has one picture's.
     noise = noise_levels(relative_change(reference, press)) / np.sqrt(2)
-    return replace(fit, noise_mm=repeatability_mm(fit.curve, rectify, reference, noise))
+    return replace(fit, noise_mm=repeatability_mm(fit.curve, smoothing, rectify, reference, noise))
 
 
 def centred(press: BallPress) -> BallPress:
@@ -197,7 +203,9 @@ def require_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float) -> N
         )
 
 
-def repeatability_mm(curve: DepthCurve, rectify: Rectification, reference: Image, noise: float, seed: int = 0) -> float:
+def repeatability_mm(
+    curve: DepthCurve, smoothing: Smoothing, rectify: Rectification, reference: Image, noise: float, seed: int = 0
+) -> float:
     """Scatter of the height when the camera's noise is put on an even press half-way down the range.
 
     noise: standard deviation of one raw pixel, grey levels. Lens and filters are passed through, so what they leave of
@@ -208,7 +216,7 @@ def repeatability_mm(curve: DepthCurve, rectify: Rectification, reference: Image
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
     noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
     before, after = (Rectified(rectify.resampled(picture), rectify.mm_per_px) for picture in (raw, noisy))
-    height = DepthReader(curve, before, rectify.coverage)(after)
+    height = DepthReader(curve, before, rectify.coverage, smoothing)(after)
     return float(np.std(height.z_mm[height.in_view]))
 
 

@@ -24,7 +24,7 @@ from ninedtact.calibration.brightness import (
     smoothed,
 )
 from ninedtact.calibration.imprints import centred_mm, patches
-from ninedtact.calibration.lattice import Lattice, find_lattice
+from ninedtact.calibration.lattice import Lattice, find_lattices
 from ninedtact.calibration.lens_fit import LensFit, fit_lens, fit_terms
 from ninedtact.calibration.mounting import MOUNTINGS, Mounting, lattice_size, skin_points_mm
 from ninedtact.design import PinBoard
@@ -163,16 +163,16 @@ def is_clear(sighting: Sighting, board: PinBoard) -> bool:
 def sightings(
     change: Float32[Array, "rows cols"], board: PinBoard, mounting: Mounting | Literal["auto"]
 ) -> Iterator[Sighting]:
-    """At each spot size the lattice, cut to the board in the way to lie that keeps most contrast."""
+    """At each spot size, of all lattices and ways to lie, the board-sized part that gathers most contrast."""
     middle = np.array(change.shape[::-1]) / 2
     for size in SIZES:
-        lattice = find_lattice(dark_blobs(change, size * max(change.shape)), middle)
-        if lattice is not None:
-            parts = {way: lattice.window(*lattice_size(board, way)) for way in MOUNTINGS[mounting]}
-            way = max(parts, key=lambda way: parts[way].score)
-            if len(parts[way]) >= FEWEST_FOR_LENS:
-                points_mm = skin_points_mm(parts[way].nodes, board, way)
-                yield Sighting(parts[way], way, fit_terms(points_mm, parts[way].points_px, change.shape, 1))
+        lattices = find_lattices(dark_blobs(change, size * max(change.shape)), middle)
+        parts = [(one.window(*lattice_size(board, way)), way) for one in lattices for way in MOUNTINGS[mounting]]
+        if parts:
+            part, way = max(parts, key=lambda one: one[0].score)
+            if len(part) >= FEWEST_FOR_LENS:
+                points_mm = skin_points_mm(part.nodes, board, way)
+                yield Sighting(part, way, fit_terms(points_mm, part.points_px, change.shape, 1))
 
 
 def refined(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sighting) -> BoardFit:
@@ -186,7 +186,7 @@ def refined(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sigh
         points_px, contrast, found = look(picture, fit.lens, points_mm, noise, board)
         found &= ~strays
         require_enough(change, board, nodes, found, points_px, sighting)
-        fit = fit_lens(points_mm[found], points_px[found], change.shape)
+        fit = fit_lens(points_mm[found], points_px[found], fit.lens)
         strays[np.flatnonzero(found)[is_stray(fit, board)]] = True
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
     return BoardFit(board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
@@ -231,7 +231,7 @@ def require_enough(
     last = nodes.max(axis=0)
     sides = [found[nodes[:, axis] == end].any() for axis in (0, 1) for end in (0, last[axis])]
     if (~found).sum() > MOST_MISSING * board.count or not all(sides):
-        raise not_found(change, board, points_px[found], sighting)
+        raise not_found(change, board, max(points_px[found], sighting.agreeing_px, key=len), sighting)
 
 
 def not_found(
@@ -253,4 +253,4 @@ def looks_swapped(change: Float32[Array, "rows cols"], board: PinBoard, sighting
     inverted = best_sighting(-change, board, "auto")
     if inverted is None or not is_clear(inverted, board):
         return False
-    return sighting is None or np.median(inverted.lattice.strength) > np.median(sighting.lattice.strength)
+    return sighting is None or bool(np.median(inverted.lattice.strength) > np.median(sighting.lattice.strength))

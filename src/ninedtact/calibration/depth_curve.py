@@ -9,6 +9,9 @@ from ninedtact.shape.depth import DepthCurve, Signal
 
 LEVEL: dict[Signal, float] = {"difference": 1.0, "ratio": 1 / 160}
 """Width of one entry of the list: a grey level, and what a grey level is in a picture of usual brightness."""
+FIRST_LEVEL = 4
+"""Below this the curve is a straight line from zero: the edge of the disc is blurred, so its own first levels would
+turn one grey level of drifting light into a tenth of a millimetre."""
 
 
 def monotone_curve(signal: Signal, darkening: Float[Array, " n"], depth_mm: Float[Array, " n"]) -> DepthCurve:
@@ -19,6 +22,7 @@ def monotone_curve(signal: Signal, darkening: Float[Array, " n"], depth_mm: Floa
     level = np.maximum(np.round(darkening / LEVEL[signal]), 0).astype(int)
     count = np.bincount(level)
     known = np.flatnonzero(count)
+    known = known[known >= min(FIRST_LEVEL, known[-1])]
     mean = np.bincount(level, depth_mm)[known] / count[known]
     spread = np.sqrt(np.maximum(np.bincount(level, depth_mm**2)[known] / count[known] - mean**2, 0))
     rising = np.asarray(isotonic_regression(mean, weights=count[known]).x)

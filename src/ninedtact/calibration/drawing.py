@@ -51,11 +51,20 @@ def not_found_overlay(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:
     inside = ((error.seen_px >= 0) & (error.seen_px < (cols, rows))).all(axis=1)
     for x, y in np.rint(error.seen_px[inside] * 2**FRACTION_BITS).astype(int).tolist():
         cv2.circle(canvas, (x, y), long_side * 2**FRACTION_BITS // 50, SPOT_BGR, 2, cv2.LINE_AA, FRACTION_BITS)
-    words = f"found {error.found} of {error.expected} pins, {len(error.seen_px)} spots circled"
-    for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-        where, size = (long_side // 60, rows - long_side // 60), long_side / 1300
-        cv2.putText(canvas, words, where, cv2.FONT_HERSHEY_SIMPLEX, size, colour, thickness, cv2.LINE_AA)
+    write_below(
+        canvas, f"found {error.found} of {error.expected} pins; spots circled: {inside.sum()}", long_side / 1300
+    )
     return np.asarray(canvas)
+
+
+def write_below(canvas: UInt8[Array, "rows cols 3"], words: str, size: float) -> None:
+    """Words in the lower left corner, on a dark strip."""
+    font, margin, bottom = cv2.FONT_HERSHEY_SIMPLEX, round(10 * size), canvas.shape[0]
+    (width, height), below = cv2.getTextSize(words, font, size, 1)
+    cv2.rectangle(
+        canvas, (0, bottom - height - below - 2 * margin), (width + 2 * margin, bottom), (0, 0, 0), cv2.FILLED
+    )
+    cv2.putText(canvas, words, (margin, bottom - below - margin), font, size, (255, 255, 255), 1, cv2.LINE_AA)
 
 
 def sheet(height_per_width: float = 0.75) -> "Figure":

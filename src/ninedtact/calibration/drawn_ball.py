@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 CIRCLE, CURVE = "#ffb000", "#c2410c"
 AXIS_COLOURS = {"x": "#d62f1f", "y": "#0f8a4c"}
 DARKENING: dict[Signal, str] = {
-    "ratio": "darkening 1 \N{MINUS SIGN} I/I₀ (fraction of the untouched brightness)",
-    "difference": "darkening I₀ \N{MINUS SIGN} I (grey levels)",
+    "ratio": "1 \N{MINUS SIGN} I/I₀ (fraction of the untouched brightness)",
+    "difference": "I₀ \N{MINUS SIGN} I (grey levels)",
 }
 """What the two methods read, in words."""
 PALEST = 0.3
@@ -64,7 +64,7 @@ def curve_picture(calibration: Calibration) -> bytes:
 
     curve, press = calibration.ball.curve, calibration.ball.press
     figure = sheet()
-    axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.725), DARKENING[curve.signal], "depth (mm)")
+    axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "depth (mm)")
     shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=PALEST)}
     axes.hexbin(darkening(press, curve.signal), press.depth_mm[press.disc], gridsize=(70, 40), mincnt=1, **shades)
     draw_curve(axes, curve)
@@ -100,8 +100,7 @@ def other_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis
     other: Signal = "ratio" if signal == "difference" else "difference"
     factor = mean_grey if signal == "ratio" else 1 / mean_grey
     top = axes.secondary_xaxis("top", functions=(lambda at: np.multiply(at, factor), lambda at: np.divide(at, factor)))
-    where = f"at an untouched grey level of {mean_grey:.0f}"
-    top.set_xlabel(f"{DARKENING[other]}, {where}", color=PALE_INK, fontsize=8)
+    top.set_xlabel(f"{DARKENING[other]} where I₀ = {mean_grey:.0f}", color=PALE_INK, fontsize=8)
     return top
 
 

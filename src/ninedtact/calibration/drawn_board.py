@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FOUND, MISSING = "#ffd84d", "#ff5ca8"
+FOUND, MISSING = "#ffd84d", "#d81b78"
 AXIS_COLOURS = {"x": "#ff4b3e", "y": "#35d07f"}
 VIEW: dict[str, Any] = {"color": "#2f6fed", "linewidth": 1.0, "linestyle": (0, (5, 3))}
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
@@ -35,7 +35,7 @@ def detection_picture(calibration: Calibration) -> bytes:
     axes.imshow(grey, cmap="gray", vmin=0, vmax=255)
     axes.plot(*outline(calibration.rectify.source_px).T, **VIEW)
     axes.plot(*board.points_px[board.found].T, "+", color=FOUND, markersize=8, markeredgewidth=1.1)
-    draw_missing(axes, board, cols)
+    draw_missing(axes, board)
     draw_skin_axes(axes, board)
     axes.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
     axes.set_axis_off()
@@ -47,23 +47,16 @@ def outline(grid: Float[Array, "rows cols 2"]) -> Float[Array, "n 2"]:
     return np.vstack([grid[0], grid[:, -1], grid[-1, ::-1], grid[::-1, 0]])
 
 
-def draw_missing(axes: "Axes", board: BoardFit, cols: int) -> None:
-    """Circles where missing pins are predicted, their names on the side where there is room."""
-    missing_px = board.points_px[~board.found]
-    axes.plot(*missing_px.T, "o", color=MISSING, markerfacecolor="none", markersize=10, markeredgewidth=1.4)
+def draw_missing(axes: "Axes", board: BoardFit) -> None:
+    """Circles where missing pins are predicted, their names in the gap towards the middle of the picture."""
+    missing_px, (rows, cols) = board.points_px[~board.found], board.change.shape
+    axes.plot(*missing_px.T, "o", color=MISSING, markerfacecolor="none", markersize=10, markeredgewidth=1.6)
+    ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
     for name, (x, y) in zip(board.missing, missing_px.tolist(), strict=True):
-        left = x > cols / 2
-        axes.annotate(
-            name,
-            (x, y),
-            (-8 if left else 8, 0),
-            textcoords="offset points",
-            ha="right" if left else "left",
-            va="center",
-            color=MISSING,
-            fontsize=8,
-            fontweight="bold",
-        )
+        side = {0: "left", 1: "center", 2: "right"}[int(3 * np.clip(x / cols, 0, 0.99))]
+        lift, stand = (10, "bottom") if y > rows / 2 else (-10, "top")
+        style: dict[str, Any] = {"color": MISSING, "fontsize": 7.5, "ha": side, "va": stand, "bbox": ground}
+        axes.annotate(name, (x, y), (0, lift), textcoords="offset points", **style)
 
 
 def draw_skin_axes(axes: "Axes", board: BoardFit) -> None:

@@ -11,7 +11,13 @@ from ninedtact.calibration.ball import BallFit, Method, fit_ball, reference_warn
 from ninedtact.calibration.board import BoardFit, fit_board
 from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float
 from ninedtact.calibration.mounting import Mounting
-from ninedtact.calibration.paper import integer_centres, left_out_rms_mm, paper_projection
+from ninedtact.calibration.lens_fit import rms_length
+from ninedtact.calibration.paper import (
+    anchored_mm_per_px_error,
+    integer_centres,
+    left_out_errors_mm,
+    paper_projection,
+)
 from ninedtact.calibration.record import (
     FORMAT,
     BallFigures,
@@ -77,14 +83,14 @@ def calibrate(
     raw_shape = pictures.board.shape[:2]
     mm_per_px = raw_mm_per_px * max(raw_shape) / design.field_of_view.raw_long_side_px
     rectify = rectification(projection, design.field_of_view, mm_per_px, raw_shape, calibrated_area_mm(design))
-    ball = fit_ball(rectify, pictures.ball_reference, pictures.ball, design, settings.method)
+    ball = fit_ball(rectify, pictures.ball_reference, pictures.ball, design, settings.method, settings.smoothing)
     record = SensorRecord(
         format=FORMAT,
         id=sensor_id,
         created=datetime.now(UTC).replace(microsecond=0),
         software=version("ninedtact"),
         design=design,
-        grid=Grid(mm_per_px, *raw_shape, rectify.calibrated_area_mm, board.mounting),
+        grid=Grid(mm_per_px, raw_shape[0], raw_shape[1], rectify.calibrated_area_mm, board.mounting),
         lens=lens_table(board, settings.lens),
         depth=Depth(settings.method, ball.noise_mm, settings.smoothing, ball.curve),
         certificate=certificate(pictures, board, ball, rectify, settings),
@@ -133,22 +139,31 @@ def certificate(
 def board_figures(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardFigures:
     """How good the camera calibration is."""
     seen_mm, centres_px = board.points_mm[board.found], integer_centres(board)[board.found]
-    left_out_mm = board.lens_fit.left_out_mm
-    original_mm = left_out_rms_mm(seen_mm, centres_px)
+    original_mm = left_out_errors_mm(seen_mm, centres_px)
+    left_out_mm = original_mm if lens == "paper" else board.lens_fit.left_out_mm
     return BoardFigures(
         pins_found=int(board.found.sum()),
         pins_expected=board.board.count,
         missing=board.missing,
-        loo_rms_mm=original_mm if lens == "paper" else board.lens_fit.left_out_rms_mm,
+        loo_rms_mm=rms_length(left_out_mm),
         loo_max_mm=float(np.hypot(*left_out_mm.T).max()),
-        loo_rms_mm_original=original_mm,
+        loo_rms_mm_original=rms_length(original_mm),
         mm_per_px=rectify.mm_per_px,
-        mm_per_px_error=board.lens_fit.mm_per_px_error(board.board.pitch_mm),
+        mm_per_px_error=scale_error(board, lens) * rectify.mm_per_px,
         contrast_grey_levels=float(np.median(board.contrast)),
         noise_grey_levels=board.noise,
         lens=lens,
         mounting_deg=board.mounting,
     )
+
+
+def scale_error(board: BoardFit, lens: LensKind) -> float:
+    """Standard error of mm per pixel, relative."""
+    pitch_mm = board.board.pitch_mm
+    if lens == "paper":
+        _, scale = paper_projection(board)
+        return anchored_mm_per_px_error(board.points_mm, integer_centres(board), pitch_mm) / scale
+    return board.lens_fit.mm_per_px_error(pitch_mm) / central_mm_per_px(board.lens, pitch_mm)
 
 
 def ball_figures(pictures: CalibrationPictures, ball: BallFit) -> BallFigures:

@@ -60,10 +60,10 @@ class Lattice:
                 yield column, row
 
 
-def find_lattice(blobs: Blobs, middle_px: Float[Array, "2"]) -> Lattice | None:
-    """The lattice with most contrast, grown from spots around the middle; None when nothing grows."""
+def find_lattices(blobs: Blobs, middle_px: Float[Array, "2"]) -> list[Lattice]:
+    """The different lattices that grow from spots around the middle."""
     grown = (grow(blobs, *seed) for seed in seeds(blobs, middle_px))
-    return max(grown, key=lambda lattice: lattice.score, default=None)
+    return list({(len(lattice), lattice.score): lattice for lattice in grown}.values())
 
 
 def seeds(blobs: Blobs, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Array, Array]]:
@@ -80,7 +80,8 @@ def seeds(blobs: Blobs, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Arr
 def could_span(u: Float[Array, "2"], v: Float[Array, "2"]) -> bool:
     """Whether two steps are of similar length and nearly at right angles."""
     lengths = np.hypot(*u), np.hypot(*v)
-    return max(lengths) < LENGTH_RATIO * min(lengths) and abs(u @ v) < SQUARENESS * lengths[0] * lengths[1]
+    similar = max(lengths) < LENGTH_RATIO * min(lengths)
+    return bool(similar and abs(u @ v) < SQUARENESS * lengths[0] * lengths[1])
 
 
 def grow(blobs: Blobs, seed: int, right: Float[Array, "2"], down: Float[Array, "2"]) -> Lattice:

@@ -1,6 +1,6 @@
 """Fit the lens model to pins, and say how well it predicts a pin that it has not seen."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,9 @@ from ninedtact.shape.lens import LensModel, Points, central_mm_per_px
 RADIAL_TERMS = (1, 2, 3)
 OUTLIER_PX = 1.5
 """Residuals beyond this count linearly: one wrong spot must not bend the lens."""
+
+MOST_STEPS = 60
+"""Real lenses take 20 to 30 steps; one without distortion has no centre to find and would go on for thousands."""
 
 
 @dataclass(frozen=True)
@@ -56,23 +59,37 @@ class LensFit:
         return float(np.sqrt(gradient @ covariance @ gradient))
 
 
-def fit_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int, int]) -> LensFit:
-    """The lens model that best predicts left-out pins, with as many radial terms as pay for themselves."""
-    affordable = [terms for terms in RADIAL_TERMS if 2 * len(points_mm) > 2 * (12 + terms)]
-    fits = [fit_terms(points_mm, points_px, raw_shape, terms) for terms in affordable or RADIAL_TERMS[:1]]
+def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
+    """The lens model that best predicts left-out pins, with as many radial terms as pay for themselves.
+
+    near: a lens to start from.
+    """
+    affordable = [terms for terms in RADIAL_TERMS if len(points_mm) > len(near.parameters) - len(near.radial) + terms]
+    fits = [refit(points_mm, points_px, with_terms(near, terms)) for terms in affordable or RADIAL_TERMS[:1]]
     return min(fits, key=lambda fit: fit.left_out_rms_mm)
 
 
 def fit_terms(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensFit:
-    """Robust least squares of all parameters, started from the best affine map."""
-    start = affine_lens(points_mm, points_px, raw_shape, terms)
+    """A lens model with this many radial terms, started from the best affine map."""
+    return refit(points_mm, points_px, affine_lens(points_mm, points_px, raw_shape, terms))
+
+
+def refit(points_mm: Points, points_px: Points, start: LensModel) -> LensFit:
+    """Robust least squares of all parameters of a lens."""
 
     def residual(parameters: Float[Array, " k"]) -> Float[Array, " m"]:
         return (start.with_parameters(parameters).to_px(points_mm) - points_px).ravel()
 
-    solution = least_squares(residual, start.parameters, x_scale="jac", loss="huber", f_scale=OUTLIER_PX)
+    solution = least_squares(
+        residual, start.parameters, x_scale="jac", loss="huber", f_scale=OUTLIER_PX, max_nfev=MOST_STEPS
+    )
     lens = start.with_parameters(solution.x)
     return LensFit(lens, points_mm, points_px, parameter_derivative(lens, points_mm))
+
+
+def with_terms(lens: LensModel, terms: int) -> LensModel:
+    """The same lens with more or fewer radial terms, the new ones zero."""
+    return replace(lens, radial=(*lens.radial, *(0.0,) * terms)[:terms])
 
 
 def affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensModel:

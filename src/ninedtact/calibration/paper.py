@@ -1,17 +1,18 @@
 """The camera calibration as the paper does it, for reproduction and as the yardstick of every certificate."""
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 from scipy import ndimage
 from scipy.interpolate import RBFInterpolator
 
 from ninedtact.calibration.board import BoardFit
 from ninedtact.calibration.brightness import smoothed
-from ninedtact.calibration.lens_fit import rms_length
 from ninedtact.errors import NinedtactError
 from ninedtact.shape.lens import Points
 from ninedtact.shape.pin_map import PinMap
+
+Point = Float[Array, "2"]
 
 
 class NoCentralPin(NinedtactError):
@@ -29,11 +30,22 @@ def paper_projection(fit: BoardFit) -> tuple[PinMap, float]:
     return PinMap(fit.points_mm, points_px), anchored_mm_per_px(fit.points_mm, points_px, fit.board.pitch_mm)
 
 
-def anchored_mm_per_px(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
-    """Pitch over the mean distance in pixels of the central pin from its four neighbours."""
+def anchor_scales(points_mm: Points, points_px: Points, pitch_mm: float) -> Float[Array, " k"]:
+    """Pitch over the distance in pixels of the central pin from each of its four neighbours."""
     distance_mm = np.hypot(*points_mm.T)
     middle, around = distance_mm < 0.1 * pitch_mm, np.abs(distance_mm - pitch_mm) < 0.1 * pitch_mm
-    return float(pitch_mm / np.hypot(*(points_px[around] - points_px[middle]).T).mean())
+    return np.asarray(pitch_mm / np.hypot(*(points_px[around] - points_px[middle]).T))
+
+
+def anchored_mm_per_px(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
+    """mm per pixel from the five central anchors: their mean distance."""
+    return float(1 / (1 / anchor_scales(points_mm, points_px, pitch_mm)).mean())
+
+
+def anchored_mm_per_px_error(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
+    """Standard error of `anchored_mm_per_px`, from the scatter of the four distances."""
+    scales = anchor_scales(points_mm, points_px, pitch_mm)
+    return float(np.std(scales, ddof=1) / np.sqrt(len(scales)))
 
 
 def integer_centres(fit: BoardFit) -> Points:
@@ -44,7 +56,7 @@ def integer_centres(fit: BoardFit) -> Points:
     return np.where(fit.found[:, None], seen, fit.points_px)
 
 
-def whole_centre(picture: Float32[Array, "rows cols"], point_px: Points, reach_px: int) -> Points:
+def whole_centre(picture: Float32[Array, "rows cols"], point_px: Point, reach_px: int) -> Point:
     """Integer centroid of the thresholded spot around one point."""
     column, row = np.round(point_px).astype(int)
     top, left = max(row - reach_px, 0), max(column - reach_px, 0)
@@ -55,13 +67,12 @@ def whole_centre(picture: Float32[Array, "rows cols"], point_px: Points, reach_p
     return np.floor([left + columns.mean(), top + rows.mean()])
 
 
-def left_out_rms_mm(points_mm: Points, points_px: Points) -> float:
-    """Leave-one-out error of the paper's map, picture to skin, each pin predicted by a map through all others."""
-    errors = [left_out_error_mm(points_mm, points_px, pin) for pin in range(len(points_mm))]
-    return rms_length(np.array(errors))
+def left_out_errors_mm(points_mm: Points, points_px: Points) -> Points:
+    """Leave-one-out errors of the paper's map, picture to skin, each pin predicted by a map through all others."""
+    return np.array([left_out_error_mm(points_mm, points_px, pin) for pin in range(len(points_mm))])
 
 
-def left_out_error_mm(points_mm: Points, points_px: Points, pin: int) -> Points:
+def left_out_error_mm(points_mm: Points, points_px: Points, pin: int) -> Point:
     """Where the other pins put this one, minus where it is."""
     others = np.arange(len(points_mm)) != pin
     backwards = RBFInterpolator(points_px[others], points_mm[others], kernel="cubic")

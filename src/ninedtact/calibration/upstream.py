@@ -43,7 +43,8 @@ def import_upstream(
     """Write a sensor folder from `sensor_N`, or from a folder that holds one; pixels are rectified exactly as there.
 
     The crop is the design's field of view. There is no certificate, and no picture to compare today's skin with; the
-    noise is that of a usual camera through this sensor's list. An older sensor folder at `out` is replaced. Raises `UpstreamFolderDamaged`, `SensorFolderRefused`, `FileNotWritten`, `OSError`.
+    noise is that of a usual camera through this sensor's list. An older sensor folder at `out` is replaced.
+    Raises `UpstreamFolderDamaged`, `SensorFolderRefused`, `FileNotWritten`, `OSError`.
     """
     source = sensor_folder_in(folder, FILES)
     calibration = read_upstream(source, design.field_of_view)
@@ -80,7 +81,7 @@ def imported_record(
 def usual_noise_mm(curve: DepthCurve, rectify: Rectification) -> float:
     """What the noise of a usual camera does to the height."""
     even = np.full((*rectify.raw_shape, 3), USUAL_GREY, np.uint8)
-    return repeatability_mm(curve, rectify, even, CAMERA_NOISE)
+    return repeatability_mm(curve, Smoothing(), rectify, even, CAMERA_NOISE)
 
 
 def area_mm(calibration: UpstreamCalibration, design: SensorDesign) -> Area:

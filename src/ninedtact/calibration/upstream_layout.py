@@ -69,9 +69,11 @@ class UpstreamCalibration:
 def read_upstream(folder: Path, view: FieldOfView) -> UpstreamCalibration:
     """Read `sensor_N`, or the one `sensor_N` in a folder; raises `UpstreamFolderDamaged`."""
     where = sensor_folder_in(folder, FILES)
+    row_index, col_index = read_index(where / ROW_INDEX, 0), read_index(where / COL_INDEX, 1)
+    require_one_size(where, row_index.shape, col_index.shape)
     calibration = UpstreamCalibration(
-        read_index(where / ROW_INDEX, 0),
-        read_index(where / COL_INDEX, 1),
+        row_index,
+        col_index,
         read_position_scale(where / POSITION_SCALE),
         read_depth_list(where / PIXEL_TO_DEPTH),
     )
@@ -126,13 +128,17 @@ def read_depth_list(path: Path) -> Float[Array, " levels"]:
     return depth_mm
 
 
-def require_crop(folder: Path, calibration: UpstreamCalibration, view: FieldOfView) -> None:
-    """Refuse maps that do not belong together, or do not contain the crop."""
-    shape, other = calibration.row_index.shape, calibration.col_index.shape
+def require_one_size(folder: Path, shape: tuple[int, ...], other: tuple[int, ...]) -> None:
+    """Refuse maps that do not belong together."""
     if shape != other:
         raise UpstreamFolderDamaged(
             f"expected index maps of one size in {folder}, got {shape} and {other}; calibrate the camera again"
         )
+
+
+def require_crop(folder: Path, calibration: UpstreamCalibration, view: FieldOfView) -> None:
+    """Refuse maps that do not contain the crop."""
+    shape = calibration.row_index.shape
     row, col = calibration.position_scale[:2] - np.array([view.rows, view.cols]) / 2
     if row < 0 or col < 0 or row + view.rows > shape[0] or col + view.cols > shape[1]:
         raise UpstreamFolderDamaged(

@@ -19,9 +19,14 @@ from ninedtact.quantities import Coverage, HeightMap, Rectified
 
 Signal = Literal["difference", "ratio"]
 
-STEPS: dict[Signal, float] = {"difference": 32.0, "ratio": 8192.0}
+STEPS: dict[Signal, float] = {"difference": 128.0, "ratio": 32768.0}
 """Table steps per grey level, and per unit of the ratio: far finer than the noise of a pixel."""
-TABLE_SIZE = 16384
+TABLE_SIZE = 65536
+"""As far as an index of 16 bits reaches."""
+OPENCV_TAKES_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
+"""Whether its look-up does, which is twice as fast as NumPy's."""
+BALANCE: dict[Signal, float] = {"difference": 2.0, "ratio": 2 / 160}
+"""Brightening up to which noise may cancel darkening: three standard deviations of a pixel."""
 ZERO = TABLE_SIZE // 2
 """Table index of the untouched skin."""
 DIMMEST_REFERENCE = 1.0
@@ -65,7 +70,23 @@ class DepthCurve:
     def table(self) -> Float32[Array, " size"]:
         """Height in mm for every quantised signal."""
         signal = (np.arange(TABLE_SIZE) - ZERO) / STEPS[self.signal]
-        return self.height_mm(signal).astype(np.float32)
+        return (self.height_mm(signal) + self.balance_mm(signal)).astype(np.float32)
+
+    @property
+    def knows_bulges(self) -> bool:
+        """Whether brighter pixels have a curve too."""
+        return len(self.brightening) > 1
+
+    def balance_mm(self, signal: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Continues the first stretch of the curve a little into the bright where no bulge is known.
+
+        Else only the dark half of the noise would count, and untouched skin would read as pressed in. It is for the
+        filters alone: after them what is above zero is zero.
+        """
+        if self.knows_bulges or len(self.darkening) < 2:
+            return np.zeros_like(signal)
+        slope = self.indentation_mm[1] / self.darkening[1]
+        return np.clip(signal, 0, BALANCE[self.signal]) * slope
 
     @property
     def darkest_index(self) -> int:
@@ -104,7 +125,7 @@ class Smoothing:
         """Smooth a field; zero standard deviations leave it as it is."""
         if self.combined_px == 0:
             return field
-        side = 2 * int(np.ceil(3 * self.combined_px)) + 1
+        side = 2 * round(3 * self.combined_px) + 1
         return np.asarray(cv2.GaussianBlur(field, (side, side), self.combined_px, borderType=cv2.BORDER_REPLICATE))
 
 
@@ -122,7 +143,9 @@ class DepthReader:
     def __call__(self, rectified: Rectified) -> HeightMap:
         """Signed height of the skin, with what each pixel rests on."""
         index = self.quantised(rectified.grey)
-        z_mm = self.smoothing(np.take(self.curve.table, index))
+        z_mm = self.smoothing(looked_up(self.curve.table, index))
+        if not self.curve.knows_bulges:
+            cv2.threshold(z_mm, 0, 0, cv2.THRESH_TRUNC, dst=z_mm)
         if not self.all_in_view:
             z_mm[self.lens_coverage == Coverage.OUT_OF_VIEW] = 0
         return HeightMap(
@@ -135,19 +158,21 @@ class DepthReader:
         return float(np.hypot(scatter, self.noise_mm))
 
     def quantised(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
-        """The signed signal as an index into the curve's table."""
-        gain, offset = self.gain_offset
-        signal = cv2.multiply(grey, gain)
-        cv2.add(signal, offset, dst=signal)
-        return np.clip(signal, 0, TABLE_SIZE - 1, out=signal).astype(np.uint16)
+        """The signed signal as an index into the curve's table, rounded, and kept inside it by saturation."""
+        steps = STEPS[self.curve.signal]
+        if self.curve.signal == "difference":
+            return np.asarray(cv2.addWeighted(grey, steps, self.index_offset, 1, 0, dtype=cv2.CV_16U))
+        return np.asarray(cv2.multiply(grey, self.index_gain, dtype=cv2.CV_16U))
 
     @cached_property
-    def gain_offset(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-        """Index = grey · gain + offset, per pixel, rounding included."""
-        steps, reference = STEPS[self.curve.signal], self.reference.grey
-        if self.curve.signal == "difference":
-            return np.full_like(reference, steps), (ZERO + 0.5 - steps * reference).astype(np.float32)
-        return steps / np.maximum(reference, DIMMEST_REFERENCE), np.full_like(reference, ZERO + 0.5 - steps)
+    def index_offset(self) -> Float32[Array, "rows cols"]:
+        """Difference: index = grey · steps + offset."""
+        return ZERO - np.float32(STEPS["difference"]) * self.reference.grey
+
+    @cached_property
+    def index_gain(self) -> Float32[Array, "rows cols"]:
+        """Ratio: index = grey · gain, because the untouched skin has the ratio one and the steps per unit are `ZERO`."""
+        return np.float32(STEPS["ratio"]) / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
 
     def coverage(self, index: UInt16[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
         """Where a pixel is darker than anything calibrated, its height is an extrapolation."""
@@ -158,3 +183,8 @@ class DepthReader:
     def all_in_view(self) -> bool:
         """Whether the camera sees every pixel of the grid."""
         return bool((self.lens_coverage != Coverage.OUT_OF_VIEW).all())
+
+
+def looked_up(table: Float32[Array, " size"], index: UInt16[Array, "rows cols"]) -> Float32[Array, "rows cols"]:
+    """The table's entry for every pixel."""
+    return np.asarray(cv2.LUT(index, table) if OPENCV_TAKES_16_BITS else np.take(table, index))

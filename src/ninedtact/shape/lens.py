@@ -6,7 +6,7 @@ are (x, y): mm on the skin (sensor frame), pixels in the picture (columns, rows;
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +25,7 @@ class PointNotSeen(NinedtactError):
     """No point of the skin appears at this pixel."""
 
 
+@runtime_checkable
 class Projection(Protocol):
     """Anything that tells where a point of the skin appears in the raw picture."""
 

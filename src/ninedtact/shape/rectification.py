@@ -40,8 +40,7 @@ class Rectification:
 
     def resampled(self, raw: Float32[Array, "raw_rows raw_cols"]) -> Float32[Array, "rows cols"]:
         """Any raw grey field on the rectified grid, bilinear, edges repeated outside the picture."""
-        coarse, fine = self.fixed_point_maps
-        return np.asarray(cv2.remap(raw, coarse, fine, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        return np.asarray(cv2.remap(raw, self.source_px, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
     def require_size(self, image: UInt8[Array, "raw_rows raw_cols 3"]) -> None:
         """Refuse a picture of another size."""
@@ -51,11 +50,6 @@ class Rectification:
                 f"expected pictures of {cols}x{rows} pixels as this sensor was calibrated with, got {got_cols}x{got_rows}; "
                 "set the camera to that size, or calibrate again at the new one"
             )
-
-    @cached_property
-    def fixed_point_maps(self) -> tuple[Array, Array]:
-        """The source pixels in the form that OpenCV resamples fastest (1/32 pixel)."""
-        return cv2.convertMaps(self.source_px[..., 0], self.source_px[..., 1], cv2.CV_16SC2)
 
     @cached_property
     def coverage(self) -> UInt8[Array, "rows cols"]:

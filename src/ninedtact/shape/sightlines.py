@@ -33,12 +33,10 @@ def spread(height: HeightMap) -> Grid:
 def uprightness(height: HeightMap, slope_x: Grid, slope_y: Grid) -> Grid:
     """n: third component of a normal along (−dz/du, −dz/dv, n)."""
     u, v = plane_mm(*height.z_mm.shape, height.mm_per_px)
-    upright = u * slope_x
-    upright += v * slope_y
-    upright += height.z_mm
-    upright *= np.float32(1 / height.camera_distance_mm)
-    upright += 1
-    return np.asarray(upright)
+    rise = u * slope_x
+    cv2.accumulateProduct(v, slope_y, rise)
+    nearness = 1 / height.camera_distance_mm
+    return np.asarray(cv2.addWeighted(rise, nearness, height.z_mm, nearness, 1))
 
 
 def footprint_mm2(height: HeightMap) -> Grid:

@@ -1,0 +1,173 @@
+"""What has changed between two rectified pictures of untouched skin, taken apart: light, and local marks.
+
+    brightness today / brightness then  =  gain · smooth field (light) · residue (marks on the skin, or a contact)
+
+All changes are parts of the brightness (0.01 is 1 %), as logarithms where they are small.
+"""
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32
+from numpy import ndarray as Array
+
+from ninedtact.calibration.brightness import DIMMEST
+from ninedtact.quantities import Rectified, centred_axis_mm
+
+Field = Float32[Array, "rows cols"]
+
+SMOOTHING_MM = 0.15
+"""Marks smaller than this do not outlast the filters after the depth curve either."""
+FIELD_DEGREE = 4
+"""Polynomial degree of the light's field: one of eight LEDs that fails bends it, a mark of millimetres does not."""
+FIELD_STRIDE = 6
+ROUNDS = 8
+TUKEY = 4.685
+FAINTEST_MARK = 0.012
+"""Two grey levels: untouched skin of real sensors differs by at most half of it between two sessions (contours of the
+camera's shading correction move with the light), and by 0.001 from picture to picture."""
+MARK_TIMES_NOISE = 5.0
+SMALLEST_MARK_MM2 = 0.1
+UNEVEN = 0.05
+"""Change of the light across the view that deserves a word; real sensors have up to 0.021 between two sessions."""
+DARKEST_UNTOUCHED = 0.025
+BULGE_REACH_MM = 2.0
+BULGE_SHARE = 0.1
+"""Pressed gel piles up around the contact and brightens: there is at least this much of the darkness, as brightness,
+beside a contact (real presses 0.2 to 0.6), and none beside a stain."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place on the skin that looks different, about its centre of change."""
+
+    x_mm: float
+    y_mm: float
+    area_mm2: float
+    change: float
+    """Largest relative change of brightness in it; negative darker."""
+
+
+@dataclass(frozen=True)
+class SkinChange:
+    """Today's brightness over the calibrated one's, in parts."""
+
+    gain: float
+    """Factor of the whole picture, the median."""
+    field: Field
+    """Smooth relative change beside the gain."""
+    residue: Field
+    """What is left, smoothed; zero where the skin is not seen."""
+    seen: Bool[Array, "rows cols"]
+    noise: float
+    """Standard deviation of the residue by camera noise."""
+    mm_per_px: float
+
+    @property
+    def unevenness(self) -> float:
+        """Largest change of the light against its median."""
+        return float(np.abs(self.field[self.seen]).max())
+
+    @property
+    def level(self) -> float:
+        """Change of brightness that is neither noise nor the camera's."""
+        return max(FAINTEST_MARK, MARK_TIMES_NOISE * self.noise)
+
+    @property
+    def mark_level(self) -> float:
+        """Change above which a place is marked; uneven light leaves steep borders that are no marks."""
+        return max(self.level, self.unevenness if self.unevenness > UNEVEN else 0.0)
+
+    @cached_property
+    def marks(self) -> tuple[Mark, ...]:
+        """All changed places, largest first."""
+        found = [mark for sign in (-1, 1) for mark in self.marks_of(sign)]
+        return tuple(sorted(found, key=lambda mark: -mark.area_mm2))
+
+    def marks_of(self, sign: int) -> list[Mark]:
+        """Changed places of one direction."""
+        count, labels, boxes, _ = cv2.connectedComponentsWithStats(
+            (sign * self.residue > self.mark_level).astype(np.uint8)
+        )
+        large = boxes[:, cv2.CC_STAT_AREA] * self.mm_per_px**2 >= SMALLEST_MARK_MM2
+        return [self.mark(labels == label) for label in range(1, count) if large[label]]
+
+    def mark(self, where: Bool[Array, "rows cols"]) -> Mark:
+        """The figures of one place."""
+        rows, cols = np.nonzero(where)
+        y, x = (centred_axis_mm(size, self.mm_per_px) for size in where.shape)
+        values = self.residue[where]
+        weight = np.abs(values) / np.abs(values).sum()
+        return Mark(
+            float(x[cols] @ weight),
+            float(y[rows] @ weight),
+            float(where.sum()) * self.mm_per_px**2,
+            float(values[np.abs(values).argmax()]),
+        )
+
+    @property
+    def changed_area_mm2(self) -> float:
+        """Area of all marks."""
+        return sum((mark.area_mm2 for mark in self.marks), 0.0)
+
+    @cached_property
+    def contact(self) -> Mark | None:
+        """All dark places together, if they look pressed: clearly darker, with brighter gel beside them."""
+        dark = self.residue < -self.level
+        if self.residue.min() > -DARKEST_UNTOUCHED:
+            return None
+        side = 2 * round(BULGE_REACH_MM / self.mm_per_px) + 1
+        beside = cv2.dilate(dark.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0
+        bulge = beside & (self.residue > self.level / 2)
+        if self.residue[bulge].sum() < -BULGE_SHARE * self.residue[dark].sum():
+            return None
+        return self.mark(dark)
+
+    @property
+    def changed_share(self) -> float:
+        """Part of the view whose change is neither light nor noise."""
+        return float((np.abs(self.residue[self.seen]) > self.level).mean())
+
+
+def skin_change(then: Rectified, today: Rectified, seen: Bool[Array, "rows cols"], noise: float) -> SkinChange:
+    """Take the change apart; noise: standard deviation of one pixel, part of the brightness."""
+    ratio = np.log(np.maximum(today.grey, DIMMEST) / np.maximum(then.grey, DIMMEST))
+    sigma_px = SMOOTHING_MM / then.mm_per_px
+    smooth = np.asarray(cv2.GaussianBlur(ratio, (0, 0), sigma_px))
+    field = smooth_field(smooth, seen)
+    middle = float(np.median(field[seen]))
+    # A Gaussian leaves 1/(2σ√π) of white noise.
+    left_of_noise = noise / (2 * sigma_px * np.sqrt(np.pi))
+    return SkinChange(
+        float(np.exp(middle)),
+        np.expm1(field - middle),
+        np.where(seen, np.expm1(smooth - field), np.float32(0)),
+        seen,
+        left_of_noise,
+        then.mm_per_px,
+    )
+
+
+def smooth_field(change: Field, seen: Bool[Array, "rows cols"]) -> Field:
+    """A polynomial through what most of the skin did; a contact or a mark is no part of it (Tukey's weights)."""
+    coarse = np.s_[::FIELD_STRIDE, ::FIELD_STRIDE]
+    values, terms = change[coarse][seen[coarse]], polynomial(change.shape)[coarse][seen[coarse]]
+    weight = np.ones_like(values)
+    for _ in range(ROUNDS):
+        weighted = terms * weight[:, None]
+        solution = np.linalg.solve(weighted.T @ weighted, weighted.T @ (values * weight))
+        missed = values - terms @ solution
+        scaled = missed / (TUKEY * max(float(np.median(np.abs(missed))) / 0.6745, 1e-6))
+        weight = np.maximum(1 - scaled**2, 0)
+    return (polynomial(change.shape) @ solution).astype(np.float32)
+
+
+@cache
+def polynomial(shape: tuple[int, int]) -> Float32[Array, "rows cols terms"]:
+    """All products of Legendre polynomials of row and column up to the degree together."""
+    y, x = (np.polynomial.legendre.legvander(np.linspace(-1, 1, size), FIELD_DEGREE) for size in shape)
+    degrees = range(FIELD_DEGREE + 1)
+    products = [y[:, None, i] * x[None, :, j] for i in degrees for j in degrees if i + j <= FIELD_DEGREE]
+    return np.stack(products, axis=-1).astype(np.float32)

@@ -1,0 +1,112 @@
+"""ninedtact check: is today's sensor still the one that was calibrated?"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from math import hypot
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from ninedtact.cli.answer import answer
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.drift import Drift
+    from ninedtact.calibration.drift_findings import Finding
+
+
+@dataclass(frozen=True)
+class Check:
+    """Compare today's untouched skin with the calibrated one: light, camera and gel.
+
+    Exit code 0: fine; 1: something has changed, or a picture or the sensor folder cannot be read.
+    """
+
+    sensor: Path
+    """Sensor folder that `ninedtact calibrate` wrote."""
+    reference: tyro.conf.Positional[tuple[Path, ...]]
+    """Pictures of the untouched skin, taken today; each is judged by itself."""
+    json: bool = False
+    """Print the verdict and all figures as one JSON object."""
+
+    def run(self) -> int:
+        """Judge every picture; 1 where one is not fine."""
+        from ninedtact.calibration.drift import drift, known_skin
+        from ninedtact.calibration.drift_findings import findings
+        from ninedtact.calibration.sensor_folder import load_sensor
+        from ninedtact.capture.pictures import read_picture
+
+        known = known_skin(load_sensor(self.sensor))
+        measured = [drift(known, read_picture(path)) for path in self.reference]
+        results = [result(path, one, findings(one)) for path, one in zip(self.reference, measured, strict=True)]
+        answer(self.json, summary(self.sensor, results), lines(results))
+        return int(any(found["findings"] for found in results))
+
+
+def result(path: Path, drift: "Drift", found: "list[Finding]") -> dict[str, Any]:
+    """One picture's verdict and figures."""
+    return {
+        "picture": str(path),
+        "verdict": found[0].verdict if found else "fine",
+        "findings": [asdict(finding) for finding in found],
+        **figures(drift),
+    }
+
+
+def figures(drift: "Drift") -> dict[str, Any]:
+    """What was measured, whether it amounts to a finding or not; null where the skin's motion could not be observed."""
+    skin, change = drift.moved, drift.change
+    seen = skin.recognised
+    return {
+        "brightness_percent": 100 * (change.gain - 1),
+        "uneven_percent": 100 * change.unevenness,
+        "colour_percent": dict(zip(("blue", "green", "red"), (100 * part for part in drift.colour), strict=True)),
+        "shift_px": list(skin.shift_px) if seen else None,
+        "shift_mm": [part * drift.known.mm_per_raw_px for part in skin.shift_px] if seen else None,
+        "shift_error_px": skin.shift_error_px if seen else None,
+        "turn_deg": skin.turn_deg if seen else None,
+        "likeness": drift.nearest.likeness,
+        "changed_area_mm2": change.changed_area_mm2,
+        "marks": [asdict(mark) for mark in change.marks],
+        "old_reference_height_mm": drift.height_mm,
+    }
+
+
+def summary(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]:
+    """The first verdict that is not fine, and everything behind it."""
+    worst = next((found for found in results if found["findings"]), results[0])
+    return {
+        "sensor": str(sensor),
+        "verdict": worst["verdict"],
+        "findings": worst["findings"],
+        "pictures": results,
+    }
+
+
+def lines(results: list[dict[str, Any]]) -> Iterator[str]:
+    """The verdicts for a person."""
+    for found in results:
+        yield f"{found['picture']}: {found['verdict']}"
+        for finding in found["findings"]:
+            yield f"  {finding['sentence']}{height(finding)}"
+        yield f"  measured: {measured(found)}"
+
+
+def height(finding: dict[str, Any]) -> str:
+    """What the finding does to the height, where it does."""
+    if finding["height_mm"] is None:
+        return ""
+    return f" (height off by up to {finding['height_mm']:.2f} mm with the calibration's reference picture)"
+
+
+def measured(found: dict[str, Any]) -> str:
+    """All figures in one line."""
+    skin = "motion of the skin not observable"
+    if found["shift_px"] is not None:
+        px, mm = hypot(*found["shift_px"]), hypot(*found["shift_mm"])
+        skin = f"skin {px:.2f} ± {found['shift_error_px']:.2f} px ({mm:.3f} mm) away, turn {found['turn_deg']:.2f}°"
+    return (
+        f"brightness {found['brightness_percent']:+.1f} %, light even to {found['uneven_percent']:.1f} %, {skin}, "
+        f"marks on {found['changed_area_mm2']:.1f} mm², together worth up to {found['old_reference_height_mm']:.2f} mm "
+        "of height with the calibration's reference picture, none with today's"
+    )

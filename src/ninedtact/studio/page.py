@@ -1,0 +1,148 @@
+"""Where everything stands: pictures left, the skin in the middle; state, figures, buttons and costs right."""
+
+from typing import Any, Literal
+
+import numpy as np
+from viser import GuiEvent, GuiUplotHandle, Icon, ViserServer, uplot
+
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Reading
+from ninedtact.studio.cards import figures_card, legend_card, rows_card, status_card
+from ninedtact.studio.history import HISTORY_S
+from ninedtact.studio.ruler import Block
+from ninedtact.studio.scene import Scene
+from ninedtact.studio.status import Status
+from ninedtact.studio.studio import Look, Report, Studio
+from ninedtact.studio.view import View
+
+LEFT_PX, RIGHT_PX = 330, 330
+BACKGROUND = np.full((2, 2, 3), (236, 239, 242), np.uint8)
+BLANK = np.full((3, 4, 3), 90, np.uint8)
+PLOT_EVERY = 3
+"""Each how-manieth report redraws the curve."""
+SHOWN_S = 8.0
+"""How long a notification stays."""
+MOST_TIMES = 10.0
+"""Largest exaggeration of heights."""
+SKINS = ("coloured points", "shaded surface")
+WAITING = Status("busy", "waiting for the first picture…")
+
+
+class Page:
+    """A `Display` made of viser's panels; any number of browsers see the same."""
+
+    def __init__(self, server: ViserServer, studio: Studio, block: Block, title: str) -> None:
+        self._server, self._studio = server, studio
+        self._scene = Scene(server, block)
+        self._reports = 0
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.set_panel_label(title)
+        server.scene.set_background_image(BACKGROUND)
+        self._lay_out_pictures()
+        self._lay_out_controls()
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a browser is connected."""
+        return bool(self._server.get_clients())
+
+    def look(self) -> Look:
+        """What the controls say."""
+        return Look(self._as.value == SKINS[0], float(self._times.value))
+
+    def show(self, view: View, look: Look) -> None:
+        """Draw one reading, all parts of it together."""
+        with self._server.atomic():
+            self._picture.image = view.picture[..., ::-1]
+            self._heights.image = view.heights[..., ::-1]
+            self._figures.content = figures_card(view.summary)
+            self._scene.show(view.surface, look, view.is_past)
+
+    def tell(self, report: Report) -> None:
+        """State, rates and costs; the curve now and then."""
+        self._status.content = status_card(report.status)
+        self._costs.content = rows_card(rates(report) | costs(report.shown))
+        self._reports += 1
+        if self._reports % PLOT_EVERY == 0:
+            self._plot.data = tuple(report.moment.history)
+
+    def _lay_out_pictures(self) -> None:
+        panel = self._server.gui.add_panel()
+        with panel.add_tab("Seen from inside"):
+            self._picture = self._server.gui.add_image(BLANK, label="camera", format="jpeg", jpeg_quality=85)
+            self._heights = self._server.gui.add_image(BLANK, label="height of the skin", format="jpeg")
+            self._server.gui.add_html(legend_card(self._studio.scale))
+        panel.dock_left()
+        panel.set_width(LEFT_PX)
+
+    def _lay_out_controls(self) -> None:
+        gui = self._server.gui
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(RIGHT_PX)
+        self._status = gui.add_html(status_card(WAITING))
+        self._figures = gui.add_html("")
+        self._plot = self._curve()
+        self._lay_out_buttons()
+        self._as = gui.add_dropdown("skin as", SKINS)
+        self._times = gui.add_slider("stretch z", 1.0, MOST_TIMES, 0.5, 1.0, hint="1 is true to scale")
+        self._costs = gui.add_html("")
+
+    def _curve(self) -> GuiUplotHandle:
+        deepest = self._studio.scale.pressed_mm
+        return self._server.gui.add_uplot(
+            (np.zeros(2), np.zeros(2)),
+            (
+                uplot.Series(label="s ago"),
+                uplot.Series(label="deepest (mm)", stroke="#2166ac", width=1.5, fill="#2166ac22"),
+            ),
+            scales={"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(0.0, 1.1 * deepest))},
+            legend=uplot.Legend(show=False),
+            
+            title=f"deepest (mm), last {HISTORY_S:g} s",
+            height=130,
+        )
+
+    def _lay_out_buttons(self) -> None:
+        gui = self._server.gui
+        reference = gui.add_button("Take reference", icon=Icon.TARGET, hint="while nothing touches the skin")
+        self._freeze = gui.add_button("Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep what is shown")
+        save = gui.add_button("Save this reading", color="gray", icon=Icon.DEVICE_FLOPPY, hint="picture .png, heights .npy .png .ply")
+        reference.on_click(lambda event: self._studio.take_reference())
+        self._freeze.on_click(lambda event: self._toggle_freeze())
+        save.on_click(self._save)
+
+    def _toggle_freeze(self) -> None:
+        self._studio.frozen = not self._studio.frozen
+        self._freeze.label = "Go on" if self._studio.frozen else "Freeze"
+        self._freeze.icon = Icon.PLAYER_PLAY if self._studio.frozen else Icon.PLAYER_PAUSE
+
+    def _save(self, event: GuiEvent[Any]) -> None:
+        """Runs in a thread of viser's, so that a slow disk holds up neither the sensor nor the page."""
+        try:
+            paths = self._studio.save()
+        except (NinedtactError, OSError) as trouble:
+            notify(event, "Not saved", str(trouble), "red")
+        else:
+            notify(event, "Saved", ", ".join(str(path) for path in paths), "green")
+
+
+def notify(event: GuiEvent[Any], title: str, body: str, colour: Literal["red", "green"]) -> None:
+    """Tell the person who clicked."""
+    if event.client is not None:
+        event.client.add_notification(title, body, color=colour, auto_close_seconds=SHOWN_S)
+
+
+def rates(report: Report) -> dict[str, str]:
+    """How fast it goes, from camera to browser."""
+    dropped = report.shown.dropped if report.shown else 0
+    return {
+        "camera": f"{report.moment.delivered_hz:.1f} pictures/s",
+        "read": f"{report.moment.read_hz:.1f} /s, {dropped} dropped",
+        "shown": f"{report.shown_hz:.1f} /s",
+    }
+
+
+def costs(reading: Reading | None) -> dict[str, str]:
+    """What each stage of a reading cost; waiting for the camera is no cost."""
+    stages = {} if reading is None else reading.stage_ms
+    return {name: f"{ms:.1f} ms" for name, ms in stages.items() if name != "capture"}

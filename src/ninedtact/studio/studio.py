@@ -1,0 +1,128 @@
+"""The page thread: takes the newest moment of the sensor thread, draws it, says how it is. Read this file first."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Reading
+from ninedtact.shape.picture.palette import ColourScale
+from ninedtact.studio.history import Rate
+from ninedtact.studio.loop import Moment, Phase, SensorLoop
+from ninedtact.studio.saved import save_reading
+from ninedtact.studio.status import ENDED, Status, status_of
+from ninedtact.studio.view import View, drawn, scale_of
+
+WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first picture"
+
+
+class NothingToSave(NinedtactError):
+    """No reading has been shown yet."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a person wants to see the skin."""
+
+    as_points: bool = True
+    """Points in the colour of their height; otherwise a smooth surface in the colour of silicone."""
+    exaggeration: float = 1.0
+    """Heights are drawn this many times larger than they are."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """How it goes, apart from what is seen."""
+
+    status: Status
+    moment: Moment
+    shown: Reading | None
+    shown_hz: float
+
+
+@runtime_checkable
+class Display(Protocol):
+    """Where a person looks. Nothing is drawn while nobody does."""
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether anybody looks."""
+
+    def look(self) -> Look:
+        """How they want to see it now."""
+
+    def show(self, view: View, look: Look) -> None:
+        """Draw one reading."""
+
+    def tell(self, report: Report) -> None:
+        """Say how it goes."""
+
+
+class Studio:
+    """One sensor in front of a person."""
+
+    def __init__(self, loop: SensorLoop, out: Path) -> None:
+        self.scale: ColourScale = scale_of(loop.sensor.calibrated.curve)
+        self.frozen = False
+        self._loop, self._out = loop, out
+        self._view: View | None = None
+        self._displayed: tuple[int, bool, Look] | None = None
+        """What was drawn last: the number of the view, whether faded, and how."""
+        self._views, self._shown = 0, Rate()
+
+    @property
+    def shown(self) -> Reading | None:
+        """The reading on display."""
+        return None if self._view is None else self._view.reading
+
+    def run(self, display: Display, display_hz: float = 15.0) -> None:
+        """Show until interrupted, or until the sensor thread gives up, whose trouble is then raised."""
+        due_at = time.monotonic()
+        try:
+            while True:
+                self.refresh(display)
+                due_at = max(due_at + 1 / display_hz, time.monotonic())
+                time.sleep(max(due_at - time.monotonic(), 0))
+        finally:
+            self.bring_to_an_end(display)
+
+    def refresh(self, display: Display) -> None:
+        """Bring the display up to the present, once; raises what the sensor thread gave up with."""
+        now_ns = time.monotonic_ns()
+        moment = self._loop.moment(now_ns)
+        if display.is_watched:
+            self._take(moment.reading)
+        self._present(display, moment, status_of(moment, self.shown, self.frozen, now_ns))
+        if moment.phase is Phase.FAILED and moment.trouble is not None:
+            raise moment.trouble
+
+    def bring_to_an_end(self, display: Display) -> None:
+        """Leave a page that nobody takes for the present: a browser keeps the last one that it got."""
+        moment = self._loop.moment(time.monotonic_ns())
+        failed = moment.phase is Phase.FAILED
+        self._present(display, moment, status_of(moment, None, False, 0) if failed else ENDED)
+
+    def take_reference(self) -> None:
+        """Take the skin as it is now for untouched."""
+        self._loop.take_reference()
+
+    def save(self) -> list[Path]:
+        """Write what is shown to files; raises `NothingToSave`, `FileNotWritten`."""
+        if self.shown is None:
+            raise NothingToSave(WITHOUT_READING)
+        return save_reading(self.shown, self._out)
+
+    def _take(self, reading: Reading | None) -> None:
+        held = self.frozen and self._view is not None
+        if reading is None or reading is self.shown or held:
+            return
+        self._view, self._views = drawn(reading, self.scale), self._views + 1
+        self._shown.tick(time.monotonic_ns(), self._views)
+
+    def _present(self, display: Display, moment: Moment, status: Status) -> None:
+        displayed = (self._views, status.is_past, display.look())
+        if display.is_watched and self._view is not None and displayed != self._displayed:
+            display.show(self._view.faded() if status.is_past else self._view, displayed[2])
+            self._displayed = displayed
+        display.tell(Report(status, moment, self.shown, self._shown.hz(time.monotonic_ns())))

@@ -1,0 +1,185 @@
+"""The pin board is found and the lens recovered, on known lenses and on real pictures; what is no board is refused."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from known_sensor import KnownSensor, with_board
+
+from ninedtact.calibration.board import BoardNotFound, fit_board
+from ninedtact.calibration.brightness import PictureUnusable
+from ninedtact.calibration.flow import CalibrationPictures
+from ninedtact.calibration.lens_fit import fit_terms, rms_length
+from ninedtact.calibration.paper import integer_centres, left_out_errors_mm, paper_projection
+from ninedtact.design import PinBoard
+
+BOARD = PinBoard()
+
+
+def lens_error_mm(found, known, board: PinBoard = BOARD) -> float:
+    """RMS over the board's area of where a found lens puts a point that the known lens shows."""
+    x, y = np.meshgrid(*[np.linspace(-1, 1, 15) * (n - 1) / 2 * board.pitch_mm for n in (board.cols, board.rows)])
+    points = np.column_stack([x.ravel(), y.ravel()])
+    return rms_length(found.to_mm(known.to_px(points)) - points)
+
+
+def test_a_known_lens_is_recovered() -> None:
+    sensor = KnownSensor()
+    pictures = sensor.pictures()
+    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+    assert fit.found.all()
+    assert lens_error_mm(fit.lens, sensor.lens) < 0.01
+    assert fit.lens_fit.left_out_rms_mm < 0.02
+
+
+@pytest.mark.parametrize("board", [PinBoard(5, 5, 3.5), PinBoard(8, 10, 2.0), PinBoard(9, 13, 1.5)], ids=str)
+def test_any_board(board: PinBoard) -> None:
+    sensor = with_board(board)
+    pictures = sensor.pictures()
+    fit = fit_board(pictures.board_reference, pictures.board, board)
+    assert fit.found.all() and lens_error_mm(fit.lens, sensor.lens, board) < 0.02 * board.pitch_mm
+
+
+def test_missing_pins_are_predicted_and_named() -> None:
+    sensor = KnownSensor()
+    pictures = sensor.pictures(skip=(0, 30, 44))
+    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+    assert fit.missing == ["column 1, row 1", "column 4, row 4", "column 9, row 5"]
+    truth_px = sensor.lens.to_px(fit.points_mm[~fit.found])
+    assert np.abs(fit.points_px[~fit.found] - truth_px).max() < 1.0
+
+
+def test_too_many_missing_pins_are_counted() -> None:
+    pictures = KnownSensor().pictures(skip=tuple(range(20, 34)))
+    with pytest.raises(BoardNotFound, match="expected 63 pins") as refusal:
+        fit_board(pictures.board_reference, pictures.board, BOARD)
+    assert 30 <= refusal.value.found <= 52 and refusal.value.expected == 63
+
+
+def test_a_missing_side_could_be_any_row() -> None:
+    pictures = KnownSensor().pictures(skip=tuple(range(0, 63, 9)))
+    with pytest.raises(BoardNotFound):
+        fit_board(pictures.board_reference, pictures.board, BOARD)
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+@pytest.mark.parametrize("mounting", ["auto", "known"])
+def test_a_turned_camera_sees_the_same_skin(turns: int, mounting: str) -> None:
+    """np.rot90 turns the picture counter-clockwise, so the sensor's x axis turns to −90° per turn on the screen."""
+    pictures = KnownSensor().turned(turns)
+    way = "auto" if mounting == "auto" else (-90 * turns) % 360
+    fit = fit_board(pictures.board_reference, pictures.board, BOARD, way)
+    straight = fit_board(*[getattr(KnownSensor().pictures(), name) for name in ("board_reference", "board")], BOARD)
+    centre = straight.lens.to_px(np.array([[4.0, 2.0]]))[0]
+    seen = np.array(turned_px(centre, turns))
+    found = fit.lens.to_mm(seen[None])[0]
+    # "auto" cannot tell 0° from 180°, nor 90° from 270°.
+    ways = [(4.0, 2.0)] if mounting == "known" else [(4.0, 2.0), (-4.0, -2.0)]
+    assert min(np.hypot(*(found - way)) for way in ways) < 0.02
+
+
+def turned_px(point, turns: int):
+    """Where a pixel of a 640×480 picture lies after np.rot90."""
+    x, y, cols, rows = *point, 640, 480
+    for _ in range(turns):
+        x, y, cols, rows = y, cols - 1 - x, rows, cols
+    return x, y
+
+
+@pytest.mark.parametrize("letter", ["a", "i", "j"])
+def test_real_boards_with_the_defaults(letter: str, real_pictures: dict[str, CalibrationPictures]) -> None:
+    pictures = real_pictures[letter]
+    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+    assert fit.found.sum() == 63
+    original = rms_length(left_out_errors_mm(fit.points_mm, integer_centres(fit)))
+    assert fit.lens_fit.left_out_rms_mm < 0.8 * original
+
+
+def test_left_out_errors_equal_those_of_refitting(real_pictures: dict[str, CalibrationPictures]) -> None:
+    pictures = real_pictures["a"]
+    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+    refitted = []
+    for pin in range(len(fit.points_mm)):
+        others = np.arange(len(fit.points_mm)) != pin
+        lens = fit_terms(fit.points_mm[others], fit.points_px[others], (480, 640), len(fit.lens.radial)).lens
+        refitted.append(lens.to_mm(fit.points_px[pin : pin + 1])[0] - fit.points_mm[pin])
+    assert rms_length(np.array(refitted)) == pytest.approx(fit.lens_fit.left_out_rms_mm, rel=0.05)
+
+
+ALTERED = {
+    "faint": lambda picture, reference: reference + 0.5 * (picture - reference),
+    "vignetted": lambda picture, reference: picture * vignette()[..., None],
+    "glaring": lambda picture, reference: picture + 150 * glare()[..., None],
+    "dimmed since": lambda picture, reference: picture if picture is reference else 0.9 * picture - 3,
+    "half the size": lambda picture, reference: cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA),
+    "twice the size": lambda picture, reference: cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC),
+}
+
+
+def vignette():
+    y, x = np.mgrid[-1:1:480j, -1:1:640j]
+    return 1 / (1 + 2 * (x**2 + y**2) ** 2)
+
+
+def glare():
+    y, x = np.mgrid[:480, :640]
+    return np.exp(-((x - 640) ** 2 + (y - 60) ** 2) / 2 / 50**2)
+
+
+@pytest.mark.parametrize("letter", ["a", "i"])
+@pytest.mark.parametrize("how", ALTERED)
+def test_other_light_and_size(how: str, letter: str, real_pictures: dict[str, CalibrationPictures]) -> None:
+    pictures = real_pictures[letter]
+    reference, press = pictures.board_reference.astype(float), pictures.board.astype(float)
+    altered = [np.clip(ALTERED[how](one, reference), 0, 255).astype(np.uint8) for one in (reference, press)]
+    fit = fit_board(*altered, BOARD)
+    assert fit.found.sum() >= 62 and fit.lens_fit.left_out_rms_mm < 0.06
+
+
+def test_swapped_pictures_are_named(real_pictures: dict[str, CalibrationPictures]) -> None:
+    pictures = real_pictures["a"]
+    with pytest.raises(BoardNotFound, match="swapped"):
+        fit_board(pictures.board, pictures.board_reference, BOARD)
+
+
+def test_untouched_skin_is_no_board(real_pictures: dict[str, CalibrationPictures]) -> None:
+    pictures = real_pictures["j"]
+    with pytest.raises(BoardNotFound, match="nothing touched"):
+        fit_board(pictures.ball_reference, pictures.ball, BOARD)
+
+
+def test_a_ball_is_no_board(real_pictures: dict[str, CalibrationPictures]) -> None:
+    pictures = real_pictures["a"]
+    with pytest.raises(BoardNotFound, match="expected 63 pins"):
+        fit_board(pictures.ball_reference, pictures.ball, BOARD)
+
+
+def test_noise_is_no_board() -> None:
+    noise = [np.random.default_rng(seed).integers(0, 255, (480, 640, 3), np.uint8) for seed in (0, 1)]
+    with pytest.raises(BoardNotFound):
+        fit_board(*noise, BOARD)
+
+
+@pytest.mark.parametrize(("level", "word"), [(0, "lit"), (255, "overexposed")])
+def test_dark_and_burnt_pictures_are_refused(level: int, word: str) -> None:
+    flat = np.full((480, 640, 3), level, np.uint8)
+    with pytest.raises(PictureUnusable, match=word):
+        fit_board(flat, flat, BOARD)
+
+
+def test_the_papers_way_passes_through_its_pins(real_pictures: dict[str, CalibrationPictures]) -> None:
+    pictures = real_pictures["a"]
+    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+    projection, mm_per_px = paper_projection(fit)
+    assert np.allclose(projection.to_px(fit.points_mm), integer_centres(fit), atol=1e-6)
+    assert mm_per_px == pytest.approx(0.0510150969, rel=2e-3)  # what the original code stored for this sensor
+
+
+def test_noise_hardly_moves_the_lens() -> None:
+    quiet, loud = (replace(KnownSensor(), noise=noise) for noise in (0.3, 2.0))
+    errors = []
+    for sensor in (quiet, loud):
+        pictures = sensor.pictures()
+        errors.append(lens_error_mm(fit_board(pictures.board_reference, pictures.board, BOARD).lens, sensor.lens))
+    assert errors[1] < 0.03

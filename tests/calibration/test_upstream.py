@@ -1,0 +1,218 @@
+"""Folders of the original project come in and go out without loss, and damaged ones are refused in one sentence."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from known_sensor import LENS
+from numpy import ndarray as Array
+from upstream_folder import UpstreamFolder
+
+from ninedtact.calibration.record import FORMAT, Depth, Grid, LensTable, Picture, SensorRecord
+from ninedtact.calibration.sensor_folder import RECORD, SensorFolderDamaged, load_sensor, record_toml
+from ninedtact.calibration.upstream import UpstreamCannotHold, UpstreamFolderDamaged, export_upstream, import_upstream
+from ninedtact.calibration.upstream_files import read_numbers
+from ninedtact.calibration.upstream_layout import COL_INDEX, FILES, PIXEL_TO_DEPTH, POSITION_SCALE, ROW_INDEX
+from ninedtact.capture.pictures import read_picture
+from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
+from ninedtact.design import FieldOfView, SensorDesign
+from ninedtact.quantities import Coverage, Frame
+from ninedtact.shape.depth import DepthCurve, Smoothing
+
+REAL = "sensor_a/upstream_layout"
+GREY = 160
+
+
+def arrays(folder: Path) -> dict[str, Array]:
+    return {file: np.load(folder / file, allow_pickle=False) for file in FILES}
+
+
+def shown_by_original(folder: Path, grey: Array, rows: int = 345, cols: int = 460) -> Array:
+    """What the original program shows, by its own arithmetic."""
+    found = arrays(folder)
+    centre = found[POSITION_SCALE]
+    top, bottom = int(centre[0] - rows / 2), int(centre[0] + rows / 2)
+    left, right = int(centre[1] - cols / 2), int(centre[1] + cols / 2)
+    return grey[found[ROW_INDEX], found[COL_INDEX]][top:bottom, left:right]
+
+
+def test_a_real_folder_survives_the_round_trip(real_data: Path, tmp_path: Path) -> None:
+    sensor = import_upstream(real_data / REAL, tmp_path / "ours")
+    export_upstream(sensor, tmp_path / "sensor_9")
+    before, after = arrays(real_data / REAL / "sensor_1"), arrays(tmp_path / "sensor_9")
+    for file in (ROW_INDEX, COL_INDEX, POSITION_SCALE):
+        np.testing.assert_array_equal(after[file], before[file])
+        assert after[file].dtype == before[file].dtype
+    np.testing.assert_array_equal(after[PIXEL_TO_DEPTH][1:], before[PIXEL_TO_DEPTH][1:])
+    assert after[PIXEL_TO_DEPTH][0] == 0
+
+
+def test_an_imported_sensor_shows_what_the_original_shows(real_data: Path, tmp_path: Path) -> None:
+    sensor = import_upstream(real_data / REAL, tmp_path / "ours", sensor_id="left finger")
+    ball = read_picture(real_data / "sensor_a/ball.png")
+    grey = cv2.cvtColor(ball, cv2.COLOR_BGR2GRAY)
+    ours = sensor.rectification(Frame(ball)).grey
+    np.testing.assert_array_equal(ours, shown_by_original(real_data / REAL / "sensor_1", grey))
+    height = sensor.shape.depth_reader(Frame(read_picture(real_data / "sensor_a/ball_reference.png")))
+    deepest_mm = height(sensor.rectification(Frame(ball))).indentation_mm.max()
+    assert deepest_mm == pytest.approx(1.85, abs=0.1)
+    assert (sensor.rectification.coverage == Coverage.OUT_OF_VIEW).sum() == 38
+    assert sensor.id == load_sensor(tmp_path / "ours").id == "left finger"
+    with pytest.raises(SensorFolderDamaged, match="imported"):
+        sensor.picture("ball_reference", read_picture)
+
+
+def test_the_crop_is_the_original_s_whatever_its_size(tmp_path: Path) -> None:
+    folder = UpstreamFolder(position_scale=np.array([241.0, 334.0, 0.05])).write(tmp_path / "sensor_2")
+    picture = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
+    for rows, cols in ((345, 460), (280, 381)):
+        design = replace(SensorDesign(), field_of_view=FieldOfView(rows, cols))
+        sensor = import_upstream(tmp_path, tmp_path / "ours", design)
+        ours = sensor.rectification(Frame(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))).grey
+        np.testing.assert_array_equal(ours, shown_by_original(folder, picture, rows, cols))
+
+
+def test_gaps_and_dips_in_the_list_are_mended(tmp_path: Path) -> None:
+    folder = UpstreamFolder(pixel_to_depth=np.array([0.9, 0.1, 0.0, 0.3, 0.5, 0.4, 0.6])).write(tmp_path / "sensor_2")
+    sensor = import_upstream(folder, tmp_path / "ours")
+    export_upstream(sensor, tmp_path / "again")
+    np.testing.assert_allclose(arrays(tmp_path / "again")[PIXEL_TO_DEPTH], [0, 0.1, 0.2, 0.3, 0.45, 0.45, 0.6])
+
+
+Spoil = Callable[[UpstreamFolder], object]
+SPOILT: dict[str, tuple[Spoil, str]] = {
+    "index beyond the picture": (lambda f: f.row_index.__setitem__((3, 4), 480), "pixels 0 to 479 .*row_index"),
+    "negative index": (lambda f: f.col_index.__setitem__((3, 4), -1), "pixels 0 to 639 .*col_index"),
+    "maps of two sizes": (lambda f: setattr(f, "col_index", f.col_index[:400]), "one size"),
+    "flat map": (lambda f: setattr(f, "row_index", f.row_index.ravel()), "2 dimensions .*row_index"),
+    "fractions": (lambda f: setattr(f, "row_index", f.row_index * 0.9), "whole numbers"),
+    "letters": (lambda f: setattr(f, "row_index", f.row_index.astype(str)), "array of numbers"),
+    "not a number": (lambda f: f.pixel_to_depth.__setitem__(7, np.nan), "finite numbers .*Pixel_to_Depth"),
+    "no depths": (lambda f: f.pixel_to_depth.fill(0), "0 are depths"),
+    "empty list": (lambda f: setattr(f, "pixel_to_depth", np.zeros(0)), "1 dimension .*shape \\(0,\\)"),
+    "two numbers": (lambda f: setattr(f, "position_scale", np.ones(2)), "got 2 numbers"),
+    "pixels per mm": (lambda f: f.position_scale.__setitem__(2, 19.6), "got 19.6.* inverse"),
+    "centre at the border": (lambda f: f.position_scale.__setitem__(0, 100.0), "reaches beyond.*crop_size"),
+    "Python objects": (lambda f: setattr(f, "pixel_to_depth", np.array([{}, 1])), "without Python objects"),
+}
+
+
+@pytest.mark.parametrize(("spoil", "sentence"), SPOILT.values(), ids=SPOILT)
+def test_wrong_numbers_are_refused_and_nothing_is_written(tmp_path: Path, spoil: Spoil, sentence: str) -> None:
+    folder = UpstreamFolder()
+    spoil(folder)
+    folder.write(tmp_path / "sensor_2")
+    assert_refused(tmp_path / "sensor_2", sentence)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_missing_and_truncated_files_are_refused(tmp_path: Path, file: str) -> None:
+    path = UpstreamFolder().write(tmp_path / "sensor_2") / file
+    path.write_bytes(path.read_bytes()[:-9])
+    assert_refused(tmp_path / "sensor_2", f"whole .npy file .*{Path(file).name}")
+    path.unlink()
+    assert_refused(tmp_path / "sensor_2", f"{Path(file).name}, got no such file")
+
+
+def test_a_folder_that_is_not_one_sensor_is_refused(tmp_path: Path) -> None:
+    assert_refused(tmp_path / "nowhere", "got no such folder")
+    (tmp_path / "empty").mkdir()
+    assert_refused(tmp_path / "empty", "got none")
+    for name in ("sensor_1", "sensor_2"):
+        UpstreamFolder().write(tmp_path / "two" / name)
+    assert_refused(tmp_path / "two", "got sensor_1, sensor_2")
+
+
+def assert_refused(folder: Path, sentence: str) -> None:
+    out = folder.parent / "out" / "ours"
+    with pytest.raises(UpstreamFolderDamaged, match=sentence):
+        import_upstream(folder, out)
+    assert not out.parent.exists() or not any(out.parent.iterdir())
+
+
+@given(position=st.integers(0, 200), byte=st.integers(0, 255), cut=st.integers(1, 200))
+@example(position=20, byte=ord("O"), cut=200)
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_any_damage_to_a_file_is_refused_or_harmless(tmp_path: Path, position: int, byte: int, cut: int) -> None:
+    path = tmp_path / "list.npy"
+    np.save(path, np.arange(9.0))
+    content = bytearray(path.read_bytes())
+    content[position % len(content)] = byte
+    path.write_bytes(bytes(content[:cut] if cut < 200 else content))
+    try:
+        numbers = read_numbers(path, 1)
+    except UpstreamFolderDamaged as refusal:
+        assert "\n" not in str(refusal)
+    else:
+        assert np.isfinite(numbers).all()
+
+
+def lens_sensor(folder: Path, raw_shape: tuple[int, int] = (480, 640)) -> Path:
+    """One of our own sensor folders, with a lens and a curve of ratios."""
+    content = cv2.imencode(".png", np.full((*raw_shape, 3), GREY, np.uint8))[1].tobytes()
+    folder.mkdir()
+    (folder / "reference.png").write_bytes(content)
+    record = SensorRecord(
+        format=FORMAT,
+        id="ours",
+        created=datetime(2024, 1, 1, tzinfo=UTC),
+        software="test",
+        design=SensorDesign(),
+        grid=Grid(0.0521, *raw_shape, (-12.5, 12.5, -10.0, 10.0)),
+        lens=LensTable(LENS.homography, LENS.centre, LENS.radial, LENS.tangential),  # type: ignore[arg-type]
+        depth=Depth("ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 0.5, 1.2), (0.01,) * 3)),
+        pictures={"ball_reference": Picture("reference.png", sha256(content).hexdigest())},
+    )
+    (folder / RECORD).write_bytes(record_toml(record))
+    return folder
+
+
+def test_the_original_shows_one_of_our_sensors_to_the_nearest_pixel(tmp_path: Path) -> None:
+    sensor = load_sensor(lens_sensor(tmp_path / "ours"))
+    export_upstream(sensor, tmp_path / "sensor_1")
+    rows, cols = np.indices((480, 640))
+    shown = np.stack([shown_by_original(tmp_path / "sensor_1", axis) for axis in (cols, rows)], axis=-1)
+    seen = sensor.rectification.coverage != Coverage.OUT_OF_VIEW
+    assert np.abs(shown - sensor.rectification.source_px)[seen].max() <= 0.5 + 1e-3
+    found = arrays(tmp_path / "sensor_1")
+    assert found[POSITION_SCALE][2] == sensor.record.grid.mm_per_px
+    levels = np.arange(len(found[PIXEL_TO_DEPTH]))
+    assert levels[-1] == 48
+    np.testing.assert_allclose(found[PIXEL_TO_DEPTH], np.interp(levels / GREY, [0, 0.1, 0.3], [0, 0.5, 1.2]), rtol=1e-6)
+    row, col, mm_per_px = int(found[POSITION_SCALE][0] - 345 / 2), int(found[POSITION_SCALE][1] - 460 / 2), 0.0521
+    beside_mm = np.array([[(50 - 229.5) * mm_per_px, (-10 - 172) * mm_per_px]])
+    beside = [found[file][row - 10, col + 50] for file in (COL_INDEX, ROW_INDEX)]
+    np.testing.assert_array_equal(beside, np.rint(LENS.to_px(beside_mm))[0])
+    back = import_upstream(tmp_path / "sensor_1", tmp_path / "back")
+    assert np.abs(back.rectification.source_px - sensor.rectification.source_px)[seen].max() <= 0.5 + 1e-3
+
+
+def test_an_export_that_would_lose_something_is_refused(tmp_path: Path) -> None:
+    small = load_sensor(lens_sensor(tmp_path / "small", (240, 320)))
+    with pytest.raises(UpstreamCannotHold, match="at least 460 x 345 pixels"):
+        export_upstream(small, tmp_path / "sensor_1")
+    assert not (tmp_path / "sensor_1").exists()
+    ours = load_sensor(lens_sensor(tmp_path / "ours"))
+    with pytest.raises(UpstreamCannotHold, match="new or an empty folder"):
+        export_upstream(ours, tmp_path / "ours")
+    imported = import_upstream(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "imported")
+    UpstreamFolder(position_scale=np.array([239.0, 318.0, 0.0511])).write(imported.path / "upstream")
+    with pytest.raises(UpstreamFolderDamaged, match="as it was imported"):
+        export_upstream(imported, tmp_path / "sensor_1")
+
+
+def test_the_commands_say_in_json_what_they_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    UpstreamFolder().write(tmp_path / "sensor_2")
+    assert ImportCalibration(tmp_path, tmp_path / "ours", json=True).run() == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["id"], found["mm_per_px"], found["crop_size"]) == ("sensor_2", 0.0511, [345, 460])
+    assert ExportCalibration(tmp_path / "ours", tmp_path / "sensor_7", json=True).run() == 0
+    assert all(Path(file).is_file() for file in json.loads(capsys.readouterr().out)["files"])

@@ -1,0 +1,43 @@
+"""What all tests share. Shapes and types of every annotated function are checked while the tests run."""
+
+from jaxtyping import install_import_hook
+
+install_import_hook("ninedtact", "type_checker.checked")
+
+import os  # noqa: E402 - the hook comes before anything that may import the package
+from pathlib import Path  # noqa: E402
+
+import pytest  # noqa: E402
+
+from ninedtact.calibration.flow import Calibration, CalibrationPictures, calibrate  # noqa: E402
+from ninedtact.capture.pictures import read_picture  # noqa: E402
+
+REAL_DATA = "NINEDTACT_REAL_DATA"
+PRESSES = ("board_reference", "board", "ball_reference", "ball")
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder of real pictures, `sensor_a/board.png` and so on; tests that need it are skipped without it."""
+    default = Path(__file__).parents[2] / "shared" / "real"
+    folder = Path(os.environ.get(REAL_DATA, default))
+    if not (folder / "sensor_a" / "board.png").is_file():
+        pytest.skip(f"expected real pictures in {folder}, got none; set {REAL_DATA} to the folder that holds sensor_a")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def real_pictures(real_data: Path) -> dict[str, CalibrationPictures]:
+    """The four pictures of each real sensor, by its letter."""
+    return {
+        letter: CalibrationPictures(
+            **{name: read_picture(real_data / f"sensor_{letter}" / f"{name}.png") for name in PRESSES}
+        )
+        for letter in "aij"
+    }
+
+
+@pytest.fixture(scope="session")
+def calibrated_a(real_pictures: dict[str, CalibrationPictures]) -> Calibration:
+    """Sensor A calibrated with the defaults."""
+    return calibrate(real_pictures["a"])

@@ -1,0 +1,91 @@
+"""Imports run one way: a room knows only the layers below its own, and heavy libraries live in one room each."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import ninedtact
+
+PACKAGE = Path(ninedtact.__file__).parent
+
+LAYERS = [
+    {"errors", "whole_file"},
+    {"quantities", "design"},
+    {"mechanics", "capture", "shape"},
+    {"force", "simulation"},
+    {"calibration", "recording", "sensor"},
+    {"studio", "hardware", "interop"},
+    {"cli"},
+]
+EXCEPTIONS = {("calibration", "simulation.light")}
+"""The ball fit is the twin's forward model."""
+
+SHARED_WITHIN_A_LAYER = {("design", "errors"), ("whole_file", "errors")}
+
+HEAVY = {
+    "torch": {"force", "mechanics", "simulation"},
+    "viser": {"studio"},
+    "build123d": {"hardware"},
+    "cyclonedds": {"interop"},
+    "matplotlib": {"shape", "calibration"},
+    "jinja2": {"calibration"},
+}
+
+
+def room(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def layer(name: str) -> int:
+    return next(level for level, rooms in enumerate(LAYERS) if name in rooms)
+
+
+def imported(path: Path) -> list[str]:
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively; rooms are named in full"
+            found += [f"{node.module}.{alias.name}" for alias in node.names]
+    return found
+
+
+FILES = [path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py"]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_a_room_knows_only_the_layers_below(path: Path) -> None:
+    here = room(path)
+    for name in imported(path):
+        if not name.startswith("ninedtact."):
+            continue
+        target = name.split(".")[1]
+        if target == here or (here, target) in SHARED_WITHIN_A_LAYER or target == "__version__":
+            continue
+        if any(here == a and name.startswith(f"ninedtact.{b}") for a, b in EXCEPTIONS):
+            continue
+        assert layer(target) < layer(here), f"{path} ({here}) imports {name}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_a_heavy_library_lives_in_its_room(path: Path) -> None:
+    for name in imported(path):
+        home = HEAVY.get(name.split(".")[0])
+        assert home is None or room(path) in home, f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("statement", ["import ninedtact", "import ninedtact.cli"])
+def test_start_is_light(statement: str) -> None:
+    check = f"{statement}; import sys; print(*[m for m in ('cv2', 'scipy', 'torch', 'viser', 'matplotlib') if m in sys.modules])"
+    loaded = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert loaded.stdout.strip() == ""
+
+
+def test_public_names_are_where_they_are_said_to_be() -> None:
+    assert sorted(ninedtact.HOMES) == sorted(ninedtact.__all__)
+    for name in ninedtact.__all__:
+        assert getattr(ninedtact, name).__name__ == name
