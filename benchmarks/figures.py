@@ -25,11 +25,11 @@ class Figure:
 
 
 def at_most(figure: str, measured: float, limit: float, unit: str = "", peer: Value = "") -> Figure:
-    return Figure(figure, measured, f"≤ {limit:g} {unit}".strip(), peer, verdict(measured <= limit))
+    return Figure(figure, measured, f"≤ {limit:.3g} {unit}".strip(), peer, verdict(measured <= limit))
 
 
 def at_least(figure: str, measured: float, limit: float, unit: str = "", peer: Value = "") -> Figure:
-    return Figure(figure, measured, f"≥ {limit:g} {unit}".strip(), peer, verdict(measured >= limit))
+    return Figure(figure, measured, f"≥ {limit:.3g} {unit}".strip(), peer, verdict(measured >= limit))
 
 
 def holds(figure: str, measured: Value, required: str, met: bool, peer: Value = "") -> Figure:

@@ -19,6 +19,7 @@ LAYERS = [
     {"calibration", "recording", "sensor"},
     {"studio", "hardware", "interop"},
     {"cli"},
+    {"__main__"},
 ]
 EXCEPTIONS = {("calibration", "simulation.light")}
 """The ball fit is the twin's forward model."""

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from time import monotonic_ns, perf_counter
 from types import TracebackType
-from typing import Self
 
 from ninedtact.capture.source import FrameSource
 from ninedtact.quantities import Frame, Reading
@@ -79,7 +78,7 @@ class Sensor:
         while True:
             yield self.read()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Sensor":
         self.source.__enter__()
         self.frames_read, self.heard_ns = 0, monotonic_ns()
         return self

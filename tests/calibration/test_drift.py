@@ -32,12 +32,13 @@ def verdicts(known: KnownSkin, today: Image) -> list[str]:
 
 
 def moved(image: Image, x: float = 0.0, y: float = 0.0, clockwise_deg: float = 0.0) -> Image:
-    """The picture from a camera that moved."""
+    """The picture from a camera that moved, with noise of its own: else rounding twice holds the picture in place."""
     rows, cols = image.shape[:2]
     matrix = cv2.getRotationMatrix2D(((cols - 1) / 2, (rows - 1) / 2), -clockwise_deg, 1)
     matrix[:, 2] += x, y
-    way = {"flags": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REFLECT}
-    return cv2.warpAffine(image, matrix, (cols, rows), **way)
+    way = {"flags": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REFLECT}
+    there = cv2.warpAffine(image.astype(np.float32), matrix, (cols, rows), **way)
+    return times(there + np.random.default_rng(1).normal(0, 0.5, image.shape), 1)
 
 
 def times(image: Image, factor: object) -> Image:
@@ -110,7 +111,7 @@ CHANGES: dict[str, tuple[Callable[[Image], Image], str]] = {
         lambda image: times(image, 1 - 0.2 * np.exp(-np.arange(640) / 60)[None, :, None]),
         "light uneven",
     ),
-    "moved by 1 px": (lambda image: moved(image, 1.2), "camera moved"),
+    "moved by 1 px": (lambda image: moved(image, 1), "camera moved"),
     "moved by 3 px": (lambda image: moved(image, -2, 2.2), "camera moved"),
     "moved by 47 px": (lambda image: moved(image, 40, -25), "camera moved"),
     "turned by 1°": (lambda image: moved(image, clockwise_deg=1), "camera moved"),
@@ -145,7 +146,7 @@ def test_figures_are_right(known: dict, pictures: dict) -> None:
     found = drift(
         known["sensor_a"], times(moved(spotted(pictures["sensor_a"]["ball_reference"], -0.1, 20), 2, -1), 0.9)
     )
-    assert found.moved.shift_px == pytest.approx((2, -1), abs=0.15)
+    assert found.moved.shift_px == pytest.approx((2, -1), abs=0.2)
     assert found.known.mm_per_raw_px == pytest.approx(0.0518, rel=0.03)
     assert found.change.gain == pytest.approx(0.9, abs=0.003)
     (mark,) = found.change.marks

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from ninedtact.errors import NinedtactError
 
-Image = UInt8[Array, "rows cols 3"]
+Image = UInt8[Array, "_ _ 3"]
 
 DIMMEST = 8.0
 """Grey level of the untouched picture below which a relative change is mostly noise."""

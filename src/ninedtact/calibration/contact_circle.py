@@ -16,6 +16,8 @@ from ninedtact.calibration.brightness import noise_levels, smoothed
 from ninedtact.errors import NinedtactError
 
 SMOOTHING_PX = 2.0
+EDGE_SMOOTHING_PX = 1.0
+"""Less at the edge, where smoothing moves the zero towards the flatter side."""
 RAYS = 120
 STEP_PX = 0.25
 FAINTEST_DROP = 3.0
@@ -59,7 +61,8 @@ def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
     spot = deepest_spot(calm)
     require_one_contact(calm, spot)
     row, column = ndimage.center_of_mass(spot)
-    edge = edge_points(calm, (column, row))
+    sharp = smoothed(change, EDGE_SMOOTHING_PX)
+    edge = edge_points(sharp - np.median(sharp), (column, row))
     return fitted_circle(calm, edge)
 
 

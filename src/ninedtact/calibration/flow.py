@@ -79,10 +79,7 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a sensor; raises `BoardNotFound`, `BallRefused`, `PictureUnusable`, each saying what to do."""
     board = fit_board(pictures.board_reference, pictures.board, design.pin_board, settings.mounting_deg)
-    projection, raw_mm_per_px = chosen_lens(board, settings.lens)
-    raw_shape = pictures.board.shape[:2]
-    mm_per_px = raw_mm_per_px * max(raw_shape) / design.field_of_view.raw_long_side_px
-    rectify = rectification(projection, design.field_of_view, mm_per_px, raw_shape, calibrated_area_mm(design))
+    rectify = lens_on_grid(board, design, settings.lens)
     ball = fit_ball(rectify, pictures.ball_reference, pictures.ball, design, settings.method, settings.smoothing)
     record = SensorRecord(
         format=FORMAT,
@@ -90,12 +87,20 @@ def calibrate(
         created=datetime.now(UTC).replace(microsecond=0),
         software=version("ninedtact"),
         design=design,
-        grid=Grid(mm_per_px, raw_shape[0], raw_shape[1], rectify.calibrated_area_mm, board.mounting),
+        grid=Grid(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting),
         lens=lens_table(board, settings.lens),
         depth=Depth(settings.method, ball.noise_mm, settings.smoothing, ball.curve),
         certificate=certificate(pictures, board, ball, rectify, settings),
     )
     return Calibration(pictures, board, ball, rectify, record)
+
+
+def lens_on_grid(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
+    """The rectified grid that the design asks for, seen through the lens that the board gave."""
+    projection, raw_mm_per_px = chosen_lens(board, kind)
+    rows, cols = board.change.shape
+    mm_per_px = raw_mm_per_px * max(rows, cols) / design.field_of_view.raw_long_side_px
+    return rectification(projection, design.field_of_view, mm_per_px, (rows, cols), calibrated_area_mm(design))
 
 
 def chosen_lens(board: BoardFit, kind: LensKind) -> tuple[Projection, float]:

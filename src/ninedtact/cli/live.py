@@ -96,9 +96,10 @@ class Live:
     def named_source(self) -> "FrameSource":
         """The source that was named, over and over if so wished."""
         from ninedtact.capture.address import source_for
+        from ninedtact.capture.settings import STEADY
         from ninedtact.studio.repeating import Repeating
 
-        source = source_for(self.source)
+        source = source_for(self.source, STEADY)
         return Repeating(source) if self.loop else source
 
 

@@ -47,7 +47,9 @@ class Reconstruct:
         from ninedtact.quantities import Frame
 
         if not self.images:
-            raise NothingToReconstruct("expected at least one picture of the pressed skin, got none; name it after the options")
+            raise NothingToReconstruct(
+                "expected at least one picture of the pressed skin, got none; name it after the options"
+            )
         shape = load_sensor(self.sensor).shape
         depth = shape.depth_reader(*[Frame(read_picture(path)) for path in self.reference])
         self.out.mkdir(parents=True, exist_ok=True)

@@ -25,11 +25,10 @@ def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
 def seen_triples(grid: Float32[Array, "rows cols 3"], height: HeightMap, every: int) -> Float32[Array, "n 3"]:
     """The triples at each so many rows and columns whose pixels are in view, row by row."""
     triples = grid[::every, ::every].reshape(-1, 3)
-    coverage = height.coverage[::every, ::every]
-    if coverage.min() != Coverage.OUT_OF_VIEW:
+    if height.coverage.min() != Coverage.OUT_OF_VIEW:
         return triples
     # numpy picks items of 12 bytes twenty times faster than rows of three floats.
-    items = triples.view("V12")[:, 0][coverage.ravel() != Coverage.OUT_OF_VIEW]
+    items = triples.view("V12")[:, 0][height.in_view[::every, ::every].ravel()]
     return np.asarray(items.view(np.float32).reshape(-1, 3))
 
 

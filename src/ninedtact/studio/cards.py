@@ -9,6 +9,8 @@ from ninedtact.studio.status import Status
 
 TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a"}
 DIM = "color:var(--mantine-color-dimmed)"
+PALE = 0.35
+"""Opacity of figures that are not of the present."""
 NOTABLE_SHARE = 0.01
 """Part of the contact beyond the calibrated range from which on it is said."""
 
@@ -21,19 +23,20 @@ def status_card(status: Status) -> str:
     )
 
 
-def figures_card(summary: ShapeSummary) -> str:
+def figures_card(summary: ShapeSummary, is_past: bool) -> str:
     """The two figures that a person looks for, and what to hold against them."""
     x_y = summary.contact_centre_mm
     where = "nothing touches" if x_y is None else f"centre at x {signed(x_y[0])}, y {signed(x_y[1])} mm"
     beyond = summary.extrapolated_share
     warning = f"{beyond:.0%} of the contact lies beyond the calibrated range" if beyond > NOTABLE_SHARE else "&nbsp;"
     return (
+        f'<div style="opacity:{PALE if is_past else 1}">'
         '<div style="display:flex;gap:0.6em;margin:0.2em 0.5em">'
         + figure("deepest", f"{summary.max_indentation_mm:.2f}", "mm")
         + figure("contact", f"{summary.contact_area_mm2:.1f}", "mm²")
         + "</div>"
         + f'<div style="margin:0 0.9em;font-size:0.85em;{DIM}">{where}</div>'
-        + f'<div style="margin:0 0.9em;font-size:0.85em;color:{TONES["busy"]}">{warning}</div>'
+        + f'<div style="margin:0 0.9em;font-size:0.85em;color:{TONES["busy"]}">{warning}</div></div>'
     )
 
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from enum import Enum
 from threading import Event, Lock, Thread
 from types import TracebackType
-from typing import Self
 
 from jaxtyping import Float64
 from numpy import ndarray as Array
@@ -40,12 +39,12 @@ class Moment:
     reading: Reading | None
     """The newest; None before the first."""
     heard_ns: int
-    """When the source last gave a sign of life: its newest picture, or its opening."""
+    """Stamp of the newest reading; while there is none, or a reference is taken, of the newest picture or the opening."""
     delivered_hz: float
     """Pictures per second that the source delivered, read or not."""
     read_hz: float
     history: Float64[Array, "2 n"]
-    """Seconds before now, and the deepest indentation in mm then."""
+    """Seconds before now (before the end of a recording that has ended), and the deepest indentation in mm then."""
     trouble: BaseException | None = None
     """Why the sensor thread has given up, or refused the untouched skin."""
 
@@ -69,13 +68,14 @@ class SensorLoop:
     def moment(self, now_ns: int) -> Moment:
         """The newest of everything; never waits for the sensor."""
         with self._lock:
+            until_ns = self._heard_ns if self._phase is Phase.ENDED else now_ns
             return Moment(
                 self._phase,
                 self._reading,
-                self.sensor.heard_ns,
+                self._heard_ns,
                 self._delivered.hz(now_ns),
                 self._read.hz(now_ns),
-                self._history.until(now_ns),
+                self._history.until(until_ns),
                 self._trouble,
             )
 
@@ -83,7 +83,7 @@ class SensorLoop:
         """Take the skin of the next pictures for untouched. Returns at once; it is tried until it succeeds."""
         self._reference_wanted.set()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "SensorLoop":
         """Open the sensor, raising what its source raises, and start reading."""
         self.sensor.__enter__()
         if self.sensor.depth is None:
@@ -98,6 +98,13 @@ class SensorLoop:
         self.sensor.__exit__(kind, error, trace)
         self._thread.join()
 
+    @property
+    def _heard_ns(self) -> int:
+        # A picture that has come but is not yet a reading must not make the reading before it look new.
+        if self._reading is None or self._phase is Phase.REFERENCE:
+            return self.sensor.heard_ns
+        return self._reading.frame.stamp_ns
+
     def _run(self) -> None:
         try:
             while not self._closing.is_set():
@@ -105,7 +112,8 @@ class SensorLoop:
         except SourceEnded as end:
             self._note(*self._after(end))
         except BaseException as trouble:  # whoever asks for a moment is who can tell a person
-            self._note(Phase.FAILED, trouble)
+            if not self._closing.is_set():
+                self._note(Phase.FAILED, trouble)
 
     def _step(self) -> None:
         try:
@@ -121,12 +129,11 @@ class SensorLoop:
         self._note(Phase.REFERENCE, self._trouble)
         self.sensor.take_reference()
         self._reference_wanted.clear()
-        self._note(Phase.READING, None)
 
     def _keep(self, reading: Reading) -> None:
         deepest_mm, arrived_ns = max_indentation_mm(reading.height), reading.frame.stamp_ns
         with self._lock:
-            self._reading = reading
+            self._phase, self._trouble, self._reading = Phase.READING, None, reading
             self._delivered.tick(arrived_ns, reading.frame.index)
             self._read.tick(arrived_ns, self.sensor.frames_read)
             self._history.add(arrived_ns, deepest_mm)

@@ -6,12 +6,12 @@ import numpy as np
 from viser import GuiEvent, GuiUplotHandle, Icon, ViserServer, uplot
 
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Reading
 from ninedtact.studio.cards import figures_card, legend_card, rows_card, status_card
 from ninedtact.studio.history import HISTORY_S
+from ninedtact.studio.loop import Phase
 from ninedtact.studio.ruler import Block
 from ninedtact.studio.scene import Scene
-from ninedtact.studio.status import Status
+from ninedtact.studio.status import WAITING
 from ninedtact.studio.studio import Look, Report, Studio
 from ninedtact.studio.view import View
 
@@ -25,7 +25,7 @@ SHOWN_S = 8.0
 MOST_TIMES = 10.0
 """Largest exaggeration of heights."""
 SKINS = ("coloured points", "shaded surface")
-WAITING = Status("busy", "waiting for the first picture…")
+SAVED_AS = "the camera's picture as .png, heights in mm as .npy, .png and .ply"
 
 
 class Page:
@@ -55,13 +55,14 @@ class Page:
         with self._server.atomic():
             self._picture.image = view.picture[..., ::-1]
             self._heights.image = view.heights[..., ::-1]
-            self._figures.content = figures_card(view.summary)
+            self._figures.content = figures_card(view.summary, view.is_past)
             self._scene.show(view.surface, look, view.is_past)
 
     def tell(self, report: Report) -> None:
         """State, rates and costs; the curve now and then."""
         self._status.content = status_card(report.status)
-        self._costs.content = rows_card(rates(report) | costs(report.shown))
+        self._costs.content = rows_card(rates(report) | costs(report))
+        self._reference.disabled = report.moment.phase is not Phase.READING
         self._reports += 1
         if self._reports % PLOT_EVERY == 0:
             self._plot.data = tuple(report.moment.history)
@@ -88,26 +89,25 @@ class Page:
         self._costs = gui.add_html("")
 
     def _curve(self) -> GuiUplotHandle:
-        deepest = self._studio.scale.pressed_mm
+        top_mm = 1.1 * self._studio.scale.pressed_mm
         return self._server.gui.add_uplot(
             (np.zeros(2), np.zeros(2)),
             (
                 uplot.Series(label="s ago"),
                 uplot.Series(label="deepest (mm)", stroke="#2166ac", width=1.5, fill="#2166ac22"),
             ),
-            scales={"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(0.0, 1.1 * deepest))},
+            scales={"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(0.0, top_mm))},
             legend=uplot.Legend(show=False),
-            
             title=f"deepest (mm), last {HISTORY_S:g} s",
             height=130,
         )
 
     def _lay_out_buttons(self) -> None:
         gui = self._server.gui
-        reference = gui.add_button("Take reference", icon=Icon.TARGET, hint="while nothing touches the skin")
+        self._reference = gui.add_button("Take reference", icon=Icon.TARGET, hint="while nothing touches the skin")
         self._freeze = gui.add_button("Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep what is shown")
-        save = gui.add_button("Save this reading", color="gray", icon=Icon.DEVICE_FLOPPY, hint="picture .png, heights .npy .png .ply")
-        reference.on_click(lambda event: self._studio.take_reference())
+        save = gui.add_button("Save this reading", color="gray", icon=Icon.DEVICE_FLOPPY, hint=SAVED_AS)
+        self._reference.on_click(lambda event: self._studio.take_reference())
         self._freeze.on_click(lambda event: self._toggle_freeze())
         save.on_click(self._save)
 
@@ -123,7 +123,7 @@ class Page:
         except (NinedtactError, OSError) as trouble:
             notify(event, "Not saved", str(trouble), "red")
         else:
-            notify(event, "Saved", ", ".join(str(path) for path in paths), "green")
+            notify(event, "Saved", f"{len(paths)} files in {paths[0].parent}", "green")
 
 
 def notify(event: GuiEvent[Any], title: str, body: str, colour: Literal["red", "green"]) -> None:
@@ -142,7 +142,7 @@ def rates(report: Report) -> dict[str, str]:
     }
 
 
-def costs(reading: Reading | None) -> dict[str, str]:
-    """What each stage of a reading cost; waiting for the camera is no cost."""
-    stages = {} if reading is None else reading.stage_ms
+def costs(report: Report) -> dict[str, str]:
+    """What each stage of a reading cost, and drawing it; waiting for the camera is no cost."""
+    stages = {} if report.shown is None else report.shown.stage_ms | report.page_ms
     return {name: f"{ms:.1f} ms" for name, ms in stages.items() if name != "capture"}

@@ -59,7 +59,7 @@ def place_camera(server: ViserServer, block: Block) -> None:
     """Look at the skin from the front and above, x to the right."""
     far = max(block.width_mm, block.length_mm)
     server.scene.set_up_direction("+z")
-    server.initial_camera.position = (0.0, -1.6 * far, 1.3 * far)
+    server.initial_camera.position = (0.0, -1.7 * far, 1.4 * far)
     server.initial_camera.look_at = (0.0, -0.05 * far, -block.gel_mm)
     server.initial_camera.fov = FIELD_OF_VIEW_RAD
     server.initial_camera.near, server.initial_camera.far = 0.1, 100 * far

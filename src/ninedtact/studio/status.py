@@ -25,24 +25,32 @@ class Status:
         return self.tone == "lost"
 
 
-ENDED = Status("lost", "stopped: the program has ended")
+WAITING = Status("busy", "waiting for the first picture…")
 
 
 def status_of(moment: Moment, shown: Reading | None, frozen: bool, now_ns: int) -> Status:
     """The most urgent thing first."""
     silent_ms = (now_ns - moment.heard_ns) / 1e6
-    age_ms = shown.age_ms(now_ns) if shown is not None else 0.0
+    reading = shown or moment.reading
+    age_ms = reading.age_ms(now_ns) if reading is not None else 0.0
     if moment.phase is Phase.FAILED:
-        return Status("lost", f"stopped: {moment.trouble}")
+        return last_words(moment)
     if moment.phase is Phase.ENDED:
         return Status("held", f"recording ended, its last picture is shown ({duration(age_ms)} old)")
     if silent_ms > SILENT_AFTER_MS:
         return Status("lost", f"no picture for {duration(silent_ms)}: unplugged? reconnecting…")
     if moment.phase is Phase.REFERENCE:
         return taking_reference(moment.trouble)
+    if reading is None:
+        return WAITING
     if frozen:
         return Status("held", f"frozen, what is shown is {duration(age_ms)} old")
     return Status("live", f"live, {age_ms:.0f} ms old")
+
+
+def last_words(moment: Moment) -> Status:
+    """What a page says for good when nothing will come any more."""
+    return Status("lost", f"stopped: {moment.trouble if moment.phase is Phase.FAILED else 'the program has ended'}")
 
 
 def taking_reference(trouble: BaseException | None) -> Status:

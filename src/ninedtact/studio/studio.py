@@ -7,11 +7,12 @@ from typing import Protocol, runtime_checkable
 
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Reading
+from ninedtact.sensor import Stopwatch
 from ninedtact.shape.picture.palette import ColourScale
 from ninedtact.studio.history import Rate
 from ninedtact.studio.loop import Moment, Phase, SensorLoop
 from ninedtact.studio.saved import save_reading
-from ninedtact.studio.status import ENDED, Status, status_of
+from ninedtact.studio.status import Status, last_words, status_of
 from ninedtact.studio.view import View, drawn, scale_of
 
 WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first picture"
@@ -39,6 +40,8 @@ class Report:
     moment: Moment
     shown: Reading | None
     shown_hz: float
+    page_ms: dict[str, float]
+    """What drawing and sending the last reading cost."""
 
 
 @runtime_checkable
@@ -69,7 +72,7 @@ class Studio:
         self._view: View | None = None
         self._displayed: tuple[int, bool, Look] | None = None
         """What was drawn last: the number of the view, whether faded, and how."""
-        self._views, self._shown = 0, Rate()
+        self._views, self._shown, self._page_ms = 0, Rate(), Stopwatch().stage_ms
 
     @property
     def shown(self) -> Reading | None:
@@ -100,8 +103,7 @@ class Studio:
     def bring_to_an_end(self, display: Display) -> None:
         """Leave a page that nobody takes for the present: a browser keeps the last one that it got."""
         moment = self._loop.moment(time.monotonic_ns())
-        failed = moment.phase is Phase.FAILED
-        self._present(display, moment, status_of(moment, None, False, 0) if failed else ENDED)
+        self._present(display, moment, last_words(moment))
 
     def take_reference(self) -> None:
         """Take the skin as it is now for untouched."""
@@ -117,12 +119,23 @@ class Studio:
         held = self.frozen and self._view is not None
         if reading is None or reading is self.shown or held:
             return
+        watch = Stopwatch()
         self._view, self._views = drawn(reading, self.scale), self._views + 1
+        watch.mark("draw")
+        self._page_ms |= watch.stage_ms
         self._shown.tick(time.monotonic_ns(), self._views)
 
     def _present(self, display: Display, moment: Moment, status: Status) -> None:
-        displayed = (self._views, status.is_past, display.look())
-        if display.is_watched and self._view is not None and displayed != self._displayed:
-            display.show(self._view.faded() if status.is_past else self._view, displayed[2])
-            self._displayed = displayed
-        display.tell(Report(status, moment, self.shown, self._shown.hz(time.monotonic_ns())))
+        if display.is_watched and self._view is not None:
+            self._draw(display, self._view, status.is_past)
+        display.tell(Report(status, moment, self.shown, self._shown.hz(time.monotonic_ns()), dict(self._page_ms)))
+
+    def _draw(self, display: Display, view: View, is_past: bool) -> None:
+        """Draw what differs from what was drawn last."""
+        look = display.look()
+        if (wanted := (self._views, is_past, look)) != self._displayed:
+            watch = Stopwatch()
+            display.show(view.faded() if is_past else view, look)
+            watch.mark("send")
+            self._page_ms |= watch.stage_ms
+            self._displayed = wanted

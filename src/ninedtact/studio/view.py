@@ -1,7 +1,6 @@
 """All that the page draws of one reading."""
 
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 from jaxtyping import UInt8
@@ -28,7 +27,6 @@ class View:
     """BGR, false colours."""
     surface: Surface
     summary: ShapeSummary
-    draw_ms: float
     is_past: bool = False
     """Faded, so that nobody takes it for the present."""
 
@@ -42,10 +40,9 @@ class View:
 
 def drawn(reading: Reading, scale: ColourScale) -> View:
     """Draw a reading, heights in the colours of `scale`."""
-    began = perf_counter()
     heights = colourise(reading.height, scale)
     surface, summary = surface_of(reading.height, heights), summarise(reading.height)
-    return View(reading, reading.frame.image, heights, surface, summary, (perf_counter() - began) * 1e3)
+    return View(reading, reading.frame.image, heights, surface, summary)
 
 
 def scale_of(curve: DepthCurve) -> ColourScale:

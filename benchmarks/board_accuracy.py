@@ -1,0 +1,68 @@
+"""How well the lens found from each real board predicts a pin that it has not seen, beside the original's way.
+
+The original's way is a cubic radial-basis map through whole-pixel pin centres (`calibration/paper.py`). Ours is left-one-out by
+an exact update of the linearised fit (PRESS); here it is checked against really fitting the lens again without each pin.
+Both keep the centres of the other pins' imprints as found with all pins.
+"""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tyro
+from figures import Figure, answer, at_most, holds
+from real_pictures import sensor_folders
+
+from ninedtact import SensorDesign, read_picture
+from ninedtact.calibration.board import BoardFit, fit_board
+from ninedtact.calibration.lens_fit import LensFit, fit_terms, rms_length
+from ninedtact.calibration.paper import integer_centres, left_out_errors_mm
+
+SENSOR_A_MM = 0.05
+OF_ORIGINAL = 0.8
+
+
+def board_accuracy(json: bool = False) -> None:
+    """Measure every sensor there is."""
+    cv2.setNumThreads(1)
+    figures = [figure for folder in sensor_folders() for figure in measured(folder)]
+    answer("Accuracy of the camera calibration, real boards", figures, json)
+
+
+def measured(folder: Path) -> Iterator[Figure]:
+    """All figures of one board."""
+    reference, press = (read_picture(folder / f"{name}.png") for name in ("board_reference", "board"))
+    start = time.perf_counter()
+    board = fit_board(reference, press, SensorDesign().pin_board)
+    seconds = time.perf_counter() - start
+    found, expected, name = int(board.found.sum()), board.board.count, folder.name
+    yield holds(f"{name}: pins found", f"{found} of {expected}", f"{expected} of {expected}", found == expected)
+    ours, original = board.lens_fit.left_out_rms_mm, original_mm(board)
+    limit = SENSOR_A_MM if name == "sensor_a" else OF_ORIGINAL * original
+    yield at_most(f"{name}: left-out error, mm", ours, limit, peer=original)
+    yield at_most(f"{name}: of the original's", ours / original, OF_ORIGINAL)
+    yield Figure(f"{name}: left-out error by fitting again, mm", rms_length(refitted_mm(board.lens_fit)))
+    yield Figure(f"{name}: radial terms chosen", len(board.lens.radial))
+    yield Figure(f"{name}: seconds to find and fit", seconds)
+
+
+def original_mm(board: BoardFit) -> float:
+    """The original's way on the same board, and on the same pins."""
+    return rms_length(left_out_errors_mm(board.points_mm[board.found], integer_centres(board)[board.found]))
+
+
+def refitted_mm(fit: LensFit) -> np.ndarray:
+    """For every pin, where a lens fitted to all others really puts it, minus where it is, (n, 2) in mm."""
+    return np.concatenate([refitted_without(fit, pin) for pin in range(len(fit.points_mm))])
+
+
+def refitted_without(fit: LensFit, pin: int) -> np.ndarray:
+    others = np.arange(len(fit.points_mm)) != pin
+    again = fit_terms(fit.points_mm[others], fit.points_px[others], fit.lens.raw_shape, len(fit.lens.radial))
+    return again.lens.to_mm(fit.points_px[pin : pin + 1]) - fit.points_mm[pin]
+
+
+if __name__ == "__main__":
+    tyro.cli(board_accuracy)

@@ -1,0 +1,211 @@
+"""What to tell a person who is calibrating, picture by picture, and when a picture is good enough to keep.
+
+Four steps: leave the skin alone, press the board, leave it alone, press the ball. A step is done when what it waits for
+has been seen in several pictures in a row that hardly differ; it then gives their mean.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ninedtact.calibration.ball import UNEVEN, cap_height_mm, uniform_change
+from ninedtact.calibration.board import BoardNotFound, fit_board
+from ninedtact.calibration.brightness import OVEREXPOSED, UNLIT, Image, grey_float, relative_change, smoothed
+from ninedtact.calibration.contact_circle import BallRefused, find_contact_circle
+from ninedtact.calibration.flow import CalibrationSettings, lens_on_grid
+from ninedtact.design import SensorDesign
+from ninedtact.quantities import Frame
+from ninedtact.shape.rectification import Rectification
+
+AVERAGED = 8
+"""Pictures that make one: their noise falls to a third."""
+STILL_LEVELS = 1.5
+"""Largest change of the smoothed picture, grey levels, within the pictures that are averaged."""
+TOUCHED_LEVELS = 2.5
+"""Change from the untouched skin above which something touches it."""
+BEST_DEPTH_MM = (1.0, 2.2)
+PATIENCE = 4
+"""Still presses that are let pass in the hope of a better one."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to say about the picture just seen, and the picture to keep once the step is done."""
+
+    words: str
+    picture: Image | None = None
+
+
+@dataclass
+class Still:
+    """Collects pictures that hardly differ; starts over when something moves."""
+
+    pictures: deque[Image] = field(default_factory=lambda: deque(maxlen=AVERAGED))
+
+    def add(self, image: Image) -> Image | None:
+        """The mean once enough pictures in a row are alike."""
+        if self.pictures and moved(self.pictures[0], image):
+            self.pictures.clear()
+        self.pictures.append(image)
+        if len(self.pictures) < AVERAGED:
+            return None
+        return np.round(np.mean(self.pictures, axis=0)).astype(np.uint8)
+
+    def __len__(self) -> int:
+        return len(self.pictures)
+
+
+def moved(before: Image, after: Image) -> bool:
+    """Whether two pictures differ by more than noise."""
+    return bool(np.abs(smoothed(grey_float(after) - grey_float(before), 3.0)).max() > STILL_LEVELS)
+
+
+Watch = Callable[[Image], Advice]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One of the four pictures: what to do, and who watches for it."""
+
+    name: Literal["board_reference", "board", "ball_reference", "ball"]
+    instruction: str
+    watch: Callable[[dict[str, Image]], Watch]
+    """Given the pictures taken so far."""
+
+
+def steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[Step]:
+    """The four steps in order."""
+    yield Step("board_reference", "Leave the skin untouched.", lambda taken: untouched(None))
+    yield Step(
+        "board",
+        f"Press the pin board ({design.pin_board.cols} x {design.pin_board.rows} pins) evenly on the skin and hold it.",
+        lambda taken: BoardPressed(taken["board_reference"], design, settings),
+    )
+    yield Step("ball_reference", "Take the board away.", lambda taken: untouched(taken["board_reference"]))
+    yield Step(
+        "ball",
+        f"Press the ball (radius {design.ball.radius_mm:g} mm) straight down near the middle, 1 to 2 mm deep, and hold it.",
+        lambda taken: BallPressed(taken["ball_reference"], rectified_by(taken, design, settings), design),
+    )
+
+
+def untouched(like: Image | None) -> Watch:
+    """Waits for still, well-lit skin that looks as it did before, if it is known how."""
+    still = Still()
+
+    def watch(image: Image) -> Advice:
+        hint = light_hint(image)
+        if hint:
+            return Advice(hint)
+        if like is not None and (change := largest_change(like, image)) > 2 * TOUCHED_LEVELS:
+            still.pictures.clear()
+            return Advice(f"something still touches the skin ({change:.0f} grey levels); wait")
+        mean = still.add(image)
+        return Advice("untouched skin taken" if mean is not None else f"hold still {len(still)}/{AVERAGED}", mean)
+
+    return watch
+
+
+def light_hint(image: Image) -> str:
+    """What to do about the light, if anything."""
+    grey = grey_float(image)
+    if grey.mean() < 4 * UNLIT:
+        return f"too dark (mean {grey.mean():.0f} of 255): switch the light on, raise the exposure"
+    if (grey >= OVEREXPOSED).mean() > 0.02:
+        return f"overexposed ({(grey >= OVEREXPOSED).mean():.0%} of the picture): lower exposure or gain"
+    return ""
+
+
+def largest_change(reference: Image, image: Image) -> float:
+    """Largest change of brightness that is wider than a few pixels, grey levels."""
+    change = smoothed(relative_change(reference, image), 4.0)
+    return float(np.abs(change - np.median(change)).max())
+
+
+@dataclass
+class BoardPressed:
+    """Counts pins; content with all of them, or after some patience with as many as a lens needs."""
+
+    reference: Image
+    design: SensorDesign
+    settings: CalibrationSettings
+    still: Still = field(default_factory=Still)
+    patience: int = PATIENCE
+    count: str = ""
+
+    def __call__(self, image: Image) -> Advice:
+        """Look at one picture."""
+        if largest_change(self.reference, image) < TOUCHED_LEVELS:
+            self.still.pictures.clear()
+            return Advice("nothing touches the skin yet")
+        mean = self.still.add(image)
+        return Advice(f"{self.count}hold still {len(self.still)}/{AVERAGED}") if mean is None else self.judged(mean)
+
+    def judged(self, mean: Image) -> Advice:
+        """Whether a still press is good enough."""
+        expected = self.design.pin_board.count
+        try:
+            fit = fit_board(self.reference, mean, self.design.pin_board, self.settings.mounting_deg)
+        except BoardNotFound as refusal:
+            self.still.pictures.clear()
+            self.count = f"pins {refusal.found} of {expected}: press harder and hold the board flat; "
+            return Advice(self.count)
+        found, contrast = int(fit.found.sum()), float(np.median(fit.contrast))
+        self.patience -= 1
+        if found < expected and self.patience > 0:
+            self.still.pictures.clear()
+            self.count = f"pins {found} of {expected}: press harder at {fit.missing[0]}; "
+            return Advice(self.count)
+        focus = "" if contrast > 10 * fit.noise else "; faint: press harder next time, check the focus"
+        return Advice(f"board taken: {found} of {expected} pins, {contrast:.0f} grey levels deep{focus}", mean)
+
+
+@dataclass
+class BallPressed:
+    """Measures the disc; content with a still, even press of useful depth, or after some patience with any."""
+
+    reference: Image
+    rectify: Rectification
+    design: SensorDesign
+    still: Still = field(default_factory=Still)
+    patience: int = PATIENCE
+
+    def __call__(self, image: Image) -> Advice:
+        """Look at one picture."""
+        try:
+            circle = find_contact_circle(uniform_change(*(self.rectify(Frame(one)) for one in (self.reference, image))))
+        except BallRefused as refusal:
+            self.still.pictures.clear()
+            return Advice(str(refusal).partition(", got ")[2])
+        radius_mm = min(circle.radius_px * self.rectify.mm_per_px, self.design.ball.radius_mm)
+        depth_mm = cap_height_mm(self.design.ball.radius_mm, radius_mm)
+        wish = wishes(depth_mm, circle.asymmetry)
+        mean = self.still.add(image)
+        if mean is None or (wish and self.waits()):
+            return Advice(f"{depth_mm:.2f} mm deep, {wish or f'hold still {len(self.still)}/{AVERAGED}'}")
+        return Advice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
+
+    def waits(self) -> bool:
+        """Whether a better press is still hoped for."""
+        self.still.pictures.clear()
+        self.patience -= 1
+        return self.patience > 0
+
+
+def wishes(depth_mm: float, asymmetry: float) -> str:
+    """What would make this ball press better."""
+    least_mm, most_mm = BEST_DEPTH_MM
+    if depth_mm < least_mm:
+        return "press deeper"
+    if depth_mm > most_mm:
+        return "press less deep"
+    return "press straight down, it is sheared" if asymmetry > UNEVEN else ""
+
+
+def rectified_by(taken: dict[str, Image], design: SensorDesign, settings: CalibrationSettings) -> Rectification:
+    """The rectification that the board just taken gives."""
+    board = fit_board(taken["board_reference"], taken["board"], design.pin_board, settings.mounting_deg)
+    return lens_on_grid(board, design, settings.lens)

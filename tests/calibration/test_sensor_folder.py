@@ -1,0 +1,140 @@
+"""A sensor folder is written whole, read back the same, and refused in words when something is wrong with it."""
+
+import os
+import shutil
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ninedtact.calibration.flow import Calibration, CalibrationSettings, calibrate
+from ninedtact.calibration.sensor_folder import (
+    SensorFolderDamaged,
+    SensorFolderRefused,
+    load_sensor,
+    new_sensor_folder,
+    record_toml,
+)
+from ninedtact.calibration.written import write_sensor
+from ninedtact.capture.pictures import read_picture
+from ninedtact.quantities import Frame
+
+
+@pytest.fixture
+def folder(calibrated_a: Calibration, tmp_path: Path) -> Path:
+    return write_sensor(tmp_path / "sensor", calibrated_a).path
+
+
+def test_what_is_read_is_what_was_written(folder: Path, calibrated_a: Calibration) -> None:
+    sensor = load_sensor(folder)
+    kept = msgspec.structs.replace(sensor.record, pictures={})
+    assert kept == calibrated_a.record
+    assert np.array_equal(sensor.rectification.source_px, calibrated_a.rectify.source_px)
+    assert np.array_equal(sensor.picture("ball", read_picture).image, calibrated_a.pictures.ball)
+
+
+def test_the_papers_lens_is_read_back_too(calibrated_a: Calibration, tmp_path: Path) -> None:
+    made = calibrate(calibrated_a.pictures, settings=CalibrationSettings(lens="paper", method="table"))
+    sensor = load_sensor(write_sensor(tmp_path / "paper", made).path)
+    assert np.array_equal(sensor.rectification.source_px, made.rectify.source_px)
+    assert made.record.grid.mm_per_px == pytest.approx(0.0510150969, rel=2e-3)
+
+
+def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated_a: Calibration) -> None:
+    shape, pictures = load_sensor(folder).shape, calibrated_a.pictures
+    height = shape.depth_reader(Frame(pictures.ball_reference))(shape.rectify(Frame(pictures.ball)))
+    assert height.indentation_mm.max() == pytest.approx(calibrated_a.ball.deepest_mm, abs=0.03)
+    untouched = shape.depth_reader(Frame(pictures.ball_reference))(shape.rectify(Frame(pictures.ball_reference)))
+    assert np.abs(untouched.z_mm).max() < 1e-3
+
+
+def test_a_newer_format_is_named(folder: Path) -> None:
+    record = folder / "sensor.toml"
+    record.write_text(record.read_text().replace("format = 1", "format = 99"))
+    with pytest.raises(SensorFolderDamaged, match="newer ninedtact"):
+        load_sensor(folder)
+
+
+DAMAGE = {
+    "no record": lambda folder: (folder / "sensor.toml").unlink(),
+    "not text": lambda folder: (folder / "sensor.toml").write_bytes(b"\xff\xfe\x00"),
+    "cut": lambda folder: (folder / "sensor.toml").write_text((folder / "sensor.toml").read_text()[:700]),
+    "a number missing": lambda folder: edit(folder, "mm_per_px = ", "other = "),
+    "a falling curve": lambda folder: edit(folder, "darkening = [\n        0.0,", "darkening = [\n        7.0,"),
+    "negative thickness": lambda folder: edit(folder, "thickness_mm = 2.5", "thickness_mm = -2.5"),
+}
+
+
+def edit(folder: Path, old: str, new: str) -> None:
+    text = (folder / "sensor.toml").read_text()
+    changed = text.replace(old, new, 1)
+    (folder / "sensor.toml").write_text(changed if changed != text else text.replace("darkening = [", "darkening = [9.0,"))
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_damage_is_said(how: str, folder: Path) -> None:
+    DAMAGE[how](folder)
+    with pytest.raises(SensorFolderDamaged, match="expected"):
+        load_sensor(folder)
+
+
+def test_a_changed_or_missing_picture_is_said(folder: Path) -> None:
+    picture = folder / "pictures" / "ball.png"
+    picture.write_bytes(picture.read_bytes() + b"x")
+    with pytest.raises(SensorFolderDamaged, match="other content"):
+        load_sensor(folder).picture("ball", read_picture)
+    picture.unlink()
+    with pytest.raises(SensorFolderDamaged, match="no such file"):
+        load_sensor(folder).picture("ball", read_picture)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
+@given(st.data())
+def test_any_damage_to_the_record_is_refused_or_harmless(calibrated_a: Calibration, tmp_path: Path, data) -> None:
+    content = bytearray(record_toml(calibrated_a.record))
+    for _ in range(data.draw(st.integers(1, 3))):
+        place = data.draw(st.integers(0, len(content) - 1))
+        content[place] = data.draw(st.integers(0, 255))
+    content = content[: data.draw(st.integers(0, len(content)))] if data.draw(st.booleans()) else content
+    (tmp_path / "sensor.toml").write_bytes(bytes(content))
+    try:
+        load_sensor(tmp_path)
+    except SensorFolderDamaged as refusal:
+        assert "expected" in str(refusal)
+
+
+def test_something_else_is_never_overwritten(calibrated_a: Calibration, tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
+    with pytest.raises(SensorFolderRefused):
+        write_sensor(tmp_path / "thesis", calibrated_a)
+    assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
+
+
+def test_an_older_calibration_survives_a_failed_one(folder: Path) -> None:
+    before = (folder / "sensor.toml").read_bytes()
+    with pytest.raises(KeyboardInterrupt), new_sensor_folder(folder) as partial:
+        (partial / "sensor.toml").write_text("half of")
+        raise KeyboardInterrupt
+    assert (folder / "sensor.toml").read_bytes() == before
+    assert [entry.name for entry in folder.parent.iterdir()] == [folder.name]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")  # noqa: PTH110
+def test_a_full_disk_leaves_nothing(calibrated_a: Calibration, tmp_path: Path, monkeypatch) -> None:
+    def full(path: Path, *content: bytes) -> None:
+        with Path("/dev/full").open("wb", buffering=0) as device:
+            device.write(b"".join(content))
+
+    monkeypatch.setattr("ninedtact.calibration.written.write_whole", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_sensor(tmp_path / "sensor", calibrated_a)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sensor_folder_moves(folder: Path, tmp_path: Path) -> None:
+    shutil.move(folder, tmp_path / "elsewhere")
+    assert load_sensor(tmp_path / "elsewhere").picture("board", read_picture).image.shape == (480, 640, 3)

@@ -1,0 +1,86 @@
+"""A sensor of 40 x 30 pixels whose skin is pressed in by 1 mm for every quarter of brightness lost, and its camera."""
+
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+
+from ninedtact.calibration.record import FORMAT, Depth, Grid, LensTable, SensorRecord
+from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, record_toml
+from ninedtact.capture.freshest import Freshest
+from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
+from ninedtact.design import FieldOfView, SensorDesign
+from ninedtact.quantities import Frame
+from ninedtact.sensor import Sensor
+from ninedtact.shape.depth import DepthCurve, Smoothing
+
+RAW_SHAPE, MM_PER_PX, UNTOUCHED = (48, 64), 0.5, 100
+LONG_MS = 20_000.0
+CURVE = DepthCurve("ratio", darkening=(0.0, 0.5), indentation_mm=(0.0, 2.0), error_mm=(0.0, 0.01))
+PX_PER_MM = 1 / (MM_PER_PX * max(RAW_SHAPE) / 2)
+RECORDED = SensorRecord(
+    format=FORMAT,
+    id="small",
+    created=datetime(2026, 1, 1, tzinfo=UTC),
+    software="test",
+    design=SensorDesign(field_of_view=FieldOfView(30, 40, 64)),
+    grid=Grid(MM_PER_PX, *RAW_SHAPE, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
+    lens=LensTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
+    depth=Depth("ratio", noise_mm=0.001, smoothing=Smoothing(), curve=CURVE),
+)
+SHAPE = SensorFolder(Path(), RECORDED).shape
+
+
+def skin(level: int) -> np.ndarray:
+    """A picture of skin that is pressed in by the same everywhere."""
+    return np.full((*RAW_SHAPE, 3), level, np.uint8)
+
+
+def sensor_folder(path: Path) -> Path:
+    """The same sensor on disk."""
+    path.mkdir()
+    (path / RECORD).write_bytes(record_toml(RECORDED))
+    return path
+
+
+def sensor_on(source: FrameSource, reference_frames: int = 2) -> Sensor:
+    """The sensor on a source, patient enough for a busy machine."""
+    return Sensor(Freshest(source, max_age_ms=LONG_MS, timeout_ms=100.0), SHAPE, reference_frames)
+
+
+class SkinCamera(FrameSource):
+    """Delivers a picture every few ms, at the brightness that the test sets, while it is plugged in."""
+
+    def __init__(self, period_s: float = 0.004) -> None:
+        self.name = "the bench camera"
+        self.level, self.plugged_in = UNTOUCHED, True
+        self._period_s = period_s
+        self._closed = Event()
+        self._next_index = 0
+
+    def open(self) -> None:
+        if not self.plugged_in:
+            raise CameraNotFound(f"expected {self.name}, got none; plug it in")
+        self._closed, self._next_index = Event(), 0
+
+    def read(self) -> Frame:
+        if self._closed.wait(self._period_s):
+            raise SourceNotOpen(self.name)
+        if not self.plugged_in:
+            raise CameraLost(f"expected a picture from {self.name}, got none; plug it in")
+        self._next_index += 1
+        return Frame(skin(self.level), time.monotonic_ns(), self._next_index - 1)
+
+    def close(self) -> None:
+        self._closed.set()
+
+
+def wait_until(is_true: Callable[[], bool]) -> None:
+    """Until the other threads have done it."""
+    give_up_at = time.monotonic() + 20
+    while not is_true():
+        assert time.monotonic() < give_up_at
+        time.sleep(0.002)

@@ -1,0 +1,183 @@
+"""What a person does at the command line, from pictures to files, and what they read when something is wrong."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from ninedtact.cli import main
+
+PRESSES = ("board_reference", "board", "ball_reference", "ball")
+
+
+def calibrate_options(pictures: Path, out: Path, **changed: Path) -> list[str]:
+    options = ["calibrate", "--out", str(out)]
+    for name in PRESSES:
+        options += [f"--{name.replace('_', '-')}", str(changed.get(name, pictures / f"{name}.png"))]
+    return options
+
+
+@pytest.fixture(scope="module")
+def sensor(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("journey") / "sensor_a"
+    assert main(calibrate_options(real_data / "sensor_a", folder)) == 0
+    return folder
+
+
+def test_calibrate_prints_its_certificate(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "s"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["board"]["pins_found"] == told["board"]["pins_expected"] == 63
+    assert told["board"]["loo_rms_mm"] <= 0.05 and told["board"]["loo_rms_mm"] <= 0.8 * told["board"]["loo_rms_mm_original"]
+    assert told["board"]["mm_per_px"] == pytest.approx(0.0515, abs=0.001)
+    assert told["ball"]["fit_mae_mm"] <= 0.02 and told["ball"]["radius_px"] == pytest.approx(67, abs=1)
+    assert told["ball"]["method"] == "ratio" and told["warnings"] == []
+    assert {entry.name for entry in (tmp_path / "s").iterdir()} == {"sensor.toml", "pictures", "certificate.html"}
+
+
+def test_reconstruct_gives_a_ball_of_the_right_size(
+    sensor: Path, real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures = real_data / "sensor_a"
+    options = ["--sensor", str(sensor), "--reference", str(pictures / "ball_reference.png"), "--out", str(tmp_path)]
+    assert main(["reconstruct", *options, str(pictures / "ball.png"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["pictures"][0]
+    assert told["max_indentation_mm"] == pytest.approx(2.0, abs=0.1)
+    assert told["contact_area_mm2"] == pytest.approx(np.pi * 3.47**2, rel=0.1)
+    assert all(Path(file).stat().st_size > 1000 for file in told["files"].values())
+    points = np.asarray(trimesh.load(told["files"]["ply"]).vertices)
+    assert sphere_radius(points[points[:, 2] < -0.4]) == pytest.approx(4.0, abs=0.15)
+
+
+def sphere_radius(points: np.ndarray) -> float:
+    """Least-squares sphere."""
+    columns = np.column_stack([2 * points, np.ones(len(points))])
+    *centre, offset = np.linalg.lstsq(columns, (points**2).sum(axis=1), rcond=None)[0]
+    return float(np.sqrt(offset + np.dot(centre, centre)))
+
+
+def test_guided_calibration_from_a_recording(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    number = 0
+    for name in PRESSES:
+        picture = cv2.imread(str(real_data / "sensor_a" / f"{name}.png"))
+        for _ in range(9):
+            noise = np.random.default_rng(number).normal(0, 0.4, picture.shape)
+            cv2.imwrite(str(frames / f"{number:03}.png"), np.clip(picture + noise, 0, 255).round().astype(np.uint8))
+            number += 1
+    assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(frames), "--json"]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["board"]["pins_found"] == 63
+    assert "Press the pin board" in told.err and "63 of 63 pins" in told.err
+
+
+def test_a_recording_that_ends_too_soon_is_said(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(real_data / "sensor_a")]) == 1
+    assert "end of the recording" in refusal(capsys)
+    assert not (tmp_path / "s").exists()
+
+
+def refusal(capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line on standard error that says expected, got, do this."""
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert last.startswith("ninedtact: ") and "expected" in last and "got" in last or "found" in last
+    assert "Traceback" not in last
+    return last
+
+
+def write(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+BAD = {
+    "missing": lambda good, here: here / "no such.png",
+    "a folder": lambda good, here: here,
+    "empty": lambda good, here: write(here / "x.png", b""),
+    "truncated": lambda good, here: write(here / "x.png", good.read_bytes()[:20000]),
+    "not a picture": lambda good, here: write(here / "x.png", b"hello"),
+    "wrong size": lambda good, here: painted(here, cv2.imread(str(good))[:400]),
+    "16 bits": lambda good, here: painted(here, cv2.imread(str(good)).astype(np.uint16) * 200),
+    "black": lambda good, here: painted(here, np.zeros((480, 640, 3), np.uint8)),
+    "burnt": lambda good, here: painted(here, np.full((480, 640, 3), 255, np.uint8)),
+}
+
+
+def painted(here: Path, picture: np.ndarray) -> Path:
+    cv2.imwrite(str(here / "x.png"), picture)
+    return here / "x.png"
+
+
+@pytest.mark.parametrize("which", ["board", "ball_reference"])
+@pytest.mark.parametrize("how", BAD)
+def test_a_bad_picture_is_one_sentence(
+    how: str, which: str, real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = BAD[how](real_data / "sensor_a" / f"{which}.png", tmp_path)
+    assert main(calibrate_options(real_data / "sensor_a", tmp_path / "out", **{which: bad})) == 1
+    refusal(capsys)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("kind", [cv2.IMREAD_GRAYSCALE, "opaque alpha"])
+def test_grey_and_opaque_pictures_are_as_good(kind: object, real_data: Path, tmp_path: Path) -> None:
+    good = cv2.imread(str(real_data / "sensor_a" / "board.png"))
+    grey = cv2.cvtColor(good, cv2.COLOR_BGR2GRAY)
+    same = painted(tmp_path, cv2.cvtColor(good, cv2.COLOR_BGR2BGRA) if kind == "opaque alpha" else grey)
+    assert main(calibrate_options(real_data / "sensor_a", tmp_path / "out", board=same)) == 0
+
+
+def test_swapped_pictures_are_named(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pictures = real_data / "sensor_a"
+    swapped = {"board": pictures / "board_reference.png", "board_reference": pictures / "board.png"}
+    assert main(calibrate_options(pictures, tmp_path / "out", **swapped)) == 1
+    assert "swapped" in refusal(capsys)
+    assert (tmp_path / "out_board_not_found.png").stat().st_size > 1000
+
+
+def test_half_of_the_pictures_is_not_enough(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "--out", str(tmp_path / "s"), "--board", str(real_data / "sensor_a" / "board.png")]) == 1
+    assert "--ball-reference" in refusal(capsys)
+
+
+def test_a_folder_that_may_not_be_written(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert main(calibrate_options(real_data / "sensor_a", tmp_path / "file" / "sensor")) == 1
+    refusal(capsys)
+
+
+def test_wrong_use_is_exit_code_two() -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["calibrate", "--no-such-option"])
+    assert left.value.code == 2
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.7, 1.5])
+def test_ctrl_c_leaves_nothing_half_written(after_s: float, real_data: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ninedtact", *calibrate_options(real_data / "sensor_a", tmp_path / "s")]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    wait_until_at_work(running)
+    time.sleep(after_s)
+    running.send_signal(signal.SIGINT)
+    error = running.communicate(timeout=60)[1]
+    if running.returncode == 0:
+        pytest.skip("it was done before the interruption")
+    assert running.returncode == 1 and "Traceback" not in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def wait_until_at_work(running: subprocess.Popen[str]) -> None:
+    """Past the start of the interpreter: OpenCV is loaded when pictures are read."""
+    for _ in range(600):
+        if "cv2" in Path(f"/proc/{running.pid}/maps").read_text():
+            return
+        time.sleep(0.05)
+    pytest.fail("the command never began to work")
