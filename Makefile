@@ -21,5 +21,14 @@ lint: .venv/ready
 types: .venv/ready
 	.venv/bin/mypy
 
+# The main job on real pictures: one sensor calibrated, one press reconstructed. Left in out/demo.
+demo: .venv/ready
+	@test -d $(REAL)/sensor_a || { echo "expected real pictures in $(REAL), got none; set NINEDTACT_REAL_DATA to a folder of them"; exit 1; }
+	.venv/bin/ninedtact calibrate --out out/demo/sensor_a \
+	  --board-reference $(REAL)/sensor_a/board_reference.png --board $(REAL)/sensor_a/board.png \
+	  --ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
+	.venv/bin/ninedtact reconstruct --sensor out/demo/sensor_a \
+	  --reference $(REAL)/sensor_a/ball_reference.png $(REAL)/sensor_a/ball.png --out out/demo/ball
+
 clean:
 	rm -rf .venv out

@@ -12,7 +12,19 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import tyro
-from altered import Pair, both, compressed, fainter, glaring, quarter_turned, resized, rotated, tilted, vignetted, without
+from altered import (
+    Pair,
+    both,
+    compressed,
+    fainter,
+    glaring,
+    quarter_turned,
+    resized,
+    rotated,
+    tilted,
+    vignetted,
+    without,
+)
 from figures import Figure, answer, holds
 from no_board import invented, mistaken
 from real_pictures import sensor_folders

@@ -18,8 +18,17 @@ from figures import Figure, answer, at_most
 from real_pictures import PRESSES, sensor_folder
 from tqdm import tqdm
 
-from ninedtact import CalibrationPictures, Frame, FrameSource, Sensor, calibrate, load_sensor, point_cloud, read_picture
-from ninedtact import write_sensor
+from ninedtact import (
+    CalibrationPictures,
+    Frame,
+    FrameSource,
+    Sensor,
+    calibrate,
+    load_sensor,
+    point_cloud,
+    read_picture,
+    write_sensor,
+)
 
 SETTLED = 1000
 SAMPLES = 100

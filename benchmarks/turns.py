@@ -17,7 +17,7 @@ import numpy as np
 Tasks = dict[str, Callable[[int], object]]
 """Functions of the call's number, by name."""
 
-ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 WARM_UP, BURST = 2, 6
 
 

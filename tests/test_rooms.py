@@ -81,7 +81,8 @@ def test_a_heavy_library_lives_in_its_room(path: Path) -> None:
 
 @pytest.mark.parametrize("statement", ["import ninedtact", "import ninedtact.cli"])
 def test_start_is_light(statement: str) -> None:
-    check = f"{statement}; import sys; print(*[m for m in ('cv2', 'scipy', 'torch', 'viser', 'matplotlib') if m in sys.modules])"
+    heavy = ("cv2", "scipy", "torch", "viser", "matplotlib")
+    check = f"{statement}; import sys; print(*[name for name in {heavy} if name in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == ""
 

@@ -119,6 +119,10 @@ CHANGES: dict[str, tuple[Callable[[Image], Image], str]] = {
     "mirrored": (lambda image: cv2.flip(image, 1), "camera moved"),
     "stain": (lambda image: spotted(image, -0.1, 20), "gel changed"),
     "faint stain": (lambda image: spotted(image, -0.04, 10), "gel changed"),
+    "stain, and a bubble far from it": (
+        lambda image: spotted(spotted(image, -0.1, 20), 0.08, 20, 450, 120),
+        "gel changed",
+    ),
     "bubble": (lambda image: spotted(image, 0.05, 12, 400, 200), "gel changed"),
 }
 

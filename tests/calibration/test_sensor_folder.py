@@ -71,7 +71,9 @@ DAMAGE = {
 def edit(folder: Path, old: str, new: str) -> None:
     text = (folder / "sensor.toml").read_text()
     changed = text.replace(old, new, 1)
-    (folder / "sensor.toml").write_text(changed if changed != text else text.replace("darkening = [", "darkening = [9.0,"))
+    (folder / "sensor.toml").write_text(
+        changed if changed != text else text.replace("darkening = [", "darkening = [9.0,")
+    )
 
 
 @pytest.mark.parametrize("how", DAMAGE)

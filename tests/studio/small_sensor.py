@@ -78,9 +78,9 @@ class SkinCamera(FrameSource):
         self._closed.set()
 
 
-def wait_until(is_true: Callable[[], bool]) -> None:
+def wait_until(is_true: Callable[[], bool], limit_s: float = 20.0, pause_s: float = 0.002) -> None:
     """Until the other threads have done it."""
-    give_up_at = time.monotonic() + 20
+    give_up_at = time.monotonic() + limit_s
     while not is_true():
         assert time.monotonic() < give_up_at
-        time.sleep(0.002)
+        time.sleep(pause_s)

@@ -100,7 +100,7 @@ class BallPress:
         """Left, right, upper and lower half of the picture about the disc's centre."""
         rows, cols = np.indices(self.before.grey.shape)
         left, upper = cols < self.circle.centre_px[0], rows < self.circle.centre_px[1]
-        return [left, ~left, upper, ~upper]
+        return [np.asarray(half) for half in (left, ~left, upper, ~upper)]
 
 
 @dataclass(frozen=True)
@@ -173,14 +173,9 @@ def fit_curve(press: BallPress, method: Method) -> BallFit:
     half_errors = [
         press.error_mm(press.curve(signal, press.disc & half), press.disc & ~half) for half in press.halves()
     ]
-    return BallFit(
-        method,
-        curve,
-        press,
-        press.error_mm(curve, press.disc),
-        float(np.mean(half_errors)),
-        warnings(press.circle),
-    )
+    half_mae_mm = float(np.mean(half_errors))
+    honest = replace(curve, error_mm=tuple(np.hypot(curve.error_mm, half_mae_mm).tolist()))
+    return BallFit(method, honest, press, press.error_mm(curve, press.disc), half_mae_mm, warnings(press.circle))
 
 
 def uniform_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:

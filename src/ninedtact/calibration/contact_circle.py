@@ -131,7 +131,11 @@ def fitted_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) 
     """Robust least-squares circle through the edge."""
     middle = edge.mean(axis=0)
     start = [*middle, np.hypot(*(edge - middle).T).mean()]
-    x, y, radius = least_squares(lambda c: np.hypot(*(edge - c[:2]).T) - c[2], start, loss="soft_l1").x
+
+    def miss(circle: Float[Array, "3"]) -> Float[Array, " n"]:
+        return np.asarray(np.hypot(edge[:, 0] - circle[0], edge[:, 1] - circle[1]) - circle[2])
+
+    x, y, radius = least_squares(miss, start, loss="soft_l1").x
     scatter = float(np.std(np.hypot(edge[:, 0] - x, edge[:, 1] - y)))
     require_round(calm.shape, (x, y), radius, scatter)
     asymmetry = bulge_harmonic(calm, (x, y), radius) / -float(calm.min())
@@ -159,4 +163,5 @@ def bulge_harmonic(calm: Float32[Array, "rows cols"], centre_px: tuple[float, fl
     distance = np.hypot(x, y)
     ring = (distance > 1.1 * radius_px) & (distance < 1.6 * radius_px)
     columns = np.column_stack([np.ones(ring.sum()), x[ring] / distance[ring], y[ring] / distance[ring]])
-    return float(np.hypot(*np.linalg.lstsq(columns, calm[ring], rcond=None)[0][1:]))
+    solution = np.asarray(np.linalg.lstsq(columns, calm[ring], rcond=None)[0])
+    return float(np.hypot(solution[1], solution[2]))

@@ -61,7 +61,7 @@ def findings(drift: Drift) -> list[Finding]:
 def contact(drift: Drift) -> Finding | None:
     """Pressed gel."""
     place, known_skin = drift.change.contact, drift.nearest.recognised or not drift.nearest.observable
-    if place is None or drift.flipped or not known_skin:
+    if place is None or drift.flipped or not (known_skin or drift.change.changed_share > PRESSED_ALL_OVER):
         return None
     depth_mm = height_mm(drift, place.change)
     return Finding(

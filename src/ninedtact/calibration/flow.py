@@ -10,8 +10,8 @@ import numpy as np
 from ninedtact.calibration.ball import BallFit, Method, fit_ball, reference_warnings
 from ninedtact.calibration.board import BoardFit, fit_board
 from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float
-from ninedtact.calibration.mounting import Mounting
 from ninedtact.calibration.lens_fit import rms_length
+from ninedtact.calibration.mounting import Mounting
 from ninedtact.calibration.paper import (
     anchored_mm_per_px_error,
     integer_centres,

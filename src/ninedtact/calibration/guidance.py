@@ -52,7 +52,7 @@ class Still:
         self.pictures.append(image)
         if len(self.pictures) < AVERAGED:
             return None
-        return np.round(np.mean(self.pictures, axis=0)).astype(np.uint8)
+        return np.asarray(np.round(np.mean(np.stack(self.pictures), axis=0)), np.uint8)
 
     def __len__(self) -> int:
         return len(self.pictures)

@@ -11,13 +11,20 @@ from typing import Annotated
 import tyro
 
 from ninedtact.cli.calibrate import Calibrate
+from ninedtact.cli.check import Check
 from ninedtact.cli.doctor import Doctor
+from ninedtact.cli.live import Live
 from ninedtact.cli.reconstruct import Reconstruct
+from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
 from ninedtact.errors import NinedtactError
 
 Command = (
     Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
     | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
+    | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[Live, tyro.conf.subcommand("live")]
+    | Annotated[ImportCalibration, tyro.conf.subcommand("import-calibration")]
+    | Annotated[ExportCalibration, tyro.conf.subcommand("export-calibration")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 DESCRIPTION = "The software of the 9DTact tactile sensor: pictures in, calibrated millimetres out."

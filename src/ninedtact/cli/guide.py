@@ -13,6 +13,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
+    from ninedtact.calibration.brightness import Image
     from ninedtact.calibration.flow import CalibrationPictures, CalibrationSettings
     from ninedtact.calibration.guidance import Step
     from ninedtact.capture.source import FrameSource
@@ -47,12 +48,12 @@ def guided_pictures(source: str, design: SensorDesign, settings: "CalibrationSet
     from ninedtact.calibration.guidance import steps
 
     terminal = Terminal()
-    taken: dict[str, object] = {}
+    taken: dict[str, Image] = {}
     with opened(source) as camera:
         for step in steps(design, settings):
             terminal.title(step.instruction)
             taken[step.name] = followed(step, camera, taken, terminal)
-    return CalibrationPictures(**taken)  # type: ignore[arg-type]
+    return CalibrationPictures(**taken)
 
 
 @contextmanager
@@ -67,7 +68,7 @@ def opened(source: str) -> "Iterator[FrameSource]":
         yield frames
 
 
-def followed(step: "Step", camera: "FrameSource", taken: dict[str, object], terminal: Terminal) -> object:
+def followed(step: "Step", camera: "FrameSource", taken: dict[str, "Image"], terminal: Terminal) -> "Image":
     """Watch pictures until the step is content; the mean of the last few."""
     watch = step.watch(taken)
     with terminal.line():

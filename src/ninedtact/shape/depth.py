@@ -46,7 +46,7 @@ class DepthCurve:
     """Ascending from 0; grey levels for `difference`, a fraction of the untouched brightness for `ratio`."""
     indentation_mm: tuple[float, ...]
     error_mm: tuple[float, ...]
-    """Standard deviation of the scatter about the curve at each knot."""
+    """At each knot: scatter of the pixels about the curve, and what one half of the ball says about the other."""
     brightening: tuple[float, ...] = (0.0,)
     bulge_mm: tuple[float, ...] = (0.0,)
 

@@ -13,6 +13,9 @@ from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Coverage, Frame, Rectified, centred_axis_mm
 from ninedtact.shape.lens import Projection
 
+NO_SECOND_MAP = np.empty(0, np.float32)
+"""OpenCV takes both coordinates from one map when the other is empty."""
+
 Area = tuple[float, float, float, float]
 """x from, x to, y from, y to, in mm on the skin."""
 
@@ -40,7 +43,7 @@ class Rectification:
 
     def resampled(self, raw: Float32[Array, "raw_rows raw_cols"]) -> Float32[Array, "rows cols"]:
         """Any raw grey field on the rectified grid, bilinear, edges repeated outside the picture."""
-        return np.asarray(cv2.remap(raw, self.source_px, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        return np.asarray(cv2.remap(raw, self.source_px, NO_SECOND_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
     def require_size(self, image: UInt8[Array, "raw_rows raw_cols 3"]) -> None:
         """Refuse a picture of another size."""

@@ -39,7 +39,7 @@ class Moment:
     reading: Reading | None
     """The newest; None before the first."""
     heard_ns: int
-    """Stamp of the newest reading; while there is none, or a reference is taken, of the newest picture or the opening."""
+    """Stamp of the newest reading; while a reference is taken, of the newest picture; before any, of the opening."""
     delivered_hz: float
     """Pictures per second that the source delivered, read or not."""
     read_hz: float

@@ -1,0 +1,107 @@
+"""How well the depth curve from one real ball press reads the ball back, and whether the camera's nearness is in the picture.
+
+A curve from one half of the disc reads the other half (mean absolute error over four cuts; centre and radius of the disc
+are found on the whole). No depth was measured when the pictures were taken: the truth is the ball, in the disc where it was seen.
+
+The camera stands 14 mm under the skin, so its lines of sight are not parallel. The paper leaves that out, as if the
+camera were infinitely far. Here the distance is varied: if it matters, the error is least near the true one.
+"""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tyro
+from figures import Figure, answer, at_most, holds
+from real_pictures import sensor_folder
+
+from ninedtact import SensorDesign, read_picture
+from ninedtact.calibration.ball import BallFit, Method, fit_ball, reference_warnings
+from ninedtact.calibration.board import fit_board
+from ninedtact.calibration.contact_circle import BallRefused
+from ninedtact.calibration.flow import lens_on_grid
+from ninedtact.shape.rectification import Rectification
+
+METHODS: tuple[Method, ...] = ("ratio", "table")
+ON_OTHER_HALF_MM = 0.02
+PUBLISHED_MM = "0.0462 (paper, 20 presses)"
+FAR_MM = 1e5
+SCAN_MM = (8, 10, 11, 12, 13, 14.05, 15, 16, 18, 20, 25, 30, FAR_MM)
+
+
+def ball_accuracy(json: bool = False) -> None:
+    """Measure sensor_a, and how the other two presses are received."""
+    cv2.setNumThreads(1)
+    folder, design = sensor_folder("sensor_a"), SensorDesign()
+    fit = partial(fitted, folder, grid(folder))
+    figures = [on_other_half(method, fit(method, design.camera.distance_mm)) for method in METHODS]
+    figures += [ignored(method, fit(method, FAR_MM)) for method in METHODS]
+    figures += scan({distance_mm: fit("ratio", distance_mm) for distance_mm in SCAN_MM})
+    answer("Accuracy of the depth calibration, real ball presses", [*figures, warned("sensor_i"), refused("sensor_j")], json)
+
+
+def grid(folder: Path) -> Rectification:
+    """The sensor's rectification, from its board."""
+    reference, press = (read_picture(folder / f"{name}.png") for name in ("board_reference", "board"))
+    return lens_on_grid(fit_board(reference, press, SensorDesign().pin_board), SensorDesign(), "lens")
+
+
+def fitted(folder: Path, rectify: Rectification, method: Method, distance_mm: float) -> BallFit:
+    """The ball press read with the camera at this distance."""
+    design = SensorDesign()
+    design = replace(design, camera=replace(design.camera, distance_mm=float(distance_mm)))
+    reference, press = (read_picture(folder / f"{name}.png") for name in ("ball_reference", "ball"))
+    return fit_ball(rectify, reference, press, design, method)
+
+
+def on_other_half(method: Method, fit: BallFit) -> Figure:
+    name = f"sensor_a, {method}: error on the other half, mm"
+    return at_most(name, fit.half_mae_mm, ON_OTHER_HALF_MM, peer=PUBLISHED_MM)
+
+
+def ignored(method: Method, fit: BallFit) -> Figure:
+    return Figure(f"sensor_a, {method}, lines of sight ignored: the same, mm", fit.half_mae_mm)
+
+
+def scan(fits: dict[float, BallFit]) -> list[Figure]:
+    """The same error for each distance of the camera, and where it is least."""
+    lines = [Figure(f"ratio, camera at {in_mm(distance)}: the same, mm", fit.half_mae_mm) for distance, fit in fits.items()]
+    errors = {distance: fit.half_mae_mm for distance, fit in fits.items() if distance < FAR_MM}
+    return [*lines, Figure("distance of least error, mm (14.05 by design)", least(errors))]
+
+
+def least(errors: dict[float, float]) -> float:
+    """Where the parabola through the least error and its neighbours is least."""
+    distances, values = np.array(list(errors)), np.array(list(errors.values()))
+    middle = int(np.clip(values.argmin(), 1, len(values) - 2))
+    square, slope, _ = np.polyfit(distances[middle - 1 : middle + 2], values[middle - 1 : middle + 2], 2)
+    return float(-slope / (2 * square))
+
+
+def in_mm(distance: float) -> str:
+    return "infinity" if distance == FAR_MM else f"{distance:g} mm"
+
+
+def warned(name: str) -> Figure:
+    """A sheared press is used, with a word."""
+    folder = sensor_folder(name)
+    fit = fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
+    pictures = (read_picture(folder / f"{picture}.png") for picture in ("board_reference", "ball_reference"))
+    words = [*fit.warnings, *reference_warnings(*pictures)]
+    return holds(f"{name}: warned", " | ".join(words) or "no warning", "a warning", any("asymmetric" in w for w in words))
+
+
+def refused(name: str) -> Figure:
+    """A picture without contact is refused."""
+    folder = sensor_folder(name)
+    try:
+        fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
+    except BallRefused as refusal:
+        return holds(f"{name}: refused", str(refusal), "a refusal", True)
+    return holds(f"{name}: refused", "accepted", "a refusal", False)
+
+
+if __name__ == "__main__":
+    tyro.cli(ball_accuracy)

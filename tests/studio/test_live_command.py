@@ -1,0 +1,62 @@
+"""ninedtact live from its first line to Ctrl-C."""
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from urllib.request import urlopen
+
+import cv2
+import pytest
+from small_sensor import sensor_folder, skin
+
+from ninedtact.calibration.sensor_folder import SensorFolderDamaged
+from ninedtact.capture.address import SourceUnknown
+from ninedtact.cli.live import Live, LiveImpossible, StudioMissing
+
+COMMAND = "import sys, tyro; from ninedtact.cli.live import Live; sys.exit(tyro.cli(Live, args=sys.argv[1:]).run())"
+CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(folder / f"{number}.png"), skin(100))
+    return folder
+
+
+def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, pictures: Path) -> None:
+    options = ["--sensor", str(sensor_folder(tmp_path / "small")), "--source", str(pictures), "--loop", "--port", "0"]
+    live = subprocess.Popen([sys.executable, "-c", COMMAND, *options], stderr=subprocess.PIPE, text=True)
+    assert live.stderr is not None
+    address = re.search(r"open (http://127.0.0.1:\d+) in a browser; Ctrl-C ends", live.stderr.readline())
+    assert address is not None
+    with urlopen(address[1], timeout=20) as page:
+        assert page.status == 200 and b"<html" in page.read()
+    live.send_signal(signal.SIGINT)
+    _, said = live.communicate(timeout=20)
+    assert re.fullmatch(r"ninedtact: stopped after \d+ pictures\n", said)
+    assert live.returncode == 0
+
+
+def test_nothing_heavy_is_loaded_before_it_runs() -> None:
+    loaded = subprocess.run([sys.executable, "-c", CHECK], capture_output=True, text=True, check=True)
+    assert loaded.stdout.strip() == ""
+
+
+def test_bad_options_are_refused_before_any_camera_is_touched(
+    tmp_path: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = sensor_folder(tmp_path / "small")
+    with pytest.raises(SensorFolderDamaged, match="expected a sensor folder"):
+        Live(tmp_path / "none", str(pictures)).run()
+    with pytest.raises(SourceUnknown, match="which is none of these"):
+        Live(folder, "nothing").run()
+    with pytest.raises(LiveImpossible, match="above 0 and at most 120, got 0;"):
+        Live(folder, str(pictures), display_hz=0).run()
+    monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None)
+    with pytest.raises(StudioMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
+        Live(folder, str(pictures)).run()

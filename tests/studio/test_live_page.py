@@ -1,0 +1,105 @@
+"""The page in a real browser, on the port that was asked for, and gone without a trace when it ends."""
+
+import shutil
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, sync_playwright
+from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
+
+from ninedtact.capture.reconnecting import Reconnecting
+from ninedtact.design import Gel
+from ninedtact.studio.loop import SensorLoop
+from ninedtact.studio.page import Page
+from ninedtact.studio.ruler import block_under
+from ninedtact.studio.server import PortRefused, serving
+from ninedtact.studio.studio import Studio
+
+WITHOUT_GRAPHICS_CARD = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+PATIENCE_S = 40.0
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    names = ("chromium", "chromium-browser", "google-chrome")
+    found = next(filter(None, map(shutil.which, names)), None)
+    if found is None:
+        pytest.skip(f"expected a browser ({', '.join(names)}), got none; install Debian's package chromium")
+    with sync_playwright() as player:
+        browser = player.chromium.launch(executable_path=found, args=WITHOUT_GRAPHICS_CARD)
+        yield browser
+        browser.close()
+
+
+def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Browser, tmp_path: Path) -> None:
+    before = set(threading.enumerate())
+    camera, tab, errors, asked = SkinCamera(), browser.new_page(viewport={"width": 1000, "height": 700}), [], set()
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
+    sensor = sensor_on(Reconnecting(camera, on_lost=lambda loss: None, retry_ms=20.0))
+    with serving("127.0.0.1", 0) as server, SensorLoop(sensor) as loop:
+        studio = Studio(loop, tmp_path)
+        page = Page(server, studio, block_under(SHAPE, Gel()), "small")
+        address = f"127.0.0.1:{server.get_port()}"
+
+        def until_shown(*texts: str) -> None:
+            def shown() -> bool:
+                studio.refresh(page)
+                said = tab.inner_text("body")
+                return all(text in said for text in texts)
+
+            wait_until(shown, PATIENCE_S, pause_s=0.05)
+
+        def pictures() -> list[str | None]:
+            return [picture.get_attribute("src") for picture in tab.locator("img[src^=blob]").all()]
+
+        tab.goto(f"http://{address}")
+        until_shown("live, ", "0.00 mm", "nothing touches")
+        untouched = pictures()
+        assert len(untouched) == 2 and tab.locator("canvas").count() > 0
+        camera.level = 75
+        until_shown("live, ", "1.00 mm", "centre at x 0, y 0 mm")
+        assert not set(untouched) & set(pictures())
+        first_reference = sensor.depth
+        tab.get_by_role("button", name="Take reference").dispatch_event("click")
+        until_shown("live, ", "0.00 mm")
+        assert sensor.depth is not first_reference
+        tab.get_by_role("button", name="Save this reading").dispatch_event("click")
+        until_shown("Saved", "4 files in")
+        assert len(list(tmp_path.glob("reading_*"))) == 4
+        camera.plugged_in = False
+        until_shown("no picture for ", "unplugged?")
+        studio.bring_to_an_end(page)
+    wait_until(lambda: "stopped: the program has ended" in tab.inner_text("body"), PATIENCE_S, pause_s=0.05)
+    wait_until(lambda: set(threading.enumerate()) <= before)
+    assert errors == []
+    assert asked <= {address, ""}
+
+
+def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as other,
+        pytest.raises(PortRefused, match=r"free for the page, got it in use .*choose another with --port"),
+        serving("127.0.0.1", other.getsockname()[1]),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(("host", "port"), [("no.such.host.invalid", 0), ("127.0.0.1", 70_000), ("127.0.0.1", -1)])
+def test_a_place_that_does_not_exist_is_refused(host: str, port: int) -> None:
+    with pytest.raises(PortRefused, match=r"expected port .*, got .*; choose another"), serving(host, port):
+        pass
