@@ -37,9 +37,13 @@ def ball_accuracy(json: bool = False) -> None:
     folder, design = sensor_folder("sensor_a"), SensorDesign()
     fit = partial(fitted, folder, grid(folder))
     figures = [on_other_half(method, fit(method, design.camera.distance_mm)) for method in METHODS]
-    figures += [ignored(method, fit(method, FAR_MM)) for method in METHODS]
-    figures += scan({distance_mm: fit("ratio", distance_mm) for distance_mm in SCAN_MM})
-    answer("Accuracy of the depth calibration, real ball presses", [*figures, warned("sensor_i"), refused("sensor_j")], json)
+    for method in METHODS:
+        figures += scan(method, {distance_mm: fit(method, distance_mm).half_mae_mm for distance_mm in SCAN_MM})
+    answer(
+        "Accuracy of the depth calibration, real ball presses",
+        [*figures, warned("sensor_i"), refused("sensor_j")],
+        json,
+    )
 
 
 def grid(folder: Path) -> Rectification:
@@ -61,15 +65,11 @@ def on_other_half(method: Method, fit: BallFit) -> Figure:
     return at_most(name, fit.half_mae_mm, ON_OTHER_HALF_MM, peer=PUBLISHED_MM)
 
 
-def ignored(method: Method, fit: BallFit) -> Figure:
-    return Figure(f"sensor_a, {method}, lines of sight ignored: the same, mm", fit.half_mae_mm)
-
-
-def scan(fits: dict[float, BallFit]) -> list[Figure]:
+def scan(method: Method, error_mm: dict[float, float]) -> list[Figure]:
     """The same error for each distance of the camera, and where it is least."""
-    lines = [Figure(f"ratio, camera at {in_mm(distance)}: the same, mm", fit.half_mae_mm) for distance, fit in fits.items()]
-    errors = {distance: fit.half_mae_mm for distance, fit in fits.items() if distance < FAR_MM}
-    return [*lines, Figure("distance of least error, mm (14.05 by design)", least(errors))]
+    lines = [Figure(f"{method}, camera at {in_mm(distance)}: the same, mm", mm) for distance, mm in error_mm.items()]
+    best = least({distance: mm for distance, mm in error_mm.items() if distance < FAR_MM})
+    return [*lines, Figure(f"{method}: distance of least error, mm (14.05 by design)", best)]
 
 
 def least(errors: dict[float, float]) -> float:
@@ -81,7 +81,7 @@ def least(errors: dict[float, float]) -> float:
 
 
 def in_mm(distance: float) -> str:
-    return "infinity" if distance == FAR_MM else f"{distance:g} mm"
+    return "infinity (lines of sight ignored)" if distance == FAR_MM else f"{distance:g} mm"
 
 
 def warned(name: str) -> Figure:
@@ -90,7 +90,9 @@ def warned(name: str) -> Figure:
     fit = fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
     pictures = (read_picture(folder / f"{picture}.png") for picture in ("board_reference", "ball_reference"))
     words = [*fit.warnings, *reference_warnings(*pictures)]
-    return holds(f"{name}: warned", " | ".join(words) or "no warning", "a warning", any("asymmetric" in w for w in words))
+    return holds(
+        f"{name}: warned", " | ".join(words) or "no warning", "a warning", any("asymmetric" in w for w in words)
+    )
 
 
 def refused(name: str) -> Figure:

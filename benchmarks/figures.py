@@ -5,11 +5,16 @@ import os
 import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from itertools import zip_longest
+from textwrap import wrap
 
 import cv2
 import numpy as np
 
 Value = float | int | str
+
+WIDEST = 64
+"""Characters of a cell."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +56,21 @@ def answer(title: str, figures: Sequence[Figure], json: bool) -> None:
 
 
 def table(figures: Sequence[Figure]) -> list[str]:
-    """The figures in columns; a column that nobody uses is left out."""
+    """The figures in columns; a column that nobody uses is left out, a long cell goes on in the next line."""
     names = [field.name for field in fields(Figure)]
     rows = [names] + [[shown(getattr(figure, name)) for name in names] for figure in figures]
     columns = [column for column in zip(*rows, strict=True) if any(column[1:])]
-    widths = [max(map(len, column)) for column in columns]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in zip(*columns, strict=True)]
+    folded = [[wrap(cell, WIDEST) or [""] for cell in column] for column in columns]
+    widths = [max(len(line) for cell in column for line in cell) for column in folded]
+    return [line for row in zip(*folded, strict=True) for line in lines(row, widths)]
+
+
+def lines(row: Sequence[list[str]], widths: Sequence[int]) -> list[str]:
+    """The lines of one row, whose cells may have several."""
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
+        for cells in zip_longest(*row, fillvalue="")
+    ]
 
 
 def shown(value: Value) -> str:

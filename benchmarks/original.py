@@ -31,7 +31,8 @@ class Original:
 
     def __init__(self, folder: Path, untouched: np.ndarray) -> None:
         self.row_index, self.col_index, position_scale = (
-            np.load(folder / "camera_calibration" / f"{name}.npy") for name in ("row_index", "col_index", "position_scale")
+            np.load(folder / "camera_calibration" / f"{name}.npy")
+            for name in ("row_index", "col_index", "position_scale")
         )
         self.depth_list = np.load(folder / "depth_calibration" / "Pixel_to_Depth.npy")
         top, left = int(position_scale[0] - CROP_ROWS / 2), int(position_scale[1] - CROP_COLS / 2)

@@ -13,7 +13,9 @@ def sensor_folders() -> list[Path]:
     folder = Path(os.environ.get("NINEDTACT_REAL_DATA", beside))
     found = [path for path in sorted(folder.glob("sensor_*")) if all((path / f"{p}.png").is_file() for p in PRESSES)]
     if not found:
-        sys.exit(f"expected folders sensor_a and so on with real pictures in {folder}, got none; set NINEDTACT_REAL_DATA")
+        sys.exit(
+            f"expected folders sensor_a and so on with real pictures in {folder}, got none; set NINEDTACT_REAL_DATA"
+        )
     return found
 
 

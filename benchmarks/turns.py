@@ -56,7 +56,9 @@ def started(contestants: dict[str, Callable[[], Tasks]]) -> Iterator[dict[str, C
     """A fresh process for each; all are ended at the end."""
     context = multiprocessing.get_context("spawn")
     pipes = {who: context.Pipe() for who in contestants}
-    processes = [context.Process(target=serve, args=(pipes[who][1], make), daemon=True) for who, make in contestants.items()]
+    processes = [
+        context.Process(target=serve, args=(pipes[who][1], make), daemon=True) for who, make in contestants.items()
+    ]
     for process in processes:
         process.start()
     yield {who: pipe[0] for who, pipe in pipes.items()}

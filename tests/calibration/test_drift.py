@@ -20,7 +20,7 @@ from ninedtact.calibration.skin_motion import skin_motion
 from ninedtact.calibration.upstream import import_upstream
 from ninedtact.calibration.written import write_sensor
 from ninedtact.capture.pictures import PictureSizeWrong, read_picture
-from ninedtact.cli.check import Check
+from ninedtact.cli.check import Check, NothingToCheck
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import rectification
 
@@ -136,7 +136,7 @@ def test_every_change_has_its_name(spoil: Callable[[Image], Image], verdict: str
 def test_noise_blur_compression_and_half_a_pixel_are_no_change(known: dict, pictures: dict) -> None:
     image = pictures["sensor_a"]["board_reference"]
     noise = np.random.default_rng(0).normal(0, 3, image.shape)
-    jpeg = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 70])[1], cv2.IMREAD_COLOR)
+    jpeg = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 50])[1], cv2.IMREAD_COLOR)
     for today in (times(image + noise, 1), jpeg, cv2.GaussianBlur(image, (0, 0), 2), moved(image, 0.3, -0.3)):
         assert verdicts(known["sensor_a"], today) == []
 
@@ -226,6 +226,11 @@ def test_the_command_ends_with_the_verdict(
     assert found["pictures"][1]["brightness_percent"] == pytest.approx(-20, abs=0.2)
     assert Check(sensor.path, (dim,)).run() == 1
     assert "20.0% dimmer" in capsys.readouterr().out
+
+
+def test_a_command_without_pictures_says_so(sensor: SensorFolder) -> None:
+    with pytest.raises(NothingToCheck, match="at least one picture"):
+        Check(sensor.path, ()).run()
 
 
 def test_an_imported_sensor_has_nothing_to_compare_with(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ class SkinCamera(FrameSource):
         self._closed.set()
 
 
-def wait_until(is_true: Callable[[], bool], limit_s: float = 20.0, pause_s: float = 0.002) -> None:
+def wait_until(is_true: Callable[[], bool], limit_s: float = 60.0, pause_s: float = 0.002) -> None:
     """Until the other threads have done it."""
     give_up_at = time.monotonic() + limit_s
     while not is_true():

@@ -34,10 +34,10 @@ def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, pictures: Pat
     assert live.stderr is not None
     address = re.search(r"open (http://127.0.0.1:\d+) in a browser; Ctrl-C ends", live.stderr.readline())
     assert address is not None
-    with urlopen(address[1], timeout=20) as page:
+    with urlopen(address[1], timeout=60) as page:
         assert page.status == 200 and b"<html" in page.read()
     live.send_signal(signal.SIGINT)
-    _, said = live.communicate(timeout=20)
+    _, said = live.communicate(timeout=60)
     assert re.fullmatch(r"ninedtact: stopped after \d+ pictures\n", said)
     assert live.returncode == 0
 

@@ -30,7 +30,7 @@ WITHOUT_GRAPHICS_CARD = [
     "--disable-component-update",
     "--disable-sync",
 ]
-PATIENCE_S = 40.0
+PATIENCE_S = 90.0
 
 
 @pytest.fixture
@@ -47,7 +47,8 @@ def browser() -> Iterator[Browser]:
 
 def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Browser, tmp_path: Path) -> None:
     before = set(threading.enumerate())
-    camera, tab, errors, asked = SkinCamera(), browser.new_page(viewport={"width": 1000, "height": 700}), [], set()
+    camera, tab, errors, asked = SkinCamera(), browser.new_page(viewport={"width": 900, "height": 500}), [], set()
+    tab.set_default_timeout(PATIENCE_S * 1000)
     tab.on("pageerror", lambda error: errors.append(str(error)))
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     sensor = sensor_on(Reconnecting(camera, on_lost=lambda loss: None, retry_ms=20.0))

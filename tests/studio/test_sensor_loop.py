@@ -13,6 +13,7 @@ from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_unt
 from ninedtact.capture.files import PictureFolder
 from ninedtact.capture.reconnecting import Reconnecting
 from ninedtact.quantities import Frame
+from ninedtact.sensor import Sensor
 from ninedtact.studio.loop import Moment, Phase, RecordingTooShort, SensorLoop
 from ninedtact.studio.repeating import Repeating
 from ninedtact.studio.status import status_of
@@ -100,25 +101,25 @@ def test_a_lost_camera_is_said_and_found_again() -> None:
 def recording(folder: Path, *levels: int) -> PictureFolder:
     for number, level in enumerate(levels):
         cv2.imwrite(str(folder / f"{number}.png"), skin(level))
-    return PictureFolder(folder, recorded_hz=50.0)
+    return PictureFolder(folder)
 
 
 def test_a_recording_ends_with_its_last_picture(tmp_path: Path) -> None:
-    with SensorLoop(sensor_on(recording(tmp_path, 100, 100, 100, 100, 75))) as loop:
+    with SensorLoop(Sensor(recording(tmp_path, 100, 100, 100, 75), SHAPE, reference_frames=2)) as loop:
         wait_until(lambda: now_in(loop).phase is Phase.ENDED)
         assert deepest_mm(loop) == pytest.approx(1.0, abs=0.01)
         assert sentence(loop).startswith("recording ended, its last picture is shown")
 
 
 def test_a_recording_can_go_on_and_on(tmp_path: Path) -> None:
-    with SensorLoop(sensor_on(Repeating(recording(tmp_path, 100, 100, 100)))) as loop:
-        wait_until(lambda: loop.sensor.frames_read > 7)
+    with SensorLoop(Sensor(Repeating(recording(tmp_path, 100, 100, 100)), SHAPE, reference_frames=2)) as loop:
+        wait_until(lambda: (reading := now_in(loop).reading) is not None and reading.frame.index > 7)
         reading = now_in(loop).reading
-        assert reading is not None and reading.frame.index > 5 and reading.dropped < 3
+        assert reading is not None and reading.dropped == 0
 
 
 def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> None:
-    with SensorLoop(sensor_on(recording(tmp_path, 100), reference_frames=3)) as loop:
+    with SensorLoop(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
         wait_until(lambda: now_in(loop).phase is Phase.FAILED)
         assert isinstance(now_in(loop).trouble, RecordingTooShort)
         assert "begin with 3 pictures of the untouched skin and go on, got 1 pictures" in sentence(loop)

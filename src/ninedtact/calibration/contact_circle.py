@@ -160,8 +160,8 @@ def bulge_harmonic(calm: Float32[Array, "rows cols"], centre_px: tuple[float, fl
     """Amplitude of cos θ and sin θ in the brightness just outside the disc."""
     rows, cols = np.indices(calm.shape)
     x, y = cols - centre_px[0], rows - centre_px[1]
-    distance = np.hypot(x, y)
+    distance = np.asarray(np.hypot(x, y))
     ring = (distance > 1.1 * radius_px) & (distance < 1.6 * radius_px)
     columns = np.column_stack([np.ones(ring.sum()), x[ring] / distance[ring], y[ring] / distance[ring]])
-    solution = np.asarray(np.linalg.lstsq(columns, calm[ring], rcond=None)[0])
-    return float(np.hypot(solution[1], solution[2]))
+    amplitudes = np.linalg.pinv(columns) @ calm[ring]
+    return float(np.hypot(*amplitudes[1:]))

@@ -178,7 +178,11 @@ def swap(partial: Path, final: Path) -> None:
         return
     previous = partial.with_suffix(".previous")
     final.rename(previous)
-    partial.rename(final)
+    try:
+        partial.rename(final)
+    except BaseException:
+        previous.rename(final)
+        raise
     shutil.rmtree(previous, ignore_errors=True)
 
 

@@ -9,10 +9,15 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.answer import answer
+from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.drift import Drift
     from ninedtact.calibration.drift_findings import Finding
+
+
+class NothingToCheck(NinedtactError):
+    """No picture was named."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,10 @@ class Check:
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.pictures import read_picture
 
+        if not self.reference:
+            raise NothingToCheck(
+                "expected at least one picture of the untouched skin, got none; name it after the options"
+            )
         known = known_skin(load_sensor(self.sensor))
         measured = [drift(known, read_picture(path)) for path in self.reference]
         results = [result(path, one, findings(one)) for path, one in zip(self.reference, measured, strict=True)]

@@ -106,7 +106,10 @@ class LensModel:
         points = self.from_affine(target)
         for _ in range(30):
             miss = target - self.to_px(points)
-            points = points + np.linalg.solve(self.px_per_mm(points), miss[..., None])[..., 0]
+            slope = self.px_per_mm(points)
+            if not np.linalg.det(slope).all() or not np.isfinite(slope).all():
+                break
+            points = points + np.linalg.solve(slope, miss[..., None])[..., 0]
             if np.abs(miss).max(initial=0.0) < 1e-9 * self.unit_px:
                 return points
         raise PointNotSeen(

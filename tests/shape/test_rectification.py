@@ -1,0 +1,68 @@
+"""The rectified picture is the raw one sampled where the lens says, and it says what it cannot see."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from ninedtact.design import FieldOfView
+from ninedtact.quantities import Coverage, Frame
+from ninedtact.shape.lens import LensModel, PointNotSeen, central_mm_per_px
+from ninedtact.shape.rectification import Rectification, WrongPictureSize, rectification
+
+LENS = LensModel(
+    (0.059, -0.0003, 0.025, 0.0002, 0.059, 0.0005, 0.0005, -0.0008),
+    (0.04, -0.01),
+    (1.16, -1.5, 0.82),
+    (-0.004, 0.003),
+    (480, 640),
+)
+SCALE = central_mm_per_px(LENS, 2.5)
+RAW = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
+
+
+def made(rows: int = 345, cols: int = 460, mm_per_px: float = SCALE) -> Rectification:
+    return rectification(LENS, FieldOfView(rows, cols), mm_per_px, (480, 640), (-12.5, 12.5, -10.0, 10.0))
+
+
+@pytest.mark.parametrize("shape", [(345, 460), (344, 459), (121, 160)])
+def test_brightness_comes_from_where_the_lens_says(shape: tuple[int, int]) -> None:
+    rectify = made(*shape)
+    grey = rectify(Frame(RAW)).grey
+    raw = RAW @ np.array([0.114, 0.587, 0.299])
+    expected = ndimage.map_coordinates(raw, np.moveaxis(rectify.source_px, -1, 0)[::-1], order=1, mode="nearest")
+    seen = rectify.coverage != Coverage.OUT_OF_VIEW
+    # Grey is rounded to whole levels before it is resampled, and OpenCV's weights have steps of 1/32 pixel.
+    assert np.abs(grey - expected)[seen].max() < 8
+    assert np.abs(grey - expected)[seen].mean() < 0.8
+
+
+def test_the_middle_pixel_sees_the_middle_of_the_skin() -> None:
+    assert made().source_px[172, [229, 230]].mean(axis=0) == pytest.approx(LENS.to_px(np.zeros((1, 2)))[0], abs=0.01)
+
+
+def test_what_lies_outside_the_picture_is_said() -> None:
+    wide = made(mm_per_px=2 * SCALE)
+    assert wide.coverage[0, 0] == Coverage.OUT_OF_VIEW and wide.coverage[172, 230] == Coverage.MEASURED
+    assert (
+        Coverage.EXTRAPOLATED in rectification(LENS, FieldOfView(), SCALE, (480, 640), (-5.0, 5.0, -5.0, 5.0)).coverage
+    )
+
+
+def test_another_size_is_refused() -> None:
+    with pytest.raises(WrongPictureSize, match="640x480"):
+        made()(Frame(RAW[:400]))
+
+
+def test_results_share_no_memory() -> None:
+    rectify = made()
+    first = rectify(Frame(RAW)).grey
+    kept = first.copy()
+    rectify(Frame(RAW[::-1].copy()))
+    assert np.array_equal(first, kept)
+
+
+def test_the_lens_backwards_is_the_lens() -> None:
+    points = np.random.default_rng(1).uniform([-11, -8.5], [11, 8.5], (500, 2))
+    assert LENS.to_mm(LENS.to_px(points)) == pytest.approx(points, abs=1e-6)
+    with pytest.raises(PointNotSeen):
+        LENS.to_mm(np.array([[1e7, 1e7]]))
