@@ -18,9 +18,9 @@ from figures import Figure, answer, at_most, holds
 from real_pictures import sensor_folder
 
 from ninedtact import SensorDesign, read_picture
-from ninedtact.calibration.ball import BallFit, Method, fit_ball, reference_warnings
-from ninedtact.calibration.board import fit_board
-from ninedtact.calibration.contact_circle import BallRefused
+from ninedtact.calibration.ball.contact_circle import BallRefused
+from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball, reference_warnings
+from ninedtact.calibration.board.fit import fit_board
 from ninedtact.calibration.flow import lens_on_grid
 from ninedtact.shape.rectification import Rectification
 

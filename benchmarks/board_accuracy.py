@@ -1,6 +1,6 @@
 """How well the lens found from each real board predicts a pin that it has not seen, beside the original's way.
 
-The original's way is a cubic radial-basis map through whole-pixel pin centres (`calibration/paper.py`). Ours is left-one-out by
+The original's way is a cubic radial-basis map through whole-pixel pin centres (`calibration.board.paper`). Ours is left-one-out by
 an exact update of the linearised fit (PRESS); here it is checked against really fitting the lens again without each pin.
 Both keep the centres of the other pins' imprints as found with all pins.
 """
@@ -16,9 +16,9 @@ from figures import Figure, answer, at_most, holds
 from real_pictures import sensor_folders
 
 from ninedtact import SensorDesign, read_picture
-from ninedtact.calibration.board import BoardFit, fit_board
-from ninedtact.calibration.lens_fit import LensFit, fit_terms, rms_length
-from ninedtact.calibration.paper import integer_centres, left_out_errors_mm
+from ninedtact.calibration.board.fit import BoardFit, fit_board
+from ninedtact.calibration.board.lens_fit import LensFit, fit_terms, rms_length
+from ninedtact.calibration.board.paper import integer_centres, left_out_errors_mm
 
 SENSOR_A_MM = 0.05
 OF_ORIGINAL = 0.8

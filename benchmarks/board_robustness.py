@@ -16,7 +16,7 @@ from figures import Figure, answer, holds
 from tqdm import tqdm
 from trials import BOARD, Trial, all_trials
 
-from ninedtact.calibration.board import BoardNotFound, fit_board
+from ninedtact.calibration.board.fit import BoardNotFound, fit_board
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def in_detail(found: Sequence[Outcome]) -> str:
     whole = sum(one.found >= one.trial.pins_there for one in found)
     claimed = sum(max(one.found - one.trial.pins_there, 0) for one in found)
     worst = max((one.left_out_mm for one in found), default=np.nan)
-    too_many = f", {claimed} pins claimed that are not there" if claimed else ""
+    too_many = f", {claimed} claimed that is not there" if claimed else ""
     return f"{whole} with every pin, error at most {worst:.3f} mm{too_many}"
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy import ndarray as Array
 from scipy.interpolate import RectBivariateSpline
 
+from ninedtact.calibration.ball.seen_ball import first_meeting
 from ninedtact.calibration.flow import CalibrationPictures
-from ninedtact.calibration.seen_ball import first_meeting
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.shape.lens import LensModel
 

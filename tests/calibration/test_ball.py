@@ -10,9 +10,9 @@ from hypothesis.extra import numpy as arrays
 from known_sensor import DARK_PER_MM, LENS, KnownSensor
 from scipy import ndimage
 
-from ninedtact.calibration.ball import BallFit, fit_ball, reference_warnings
-from ninedtact.calibration.contact_circle import BallRefused
-from ninedtact.calibration.depth_curve import monotone_curve
+from ninedtact.calibration.ball.contact_circle import BallRefused
+from ninedtact.calibration.ball.depth_curve import monotone_curve
+from ninedtact.calibration.ball.fit import BallFit, fit_ball, reference_warnings
 from ninedtact.calibration.flow import Calibration, CalibrationPictures, calibrate, calibrated_area_mm
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from known_sensor import KnownSensor, with_board
 
-from ninedtact.calibration.board import BoardNotFound, fit_board
+from ninedtact.calibration.board.fit import BoardNotFound, fit_board
+from ninedtact.calibration.board.lens_fit import fit_terms, rms_length
+from ninedtact.calibration.board.paper import integer_centres, left_out_errors_mm, paper_projection
 from ninedtact.calibration.brightness import PictureUnusable
 from ninedtact.calibration.flow import CalibrationPictures
-from ninedtact.calibration.lens_fit import fit_terms, rms_length
-from ninedtact.calibration.paper import integer_centres, left_out_errors_mm, paper_projection
 from ninedtact.design import PinBoard
 
 BOARD = PinBoard()

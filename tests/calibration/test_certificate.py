@@ -14,14 +14,14 @@ from drawn_presses import DrawnPresses
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ninedtact.calibration.ball import Method
-from ninedtact.calibration.board import BoardNotFound
-from ninedtact.calibration.certificate import LENS, METHOD, certificate_html
-from ninedtact.calibration.drawing import not_found_overlay, stretched
-from ninedtact.calibration.drawn_board import magnification
+from ninedtact.calibration.ball.fit import Method
+from ninedtact.calibration.board.fit import BoardNotFound
+from ninedtact.calibration.certificate.drawing import not_found_overlay, stretched
+from ninedtact.calibration.certificate.drawn_board import magnification
+from ninedtact.calibration.certificate.page import LENS, METHOD, certificate_html
+from ninedtact.calibration.certificate.verdict import LEVELS, Limit, Line, headline, verdict, worst
 from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, LensKind, calibrate
 from ninedtact.calibration.record import BallFigures, BoardFigures, Certificate
-from ninedtact.calibration.verdict import LEVELS, Limit, Line, headline, verdict, worst
 
 HOSTILE = "<script>alert('id')</script> & \"co\""
 GOOD = Certificate(
@@ -130,7 +130,7 @@ def test_page_says_what_the_record_holds(drawn: Read) -> None:
         f"{board.loo_max_mm:.3f} mm",
         f"{board.loo_rms_mm_original:.3f} mm",
         f"{board.mm_per_px:.5f} ± {board.mm_per_px_error:.5f} mm",
-        f"{460 * board.mm_per_px:.2f} × {345 * board.mm_per_px:.2f} mm",  # noqa: RUF001
+        f"{460 * board.mm_per_px:.2f} × {345 * board.mm_per_px:.2f} mm",
         f"{ball.radius_px:.1f} pixels",
         f"{ball.fit_mae_mm:.3f} mm",
         f"{ball.half_mae_mm:.3f} mm",

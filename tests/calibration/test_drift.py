@@ -12,12 +12,12 @@ from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.brightness import Image, PictureUnusable
-from ninedtact.calibration.drift import Drift, KnownSkin, drift, known_skin
-from ninedtact.calibration.drift_findings import findings
+from ninedtact.calibration.drift.drift import Drift, KnownSkin, drift, known_skin
+from ninedtact.calibration.drift.findings import findings
+from ninedtact.calibration.drift.skin_motion import skin_motion
 from ninedtact.calibration.flow import CalibrationPictures, calibrate, calibrated_area_mm
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
-from ninedtact.calibration.skin_motion import skin_motion
-from ninedtact.calibration.upstream import import_upstream
+from ninedtact.calibration.upstream.exchange import import_upstream
 from ninedtact.calibration.written import write_sensor
 from ninedtact.capture.pictures import PictureSizeWrong, read_picture
 from ninedtact.cli.check import Check, NothingToCheck

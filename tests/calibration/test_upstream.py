@@ -18,9 +18,14 @@ from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.record import FORMAT, Depth, Grid, LensTable, Picture, SensorRecord
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolderDamaged, load_sensor, record_toml
-from ninedtact.calibration.upstream import UpstreamCannotHold, UpstreamFolderDamaged, export_upstream, import_upstream
-from ninedtact.calibration.upstream_files import read_numbers
-from ninedtact.calibration.upstream_layout import COL_INDEX, FILES, PIXEL_TO_DEPTH, POSITION_SCALE, ROW_INDEX
+from ninedtact.calibration.upstream.exchange import (
+    UpstreamCannotHold,
+    UpstreamFolderDamaged,
+    export_upstream,
+    import_upstream,
+)
+from ninedtact.calibration.upstream.files import read_numbers
+from ninedtact.calibration.upstream.layout import COL_INDEX, FILES, PIXEL_TO_DEPTH, POSITION_SCALE, ROW_INDEX
 from ninedtact.capture.pictures import read_picture
 from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
 from ninedtact.design import FieldOfView, SensorDesign

@@ -7,17 +7,17 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.ball import BallFit, Method, fit_ball, reference_warnings
-from ninedtact.calibration.board import BoardFit, fit_board
-from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float
-from ninedtact.calibration.lens_fit import rms_length
-from ninedtact.calibration.mounting import Mounting
-from ninedtact.calibration.paper import (
+from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball, reference_warnings
+from ninedtact.calibration.board.fit import BoardFit, fit_board
+from ninedtact.calibration.board.lens_fit import rms_length
+from ninedtact.calibration.board.mounting import Mounting
+from ninedtact.calibration.board.paper import (
     anchored_mm_per_px_error,
     integer_centres,
     left_out_errors_mm,
     paper_projection,
 )
+from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float
 from ninedtact.calibration.record import (
     FORMAT,
     BallFigures,

@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.ball import UNEVEN, cap_height_mm, uniform_change
-from ninedtact.calibration.board import BoardNotFound, fit_board
+from ninedtact.calibration.ball.contact_circle import BallRefused, find_contact_circle
+from ninedtact.calibration.ball.fit import UNEVEN, cap_height_mm, uniform_change
+from ninedtact.calibration.board.fit import BoardNotFound, fit_board
 from ninedtact.calibration.brightness import OVEREXPOSED, UNLIT, Image, grey_float, relative_change, smoothed
-from ninedtact.calibration.contact_circle import BallRefused, find_contact_circle
 from ninedtact.calibration.flow import CalibrationSettings, lens_on_grid
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame

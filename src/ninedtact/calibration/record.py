@@ -4,8 +4,8 @@ from datetime import datetime
 
 from msgspec import Struct, field
 
-from ninedtact.calibration.ball import Method
-from ninedtact.calibration.mounting import Mounting
+from ninedtact.calibration.ball.fit import Method
+from ninedtact.calibration.board.mounting import Mounting
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import DepthCurve, Smoothing
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import msgspec
 
-from ninedtact.calibration.certificate import certificate_html
+from ninedtact.calibration.certificate.page import certificate_html
 from ninedtact.calibration.flow import Calibration, CalibrationPictures
 from ninedtact.calibration.record import Picture
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, new_sensor_folder, record_toml

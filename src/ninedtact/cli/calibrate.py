@@ -13,7 +13,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.board import BoardNotFound
+    from ninedtact.calibration.board.fit import BoardNotFound
     from ninedtact.calibration.flow import Calibration, CalibrationPictures
     from ninedtact.calibration.sensor_folder import SensorFolder
 
@@ -54,7 +54,7 @@ class Calibrate:
 
     def run(self) -> int:
         """Calibrate, write the folder, say how good it is."""
-        from ninedtact.calibration.board import BoardNotFound
+        from ninedtact.calibration.board.fit import BoardNotFound
         from ninedtact.calibration.flow import calibrate
         from ninedtact.calibration.sensor_folder import require_replaceable
         from ninedtact.calibration.written import write_sensor
@@ -104,7 +104,7 @@ def with_overlay(refusal: "BoardNotFound", out: Path) -> NinedtactError:
     """The refusal, naming a picture of what was seen that is written beside the folder asked for."""
     import cv2
 
-    from ninedtact.calibration.drawing import not_found_overlay
+    from ninedtact.calibration.certificate.drawing import not_found_overlay
     from ninedtact.whole_file import FileNotWritten, write_whole
 
     path = out.with_name(f"{out.name}_board_not_found.png")

@@ -12,8 +12,8 @@ from ninedtact.cli.answer import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift import Drift
-    from ninedtact.calibration.drift_findings import Finding
+    from ninedtact.calibration.drift.drift import Drift
+    from ninedtact.calibration.drift.findings import Finding
 
 
 class NothingToCheck(NinedtactError):
@@ -36,8 +36,8 @@ class Check:
 
     def run(self) -> int:
         """Judge every picture; 1 where one is not fine."""
-        from ninedtact.calibration.drift import drift, known_skin
-        from ninedtact.calibration.drift_findings import findings
+        from ninedtact.calibration.drift.drift import drift, known_skin
+        from ninedtact.calibration.drift.findings import findings
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.pictures import read_picture
 

@@ -65,9 +65,12 @@ class Live:
         with suppress(KeyboardInterrupt), serving(self.host, self.port) as server, SensorLoop(sensor) as loop:
             studio = Studio(loop, self.out)
             page = Page(server, studio, block_under(folder.shape, folder.record.design.gel), folder.id)
-            say(f"{sensor.source.name}: open http://{self.host}:{server.get_port()} in a browser; Ctrl-C ends")
+            print(
+                f"{sensor.source.name}: open http://{self.host}:{server.get_port()} in a browser; Ctrl-C ends",
+                flush=True,
+            )
             studio.run(page, self.display_hz)
-        say(f"stopped after {sensor.frames_read} pictures")
+        print(f"stopped after {sensor.frames_read} pictures")
         return 0
 
     def require_rate(self) -> None:
@@ -112,5 +115,5 @@ def require_studio() -> None:
 
 
 def say(sentence: str) -> None:
-    """One line for whoever started the command; standard output stays empty."""
+    """One line about how it goes."""
     print(f"ninedtact: {sentence}", file=sys.stderr, flush=True)

@@ -20,8 +20,8 @@ class CalibrationOptions:
 
     def settings(self) -> "CalibrationSettings":
         """The same as the calibration room names it."""
+        from ninedtact.calibration.board.mounting import MOUNTINGS
         from ninedtact.calibration.flow import CalibrationSettings
-        from ninedtact.calibration.mounting import MOUNTINGS
 
         ways = {str(way): way for way in MOUNTINGS}
         return CalibrationSettings(lens=self.lens, mounting_deg=ways[self.mounting_deg], method=self.method)

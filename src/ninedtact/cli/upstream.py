@@ -37,7 +37,7 @@ class ImportCalibration:
 
     def run(self) -> int:
         """Import, and say what was taken over."""
-        from ninedtact.calibration.upstream import import_upstream
+        from ninedtact.calibration.upstream.exchange import import_upstream
 
         standard = SensorDesign()
         view = replace(standard.field_of_view, rows=self.rows, cols=self.cols)
@@ -59,8 +59,8 @@ class ExportCalibration:
     def run(self) -> int:
         """Export, and say what to set there."""
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.calibration.upstream import export_upstream
-        from ninedtact.calibration.upstream_layout import FILES
+        from ninedtact.calibration.upstream.exchange import export_upstream
+        from ninedtact.calibration.upstream.layout import FILES
 
         sensor = load_sensor(self.sensor)
         export_upstream(sensor, self.out)

@@ -5,7 +5,7 @@ from viser import LabelHandle, LineSegmentsHandle, MeshHandle, PointCloudHandle,
 
 from ninedtact.studio.ruler import Block
 from ninedtact.studio.studio import Look
-from ninedtact.studio.surface import Surface
+from ninedtact.studio.surface import LIGHT, Surface
 
 GEL, PAST = (150, 172, 196), (110, 114, 118)
 """Colours of the skin as a surface: silicone, and silicone that was."""
@@ -19,8 +19,6 @@ class Scene:
     """Draws the skin in a viser server."""
 
     def __init__(self, server: ViserServer, block: Block) -> None:
-        self._server = server
-        self._block = block
         place_camera(server, block)
         light(server)
         empty, level = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint32)
@@ -66,11 +64,11 @@ def place_camera(server: ViserServer, block: Block) -> None:
 
 
 def light(server: ViserServer) -> None:
-    """One grazing light from the upper left, which shows shallow relief; the rest is soft, without cast shadows."""
+    """One light from where the points are lit from; the rest is soft, without cast shadows."""
     server.scene.configure_default_lights(enabled=False, cast_shadow=False)
     server.scene.configure_environment_map(hdri=None)
     server.scene.add_light_ambient("/light/soft", intensity=1.1)
-    server.scene.add_light_directional("/light/grazing", position=(-12.0, 9.0, 10.0), intensity=2.2)
+    server.scene.add_light_directional("/light/grazing", position=tuple(20 * LIGHT.astype(float)), intensity=2.2)
 
 
 def mark_on(server: ViserServer, number: int, text: str) -> LabelHandle:

@@ -12,8 +12,8 @@ from ninedtact.shape.mesh import faces_between
 
 FINEST_POINTS = 40_000
 """What a browser draws smoothly even without a graphics card; figures are measured on the full map, never on this."""
-LIGHT = np.array([-0.42, -0.35, 0.84], np.float32)
-"""Direction towards the light, from the upper left of the first view."""
+LIGHT = np.array([-0.5, 0.35, 0.79], np.float32)
+"""Direction towards the light: grazing, from the upper left of the first view, so that shallow relief shows."""
 SHADE = 0.45
 """Brightness of skin that faces away from the light; level skin keeps its colour."""
 

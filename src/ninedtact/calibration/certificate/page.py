@@ -2,11 +2,11 @@
 
 from base64 import b64encode
 
-from ninedtact.calibration.drawn_ball import curve_picture, cuts_picture, disc_picture, residual_picture
-from ninedtact.calibration.drawn_board import detection_picture, left_out_picture
+from ninedtact.calibration.certificate.drawn_ball import curve_picture, cuts_picture, disc_picture, residual_picture
+from ninedtact.calibration.certificate.drawn_board import detection_picture, left_out_picture
+from ninedtact.calibration.certificate.verdict import headline, verdict, worst
 from ninedtact.calibration.flow import Calibration
 from ninedtact.calibration.record import BallFigures, BoardFigures, SensorRecord
-from ninedtact.calibration.verdict import headline, verdict, worst
 from ninedtact.design import SensorDesign
 
 PICTURES = {
@@ -29,7 +29,7 @@ def certificate_html(calibration: Calibration) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     pages = Environment(
-        loader=PackageLoader("ninedtact.calibration", "."),
+        loader=PackageLoader("ninedtact.calibration.certificate", "."),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

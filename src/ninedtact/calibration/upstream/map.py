@@ -6,7 +6,7 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.record import LensTable, MapTable, PinTable
 from ninedtact.calibration.sensor_folder import SensorFolder, projection
-from ninedtact.calibration.upstream_layout import OUT_OF_VIEW_PX
+from ninedtact.calibration.upstream.layout import OUT_OF_VIEW_PX
 from ninedtact.errors import NinedtactError
 from ninedtact.shape.rectification import Rectification
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ninedtact.calibration.ball import UNEVEN
-from ninedtact.calibration.board import MOST_MISSING
+from ninedtact.calibration.ball.fit import UNEVEN
+from ninedtact.calibration.board.fit import MOST_MISSING
 from ninedtact.calibration.record import BallFigures, BoardFigures, Certificate
 
 Level = Literal["pass", "warn", "fail"]

@@ -19,6 +19,9 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 from scipy.optimize import minimize
 
+from ninedtact.calibration.ball.contact_circle import BallRefused, ContactCircle, find_contact_circle
+from ninedtact.calibration.ball.depth_curve import monotone_curve
+from ninedtact.calibration.ball.seen_ball import seen_depth_mm
 from ninedtact.calibration.brightness import (
     Image,
     grey_float,
@@ -28,9 +31,6 @@ from ninedtact.calibration.brightness import (
     require_usable,
     smoothed,
 )
-from ninedtact.calibration.contact_circle import BallRefused, ContactCircle, find_contact_circle
-from ninedtact.calibration.depth_curve import monotone_curve
-from ninedtact.calibration.seen_ball import seen_depth_mm
 from ninedtact.design import BallGauge, Camera, SensorDesign
 from ninedtact.quantities import Coverage, Frame, Rectified
 from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, Smoothing

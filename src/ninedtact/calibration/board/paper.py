@@ -6,7 +6,7 @@ from numpy import ndarray as Array
 from scipy import ndimage
 from scipy.interpolate import RBFInterpolator
 
-from ninedtact.calibration.board import BoardFit
+from ninedtact.calibration.board.fit import BoardFit
 from ninedtact.calibration.brightness import smoothed
 from ninedtact.errors import NinedtactError
 from ninedtact.shape.lens import Points

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ninedtact.calibration.brightness import DIMMEST, Image, grey_float
-from ninedtact.calibration.registration import Field, Motion, registered, tiles, undone
+from ninedtact.calibration.drift.registration import Field, Motion, registered, tiles, undone
 
 LONG_SIDE_PX = 320
 """Pictures are compared at this size, at which the structure is still well sampled."""

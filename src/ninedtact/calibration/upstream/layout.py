@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.upstream_files import (
+from ninedtact.calibration.upstream.files import (
     UpstreamFolderDamaged,
     read_numbers,
     require_whole_numbers,

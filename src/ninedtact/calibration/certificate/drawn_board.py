@@ -6,13 +6,13 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.board import SMOOTHING_PX, BoardFit
+from ninedtact.calibration.board.fit import SMOOTHING_PX, BoardFit
+from ninedtact.calibration.board.paper import integer_centres, left_out_error_mm
 from ninedtact.calibration.brightness import smoothed
-from ninedtact.calibration.drawing import INK, PALE_INK, colour_bar, plain_axes, png, sheet, stretched
+from ninedtact.calibration.certificate.drawing import INK, PALE_INK, colour_bar, plain_axes, png, sheet, stretched
+from ninedtact.calibration.certificate.verdict import LEFT_OUT_RMS_MM
 from ninedtact.calibration.flow import Calibration
-from ninedtact.calibration.paper import integer_centres, left_out_error_mm
 from ninedtact.calibration.record import PinTable
-from ninedtact.calibration.verdict import LEFT_OUT_RMS_MM
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.shape.lens import Points
 

@@ -18,10 +18,10 @@ from ninedtact.calibration.brightness import (
     relative_change,
     require_usable,
 )
-from ninedtact.calibration.registration import GOOD
+from ninedtact.calibration.drift.registration import GOOD
+from ninedtact.calibration.drift.skin_change import SkinChange, skin_change
+from ninedtact.calibration.drift.skin_motion import SkinMotion, skin_motion
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.calibration.skin_change import SkinChange, skin_change
-from ninedtact.calibration.skin_motion import SkinMotion, skin_motion
 from ninedtact.capture.pictures import read_picture, require_size
 from ninedtact.quantities import Coverage, Frame, Rectified
 from ninedtact.shape.depth import DepthCurve

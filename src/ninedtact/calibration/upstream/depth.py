@@ -5,7 +5,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.optimize import isotonic_regression
 
-from ninedtact.calibration.depth_curve import anchored
+from ninedtact.calibration.ball.depth_curve import anchored
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.pictures import read_picture
 from ninedtact.quantities import Coverage

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ninedtact.calibration.blobs import Blobs
+from ninedtact.calibration.board.blobs import Blobs
 
 Node = tuple[int, int]
 """(column, row) on the lattice, along picture columns and picture rows."""

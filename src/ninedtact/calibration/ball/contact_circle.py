@@ -159,8 +159,8 @@ def require_round(shape: tuple[int, ...], centre_px: tuple[float, float], radius
 def bulge_harmonic(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float], radius_px: float) -> float:
     """Amplitude of cos θ and sin θ in the brightness just outside the disc."""
     rows, cols = np.indices(calm.shape)
-    x, y = cols - centre_px[0], rows - centre_px[1]
-    distance = np.asarray(np.hypot(x, y))
+    x, y = np.asarray(cols - centre_px[0]), np.asarray(rows - centre_px[1])
+    distance = np.hypot(x, y)
     ring = (distance > 1.1 * radius_px) & (distance < 1.6 * radius_px)
     columns = np.column_stack([np.ones(ring.sum()), x[ring] / distance[ring], y[ring] / distance[ring]])
     amplitudes = np.linalg.pinv(columns) @ calm[ring]

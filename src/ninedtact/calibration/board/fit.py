@@ -14,7 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy import ndarray as Array
 
-from ninedtact.calibration.blobs import dark_blobs
+from ninedtact.calibration.board.blobs import dark_blobs
+from ninedtact.calibration.board.imprints import centred_mm, patches
+from ninedtact.calibration.board.lattice import Lattice, find_lattices
+from ninedtact.calibration.board.lens_fit import LensFit, fit_lens, fit_terms
+from ninedtact.calibration.board.mounting import MOUNTINGS, Mounting, lattice_size, skin_points_mm
 from ninedtact.calibration.brightness import (
     Image,
     noise_levels,
@@ -23,10 +27,6 @@ from ninedtact.calibration.brightness import (
     require_usable,
     smoothed,
 )
-from ninedtact.calibration.imprints import centred_mm, patches
-from ninedtact.calibration.lattice import Lattice, find_lattices
-from ninedtact.calibration.lens_fit import LensFit, fit_lens, fit_terms
-from ninedtact.calibration.mounting import MOUNTINGS, Mounting, lattice_size, skin_points_mm
 from ninedtact.design import PinBoard
 from ninedtact.errors import NinedtactError
 from ninedtact.shape.lens import LensModel, Points, central_mm_per_px

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ninedtact.calibration.ball import repeatability_mm
+from ninedtact.calibration.ball.fit import repeatability_mm
 from ninedtact.calibration.flow import calibrated_area_mm
 from ninedtact.calibration.record import FORMAT, Depth, Grid, MapTable, SensorRecord
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, load_sensor, new_sensor_folder, record_toml
-from ninedtact.calibration.upstream_depth import curve_from_list, list_from_curve
-from ninedtact.calibration.upstream_files import UpstreamFolderDamaged, sensor_folder_in, write_numbers
-from ninedtact.calibration.upstream_layout import FILES, UpstreamCalibration, read_upstream, write_upstream
-from ninedtact.calibration.upstream_map import UpstreamCannotHold, index_maps
+from ninedtact.calibration.upstream.depth import curve_from_list, list_from_curve
+from ninedtact.calibration.upstream.files import UpstreamFolderDamaged, sensor_folder_in, write_numbers
+from ninedtact.calibration.upstream.layout import FILES, UpstreamCalibration, read_upstream, write_upstream
+from ninedtact.calibration.upstream.map import UpstreamCannotHold, index_maps
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import DepthCurve, Smoothing
 from ninedtact.shape.rectification import Area, Rectification

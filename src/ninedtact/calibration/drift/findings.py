@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.drift import Drift
-from ninedtact.calibration.skin_change import UNEVEN, Mark
+from ninedtact.calibration.drift.drift import Drift
+from ninedtact.calibration.drift.skin_change import UNEVEN, Mark
 from ninedtact.quantities import centred_axis_mm
 
 Verdict = Literal[

@@ -1,0 +1,1 @@
+"""The original project's calibration folders: exchange.py reads and writes them."""
