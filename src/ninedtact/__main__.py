@@ -1,16 +1,44 @@
 """`ninedtact` and `python -m ninedtact`: the command line, with Ctrl-C answered from the first moment on."""
 
+import os
+import signal
 import sys
+from types import FrameType
 
 
 def run() -> int:
-    """Load and run the command line."""
+    """Load and run the command line; 1 when Ctrl-C stopped it."""
+    interruption = Interruption()
     try:
+        signal.signal(signal.SIGINT, interruption)
         from ninedtact.cli import main
+
+        code = main()
     except KeyboardInterrupt:
         print("ninedtact: stopped by Ctrl-C before it began; run the command again", file=sys.stderr)  # noqa: T201
-        return 1
-    return main()
+        code = 1
+    return interruption.left_with(code)
+
+
+class Interruption:
+    """Raises `KeyboardInterrupt` as Python does, and remembers that it did."""
+
+    def __init__(self) -> None:
+        self.happened = False
+
+    def __call__(self, number: int, at: FrameType | None) -> None:
+        """The signal handler."""
+        self.happened = True
+        raise KeyboardInterrupt
+
+    def left_with(self, code: int) -> int:
+        """The exit code. An interpreter that was interrupted inside an import kills itself by the signal at its end, even
+        though the interruption was answered (CPython's `unhandled_keyboard_interrupt`); so it is not given that end."""
+        if self.happened:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+        return code
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ from ninedtact.calibration.sensor_folder import SensorFolderDamaged
 from ninedtact.capture.address import SourceUnknown
 from ninedtact.cli.live import Live, LiveImpossible, StudioMissing
 
-COMMAND = "import sys, tyro; from ninedtact.cli.live import Live; sys.exit(tyro.cli(Live, args=sys.argv[1:]).run())"
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
 
 
@@ -31,7 +30,7 @@ def pictures(tmp_path: Path) -> Path:
 
 def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, pictures: Path) -> None:
     options = ["--sensor", str(sensor_folder(tmp_path / "small")), "--source", str(pictures), "--loop", "--port", "0"]
-    live = subprocess.Popen([sys.executable, "-c", COMMAND, *options], stdout=PIPE, stderr=PIPE, text=True)
+    live = subprocess.Popen([sys.executable, "-m", "ninedtact", "live", *options], stdout=PIPE, stderr=PIPE, text=True)
     assert live.stdout is not None
     address = re.search(r"open (http://127.0.0.1:\d+) in a browser; Ctrl-C ends", live.stdout.readline())
     assert address is not None
