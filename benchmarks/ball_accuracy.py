@@ -19,7 +19,8 @@ from real_pictures import sensor_folder
 
 from ninedtact import SensorDesign, read_picture
 from ninedtact.calibration.ball.contact_circle import BallRefused
-from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball, reference_warnings
+from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball
+from ninedtact.calibration.ball.judgement import reference_warnings
 from ninedtact.calibration.board.fit import fit_board
 from ninedtact.calibration.flow import lens_on_grid
 from ninedtact.shape.rectification import Rectification

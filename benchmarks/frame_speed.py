@@ -4,15 +4,14 @@ Both read the same real pictures in turns. The ratio is of the thread's own time
 machine do not change; the least wall times stand beside them.
 """
 
-import tempfile
-
 import tyro
 from figures import Figure, answer, at_least
 from original import Original
-from real_pictures import PRESSES, sensor_folder
+from real_pictures import sensor_folder
+from real_sensor import real_sensor
 from turns import Tasks, Times, in_turns
 
-from ninedtact import CalibrationPictures, Frame, calibrate, load_sensor, point_cloud, read_picture, write_sensor
+from ninedtact import Frame, point_cloud, read_picture
 
 TO_HEIGHT, TO_POINTS = "frame → height", "frame → points"
 REQUIRED = {TO_HEIGHT: 15, TO_POINTS: 10}
@@ -40,10 +39,7 @@ def original_tasks() -> Tasks:
 
 
 def our_tasks() -> Tasks:
-    folder = sensor_folder("sensor_a")
-    pictures = {name: read_picture(folder / f"{name}.png") for name in PRESSES}
-    with tempfile.TemporaryDirectory() as out:
-        shape = load_sensor(write_sensor(f"{out}/sensor_a", calibrate(CalibrationPictures(**pictures))).path).shape
+    pictures, shape = real_sensor("sensor_a")
     rectify, reader = shape.rectify, shape.depth_reader(Frame(pictures["ball_reference"]))
     frames = [Frame(pictures[name]) for name in PRESSED]
     rectified = [rectify(frame) for frame in frames]

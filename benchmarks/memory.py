@@ -6,7 +6,6 @@ memory is sampled between frames; what counts is its growth from frame 1,000, wh
 
 import gc
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,20 +14,10 @@ import cv2
 import numpy as np
 import tyro
 from figures import Figure, answer, at_most
-from real_pictures import PRESSES, sensor_folder
+from real_sensor import real_sensor
 from tqdm import tqdm
 
-from ninedtact import (
-    CalibrationPictures,
-    Frame,
-    FrameSource,
-    Sensor,
-    calibrate,
-    load_sensor,
-    point_cloud,
-    read_picture,
-    write_sensor,
-)
+from ninedtact import Frame, FrameSource, Sensor, point_cloud
 
 SETTLED = 1000
 SAMPLES = 100
@@ -66,11 +55,8 @@ def memory(frames: int = 100_000, json: bool = False) -> None:
     """Run, and print the growth."""
     cv2.setNumThreads(1)
     require_linux()
-    folder = sensor_folder("sensor_a")
-    pictures = {name: read_picture(folder / f"{name}.png") for name in PRESSES}
+    pictures, shape = real_sensor("sensor_a")
     camera = CameraInMemory(pictures["ball_reference"], pictures["ball"])
-    with tempfile.TemporaryDirectory() as out:
-        shape = load_sensor(write_sensor(f"{out}/sensor", calibrate(CalibrationPictures(**pictures))).path).shape
     start = time.perf_counter()
     with Sensor(camera, shape) as sensor:
         samples = list(resident_mb(sensor, frames))

@@ -59,11 +59,14 @@ def started(contestants: dict[str, Callable[[], Tasks]]) -> Iterator[dict[str, C
     processes = [
         context.Process(target=serve, args=(pipes[who][1], make), daemon=True) for who, make in contestants.items()
     ]
-    for process in processes:
+    for process, (_, far_end) in zip(processes, pipes.values(), strict=True):
         process.start()
-    yield {who: pipe[0] for who, pipe in pipes.items()}
-    for process in processes:
-        process.terminate()
+        far_end.close()  # else the death of a process would leave us waiting for its answer
+    try:
+        yield {who: pipe[0] for who, pipe in pipes.items()}
+    finally:
+        for process in processes:
+            process.terminate()
 
 
 def serve(link: Connection, make: Callable[[], Tasks]) -> None:

@@ -12,7 +12,8 @@ from scipy import ndimage
 
 from ninedtact.calibration.ball.contact_circle import BallRefused
 from ninedtact.calibration.ball.depth_curve import monotone_curve
-from ninedtact.calibration.ball.fit import BallFit, fit_ball, reference_warnings
+from ninedtact.calibration.ball.fit import BallFit, fit_ball
+from ninedtact.calibration.ball.judgement import reference_warnings
 from ninedtact.calibration.flow import Calibration, CalibrationPictures, calibrate, calibrated_area_mm
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame

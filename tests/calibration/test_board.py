@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from known_sensor import KnownSensor, with_board
 
-from ninedtact.calibration.board.fit import BoardNotFound, fit_board
+from ninedtact.calibration.board.fit import fit_board
 from ninedtact.calibration.board.lens_fit import fit_terms, rms_length
 from ninedtact.calibration.board.paper import integer_centres, left_out_errors_mm, paper_projection
+from ninedtact.calibration.board.refusal import BoardNotFound
 from ninedtact.calibration.brightness import PictureUnusable
 from ninedtact.calibration.flow import CalibrationPictures
 from ninedtact.design import PinBoard

@@ -15,7 +15,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from ninedtact.calibration.ball.fit import Method
-from ninedtact.calibration.board.fit import BoardNotFound
+from ninedtact.calibration.board.refusal import BoardNotFound
 from ninedtact.calibration.certificate.drawing import not_found_overlay, stretched
 from ninedtact.calibration.certificate.drawn_board import magnification
 from ninedtact.calibration.certificate.page import LENS, METHOD, certificate_html

@@ -7,7 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball, reference_warnings
+from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball
+from ninedtact.calibration.ball.judgement import reference_warnings
 from ninedtact.calibration.board.fit import BoardFit, fit_board
 from ninedtact.calibration.board.lens_fit import rms_length
 from ninedtact.calibration.board.mounting import Mounting

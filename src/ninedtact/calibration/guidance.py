@@ -12,8 +12,10 @@ from typing import Literal
 import numpy as np
 
 from ninedtact.calibration.ball.contact_circle import BallRefused, find_contact_circle
-from ninedtact.calibration.ball.fit import UNEVEN, cap_height_mm, uniform_change
-from ninedtact.calibration.board.fit import BoardNotFound, fit_board
+from ninedtact.calibration.ball.fit import uniform_change
+from ninedtact.calibration.ball.judgement import UNEVEN, cap_height_mm
+from ninedtact.calibration.board.fit import fit_board
+from ninedtact.calibration.board.refusal import BoardNotFound
 from ninedtact.calibration.brightness import OVEREXPOSED, UNLIT, Image, grey_float, relative_change, smoothed
 from ninedtact.calibration.flow import CalibrationSettings, lens_on_grid
 from ninedtact.design import SensorDesign

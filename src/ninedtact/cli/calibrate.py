@@ -13,7 +13,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.board.fit import BoardNotFound
+    from ninedtact.calibration.board.refusal import BoardNotFound
     from ninedtact.calibration.flow import Calibration, CalibrationPictures
     from ninedtact.calibration.sensor_folder import SensorFolder
 
@@ -54,7 +54,7 @@ class Calibrate:
 
     def run(self) -> int:
         """Calibrate, write the folder, say how good it is."""
-        from ninedtact.calibration.board.fit import BoardNotFound
+        from ninedtact.calibration.board.refusal import BoardNotFound
         from ninedtact.calibration.flow import calibrate
         from ninedtact.calibration.sensor_folder import require_replaceable
         from ninedtact.calibration.written import write_sensor

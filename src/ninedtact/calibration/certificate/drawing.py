@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.calibration.board.fit import BoardNotFound
+from ninedtact.calibration.board.refusal import BoardNotFound
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

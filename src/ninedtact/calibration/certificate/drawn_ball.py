@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.fit import BallPress
+from ninedtact.calibration.ball.press import BallPress
 from ninedtact.calibration.certificate.drawing import INK, PALE_INK, colour_bar, plain_axes, png, sheet, stretched
 from ninedtact.calibration.flow import Calibration
 from ninedtact.shape.depth import DepthCurve, DepthReader, Signal
@@ -136,8 +136,6 @@ def cuts_picture(calibration: Calibration) -> bytes:
         axes.plot(at_mm, press.depth_mm[along], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="the ball")
     reach = 1.6 * press.edge_radius_mm
-    axes.set(
-        xlim=(-reach, reach), ylim=(1.1 * calibration.ball.deepest_mm, -0.08 * calibration.ball.deepest_mm)
-    )
+    axes.set(xlim=(-reach, reach), ylim=(1.1 * calibration.ball.deepest_mm, -0.08 * calibration.ball.deepest_mm))
     axes.legend(loc="upper center", fontsize=8, frameon=False, labelcolor=INK)
     return png(figure)

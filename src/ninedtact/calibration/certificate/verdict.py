@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ninedtact.calibration.ball.fit import UNEVEN
+from ninedtact.calibration.ball.judgement import UNEVEN
 from ninedtact.calibration.board.fit import MOST_MISSING
 from ninedtact.calibration.record import BallFigures, BoardFigures, Certificate
 

@@ -1,0 +1,29 @@
+"""Four pictures → a calibrated sensor: a folder with its figures, its pictures and a certificate to read."""
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+from ninedtact import CalibrationPictures, calibrate, read_picture, write_sensor
+
+REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
+RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--pictures", type=Path, default=REAL / "sensor_a", help="folder of the four pictures")
+parser.add_argument("--out", type=Path, default=RESULTS / "sensor", help="sensor folder to write")
+options = parser.parse_args()
+
+pictures = CalibrationPictures(
+    board_reference=read_picture(options.pictures / "board_reference.png"),  # untouched skin
+    board=read_picture(options.pictures / "board.png"),  # the pin board pressed on it
+    ball_reference=read_picture(options.pictures / "ball_reference.png"),  # untouched again
+    ball=read_picture(options.pictures / "ball.png"),  # a ball of radius 4 mm pressed on it
+)
+sensor = write_sensor(options.out, calibrate(pictures, sensor_id=options.out.name))
+figures = sensor.record.certificate
+
+print(f"{figures.board.pins_found} pins; a left-out pin is predicted to {figures.board.loo_rms_mm:.3f} mm")
+print(f"depth to {figures.ball.range_mm:.2f} mm, the ball read back to {figures.ball.fit_mae_mm:.3f} mm")
+print(*figures.warnings, f"read {options.out / 'certificate.html'}", sep="\n")

@@ -1,0 +1,33 @@
+"""An untouched and a pressed picture of a calibrated sensor → the height of the skin in mm, measured and drawn."""
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+from ninedtact import Frame, export, load_sensor, read_picture, summarise
+from ninedtact.shape.picture import shaded_picture
+
+REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
+RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--sensor", type=Path, default=RESULTS / "sensor", help="what 01_calibrate.py wrote")
+parser.add_argument("--reference", type=Path, default=REAL / "sensor_a" / "ball_reference.png")
+parser.add_argument("--press", type=Path, default=REAL / "sensor_a" / "ball.png")
+parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the results")
+options = parser.parse_args()
+
+shape = load_sensor(options.sensor).shape
+reader = shape.depth_reader(Frame(read_picture(options.reference)))  # bound to the untouched skin of this session
+height = reader(shape.rectify(Frame(read_picture(options.press))))  # z_mm: negative where pressed in
+
+measured = summarise(height)
+print(f"{height.z_mm.shape} heights, one every {height.mm_per_px:.4f} mm")
+print(f"pressed in {measured.max_indentation_mm:.3f} mm, contact {measured.contact_area_mm2:.1f} mm²")
+if measured.contact_centre_mm is not None:  # None where nothing touches
+    print("centre at x {:.2f}, y {:.2f} mm".format(*measured.contact_centre_mm))
+
+options.out.mkdir(parents=True, exist_ok=True)
+export(height, options.out / "height.npy")
+(options.out / "height_shaded.png").write_bytes(shaded_picture(height))

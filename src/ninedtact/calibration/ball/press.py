@@ -1,0 +1,92 @@
+"""A ball pressed on the skin, as two rectified pictures and the disc in them: pairs of depth and darkening."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+from scipy.optimize import minimize
+
+from ninedtact.calibration.ball.contact_circle import ContactCircle
+from ninedtact.calibration.ball.depth_curve import monotone_curve
+from ninedtact.calibration.ball.seen_ball import seen_depth_mm
+from ninedtact.calibration.brightness import smoothed
+from ninedtact.design import BallGauge, Camera
+from ninedtact.quantities import Coverage, Rectified
+from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, Smoothing
+
+CENTRING_PX = 1.0
+CENTRING_TERMS = 7
+
+
+@dataclass(frozen=True)
+class BallPress:
+    """The untouched and the pressed picture, the disc found in them, and the ball that made it."""
+
+    before: Rectified
+    after: Rectified
+    circle: ContactCircle
+    ball: BallGauge
+    camera: Camera
+    smoothing: Smoothing
+
+    def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
+        """The same press with the ball's centre elsewhere."""
+        return replace(self, circle=replace(self.circle, centre_px=(float(centre_px[0]), float(centre_px[1]))))
+
+    @cached_property
+    def depth_mm(self) -> Float[Array, "rows cols"]:
+        """Depth of the ball's surface on every pixel's line of sight, zero outside the disc."""
+        shape, mm_per_px = self.before.grey.shape, self.before.mm_per_px
+        x, y = self.circle.centre_px
+        centre_mm = (x - (shape[1] - 1) / 2) * mm_per_px, (y - (shape[0] - 1) / 2) * mm_per_px
+        return seen_depth_mm(
+            shape, mm_per_px, centre_mm, self.edge_radius_mm, self.ball.radius_mm, self.camera.distance_mm
+        )
+
+    @cached_property
+    def disc(self) -> Bool[Array, "rows cols"]:
+        """Where the ball touches, by the rule that the edge of the disc is at depth zero."""
+        return self.circle.distance_px(self.before.grey.shape) < self.circle.radius_px
+
+    @property
+    def edge_radius_mm(self) -> float:
+        """Radius of the disc."""
+        return self.circle.radius_px * self.before.mm_per_px
+
+    def curve(self, signal: Signal, where: Bool[Array, "rows cols"]) -> DepthCurve:
+        """The monotone curve through the pixels of a region."""
+        before, after = self.before.grey[where], self.after.grey[where]
+        darkening = before - after if signal == "difference" else 1 - after / np.maximum(before, 1)
+        return monotone_curve(signal, darkening, self.depth_mm[where])
+
+    def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
+        """Mean absolute error of the reconstructed height, filters included, over a region."""
+        everywhere = np.full(where.shape, Coverage.MEASURED, np.uint8)
+        height = DepthReader(curve, self.before, everywhere, self.smoothing)(self.after)
+        return float(np.abs(height.indentation_mm - self.depth_mm)[where].mean())
+
+    def halves(self) -> list[Bool[Array, "rows cols"]]:
+        """Left, right, upper and lower half of the picture about the disc's centre."""
+        rows, cols = np.indices(self.before.grey.shape)
+        left, upper = cols < self.circle.centre_px[0], rows < self.circle.centre_px[1]
+        return [np.asarray(half) for half in (left, ~left, upper, ~upper)]
+
+
+def centred(press: BallPress) -> BallPress:
+    """The press about the point that makes darkness most nearly a function of depth alone.
+
+    The edge gives the disc's size well and its middle only roughly, because the bulge around it is never quite even.
+    """
+    darkening = smoothed(1 - press.after.grey / np.maximum(press.before.grey, 1), CENTRING_PX)
+
+    def scatter(centre_px: Float[Array, "2"]) -> float:
+        depth_mm = press.about(centre_px).depth_mm
+        inside = depth_mm > 0
+        powers = np.vander(depth_mm[inside], CENTRING_TERMS)
+        fitted = powers @ np.linalg.lstsq(powers, darkening[inside], rcond=None)[0]
+        return float(np.std(darkening[inside] - fitted))
+
+    best = minimize(scatter, press.circle.centre_px, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-7})
+    return press.about(best.x)

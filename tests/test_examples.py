@@ -1,0 +1,71 @@
+"""The examples are the manual, so they run: each as a person starts it, in a process of its own, on real pictures."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def run(name: str, real_data: Path, *options: str | Path) -> str:
+    """What an example prints; it must end well, and say nothing on standard error."""
+    command = [sys.executable, str(EXAMPLES / name), *map(str, options)]
+    environment = {**os.environ, "NINEDTACT_REAL_DATA": str(real_data), "PYTHONIOENCODING": "utf-8"}
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, encoding="utf-8", timeout=60)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    return ran.stdout
+
+
+def number(pattern: str, text: str) -> float:
+    """The number that the pattern captures."""
+    found = re.search(pattern, text)
+    assert found is not None, f"expected {pattern!r} in {text!r}"
+    return float(found[1])
+
+
+@pytest.fixture(scope="module")
+def calibrated(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The sensor folder of the first example, and what it printed."""
+    folder = tmp_path_factory.mktemp("examples") / "sensor"
+    return folder, run("01_calibrate.py", real_data, "--out", folder)
+
+
+def test_every_example_has_a_test() -> None:
+    here = Path(__file__).read_text(encoding="utf-8")
+    assert [path.name for path in EXAMPLES.glob("*.py") if f'"{path.name}"' not in here] == []
+
+
+def test_calibrate(calibrated: tuple[Path, str]) -> None:
+    folder, said = calibrated
+    assert said.startswith("63 pins") and number(r"predicted to ([\d.]+) mm", said) <= 0.05
+    assert {path.name for path in folder.iterdir()} == {"sensor.toml", "pictures", "certificate.html"}
+
+
+def test_reconstruct(calibrated: tuple[Path, str], real_data: Path, tmp_path: Path) -> None:
+    said = run("02_reconstruct.py", real_data, "--sensor", calibrated[0], "--out", tmp_path)
+    deepest_mm = number(r"pressed in ([\d.]+) mm", said)
+    assert deepest_mm == pytest.approx(2.0, abs=0.1)
+    assert np.load(tmp_path / "height.npy").min() == pytest.approx(-deepest_mm, abs=1e-3)
+    assert cv2.imread(str(tmp_path / "height_shaded.png")).shape[2] == 3
+
+
+def test_sensor_loop(calibrated: tuple[Path, str], real_data: Path) -> None:
+    *readings, end = run("03_sensor_loop.py", real_data, "--sensor", calibrated[0]).splitlines()
+    assert len(readings) == len(list((real_data / "sensor_a").glob("*.png"))) and "over" in end
+    assert number(r"picture 0: ([\d.]+) mm deep", readings[0]) == pytest.approx(2.0, abs=0.1)
+    assert number(r"([\d.]+) mm² touched", readings[1]) == 0
+
+
+def test_export_mesh(calibrated: tuple[Path, str], real_data: Path, tmp_path: Path) -> None:
+    said = run("04_export_mesh.py", real_data, "--sensor", calibrated[0], "--out", tmp_path)
+    assert number(r"radius ([\d.]+) mm", said) == pytest.approx(4.0, abs=0.15)
+    for ending in ("ply", "stl", "obj"):
+        low, high = trimesh.load(tmp_path / f"press.{ending}").bounds
+        assert low[2] == pytest.approx(-2.0, abs=0.1) and high[0] - low[0] == pytest.approx(23.7, abs=0.5)
