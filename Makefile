@@ -30,5 +30,14 @@ demo: .venv/ready
 	.venv/bin/ninedtact reconstruct --sensor out/demo/sensor_a \
 	  --reference $(REAL)/sensor_a/ball_reference.png $(REAL)/sensor_a/ball.png --out out/demo/ball
 
+# Measured figures beside their peers; docs/figures.md holds the last ones. One alone: make benchmarks/board_accuracy
+BENCHMARKS := start_up board_accuracy ball_accuracy frame_speed board_robustness memory
+.PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
+
+benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))
+
+$(addprefix benchmarks/,$(BENCHMARKS)): .venv/ready
+	.venv/bin/python $@.py
+
 clean:
 	rm -rf .venv out
