@@ -42,6 +42,7 @@ def test_calibrate_prints_its_certificate(real_data: Path, tmp_path: Path, capsy
     assert told["board"]["mm_per_px"] == pytest.approx(0.0515, abs=0.001)
     assert told["ball"]["fit_mae_mm"] <= 0.02 and told["ball"]["radius_px"] == pytest.approx(67, abs=1)
     assert told["ball"]["method"] == "ratio" and told["warnings"] == []
+    assert told["verdict"] == "pass" and all(check["level"] == "pass" for check in told["checks"])
     assert {entry.name for entry in (tmp_path / "s").iterdir()} == {"sensor.toml", "pictures", "certificate.html"}
 
 

@@ -17,17 +17,28 @@ if TYPE_CHECKING:
     from ninedtact.capture.address import source_for
     from ninedtact.capture.freshest import Freshest
     from ninedtact.capture.pictures import read_picture
-    from ninedtact.capture.source import FrameSource
+    from ninedtact.capture.settings import STEADY, CameraSettings
+    from ninedtact.capture.source import FrameSource, SourceEnded
     from ninedtact.design import SensorDesign
     from ninedtact.errors import NinedtactError
     from ninedtact.quantities import Coverage, Frame, HeightMap, Mesh, PointCloud, Reading, Rectified
     from ninedtact.sensor import Sensor
     from ninedtact.shape.cloud import point_cloud
     from ninedtact.shape.export import export
+    from ninedtact.shape.height_png import read_height_png
     from ninedtact.shape.measures import summarise
     from ninedtact.shape.mesh import surface_mesh
+    from ninedtact.shape.picture import height_picture, shaded_picture
+    from ninedtact.shape.sightlines import from_straight_below
 
 HOMES = {
+    "read_height_png": "shape.height_png",
+    "shaded_picture": "shape.picture",
+    "height_picture": "shape.picture",
+    "from_straight_below": "shape.sightlines",
+    "SourceEnded": "capture.source",
+    "CameraSettings": "capture.settings",
+    "STEADY": "capture.settings",
     "Coverage": "quantities",
     "CalibrationPictures": "calibration.flow",
     "CalibrationSettings": "calibration.flow",
@@ -55,8 +66,10 @@ HOMES = {
 }
 
 __all__ = [
+    "STEADY",
     "CalibrationPictures",
     "CalibrationSettings",
+    "CameraSettings",
     "Coverage",
     "Frame",
     "FrameSource",
@@ -70,11 +83,16 @@ __all__ = [
     "Sensor",
     "SensorDesign",
     "SensorFolder",
+    "SourceEnded",
     "calibrate",
     "export",
+    "from_straight_below",
+    "height_picture",
     "load_sensor",
     "point_cloud",
+    "read_height_png",
     "read_picture",
+    "shaded_picture",
     "source_for",
     "summarise",
     "surface_mesh",

@@ -44,7 +44,7 @@ class Camera:
     """The wide-angle camera under the gel, looking straight up through the middle of the skin."""
 
     distance_mm: float = 14.05
-    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards: see `shape.parallax`."""
+    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards: see `shape.sightlines`."""
 
     def __post_init__(self) -> None:
         require_positive("camera.distance_mm", self.distance_mm)

@@ -71,7 +71,7 @@ class HeightMap:
     @property
     def in_view(self) -> Bool[Array, "rows cols"]:
         """Where the camera sees the skin at all."""
-        return self.coverage != Coverage.OUT_OF_VIEW
+        return self.coverage != Coverage.OUT_OF_VIEW.value
 
     @cached_property
     def axes_mm(self) -> tuple[Float32[Array, " cols"], Float32[Array, " rows"]]:

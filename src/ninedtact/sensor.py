@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from time import monotonic_ns, perf_counter
 from types import TracebackType
 
-from ninedtact.capture.source import FrameSource
+from ninedtact.capture.source import FrameSource, SourceEnded
 from ninedtact.quantities import Frame, Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthReader
@@ -75,8 +75,11 @@ class Sensor:
         self.depth = self.calibrated.depth_reader(*frames)
 
     def __iter__(self) -> Iterator[Reading]:
-        while True:
-            yield self.read()
+        try:
+            while True:
+                yield self.read()
+        except SourceEnded:
+            return
 
     def __enter__(self) -> "Sensor":
         self.source.__enter__()

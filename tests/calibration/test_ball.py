@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from known_sensor import DARK_PER_MM, LENS, KnownSensor
+from known_sensor import DARK_PER_MM, LENS, KnownSensor, with_board
 from scipy import ndimage
 
 from ninedtact.calibration.ball.contact_circle import BallRefused
@@ -15,7 +15,7 @@ from ninedtact.calibration.ball.depth_curve import monotone_curve
 from ninedtact.calibration.ball.fit import BallFit, fit_ball
 from ninedtact.calibration.ball.judgement import reference_warnings
 from ninedtact.calibration.flow import Calibration, CalibrationPictures, calibrate, calibrated_area_mm
-from ninedtact.design import SensorDesign
+from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.lens import central_mm_per_px
@@ -117,6 +117,14 @@ def test_real_ball_of_sensor_a(calibrated_a: Calibration) -> None:
     assert calibrated_a.ball.half_mae_mm < 0.02
     assert calibrated_a.ball.warnings == ()
     assert calibrated_a.ball.deepest_mm == pytest.approx(1.92, abs=0.15)  # the original code's own figure for it
+
+
+def test_a_board_without_a_central_pin_calibrates_too() -> None:
+    sensor = with_board(PinBoard(8, 10, 2.0))
+    made = calibrate(sensor.pictures(), sensor.design)
+    assert made.record.certificate is not None
+    assert made.record.certificate.board.pins_found == 80
+    assert made.record.certificate.board.loo_rms_mm_original > 0
 
 
 def test_real_sheared_ball_is_warned_of(real_pictures: dict[str, CalibrationPictures]) -> None:

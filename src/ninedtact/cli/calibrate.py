@@ -1,7 +1,7 @@
 """ninedtact calibrate: one press of the board and one of the ball → a sensor folder with its certificate."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,7 +42,9 @@ class Calibrate:
     ball: tuple[Path, ...] = ()
     """The ball pressed on the skin, 1 to 2 mm deep, straight down."""
     source: str | None = None
-    """A camera to take the pictures with: 0, /dev/video0, a stream's URL."""
+    """Take the pictures with this camera: 0, /dev/video0, a stream's URL; or from a recording: a video, a folder."""
+    automatic: bool = False
+    """Leave the camera's automatic exposure and white balance on, for one that cannot switch them off; depths then drift."""
     ball_radius_mm: float | None = None
     """Radius of the ball; the design's (4 mm) if not given."""
     id: str | None = None
@@ -82,7 +84,7 @@ class Calibrate:
         if self.source is not None and not given:
             from ninedtact.cli.guide import guided_pictures
 
-            return guided_pictures(self.source, self.resolved_design, self.options.settings())
+            return guided_pictures(self.source, self.resolved_design, self.options.settings(), self.automatic)
         options = ", ".join("--" + name.replace("_", "-") for name in PRESSES)
         got = ", ".join("--" + name.replace("_", "-") for name in given) or "none of them"
         both = " and --source" if self.source is not None else ""
@@ -120,12 +122,18 @@ def figures(sensor: "SensorFolder", made: "Calibration") -> dict[str, object]:
     """The certificate for scripts."""
     import msgspec
 
-    assert made.record.certificate is not None
-    return {"sensor": str(sensor.path), "id": sensor.id, **msgspec.to_builtins(made.record.certificate)}
+    from ninedtact.calibration.certificate.verdict import verdict, worst
+
+    certificate = made.record.certificate
+    assert certificate is not None
+    told = {"sensor": str(sensor.path), "id": sensor.id, "verdict": worst(certificate)}
+    return {**told, **msgspec.to_builtins(certificate), "checks": [asdict(line) for line in verdict(certificate)]}
 
 
 def summary(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
     """The certificate in a few lines."""
+    from ninedtact.calibration.certificate.verdict import headline
+
     assert made.record.certificate is not None
     board, ball = made.record.certificate.board, made.record.certificate.ball
     yield f"sensor {sensor.id} calibrated: {sensor.path}"
@@ -139,4 +147,5 @@ def summary(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
         f"{ball.fit_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
     )
     yield from (f"  warning: {warning}" for warning in made.record.certificate.warnings)
+    yield f"  {headline(made.record.certificate)}"
     yield f"  open {sensor.path / 'certificate.html'} in a browser"

@@ -42,14 +42,16 @@ class Terminal:
             print(file=sys.stderr)
 
 
-def guided_pictures(source: str, design: SensorDesign, settings: "CalibrationSettings") -> "CalibrationPictures":
+def guided_pictures(
+    source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool
+) -> "CalibrationPictures":
     """Take the four pictures with a camera; raises what the camera raises, and `SourceEnded` from a recording."""
     from ninedtact.calibration.flow import CalibrationPictures
     from ninedtact.calibration.guidance import steps
 
     terminal = Terminal()
     taken: dict[str, Image] = {}
-    with opened(source) as camera:
+    with opened(source, automatic) as camera:
         for step in steps(design, settings):
             terminal.title(step.instruction)
             taken[step.name] = followed(step, camera, taken, terminal)
@@ -57,13 +59,13 @@ def guided_pictures(source: str, design: SensorDesign, settings: "CalibrationSet
 
 
 @contextmanager
-def opened(source: str) -> "Iterator[FrameSource]":
+def opened(source: str, automatic: bool) -> "Iterator[FrameSource]":
     """The camera, newest picture first; a recording is read picture by picture instead."""
     from ninedtact.capture.address import source_for
     from ninedtact.capture.freshest import Freshest
-    from ninedtact.capture.settings import STEADY
+    from ninedtact.capture.settings import AS_SENSOR, STEADY
 
-    camera = source_for(source, STEADY)
+    camera = source_for(source, AS_SENSOR if automatic else STEADY)
     with Freshest(camera) if camera.recorded_hz is None else camera as frames:
         yield frames
 

@@ -40,6 +40,8 @@ class Live:
     of the source are the untouched skin."""
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
+    automatic: bool = False
+    """Leave the camera's automatic exposure and white balance on, for one that cannot switch them off; heights then drift."""
     loop: bool = False
     """Play a recording again and again. Without it, its last picture stays."""
     display_hz: float = 15.0
@@ -99,10 +101,10 @@ class Live:
     def named_source(self) -> "FrameSource":
         """The source that was named, over and over if so wished."""
         from ninedtact.capture.address import source_for
-        from ninedtact.capture.settings import STEADY
+        from ninedtact.capture.settings import AS_SENSOR, STEADY
         from ninedtact.studio.repeating import Repeating
 
-        source = source_for(self.source, STEADY)
+        source = source_for(self.source, AS_SENSOR if self.automatic else STEADY)
         return Repeating(source) if self.loop else source
 
 

@@ -74,7 +74,7 @@ def contact(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[Array,
 
 def max_indentation_mm(height: HeightMap) -> float:
     """The deepest point in view, 0 where nothing is pressed in."""
-    return float(-np.min(height.z_mm, where=height.in_view, initial=0))
+    return max(0.0, -float(np.min(height.z_mm, where=height.in_view, initial=0)))
 
 
 def max_bulge_mm(height: HeightMap) -> float:

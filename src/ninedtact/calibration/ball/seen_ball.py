@@ -2,7 +2,7 @@
 
 The camera stands `distance_mm` below the middle of the skin; the line through a point of the untouched plane is followed
 until it meets the sphere that cuts the plane in the contact circle. (The refraction on the way is in the lens model and
-in the distance, which reproduces the mechanical one: docs/accuracy.md.)
+in the distance; what that leaves open is in docs/accuracy.md.)
 """
 
 import numpy as np

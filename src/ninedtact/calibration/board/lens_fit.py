@@ -38,7 +38,7 @@ class LensFit:
         """For every pin, where the model fitted to all others puts it, minus where it is, in mm on the skin.
 
         The exact update of the linearised fit (PRESS, Allen 1974): residual / (1 − leverage), a 2×2 block per pin; it
-        equals refitting n times to within a per cent (tests/calibration/test_board.py).
+        equals refitting n times to within two per cent (tests/calibration/test_board.py).
         """
         blocks = self.derivative.reshape(len(self.points_mm), 2, -1)
         leverage = blocks @ np.linalg.pinv(self.derivative.T @ self.derivative) @ blocks.transpose(0, 2, 1)

@@ -9,7 +9,7 @@ from scipy.interpolate import RBFInterpolator
 from ninedtact.calibration.board.fit import BoardFit
 from ninedtact.calibration.brightness import smoothed
 from ninedtact.errors import NinedtactError
-from ninedtact.shape.lens import Points
+from ninedtact.shape.lens import Points, central_mm_per_px
 from ninedtact.shape.pin_map import PinMap
 
 Point = Float[Array, "2"]
@@ -51,7 +51,7 @@ def anchored_mm_per_px_error(points_mm: Points, points_px: Points, pitch_mm: flo
 def integer_centres(fit: BoardFit) -> Points:
     """Centre of each spot's pixels that are darker than half its depth, cut to whole pixels; predicted pins stay."""
     picture = smoothed(fit.change, 1.5)
-    half_step = 0.45 * fit.board.pitch_mm / anchored_mm_per_px(fit.points_mm, fit.points_px, fit.board.pitch_mm)
+    half_step = 0.45 * fit.board.pitch_mm / central_mm_per_px(fit.lens, fit.board.pitch_mm)
     seen = [whole_centre(picture, point, round(half_step)) for point in fit.points_px]
     return np.where(fit.found[:, None], seen, fit.points_px)
 
