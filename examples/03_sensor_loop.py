@@ -6,7 +6,6 @@ import tempfile
 from pathlib import Path
 
 from ninedtact import Frame, Sensor, load_sensor, read_picture, source_for, summarise
-from ninedtact.capture.source import SourceEnded
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
@@ -19,15 +18,13 @@ options = parser.parse_args()
 
 shape = load_sensor(options.sensor).shape
 untouched = shape.depth_reader(Frame(read_picture(options.reference)))  # left out, the first ten pictures are it
-try:
-    # With a camera, put Freshest(...) around the source: a slow loop then misses pictures instead of lagging behind.
-    with Sensor(source_for(options.source), shape, depth=untouched) as sensor:
-        for reading in sensor:
-            touch = summarise(reading.height)
-            cost_ms = reading.stage_ms["rectify"] + reading.stage_ms["depth"]
-            print(
-                f"picture {reading.frame.index}: {touch.max_indentation_mm:.2f} mm deep, "
-                f"{touch.contact_area_mm2:6.1f} mm² touched, in {cost_ms:.1f} ms"
-            )
-except SourceEnded:  # a recording has an end, a camera has none
-    print("the recording is over")
+# With a camera, put Freshest(...) around the source: a slow loop then misses pictures instead of lagging behind.
+with Sensor(source_for(options.source), shape, depth=untouched) as sensor:
+    for reading in sensor:  # a recording has an end, a camera has none
+        touch = summarise(reading.height)
+        cost_ms = reading.stage_ms["rectify"] + reading.stage_ms["depth"]
+        print(
+            f"picture {reading.frame.index}: {touch.max_indentation_mm:.2f} mm deep, "
+            f"{touch.contact_area_mm2:6.1f} mm² touched, in {cost_ms:.1f} ms"
+        )
+print("the recording is over")
