@@ -52,7 +52,6 @@ class Reconstruct:
             )
         shape = load_sensor(self.sensor).shape
         depth = shape.depth_reader(*[Frame(read_picture(path)) for path in self.reference])
-        self.out.mkdir(parents=True, exist_ok=True)
         results = []
         for path, name in zip(self.images, names(self.images), strict=True):
             height = depth(shape.rectify(Frame(read_picture(path))))
@@ -78,6 +77,7 @@ class Reconstruct:
         from ninedtact.shape.picture import height_picture, shaded_picture
         from ninedtact.whole_file import write_whole
 
+        self.out.mkdir(parents=True, exist_ok=True)
         for ending in self.formats:
             path = self.out / f"{name}_height.{ending}"
             export(height, path)
