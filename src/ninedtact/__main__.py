@@ -14,7 +14,10 @@ def run() -> int:
         from ninedtact.cli import main
 
         code = main()
-    except KeyboardInterrupt:
+    except BaseException:
+        # A library interrupted while it loads may turn the interruption into an error of its own (OpenCV does).
+        if not interruption.happened:
+            raise
         print("ninedtact: stopped by Ctrl-C before it began; run the command again", file=sys.stderr)  # noqa: T201
         code = 1
     return interruption.left_with(code)

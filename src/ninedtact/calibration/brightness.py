@@ -7,13 +7,13 @@ from numpy import ndarray as Array
 from scipy import ndimage
 
 from ninedtact.errors import NinedtactError
+from ninedtact.shape.calibrated import UNLIT
 
 Image = UInt8[Array, "_ _ 3"]
 
 DIMMEST = 8.0
 """Grey level of the untouched picture below which a relative change is mostly noise."""
 OVEREXPOSED = 250
-UNLIT = 15.0
 
 
 class PictureUnusable(NinedtactError):

@@ -1,6 +1,6 @@
 """Four pictures → one sensor: the whole calibration, top-down."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Literal
@@ -205,8 +205,3 @@ def board_warnings(board: BoardFit) -> list[str]:
             "focus the camera and press the board evenly"
         )
     return found
-
-
-def with_ball_radius(design: SensorDesign, radius_mm: float) -> SensorDesign:
-    """The same design, calibrated with another ball."""
-    return replace(design, ball=replace(design.ball, radius_mm=radius_mm))

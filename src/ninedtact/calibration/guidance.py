@@ -16,10 +16,11 @@ from ninedtact.calibration.ball.fit import uniform_change
 from ninedtact.calibration.ball.judgement import UNEVEN, cap_height_mm
 from ninedtact.calibration.board.fit import fit_board
 from ninedtact.calibration.board.refusal import BoardNotFound
-from ninedtact.calibration.brightness import OVEREXPOSED, UNLIT, Image, grey_float, relative_change, smoothed
+from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float, relative_change, smoothed
 from ninedtact.calibration.flow import CalibrationSettings, lens_on_grid
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
+from ninedtact.shape.calibrated import UNLIT
 from ninedtact.shape.rectification import Rectification
 
 AVERAGED = 8

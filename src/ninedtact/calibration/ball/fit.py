@@ -2,7 +2,7 @@
 
 Inside the disc the skin lies on the ball, so the depth that every line of sight meets is known; it is paired with the
 pixel's darkening. The camera is near, so a line of sight meets deep skin farther in than shallow skin: left out, as in
-the paper, this alone scatters the pairs of a real press to twice as much (benchmarks/ball_accuracy.py). The
+the paper, it doubles the error of `ratio` on a real press (benchmarks/ball_accuracy.py). The
 rule "the disc's edge is at depth zero" is the paper's: real gel piles up at the rim, which makes it some 0.1–0.2 mm too
 deep (docs/accuracy.md).
 
