@@ -1,10 +1,10 @@
-# `make demo` runs the main job, `make test` all checks; both make their own environment in .venv.
+# `make demo` shows what this is, `make test` all checks; both make their own environment in .venv.
 PYTHON ?= python3
 LINKS := $(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS),$(shell $(PYTHON) -m pip config get global.find-links 2>/dev/null))
 UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo test lint types benchmarks clean
+.PHONY: demo real test lint types benchmarks clean
 
 .venv/ready: pyproject.toml constraints.txt
 	test -x .venv/bin/uv || { $(PYTHON) -m venv .venv && .venv/bin/python -m pip install -q uv; }
@@ -21,17 +21,26 @@ lint: .venv/ready
 types: .venv/ready
 	.venv/bin/mypy
 
-# The main job on real pictures: one sensor calibrated, one press reconstructed. Left in out/demo.
+# A simulated sensor in the browser: calibrated, pressed, dragged and twisted; at a terminal Ctrl-C ends it, without one it
+# ends by itself. Left in out/demo. Where there are real pictures it is the twin of the sensor that took them.
 demo: .venv/ready
+	@if test -f $(REAL)/sensor_a/ball.png; \
+	then $(CALIBRATE_A) && .venv/bin/ninedtact demo --out out/demo --sensor out/demo/sensor_a; \
+	else .venv/bin/ninedtact demo --out out/demo; fi
+
+# One real sensor calibrated from its pictures, one press reconstructed. Left in out/real.
+real: .venv/ready
 	@test -d $(REAL)/sensor_a || { echo "expected real pictures in $(REAL), got none; set NINEDTACT_REAL_DATA to a folder of them"; exit 1; }
-	.venv/bin/ninedtact calibrate --out out/demo/sensor_a \
-	  --board-reference $(REAL)/sensor_a/board_reference.png --board $(REAL)/sensor_a/board.png \
-	  --ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
-	.venv/bin/ninedtact reconstruct --sensor out/demo/sensor_a \
-	  --reference $(REAL)/sensor_a/ball_reference.png $(REAL)/sensor_a/ball.png --out out/demo/ball
+	$(subst out/demo,out/real,$(CALIBRATE_A))
+	.venv/bin/ninedtact reconstruct --sensor out/real/sensor_a \
+	  --reference $(REAL)/sensor_a/ball_reference.png $(REAL)/sensor_a/ball.png --out out/real/ball
+
+CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
+	--board-reference $(REAL)/sensor_a/board_reference.png --board $(REAL)/sensor_a/board.png \
+	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside their peers; docs/figures.md holds the last ones. One alone: make benchmarks/board_accuracy
-BENCHMARKS := start_up board_accuracy ball_accuracy frame_speed board_robustness memory
+BENCHMARKS := start_up board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed reconstruction_study
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))

@@ -9,8 +9,12 @@ from pathlib import Path  # noqa: E402
 
 import pytest  # noqa: E402
 
-from ninedtact.calibration.flow import Calibration, CalibrationPictures, calibrate  # noqa: E402
+from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, calibrate  # noqa: E402
+from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
+from ninedtact.calibration.written import write_sensor  # noqa: E402
 from ninedtact.capture.pictures import read_picture  # noqa: E402
+from ninedtact.simulation.gauges import gauge_pictures  # noqa: E402
+from ninedtact.simulation.twin import default_twin  # noqa: E402
 
 REAL_DATA = "NINEDTACT_REAL_DATA"
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
@@ -41,3 +45,13 @@ def real_pictures(real_data: Path) -> dict[str, CalibrationPictures]:
 def calibrated_a(real_pictures: dict[str, CalibrationPictures]) -> Calibration:
     """Sensor A calibrated with the defaults."""
     return calibrate(real_pictures["a"])
+
+
+@pytest.fixture(scope="session")
+def twin_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    """The default twin, calibrated from its own four pictures, by the method that is done soonest."""
+    pictures = CalibrationPictures(**vars(gauge_pictures(default_twin())))
+    return write_sensor(
+        tmp_path_factory.mktemp("twin") / "sensor",
+        calibrate(pictures, settings=CalibrationSettings(method="ratio"), sensor_id="twin"),
+    )

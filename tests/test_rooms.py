@@ -31,7 +31,8 @@ HEAVY = {
     "viser": {"studio"},
     "build123d": {"hardware"},
     "cyclonedds": {"interop"},
-    "matplotlib": {"shape", "calibration"},
+    # simulation: one press and a show of several as figures, beside what they are figures of.
+    "matplotlib": {"shape", "calibration", "simulation"},
     "jinja2": {"calibration"},
 }
 

@@ -2,6 +2,7 @@
 
     shape    light ──capture──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap ──cloud──▶ PointCloud / mesh
     fit      board pressed ──▶ Rectification      ball pressed ──▶ DepthCurve
+    press    object ──contact mechanics──▶ Contact ──light──▶ Frame, Wrench      (a twin: SimulatedCamera)
 
 `sensor.py` is the file to read first. Names are loaded when they are first used, so that importing the package costs
 nothing.
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
     from ninedtact.capture.pictures import read_picture
     from ninedtact.capture.settings import STEADY, CameraSettings
     from ninedtact.capture.source import FrameSource, SourceEnded
+    from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.design import SensorDesign
     from ninedtact.errors import NinedtactError
-    from ninedtact.quantities import Coverage, Frame, HeightMap, Mesh, PointCloud, Reading, Rectified
+    from ninedtact.mechanics.pose import Pose
+    from ninedtact.quantities import Coverage, Frame, HeightMap, Mesh, PointCloud, Reading, Rectified, Wrench
     from ninedtact.sensor import Sensor
     from ninedtact.shape.cloud import point_cloud
     from ninedtact.shape.export import export
@@ -30,8 +33,27 @@ if TYPE_CHECKING:
     from ninedtact.shape.mesh import surface_mesh
     from ninedtact.shape.picture import height_picture, shaded_picture
     from ninedtact.shape.sightlines import from_straight_below
+    from ninedtact.simulation.camera import SimulatedCamera
+    from ninedtact.simulation.force_torque import SimulatedForceTorque
+    from ninedtact.simulation.motion import touch
+    from ninedtact.simulation.objects.named import object_for
+    from ninedtact.simulation.press import Press
+    from ninedtact.simulation.stage import Act, Stage
+    from ninedtact.simulation.twin import Twin, default_twin
 
 HOMES = {
+    "Wrench": "quantities",
+    "WrenchSource": "capture.wrench_source",
+    "SimulatedCamera": "simulation.camera",
+    "SimulatedForceTorque": "simulation.force_torque",
+    "Stage": "simulation.stage",
+    "Act": "simulation.stage",
+    "Twin": "simulation.twin",
+    "default_twin": "simulation.twin",
+    "Pose": "mechanics.pose",
+    "Press": "simulation.press",
+    "touch": "simulation.motion",
+    "object_for": "simulation.objects.named",
     "read_height_png": "shape.height_png",
     "shaded_picture": "shape.picture",
     "height_picture": "shape.picture",
@@ -67,6 +89,7 @@ HOMES = {
 
 __all__ = [
     "STEADY",
+    "Act",
     "CalibrationPictures",
     "CalibrationSettings",
     "CameraSettings",
@@ -78,17 +101,27 @@ __all__ = [
     "Mesh",
     "NinedtactError",
     "PointCloud",
+    "Pose",
+    "Press",
     "Reading",
     "Rectified",
     "Sensor",
     "SensorDesign",
     "SensorFolder",
+    "SimulatedCamera",
+    "SimulatedForceTorque",
     "SourceEnded",
+    "Stage",
+    "Twin",
+    "Wrench",
+    "WrenchSource",
     "calibrate",
+    "default_twin",
     "export",
     "from_straight_below",
     "height_picture",
     "load_sensor",
+    "object_for",
     "point_cloud",
     "read_height_png",
     "read_picture",
@@ -96,6 +129,7 @@ __all__ = [
     "source_for",
     "summarise",
     "surface_mesh",
+    "touch",
     "write_sensor",
 ]
 

@@ -20,9 +20,18 @@ class Gel:
     """The translucent layer that is pressed, bonded on a stiffer transparent one."""
 
     thickness_mm: float = 2.5
+    shear_modulus_mpa: float = 0.093
+    """Of Shore A 5, by Gent's relation (docs/references.md); a known weight measures it far better."""
+    poisson_ratio: float = 0.5
+    """Silicone keeps its volume: 0.5 is exact, not a limit."""
 
     def __post_init__(self) -> None:
         require_positive("gel.thickness_mm", self.thickness_mm)
+        require_positive("gel.shear_modulus_mpa", self.shear_modulus_mpa)
+        if not -1 < self.poisson_ratio <= 0.5:
+            raise DesignImpossible(
+                f"expected gel.poisson_ratio above −1 and at most 0.5, got {self.poisson_ratio}; correct the design"
+            )
 
 
 @dataclass(frozen=True)

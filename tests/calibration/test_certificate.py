@@ -95,7 +95,7 @@ def test_page_needs_nothing_from_outside(drawn: Read) -> None:
         for name, value in attributes.items()
         if name in {"src", "href", "srcset", "data", "poster", "action", "background", "xlink:href"}
     ]
-    assert len(loads) == 6
+    assert len(loads) == 8
     assert all(value is not None and value.startswith("data:image/png;base64,") for value in loads)
     assert "url(" not in drawn.page.styles and "@import" not in drawn.page.styles
     assert not {"script", "link", "iframe", "object", "embed", "form"} & {tag for tag, _ in drawn.page.elements}

@@ -1,5 +1,6 @@
 """What every member of the FrameSource family honours, live or recorded, bare or wrapped."""
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,6 +22,10 @@ from ninedtact.capture.raspberry_pi import RaspberryPi
 from ninedtact.capture.reconnecting import Reconnecting
 from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.capture.stream import Stream
+from ninedtact.simulation.camera import SimulatedCamera
+
+sys.path.append(str(Path(__file__).parents[1] / "simulation"))
+from small_stage import TWIN, small_stage
 
 PICTURES = 8
 
@@ -53,9 +58,14 @@ class Bench:
     def raspberry_pi_source(self) -> FrameSource:
         return RaspberryPi(opener=BenchPi)
 
+    def twin_source(self) -> FrameSource:
+        TWIN.renderer(TWIN.model.untouched())  # what is made once is made before the clock runs
+        return SimulatedCamera(small_stage(hz=6.0, real_time=True))
+
 
 RECORDED = {"folder": Bench.folder_source, "video": Bench.video_source}
 LIVE = {"stream": Bench.stream_source, "camera": Bench.camera_source, "raspberry pi": Bench.raspberry_pi_source}
+LIVE["twin"] = Bench.twin_source
 BARE = RECORDED | LIVE
 
 

@@ -1,13 +1,11 @@
 """The page in a real browser, on the port that was asked for, and gone without a trace when it ends."""
 
-import shutil
 import socket
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import Reconnecting
@@ -18,31 +16,7 @@ from ninedtact.studio.ruler import block_under
 from ninedtact.studio.server import PortRefused, serving
 from ninedtact.studio.studio import Studio
 
-WITHOUT_GRAPHICS_CARD = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 PATIENCE_S = 90.0
-
-
-@pytest.fixture
-def browser() -> Iterator[Browser]:
-    names = ("chromium", "chromium-browser", "google-chrome")
-    found = next(filter(None, map(shutil.which, names)), None)
-    if found is None:
-        pytest.skip(f"expected a browser ({', '.join(names)}), got none; install Debian's package chromium")
-    with sync_playwright() as player:
-        browser = player.chromium.launch(executable_path=found, args=WITHOUT_GRAPHICS_CARD)
-        yield browser
-        browser.close()
 
 
 def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Browser, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Four pictures → one sensor: the whole calibration, top-down."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Literal
@@ -9,6 +9,7 @@ import numpy as np
 
 from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball
 from ninedtact.calibration.ball.judgement import reference_warnings
+from ninedtact.calibration.ball.physics import PhysicalBall
 from ninedtact.calibration.board.fit import BoardFit, fit_board
 from ninedtact.calibration.board.lens_fit import rms_length
 from ninedtact.calibration.board.mounting import Mounting
@@ -25,11 +26,16 @@ from ninedtact.calibration.record import (
     BoardFigures,
     Certificate,
     Depth,
+    FitFigures,
+    FittedParameter,
     Grid,
     LensTable,
     PinTable,
     SensorRecord,
+    TwinTable,
 )
+from ninedtact.calibration.twin.confidence import Confidence
+from ninedtact.calibration.twin.fit import TwinFit
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px
@@ -56,8 +62,9 @@ class CalibrationSettings:
     """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
     mounting_deg: Mounting | Literal["auto"] = "auto"
     """Angle from the picture's columns to the sensor's x axis, clockwise on the screen."""
-    method: Method = "ratio"
-    """`table` is the paper's mapping list of grey differences, `ratio` the brightness factor."""
+    method: Method = "physics"
+    """`physics` fits contact mechanics and light; `ratio` pairs the ball's cap with the brightness factor, `table` with grey
+    differences (the paper's)."""
     smoothing: Smoothing = Smoothing()
 
 
@@ -90,7 +97,8 @@ def calibrate(
         design=design,
         grid=Grid(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting),
         lens=lens_table(board, settings.lens),
-        depth=Depth(settings.method, ball.noise_mm, settings.smoothing, ball.curve),
+        depth=depth_table(ball, settings),
+        twin=None if ball.physical is None else twin_table(ball.physical, board.noise),
         certificate=certificate(pictures, board, ball, rectify, settings),
     )
     return Calibration(pictures, board, ball, rectify, record)
@@ -118,6 +126,40 @@ def lens_table(board: BoardFit, kind: LensKind) -> LensTable | PinTable:
         return PinTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
     lens = board.lens
     return LensTable(lens.homography, lens.centre, lens.radial, lens.tangential)  # type: ignore[arg-type]
+
+
+def depth_table(ball: BallFit, settings: CalibrationSettings) -> Depth:
+    """The chosen depth reading as the sensor's file holds it."""
+    return Depth(settings.method, ball.noise_mm, settings.smoothing, ball.curve, ball.loss, ball.deblurring)
+
+
+def twin_table(physical: PhysicalBall, noise_grey_levels: float) -> TwinTable:
+    """The twin that the ball press told."""
+    fit = physical.fit
+    gel = replace(fit.forward.design.gel, thickness_mm=fit.named["thickness_mm"])
+    return TwinTable(gel, fit.light, noise_grey_levels, fit_figures(fit))
+
+
+def fit_figures(fit: TwinFit) -> FitFigures:
+    """How the twin was found, and how well it explains the press."""
+    sure = fit.confidence
+    return FitFigures(
+        rmse_grey_radial=fit.rmse_grey_radial,
+        rmse_grey_picture=fit.rmse_grey_picture,
+        depth_mm=fit.named["depth_mm"],
+        drag_mm=fit.drag_mm,
+        independent_points=sure.points,
+        seconds=fit.seconds,
+        parameters={
+            name: FittedParameter(value, sure.deviation.get(name), *closest(sure, name))
+            for name, value in fit.named.items()
+        },
+    )
+
+
+def closest(sure: Confidence, name: str) -> tuple[str | None, float | None]:
+    """What a searched parameter is hardest to tell from, and their correlation."""
+    return sure.closest(name) if name in sure.deviation else (None, None)
 
 
 def calibrated_area_mm(design: SensorDesign) -> Area:

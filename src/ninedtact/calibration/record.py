@@ -6,10 +6,13 @@ from msgspec import Struct, field
 
 from ninedtact.calibration.ball.fit import Method
 from ninedtact.calibration.board.mounting import Mounting
-from ninedtact.design import SensorDesign
+from ninedtact.design import Gel, SensorDesign
+from ninedtact.shape.deblur import Deblurring
 from ninedtact.shape.depth import DepthCurve, Smoothing
+from ninedtact.shape.loss import Loss
+from ninedtact.simulation.light import Light
 
-FORMAT = 1
+FORMAT = 2
 """Rises when an older program could no longer read the file."""
 
 
@@ -101,13 +104,51 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
     warnings: list[str]
 
 
-class Depth(Struct, frozen=True, forbid_unknown_fields=True):
+class Depth(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The depth curve and what follows it."""
 
     method: Method
     noise_mm: float
     smoothing: Smoothing
     curve: DepthCurve
+    loss: Loss = Loss()
+    deblurring: Deblurring | None = None
+    """The point-spread that a fine reading undoes, where it is known."""
+
+
+class FittedParameter(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One number of the twin, how certain it is, and what it is hardest to tell from."""
+
+    value: float
+    deviation: float | None = None
+    closest: str | None = None
+    correlation: float | None = None
+
+
+class FitFigures(Struct, frozen=True, forbid_unknown_fields=True):
+    """The fit of mechanics and light to the ball press."""
+
+    rmse_grey_radial: float
+    """Of the radial brightness profile, grey levels."""
+    rmse_grey_picture: float
+    """Of the whole picture within 8 mm of the contact, grey levels."""
+    depth_mm: float
+    drag_mm: tuple[float, float]
+    """How far the ball was dragged after the press."""
+    independent_points: float
+    """As many observations the unexplained rest is worth."""
+    seconds: float
+    parameters: dict[str, FittedParameter]
+
+
+class TwinTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """What stands in for the sensor when it is not there."""
+
+    gel: Gel
+    """With the thickness that the picture of the press shows."""
+    light: Light
+    noise_grey_levels: float
+    fit: FitFigures
 
 
 class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -121,5 +162,6 @@ class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_default
     grid: Grid
     lens: LensTable | PinTable | MapTable
     depth: Depth
+    twin: TwinTable | None = None
     pictures: dict[str, Picture] = field(default_factory=dict)
     certificate: Certificate | None = None

@@ -24,6 +24,8 @@ from ninedtact.shape.pin_map import PinMap
 from ninedtact.shape.rectification import Rectification, rectification
 
 RECORD = "sensor.toml"
+FARTHEST_PER_MM = 1e-4
+"""Inverse distance below which lines of sight count as parallel."""
 
 
 class SensorFolderDamaged(NinedtactError):
@@ -51,8 +53,22 @@ class SensorFolder:
         """The calibrated path from frame to height."""
         depth = self.record.depth
         return CalibratedShape(
-            self.rectification, depth.curve, depth.noise_mm, self.record.design.camera.distance_mm, depth.smoothing
+            self.rectification,
+            depth.curve,
+            depth.noise_mm,
+            self.sight_distance_mm,
+            depth.smoothing,
+            depth.loss,
+            depth.deblurring,
         )
+
+    @property
+    def sight_distance_mm(self) -> float:
+        """From where the skin is looked at: as the physics of its ball press has it, else as designed."""
+        if self.record.depth.method != "physics" or self.record.twin is None:
+            return self.record.design.camera.distance_mm
+        nearness = self.record.twin.light.nearness_per_mm
+        return 1 / nearness if nearness > FARTHEST_PER_MM else float("inf")
 
     @cached_property
     def rectification(self) -> Rectification:

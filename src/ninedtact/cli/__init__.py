@@ -12,17 +12,22 @@ import tyro
 
 from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.check import Check
+from ninedtact.cli.demo import Demo
 from ninedtact.cli.doctor import Doctor
 from ninedtact.cli.live import Live
 from ninedtact.cli.reconstruct import Reconstruct
+from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
+from ninedtact.cli.simulate import Simulate
 from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
 from ninedtact.errors import NinedtactError
 
 Command = (
-    Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
     | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Live, tyro.conf.subcommand("live")]
+    | Annotated[Simulate, tyro.conf.subcommand("simulate", description=SIMULATE)]
     | Annotated[ImportCalibration, tyro.conf.subcommand("import-calibration")]
     | Annotated[ExportCalibration, tyro.conf.subcommand("export-calibration")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]

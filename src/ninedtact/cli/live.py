@@ -1,20 +1,27 @@
 """ninedtact live: a sensor in the browser, as it is touched."""
 
 import sys
-from contextlib import suppress
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from time import monotonic_ns
 from typing import TYPE_CHECKING
 
 import tyro
 
+from ninedtact.cli.twin_on_show import SIM
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.source import FrameSource
+    from ninedtact.cli.twin_on_show import TwinOnShow
+    from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated import CalibratedShape
+    from ninedtact.studio.wrench_loop import WrenchLoop
 
 FASTEST_SCREEN_HZ = 120.0
 
@@ -34,7 +41,8 @@ class Live:
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote."""
     source: str
-    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), video file or folder of pictures."""
+    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), video file, folder of pictures; or sim, the twin of the
+    sensor, pressed by several objects in turn, with the true wrench beside its shape."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Untouched skin of this session; given more than once, the pictures are averaged. Without any, the first pictures
     of the source are the untouched skin."""
@@ -55,42 +63,39 @@ class Live:
         """Serve the page until Ctrl-C."""
         require_studio()
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.studio.loop import SensorLoop
-        from ninedtact.studio.page import Page
-        from ninedtact.studio.ruler import block_under
-        from ninedtact.studio.server import serving
-        from ninedtact.studio.studio import Studio
 
-        self.require_rate()
+        require_rate(self.display_hz)
         folder = load_sensor(self.sensor)
-        sensor = self.sensor_at_source(folder.shape)
-        with suppress(KeyboardInterrupt), serving(self.host, self.port) as server, SensorLoop(sensor) as loop:
-            studio = Studio(loop, self.out)
-            page = Page(server, studio, block_under(folder.shape, folder.record.design.gel), folder.id)
-            print(
-                f"{sensor.source.name}: open http://{self.host}:{server.get_port()} in a browser; Ctrl-C ends",
-                flush=True,
-            )
-            studio.run(page, self.display_hz)
+        sensor, wrenches = self.sensor_and_wrenches(folder)
+        with suppress(KeyboardInterrupt):
+            serve(folder, sensor, wrenches, Place(self.out, self.display_hz, self.host, self.port))
         print(f"stopped after {sensor.frames_read} pictures")
         return 0
 
-    def require_rate(self) -> None:
-        """Refuse a rate that shows nothing, or more than a screen can."""
-        if not 0 < self.display_hz <= FASTEST_SCREEN_HZ:
-            raise LiveImpossible(
-                f"expected --display-hz above 0 and at most {FASTEST_SCREEN_HZ:g}, got {self.display_hz:g}; drop it"
-            )
+    def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchLoop]]":
+        """The sensor on its source, not yet opened; of a twin, the true wrench too."""
+        if self.source == SIM:
+            from ninedtact.calibration.twin.sensor_twin import twin_of
+            from ninedtact.cli.twin_on_show import on_show
+
+            return on_page(folder.shape, on_show(twin_of(folder)), self.references)
+        return self.sensor_at_source(folder.shape), []
+
+    @property
+    def references(self) -> "list[Frame]":
+        """The untouched skin, as far as it was given."""
+        from ninedtact.capture.pictures import read_picture
+        from ninedtact.quantities import Frame
+
+        return [Frame(read_picture(path)) for path in self.reference]
 
     def sensor_at_source(self, shape: "CalibratedShape") -> "Sensor":
-        """The sensor on its source, not yet opened."""
+        """The sensor on a camera or a recording, not yet opened."""
         from ninedtact.capture.freshest import Freshest
-        from ninedtact.capture.pictures import read_picture
         from ninedtact.capture.reconnecting import Reconnecting
-        from ninedtact.quantities import Frame
         from ninedtact.sensor import Sensor
 
-        references = [Frame(read_picture(path)) for path in self.reference]
+        references = self.references
         source = Reconnecting(
             self.named_source(),
             on_lost=lambda loss: say(f"{loss}; waiting for it"),
@@ -106,6 +111,59 @@ class Live:
 
         source = source_for(self.source, AS_SENSOR if self.automatic else STEADY)
         return Repeating(source) if self.loop else source
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a page is served, and what leaves it."""
+
+    out: Path
+    """Folder for the readings that are saved from the page."""
+    display_hz: float
+    host: str
+    port: int
+
+
+def serve(folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchLoop]", place: Place) -> None:
+    """Serve the page of a sensor until Ctrl-C, or, where nothing repeats it, until its twin's last round ends."""
+    from ninedtact.studio.loop import Phase, SensorLoop
+    from ninedtact.studio.page import Page
+    from ninedtact.studio.ruler import block_under
+    from ninedtact.studio.server import serving
+    from ninedtact.studio.studio import Studio
+
+    with ExitStack() as opened:
+        server = opened.enter_context(serving(place.host, place.port))
+        loop = opened.enter_context(SensorLoop(sensor))
+        for wrench in wrenches:
+            opened.enter_context(wrench)
+        studio = Studio(loop, place.out, wrenches)
+        page = Page(server, studio, block_under(folder.shape, folder.record.design.gel), folder.id)
+        address = f"http://{place.host}:{server.get_port()}"
+        print(f"{sensor.source.name}: open {address} in a browser; Ctrl-C ends", flush=True)
+        is_over = lambda: bool(wrenches) and loop.moment(monotonic_ns()).phase is Phase.ENDED  # noqa: E731
+        studio.run(page, place.display_hz, is_over)
+
+
+def on_page(
+    shape: "CalibratedShape", shown: "TwinOnShow", references: "Sequence[Frame]" = ()
+) -> "tuple[Sensor, list[WrenchLoop]]":
+    """A twin on show as a page wants it."""
+    from ninedtact.capture.freshest import Freshest
+    from ninedtact.cli.twin_on_show import TRUE_WRENCH
+    from ninedtact.sensor import Sensor
+    from ninedtact.studio.wrench_loop import WrenchLoop
+
+    depth = shape.depth_reader(*(references or shown.untouched))
+    return Sensor(Freshest(shown.camera), shape, depth=depth), [WrenchLoop(shown.force_torque, TRUE_WRENCH)]
+
+
+def require_rate(display_hz: float) -> None:
+    """Refuse a rate that shows nothing, or more than a screen can."""
+    if not 0 < display_hz <= FASTEST_SCREEN_HZ:
+        raise LiveImpossible(
+            f"expected --display-hz above 0 and at most {FASTEST_SCREEN_HZ:g}, got {display_hz:g}; drop it"
+        )
 
 
 def require_studio() -> None:

@@ -15,7 +15,7 @@ class CalibrationOptions:
     """Lens model, or the paper's map (central anchors, equidistant grid, cubic radial basis) for reproduction."""
     mounting_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
     """Angle from the picture's columns to the sensor's x axis, clockwise on the screen."""
-    method: Literal["ratio", "table"] = "ratio"
+    method: Literal["physics", "ratio", "table"] = "physics"
     """Depth from the brightness factor, or from the paper's mapping list of grey differences."""
 
     def settings(self) -> "CalibrationSettings":

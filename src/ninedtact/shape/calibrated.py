@@ -1,13 +1,15 @@
 """One sensor's calibrated shape path: everything between a frame and its height but the session's untouched picture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame, Rectified
-from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
+from ninedtact.shape.deblur import Deblurring
+from ninedtact.shape.depth import FINE_SMOOTHING, DepthCurve, DepthReader, Smoothing
+from ninedtact.shape.loss import Loss
 from ninedtact.shape.rectification import Rectification
 
 UNLIT = 15.0
@@ -29,13 +31,27 @@ class CalibratedShape:
     noise_mm: float
     camera_distance_mm: float
     smoothing: Smoothing = Smoothing()
+    loss: Loss = Loss()
+    deblurring: Deblurring | None = None
+    """The point-spread of this sensor's light, where the calibration knows it."""
+
+    def fast(self) -> "CalibratedShape":
+        """The same sensor read without undoing the point-spread: quicker, and three times less exact (docs/accuracy.md)."""
+        return replace(self, deblurring=None)
 
     def depth_reader(self, *references: Frame) -> DepthReader:
         """Bind the untouched skin of this session, the mean of one or more frames; raises `ReferenceUnusable`."""
         keep_freed_memory()
         reference = mean_rectified([self.rectify(frame) for frame in references])
         return DepthReader(
-            self.curve, reference, self.rectify.coverage, self.smoothing, self.noise_mm, self.camera_distance_mm
+            self.curve,
+            reference,
+            self.rectify.coverage,
+            self.smoothing if self.deblurring is None else FINE_SMOOTHING,
+            self.noise_mm,
+            self.camera_distance_mm,
+            self.loss,
+            self.deblurring,
         )
 
 

@@ -2,7 +2,8 @@
 
 Thinner gel is darker, thicker gel is brighter. Two signals say how much: the *difference* in grey levels (the paper's
 own, docs/references.md) and the *ratio* to the untouched picture, which is the one that is uniform over a picture whose
-light is not. Either is quantised finely and looked up in one table.
+light is not. Either is quantised finely and looked up in one table. Where the calibration knows it, the light that
+the whole picture loses to what is dark is given back first, and the light that scatters is put back where it came from.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Coverage, HeightMap, Rectified
+from ninedtact.shape.deblur import Deblurring
+from ninedtact.shape.loss import Loss
 
 Signal = Literal["difference", "ratio"]
 
@@ -129,6 +132,10 @@ class Smoothing:
         return np.asarray(cv2.GaussianBlur(field, (side, side), self.combined_px, borderType=cv2.BORDER_REPLICATE))
 
 
+FINE_SMOOTHING = Smoothing(2.5, 2.5)
+"""After deblurring, which has raised the noise; 0.18 mm, still far narrower than what was undone."""
+
+
 @dataclass(frozen=True)
 class DepthReader:
     """A depth curve bound to the untouched picture of this session."""
@@ -139,10 +146,13 @@ class DepthReader:
     smoothing: Smoothing = Smoothing()
     noise_mm: float = 0.0
     camera_distance_mm: float = np.inf
+    loss: Loss = Loss()
+    deblurring: Deblurring | None = None
+    """Done where it is given: `fine` reading. Without it, reading is `fast`."""
 
     def __call__(self, rectified: Rectified) -> HeightMap:
         """Signed height of the skin, with what each pixel rests on."""
-        index = self.quantised(rectified.grey)
+        index = self.index(rectified.grey)
         z_mm = self.smoothing(looked_up(self.curve.table, index))
         if not self.curve.knows_bulges:
             cv2.threshold(z_mm, 0, 0, cv2.THRESH_TRUNC, dst=z_mm)
@@ -151,6 +161,20 @@ class DepthReader:
         return HeightMap(
             z_mm, self.coverage(index), rectified.mm_per_px, self.noise_mm, self.camera_distance_mm, rectified.stamp_ns
         )
+
+    def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
+        """Place in the curve's table of every pixel, lost and scattered light put back where the calibration knows how."""
+        lost = self.loss(grey, self.reference.grey)
+        if self.deblurring is None:
+            return self.quantised(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
+        ratio = np.asarray(cv2.multiply(grey, self.per_reference, scale=1 / (1 + lost)))
+        change = self.deblurring(ratio - 1, self.reference.mm_per_px)
+        return np.asarray(cv2.addWeighted(change, STEPS["ratio"], change, 0, ZERO, dtype=cv2.CV_16U))
+
+    @cached_property
+    def per_reference(self) -> Float32[Array, "rows cols"]:
+        """One over the untouched picture, nowhere too dim to divide by."""
+        return 1 / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
 
     def error_mm(self, indentation_mm: float) -> float:
         """Standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""
@@ -172,7 +196,7 @@ class DepthReader:
     @cached_property
     def index_gain(self) -> Float32[Array, "rows cols"]:
         """Ratio: index = grey · gain, because the untouched skin has the ratio one and the steps per unit are `ZERO`."""
-        return np.float32(STEPS["ratio"]) / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
+        return np.float32(STEPS["ratio"]) * self.per_reference
 
     def coverage(self, index: UInt16[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
         """Where a pixel is darker than anything calibrated, its height is an extrapolation."""

@@ -14,6 +14,7 @@ from ninedtact.studio.scene import Scene
 from ninedtact.studio.status import WAITING
 from ninedtact.studio.studio import Look, Report, Studio
 from ninedtact.studio.view import View
+from ninedtact.studio.wrench_card import WrenchCard
 
 LEFT_PX, RIGHT_PX = 330, 330
 BACKGROUND = np.full((2, 2, 3), (236, 239, 242), np.uint8)
@@ -59,13 +60,23 @@ class Page:
             self._scene.show(view.surface, look, view.is_past)
 
     def tell(self, report: Report) -> None:
-        """State, rates and costs; the curve now and then."""
+        """State, rates and costs, wrenches; the curves now and then."""
         self._status.content = status_card(report.status)
+        self._tell_wrenches(report)
         self._costs.content = rows_card(rates(report) | costs(report))
         self._reference.disabled = report.moment.phase is not Phase.READING
         self._reports += 1
         if self._reports % PLOT_EVERY == 0:
             self._plot.data = tuple(report.moment.history)
+            for card, moment in zip(self._wrenches, report.wrenches, strict=True):
+                card.draw(moment)
+
+    def _tell_wrenches(self, report: Report) -> None:
+        with self._server.atomic():
+            for card, moment in zip(self._wrenches, report.wrenches, strict=True):
+                card.tell(moment, report.status.is_past)
+            first = report.wrenches[0].wrench if report.wrenches and not report.status.is_past else None
+            self._scene.push(first)
 
     def _lay_out_pictures(self) -> None:
         panel = self._server.gui.add_panel()
@@ -83,6 +94,7 @@ class Page:
         self._status = gui.add_html(status_card(WAITING))
         self._figures = gui.add_html("")
         self._plot = self._curve()
+        self._wrenches = [WrenchCard(self._server) for _ in self._studio.wrenches]
         self._lay_out_buttons()
         self._as = gui.add_dropdown("skin as", SKINS)
         self._times = gui.add_slider("stretch z", 1.0, MOST_TIMES, 0.5, 1.0, hint="1 is true to scale")

@@ -1,8 +1,10 @@
-"""The 3D part of the page: the skin true to scale on its block of gel."""
+"""The 3D part of the page: the skin true to scale on its block of gel, and what presses it."""
 
 import numpy as np
 from viser import LabelHandle, LineSegmentsHandle, MeshHandle, PointCloudHandle, ViserServer
 
+from ninedtact.quantities import Wrench
+from ninedtact.studio.arrows import Arrows
 from ninedtact.studio.ruler import Block
 from ninedtact.studio.studio import Look
 from ninedtact.studio.surface import LIGHT, Surface
@@ -31,7 +33,12 @@ class Scene:
             for name, lines, colour in (("floor", block.floor_mm, FLOOR), ("edges", block.edges_mm, EDGES))
         ]
         self._marks = [(mark, mark_on(server, number, mark.text)) for number, mark in enumerate(block.marks())]
+        self._arrows = Arrows(server, "wrench")
         self._stretch(1.0)
+
+    def push(self, wrench: Wrench | None) -> None:
+        """Draw what presses the skin; heights may be stretched, forces are not."""
+        self._arrows.show(wrench)
 
     def show(self, surface: Surface, look: Look, is_past: bool) -> None:
         """Draw one surface."""

@@ -1,6 +1,7 @@
 """The page thread: takes the newest moment of the sensor thread, draws it, says how it is. Read this file first."""
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -14,6 +15,7 @@ from ninedtact.studio.loop import Moment, Phase, SensorLoop
 from ninedtact.studio.saved import save_reading
 from ninedtact.studio.status import Status, last_words, status_of
 from ninedtact.studio.view import View, drawn, scale_of
+from ninedtact.studio.wrench_loop import WrenchLoop, WrenchMoment
 
 WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first picture"
 
@@ -42,6 +44,8 @@ class Report:
     shown_hz: float
     page_ms: dict[str, float]
     """What drawing and sending the last reading cost."""
+    wrenches: tuple[WrenchMoment, ...] = ()
+    """From when the shown reading was taken, one from each source."""
 
 
 @runtime_checkable
@@ -63,11 +67,12 @@ class Display(Protocol):
 
 
 class Studio:
-    """One sensor in front of a person."""
+    """One sensor in front of a person, and beside it whatever else tells the force on its skin."""
 
-    def __init__(self, loop: SensorLoop, out: Path) -> None:
+    def __init__(self, loop: SensorLoop, out: Path, wrenches: Sequence[WrenchLoop] = ()) -> None:
         self.scale: ColourScale = scale_of(loop.sensor.calibrated.curve)
         self.frozen = False
+        self.wrenches = tuple(wrenches)
         self._loop, self._out = loop, out
         self._view: View | None = None
         self._displayed: tuple[int, bool, Look] | None = None
@@ -79,11 +84,11 @@ class Studio:
         """The reading on display."""
         return None if self._view is None else self._view.reading
 
-    def run(self, display: Display, display_hz: float = 15.0) -> None:
-        """Show until interrupted, or until the sensor thread gives up, whose trouble is then raised."""
+    def run(self, display: Display, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False) -> None:
+        """Show until interrupted or `until` says so, or until the sensor thread gives up, whose trouble is then raised."""
         due_at = time.monotonic()
         try:
-            while True:
+            while not until():
                 self.refresh(display)
                 due_at = max(due_at + 1 / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
@@ -128,7 +133,9 @@ class Studio:
     def _present(self, display: Display, moment: Moment, status: Status) -> None:
         if display.is_watched and self._view is not None:
             self._draw(display, self._view, status.is_past)
-        display.tell(Report(status, moment, self.shown, self._shown.hz(time.monotonic_ns()), dict(self._page_ms)))
+        now_ns, at_ns = time.monotonic_ns(), None if self.shown is None else self.shown.frame.stamp_ns
+        wrenches = tuple(loop.moment(at_ns, now_ns) for loop in self.wrenches)
+        display.tell(Report(status, moment, self.shown, self._shown.hz(now_ns), dict(self._page_ms), wrenches))
 
     def _draw(self, display: Display, view: View, is_past: bool) -> None:
         """Draw what differs from what was drawn last."""

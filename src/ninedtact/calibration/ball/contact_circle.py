@@ -44,8 +44,13 @@ class ContactCircle:
     edge_scatter_px: float
     drop: float
     """Darkening at the deepest point, grey levels."""
-    asymmetry: float
-    """Uneven brightness of the bulge around the disc, as a part of the drop: first harmonic over the angle."""
+    leaning: tuple[float, float]
+    """Uneven brightness of the bulge around the disc, as a part of the drop: first harmonic, pointing to the brighter side."""
+
+    @property
+    def asymmetry(self) -> float:
+        """How uneven the bulge is."""
+        return float(np.hypot(*self.leaning))
 
     def distance_px(self, shape: tuple[int, ...]) -> Float[Array, "rows cols"]:
         """Distance of every pixel from the disc's centre."""
@@ -138,8 +143,9 @@ def fitted_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) 
     x, y, radius = least_squares(miss, start, loss="soft_l1").x
     scatter = float(np.std(np.hypot(edge[:, 0] - x, edge[:, 1] - y)))
     require_round(calm.shape, (x, y), radius, scatter)
-    asymmetry = bulge_harmonic(calm, (x, y), radius) / -float(calm.min())
-    return ContactCircle((float(x), float(y)), float(radius), scatter, -float(calm.min()), asymmetry)
+    drop = -float(calm.min())
+    harmonic = bulge_harmonic(calm, (x, y), radius)
+    return ContactCircle((float(x), float(y)), float(radius), scatter, drop, (harmonic[0] / drop, harmonic[1] / drop))
 
 
 def require_round(shape: tuple[int, ...], centre_px: tuple[float, float], radius_px: float, scatter_px: float) -> None:
@@ -156,12 +162,14 @@ def require_round(shape: tuple[int, ...], centre_px: tuple[float, float], radius
         )
 
 
-def bulge_harmonic(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float], radius_px: float) -> float:
-    """Amplitude of cos θ and sin θ in the brightness just outside the disc."""
+def bulge_harmonic(
+    calm: Float32[Array, "rows cols"], centre_px: tuple[float, float], radius_px: float
+) -> tuple[float, float]:
+    """Amplitudes of cos θ and sin θ in the brightness just outside the disc."""
     rows, cols = np.indices(calm.shape)
     x, y = np.asarray(cols - centre_px[0]), np.asarray(rows - centre_px[1])
     distance = np.hypot(x, y)
     ring = (distance > 1.1 * radius_px) & (distance < 1.6 * radius_px)
     columns = np.column_stack([np.ones(ring.sum()), x[ring] / distance[ring], y[ring] / distance[ring]])
     amplitudes = np.linalg.pinv(columns) @ calm[ring]
-    return float(np.hypot(*amplitudes[1:]))
+    return float(amplitudes[1]), float(amplitudes[2])

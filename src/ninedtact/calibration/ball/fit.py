@@ -1,24 +1,28 @@
 """One press of a ball of known radius → depth curve.
 
-Inside the disc the skin lies on the ball, so the depth that every line of sight meets is known; it is paired with the
+`physics`, the default, fits contact mechanics and light to the whole picture (ball/physics.py). The older two go by the
+disc: inside it the skin lies on the ball, so the depth that every line of sight meets is known; it is paired with the
 pixel's darkening. The camera is near, so a line of sight meets deep skin farther in than shallow skin: left out, as in
 the paper, it doubles the error of `ratio` on a real press (benchmarks/ball_accuracy.py). The
 rule "the disc's edge is at depth zero" is the paper's: real gel piles up at the rim, which makes it some 0.1–0.2 mm too
 deep (docs/accuracy.md).
 
-Methods: `table` is the paper's mapping list of grey differences, made right; `ratio` does the same with the brightness
+Of these, `table` is the paper's mapping list of grey differences, made right; `ratio` does the same with the brightness
 factor, which holds all over the picture.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.contact_circle import find_contact_circle
-from ninedtact.calibration.ball.judgement import cap_height_mm, require_depth, warnings
+from ninedtact.calibration.ball.judgement import cap_height_mm, require_depth, require_like_ball, warnings
+from ninedtact.calibration.ball.physics import PhysicalBall
 from ninedtact.calibration.ball.press import BallPress, centred
 from ninedtact.calibration.brightness import (
     Image,
@@ -28,12 +32,15 @@ from ninedtact.calibration.brightness import (
     require_same_size,
     require_usable,
 )
+from ninedtact.calibration.twin.fit import fit_twin
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, Rectified
-from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, Smoothing
+from ninedtact.shape.deblur import Deblurring
+from ninedtact.shape.depth import FINE_SMOOTHING, DepthCurve, DepthReader, Signal, Smoothing
+from ninedtact.shape.loss import Loss
 from ninedtact.shape.rectification import Rectification
 
-Method = Literal["table", "ratio"]
+Method = Literal["physics", "ratio", "table"]
 SIGNAL: dict[Method, Signal] = {"table": "difference", "ratio": "ratio"}
 
 
@@ -51,11 +58,40 @@ class BallFit:
     warnings: tuple[str, ...]
     noise_mm: float = 0.0
     """Standard deviation of one pixel's height from picture to picture, filters included."""
+    physical: PhysicalBall | None = None
+    """The fit of mechanics and light, by the method that makes one."""
 
     @property
     def deepest_mm(self) -> float:
         """Depth of the ball's lowest point."""
+        if self.physical is not None:
+            return self.physical.fit.named["depth_mm"]
         return cap_height_mm(self.press.ball.radius_mm, self.press.edge_radius_mm)
+
+    @property
+    def true_mm(self) -> Float[Array, "rows cols"]:
+        """Indentation on every pixel's line of sight, as this method has it."""
+        return self.press.depth_mm if self.physical is None else self.physical.depth_mm
+
+    @property
+    def disc(self) -> Bool[Array, "rows cols"]:
+        """Where the ball pressed the skin in."""
+        return self.press.disc if self.physical is None else self.physical.disc
+
+    @property
+    def loss(self) -> Loss:
+        """The light that the whole picture loses, where the method knows it."""
+        return Loss() if self.physical is None else Loss(self.physical.fit.light.shade)
+
+    @property
+    def deblurring(self) -> Deblurring | None:
+        """The point-spread that reading undoes, where the method knows it."""
+        return None if self.physical is None else self.physical.deblurring
+
+    def reader(self, before: Rectified, coverage: UInt8[Array, "rows cols"]) -> DepthReader:
+        """How the calibrated sensor reads, against this untouched picture."""
+        smoothing = self.press.smoothing if self.deblurring is None else FINE_SMOOTHING
+        return DepthReader(self.curve, before, coverage, smoothing, loss=self.loss, deblurring=self.deblurring)
 
 
 def fit_ball(
@@ -63,7 +99,7 @@ def fit_ball(
     reference: Image,
     press: Image,
     design: SensorDesign,
-    method: Method = "ratio",
+    method: Method = "physics",
     smoothing: Smoothing = Smoothing(),
 ) -> BallFit:
     """Find the disc and fit the curve; raises `BallRefused`, `PictureUnusable`, `WrongPictureSize`.
@@ -76,10 +112,22 @@ def fit_ball(
     before, after = rectify(Frame(reference)), rectify(Frame(press))
     circle = find_contact_circle(uniform_change(before, after))
     require_depth(design.ball, circle, rectify.mm_per_px)
-    fit = fit_curve(centred(BallPress(before, after, circle, design.ball, design.camera, smoothing)), method)
+    seen = BallPress(before, after, circle, design.ball, design.camera, smoothing)
+    fit = fit_physics(seen, design) if method == "physics" else fit_curve(centred(seen), method)
     # Two pictures' noise is in their difference; a reading against an averaged reference has one picture's.
     noise = noise_levels(relative_change(reference, press)) / np.sqrt(2)
-    return replace(fit, noise_mm=repeatability_mm(fit.curve, smoothing, rectify, reference, noise))
+    reader = partial(fit.reader, coverage=rectify.coverage)
+    return replace(fit, noise_mm=repeatability_mm(reader, rectify, reference, noise))
+
+
+def fit_physics(press: BallPress, design: SensorDesign) -> BallFit:
+    """Mechanics and light together, and how well the result reads the ball back."""
+    physical = PhysicalBall(fit_twin(press.before, press.after, press.circle, design))
+    require_like_ball(physical.fit.rmse_grey_picture, press.circle)
+    curve, half_mae_mm = physical.curve(physical.disc), physical.half_mae_mm()
+    placed = press.about(physical.centre_px)
+    fit_mae_mm, honest = physical.error_mm(curve, physical.disc), physical.honest(curve, half_mae_mm)
+    return BallFit("physics", honest, placed, fit_mae_mm, half_mae_mm, warnings(press.circle), physical=physical)
 
 
 def fit_curve(press: BallPress, method: Method) -> BallFit:
@@ -100,17 +148,18 @@ def uniform_change(before: Rectified, after: Rectified) -> Float32[Array, "rows 
 
 
 def repeatability_mm(
-    curve: DepthCurve, smoothing: Smoothing, rectify: Rectification, reference: Image, noise: float, seed: int = 0
+    reader: Callable[[Rectified], DepthReader], rectify: Rectification, reference: Image, noise: float, seed: int = 0
 ) -> float:
     """Scatter of the height when the camera's noise is put on an even press half-way down the range.
 
-    noise: standard deviation of one raw pixel, grey levels. Lens and filters are passed through, so what they leave of
-    the noise is what a reading has.
+    reader: makes one from an untouched picture. noise: standard deviation of one raw pixel, grey levels. Lens and filters
+    are passed through, so what they leave of the noise is what a reading has.
     """
     raw = grey_float(reference)
+    curve = reader(Rectified(rectify.resampled(raw), rectify.mm_per_px)).curve
     half_way = curve.darkening[-1] / 2
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
     noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
     before, after = (Rectified(rectify.resampled(picture), rectify.mm_per_px) for picture in (raw, noisy))
-    height = DepthReader(curve, before, rectify.coverage, smoothing)(after)
+    height = replace(reader(before), loss=Loss())(after)
     return float(np.std(height.z_mm[height.in_view]))

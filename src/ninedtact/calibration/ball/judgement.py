@@ -10,6 +10,8 @@ SHALLOWEST_MM = 0.4
 """A press below this covers too little of the range to calibrate it."""
 UNEVEN = 0.08
 """Asymmetry of the bulge above which a press counts as sheared (straight real press 0.013, sheared one 0.22)."""
+WORST_REST = 0.06
+"""Part of the darkening that may stay unexplained (a straight real press 0.008, a sheared one 0.04, a roller 0.07)."""
 REFERENCE_DRIFT = 3.0
 """Grey levels of change between two untouched pictures that deserve a word."""
 
@@ -26,6 +28,16 @@ def require_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float) -> N
     if depth_mm < SHALLOWEST_MM:
         raise BallRefused(
             f"expected a press at least {SHALLOWEST_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
+        )
+
+
+def require_like_ball(rest_grey: float, circle: ContactCircle) -> None:
+    """Refuse a press that no ball in gel looks like."""
+    if rest_grey > WORST_REST * circle.drop:
+        raise BallRefused(
+            f"expected a press that a ball explains to {WORST_REST:.0%} of its darkening, got {rest_grey:.1f} of "
+            f"{circle.drop:.0f} grey levels unexplained; press a clean ball of the stated radius straight down, or choose "
+            "another method"
         )
 
 

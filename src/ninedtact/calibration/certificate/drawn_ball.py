@@ -6,10 +6,11 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
+from ninedtact.calibration.ball.fit import BallFit
 from ninedtact.calibration.ball.press import BallPress
 from ninedtact.calibration.certificate.drawing import INK, PALE_INK, colour_bar, plain_axes, png, sheet, stretched
 from ninedtact.calibration.flow import Calibration
-from ninedtact.shape.depth import DepthCurve, DepthReader, Signal
+from ninedtact.shape.depth import DepthCurve, Signal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,18 +67,25 @@ def curve_picture(calibration: Calibration) -> bytes:
     figure = sheet()
     axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "depth (mm)")
     shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=PALEST)}
-    axes.hexbin(darkening(press, curve.signal), press.depth_mm[press.disc], gridsize=(70, 40), mincnt=1, **shades)
+    axes.hexbin(
+        darkening(calibration.ball, curve.signal),
+        calibration.ball.true_mm[calibration.ball.disc],
+        gridsize=(70, 40),
+        mincnt=1,
+        **shades,
+    )
     draw_curve(axes, curve)
-    top = other_axis(axes, curve.signal, float(press.before.grey[press.disc].mean()))
+    top = other_axis(axes, curve.signal, float(press.before.grey[calibration.ball.disc].mean()))
     top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
     axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.deepest_mm))
     axes.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
     return png(figure)
 
 
-def darkening(press: BallPress, signal: Signal) -> Float[Array, " n"]:
+def darkening(ball: BallFit, signal: Signal) -> Float[Array, " n"]:
     """How much every pixel of the disc darkened, as a curve of this signal counts it."""
-    before, after = press.before.grey[press.disc], press.after.grey[press.disc]
+    before, after = ball.press.before.grey[ball.disc], ball.press.after.grey[ball.disc]
+    after = after / np.float32(1 + ball.loss(ball.press.after.grey, ball.press.before.grey))
     return np.asarray(before - after if signal == "difference" else 1 - after / np.maximum(before, 1))
 
 
@@ -106,8 +114,8 @@ def other_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis
 
 def residual_picture(calibration: Calibration) -> bytes:
     """PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
-    press = calibration.ball.press
-    error_mm = np.where(press.disc, read_back_mm(calibration) - press.depth_mm, np.nan)
+    ball, press = calibration.ball, calibration.ball.press
+    error_mm = np.where(ball.disc, read_back_mm(calibration) - ball.true_mm, np.nan)
     figure, end = sheet(), max(LEAST_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
     axes = plain_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
     shown = axes.imshow(error_mm, cmap="RdBu_r", vmin=-end, vmax=end, extent=skin_box(calibration))
@@ -121,8 +129,7 @@ def residual_picture(calibration: Calibration) -> bytes:
 def read_back_mm(calibration: Calibration) -> Float32[Array, "rows cols"]:
     """Depth of the ball as the calibrated sensor reads it, filters included."""
     fit = calibration.ball
-    reader = DepthReader(fit.curve, fit.press.before, calibration.rectify.coverage, calibration.record.depth.smoothing)
-    return reader(fit.press.after).indentation_mm
+    return fit.reader(fit.press.before, calibration.rectify.coverage)(fit.press.after).indentation_mm
 
 
 def cuts_picture(calibration: Calibration) -> bytes:
@@ -133,7 +140,7 @@ def cuts_picture(calibration: Calibration) -> bytes:
     for name, index, along in (("x", column, np.s_[row, :]), ("y", row, np.s_[:, column])):
         at_mm = (np.arange(read_mm[along].size) - index) * press.before.mm_per_px
         axes.plot(at_mm, read_mm[along], color=AXIS_COLOURS[name], linewidth=1.3, label=f"read back along {name}")
-        axes.plot(at_mm, press.depth_mm[along], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+        axes.plot(at_mm, calibration.ball.true_mm[along], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="the ball")
     reach = 1.6 * press.edge_radius_mm
     axes.set(xlim=(-reach, reach), ylim=(1.1 * calibration.ball.deepest_mm, -0.08 * calibration.ball.deepest_mm))

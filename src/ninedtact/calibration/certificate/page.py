@@ -4,6 +4,7 @@ from base64 import b64encode
 
 from ninedtact.calibration.certificate.drawn_ball import curve_picture, cuts_picture, disc_picture, residual_picture
 from ninedtact.calibration.certificate.drawn_board import detection_picture, left_out_picture
+from ninedtact.calibration.certificate.drawn_twin import profile_picture, rest_picture, twin_rows
 from ninedtact.calibration.certificate.verdict import headline, verdict, worst
 from ninedtact.calibration.flow import Calibration
 from ninedtact.calibration.record import BallFigures, BoardFigures, SensorRecord
@@ -18,7 +19,11 @@ PICTURES = {
     "cuts": cuts_picture,
 }
 LENS = {"lens": "homography with radial and tangential terms", "paper": "the paper's map through the pins"}
-METHOD = {"ratio": "fraction of the untouched brightness", "table": "grey-level difference (the paper's)"}
+METHOD = {
+    "physics": "contact mechanics and light, fitted to the whole picture",
+    "ratio": "the ball's cap against the fraction of the untouched brightness",
+    "table": "the ball's cap against grey-level difference (the paper's)",
+}
 UNITS = ("mm", "px")
 Rows = list[tuple[str, str]]
 
@@ -43,11 +48,21 @@ def certificate_html(calibration: Calibration) -> str:
         level=worst(record.certificate),
         lines=verdict(record.certificate),
         warnings=record.certificate.warnings,
-        pictures={name: b64encode(draw(calibration)).decode() for name, draw in PICTURES.items()},
+        pictures={name: b64encode(content).decode() for name, content in drawn(calibration).items()},
         board_rows=[*board_rows(record.certificate.board), *view_rows(record)],
         ball_rows=ball_rows(record.certificate.ball),
+        twin_rows=twin_rows(record.twin) if record.twin else [],
         design_rows=design_rows(record.design),
     )
+
+
+def drawn(calibration: Calibration) -> dict[str, bytes]:
+    """Every picture of the page as PNG; those of the twin where there is one."""
+    pictures = {name: draw(calibration) for name, draw in PICTURES.items()}
+    physical = calibration.ball.physical
+    if physical is not None:
+        pictures |= {"rest": rest_picture(physical.fit), "profile": profile_picture(physical.fit)}
+    return pictures
 
 
 def board_rows(board: BoardFigures) -> Rows:

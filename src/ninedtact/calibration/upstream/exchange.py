@@ -10,6 +10,7 @@ The original shows list[level] - list[2] (`lighting_threshold`), some 0.05 mm le
 import shutil
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -25,7 +26,7 @@ from ninedtact.calibration.upstream.files import UpstreamFolderDamaged, sensor_f
 from ninedtact.calibration.upstream.layout import FILES, UpstreamCalibration, read_upstream, write_upstream
 from ninedtact.calibration.upstream.map import UpstreamCannotHold, index_maps
 from ninedtact.design import SensorDesign
-from ninedtact.shape.depth import DepthCurve, Smoothing
+from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
 from ninedtact.shape.rectification import Area, Rectification
 from ninedtact.whole_file import write_whole
 
@@ -81,7 +82,7 @@ def imported_record(
 def usual_noise_mm(curve: DepthCurve, rectify: Rectification) -> float:
     """What the noise of a usual camera does to the height."""
     even = np.full((*rectify.raw_shape, 3), USUAL_GREY, np.uint8)
-    return repeatability_mm(curve, Smoothing(), rectify, even, CAMERA_NOISE)
+    return repeatability_mm(partial(DepthReader, curve, lens_coverage=rectify.coverage), rectify, even, CAMERA_NOISE)
 
 
 def area_mm(calibration: UpstreamCalibration, design: SensorDesign) -> Area:

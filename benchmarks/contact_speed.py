@@ -1,0 +1,207 @@
+"""Contact mechanics on one thread: a step of a live press, and a cold solve beside tamaas, the C++ library of the field.
+
+Warm: a ball is pressed into the gel, dragged and lifted, as the live twin does it; one step is timed, from overlap to the
+whole patch's displacements, in ms and in transforms there and back of the same grid. Cold: a ball and a rough surface are
+pressed onto a half-space with a given load from nothing, 256 x 256, double precision, by both to the same largest gap or overlap.
+Times are of the thread itself (median), in turns. tamaas (AGPL) is asked for here alone: pip install tamaas.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib.util import find_spec
+from itertools import chain, cycle
+from typing import Any
+
+import numpy as np
+import tyro
+from figures import Figure, answer, at_most
+from jaxtyping import Float64
+from numpy import ndarray as Array
+from turns import Tasks, Times, in_turns
+
+from ninedtact.design import Gel
+from ninedtact.mechanics.contact import Contact, ContactModel, Effort
+from ninedtact.mechanics.gel import half_space
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.normal import HeldLoad, Pressed, press
+from ninedtact.mechanics.padding import image_error_mm
+from ninedtact.mechanics.patch import Patch, padded_patch
+from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.skin import Skin, gel_skin
+from ninedtact.mechanics.transform import field_of, spectrum
+from ninedtact.simulation.twin import default_twin
+
+AREA_MM, PITCH_MM, MARGIN_MM = (24.0, 18.0), 0.2, 4.0
+BALL, GEL = Ball(4.0), Gel()
+TOLERANCES = (1e-2, 1e-3)
+WARM_MS = {1e-2: 5.0}
+FRAME_MS, FRAME = 11.0, "live step and its 640 x 480 picture"
+"""90 frames a second."""
+PAIR = "transform there and back"
+
+POINTS, LOAD_N = 256, 3.0
+GRID = Patch(POINTS, POINTS, 0.1)
+SURFACES = ("ball", "rough surface")
+TARGET_MM = 1e-4
+"""Largest gap or overlap of a cold solve; the ball sinks in 1.6 mm, the roughness is 0.1 mm."""
+
+
+def contact_speed(rounds: int = 30, json: bool = False) -> None:
+    """Measure, and print what it must reach."""
+    others: dict[str, Callable[[], Tasks]] = {"tamaas": tamaas_tasks} if find_spec("tamaas") else {}
+    times = in_turns({"ours": our_tasks, **others}, rounds)
+    figures = [*warm_figures(times), *cold_figures(times, bool(others)), *margin_figures()]
+    answer("Contact mechanics, one thread", figures, json)
+
+
+def warm_figures(times: dict[tuple[str, str], Times]) -> Iterator[Figure]:
+    """Steps of a live press."""
+    pair = times["ours", PAIR].median_cpu_ms
+    patch = padded_patch(*AREA_MM, PITCH_MM, MARGIN_MM)
+    yield Figure(f"{PAIR}, {patch.rows} x {patch.cols}, float32, ms", pair)
+    for tolerance in TOLERANCES:
+        step = times["ours", warm(tolerance)].median_cpu_ms
+        name = f"{warm(tolerance)}, ms"
+        yield at_most(name, step, WARM_MS[tolerance], "ms") if tolerance in WARM_MS else Figure(name, step)
+        yield Figure("the same in transforms there and back", step / pair)
+    frame = times["ours", FRAME].median_cpu_ms
+    yield at_most(f"{FRAME}, ms", frame, FRAME_MS, "ms")
+    yield Figure("the same in transforms there and back", frame / pair)
+
+
+def cold_figures(times: dict[tuple[str, str], Times], with_tamaas: bool) -> Iterator[Figure]:
+    """Cold solves beside tamaas."""
+    for surface in SURFACES:
+        ours = times["ours", surface].median_cpu_ms
+        if with_tamaas:
+            tamaas = times["tamaas", surface].median_cpu_ms
+            yield at_most(f"half-space, {surface}: time / tamaas's", ours / tamaas, 1.0)
+            yield Figure("both, ms", ours, peer=tamaas)
+        else:
+            yield Figure(f"half-space, {surface}, ms", ours, peer="not measured: pip install tamaas")
+
+
+def margin_figures() -> Iterator[Figure]:
+    """What the patch's margin leaves of the periodic images."""
+    moves = [Pose(depth_mm=1.0), Pose(depth_mm=1.5), Pose(x_mm=0.5, depth_mm=1.5)]
+    for margin in (0.0, 2.0, MARGIN_MM):
+        model = ContactModel(gel_skin(padded_patch(*AREA_MM, PITCH_MM, margin), GEL, np.zeros(())))
+        *_, contact = model.follow(BALL, moves)
+        error = np.abs(image_error_mm(contact)) * 1e3
+        middle = error[tuple(slice(cells // 2 - 20, cells // 2 + 20) for cells in error.shape)]
+        yield Figure(f"periodic images, margin {margin:g} mm, µm", f"{error.max():.1f}, within 4 mm {middle.max():.2f}")
+
+
+def our_tasks() -> Tasks:
+    patch = padded_patch(*AREA_MM, PITCH_MM, MARGIN_MM)
+    field = np.random.default_rng(0).normal(size=patch.shape).astype(np.float32)
+    tasks: Tasks = {PAIR: lambda call: field_of(spectrum(field, patch.shape), patch.shape, patch.shape)}
+    tasks |= {warm(tolerance): live_steps(patch, tolerance) for tolerance in TOLERANCES}
+    tasks[FRAME] = live_frames()
+    skin = Skin(GRID, partial(half_space, gel=GEL), np.zeros(()))
+    return tasks | {name: partial(our_cold_solve, skin, surface(name)) for name in SURFACES}
+
+
+def warm(tolerance: float) -> str:
+    return f"warm step to {tolerance:g} of the depth"
+
+
+def live_steps(patch: Patch, tolerance: float) -> Callable[[int], Contact]:
+    """One step further at each call, over and over."""
+    model = ContactModel(gel_skin(patch, GEL), effort=Effort(tolerance=tolerance))
+    poses, contacts = cycle(live_poses()), [model.untouched()]
+
+    def step(call: int) -> Contact:
+        contacts[0] = model.step(contacts[0], BALL, next(poses))
+        return contacts[0]
+
+    return step
+
+
+def live_frames() -> Callable[[int], object]:
+    """The same through the default twin, with its picture."""
+    twin = default_twin()
+    poses, contacts = cycle(live_poses()), [twin.model.untouched()]
+
+    def frame(call: int) -> object:
+        contacts[0] = twin.step(contacts[0], BALL, next(poses))
+        return twin.renderer(contacts[0], call)
+
+    return frame
+
+
+def live_poses() -> list[Pose]:
+    """Down 1.5 mm, a millimetre across, and up again, at 30 Hz and some 1.5 mm/s."""
+    down = [Pose(depth_mm=depth) for depth in np.arange(0.05, 1.51, 0.05)]
+    across = [Pose(x_mm=x, depth_mm=1.5) for x in np.arange(0.05, 1.01, 0.05)]
+    up = [Pose(x_mm=1.0, depth_mm=depth) for depth in np.arange(1.45, 0, -0.05)]
+    return list(chain(down, across, up))
+
+
+def surface(name: str) -> Float64[Array, "rows cols"]:
+    """Heights over the plane of what is pressed on."""
+    if name == "ball":
+        x, y = GRID.place_mm
+        return (x**2 + y**2) / 8
+    k = np.hypot(*GRID.waves)
+    k[0, 0] = 1
+    power = np.where(k < 8, np.maximum(k, 0.8) ** -1.8, 0.0)
+    white = np.random.default_rng(0).normal(size=GRID.shape)
+    heights = np.fft.irfft2(np.fft.rfft2(white) * power, s=GRID.shape)
+    return (heights - heights.min()) * (0.1 / heights.std())
+
+
+def our_cold_solve(skin: Skin, heights: Float64[Array, "rows cols"], call: int = 0) -> Pressed:
+    none, held = np.zeros((1, 1)), HeldLoad(LOAD_N / GRID.cell_mm2)
+    even = held.loaded(np.zeros(GRID.shape))
+    start = Pressed(even, skin.response.sunk_mm(even), none, none, none, none)
+    return press(skin.response, held, -heights, start, none + 2 * TARGET_MM, 1000)
+
+
+def tamaas_tasks() -> Tasks:
+    import tamaas
+
+    tamaas.initialize(1)
+    tamaas.set_log_level(tamaas.LogLevel.error)
+    return {name: tamaas_to_target(surface(name)) for name in SURFACES}
+
+
+def tamaas_to_target(heights: Float64[Array, "rows cols"]) -> Callable[[int], object]:
+    """Its solver with the loosest of its tolerances that reaches the target, from untouched skin at each call."""
+    for tolerance in 10.0 ** -np.arange(1, 14, 0.25):
+        solve, model = tamaas_solve(heights, tolerance)
+        solve(0)
+        if misfit_mm(model.traction, model.displacement, heights) <= TARGET_MM:
+            return solve
+    raise AssertionError("tamaas did not reach the target")
+
+
+def tamaas_solve(heights: Float64[Array, "rows cols"], tolerance: float) -> tuple[Callable[[int], object], Any]:
+    """Its solver, ready to go, and the model that then holds the answer."""
+    import tamaas
+
+    side = GRID.width_mm
+    model = tamaas.ModelFactory.createModel(tamaas.model_type.basic_2d, [side, side], list(GRID.shape))
+    model.E, model.nu = 2 * GEL.shear_modulus_mpa * (1 + GEL.poisson_ratio), GEL.poisson_ratio
+    pressure = tamaas.PolonskyKeerRey.pressure
+    solver = tamaas.PolonskyKeerRey(model, -heights, tolerance, pressure, pressure)
+    solver.max_iter = 3000
+
+    def solve(call: int) -> object:
+        model.traction[:], model.displacement[:] = 0, 0
+        return solver.solve(LOAD_N / side**2)
+
+    return solve, model
+
+
+def misfit_mm(
+    pressure: Float64[Array, "rows cols"], sunk: Float64[Array, "rows cols"], heights: Float64[Array, "rows cols"]
+) -> float:
+    """The largest gap under pressure, or overlap without, in whichever solver's answer."""
+    gap, pressed = sunk + heights, pressure > 0
+    gap -= gap[pressed].mean()
+    return float(np.where(pressed, np.abs(gap), -gap).max())
+
+
+if __name__ == "__main__":
+    tyro.cli(contact_speed)

@@ -1,0 +1,38 @@
+"""Wrenches of the twins' data set beside 10,000 real ones: 5th, 50th and 95th percentile of every axis, by the paper's rule."""
+
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import tyro
+from figures import Figure, answer, at_most
+
+from ninedtact.simulation.dataset.job import make_dataset
+from ninedtact.simulation.dataset.percentiles import REAL
+from ninedtact.simulation.dataset.settings import DatasetSettings
+
+ALLOWED = 25.0
+"""% of each axis's span from 5 to 95."""
+
+
+def dataset_percentiles(
+    pairs: int = 2000, seed: int = 0, workers: int = os.cpu_count() or 1, json: bool = False
+) -> None:
+    """Measure. Pictures are small here: the wrenches are as likely with large ones."""
+    with TemporaryDirectory() as folder:
+        settings = DatasetSettings(pairs, size=(32, 24), seed=seed)
+        made = make_dataset(Path(folder), settings, workers, progress=not json)
+    figures = []
+    for number, (axis, found) in enumerate(made.percentiles.items()):
+        worst = 100 * max(abs(part) for part in made.off[axis])
+        figures.append(Figure(f"{axis}, 5 / 50 / 95", three(found), peer=three(REAL[number].tolist())))
+        figures.append(at_most(f"{axis}, largest difference, % of the real span", worst, ALLOWED))
+    answer(f"{pairs} pairs of twins beside real wrenches, N and N·m about 35 mm below the skin", figures, json)
+
+
+def three(values: list[float]) -> str:
+    return " / ".join(f"{value:.3g}" for value in values)
+
+
+if __name__ == "__main__":
+    tyro.cli(dataset_percentiles)

@@ -1,0 +1,44 @@
+"""How fast data sets are made: full pictures, default settings, and what 10,000 pairs take."""
+
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter, process_time
+
+import tyro
+from figures import Figure, answer, at_most
+
+from ninedtact.simulation.dataset.job import make_dataset, make_file
+from ninedtact.simulation.dataset.settings import DatasetSettings
+
+WANTED, ALLOWED_MINUTES = 10_000, 20.0
+
+
+def dataset_speed(pairs: int = 1000, workers: int = os.cpu_count() or 1, json: bool = False) -> None:
+    """Measure."""
+    with TemporaryDirectory() as folder:
+        began = perf_counter()
+        make_dataset(Path(folder), DatasetSettings(pairs), workers, progress=not json)
+        minutes = (perf_counter() - began) / 60
+        size = sum(path.stat().st_size for path in Path(folder).rglob("*.parquet"))
+    one = cpu_ms()
+    figures = [
+        Figure(f"pairs a minute, {workers} workers", pairs / minutes),
+        at_most(f"{WANTED} pairs, min", WANTED * minutes / pairs, ALLOWED_MINUTES),
+        Figure("CPU time of one pair in one process, ms", one),
+        at_most(f"{WANTED} pairs by that on two free cores, min", WANTED * one / 2 / 6e4, ALLOWED_MINUTES),
+        Figure("size of one pair, kB", size / pairs / 1e3),
+    ]
+    answer(f"Data set of {pairs} pairs, 460 x 345 px, 0.2 mm pitch", figures, json)
+
+
+def cpu_ms(pairs: int = 100) -> float:
+    """Of one file in this process, whoever else uses the machine."""
+    with TemporaryDirectory() as folder:
+        began = process_time()
+        made = make_file(Path(folder) / "one.parquet", DatasetSettings(pairs, sensors=2), 0)
+    return 1e3 * (process_time() - began) / made
+
+
+if __name__ == "__main__":
+    tyro.cli(dataset_speed)

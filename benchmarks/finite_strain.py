@@ -1,0 +1,352 @@
+"""What the linear layer misses at finite strain: a ball pressed 0.1 to 1.9 mm into 2.5 mm of gel, beside finite elements.
+
+"Measured" is the neo-Hookean, incompressible layer (neo_hookean.py, ball_in_layer.py), "peer" the linear one of
+`ninedtact.mechanics`; shear modulus 1 in both, so that loads are in mm². Two skins: one slides freely, one sticks where it
+touches (friction 1 in the linear model). Heights are compared within 8 mm of the ball's axis, where the skin is now: the
+linear model's are read in space, at r; its other reading, each point drawn where it would have moved to, r + u_r, is also given.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+from ball_in_layer import Press, RigidBall, follow
+from figures import Figure, answer, at_most
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Drawing
+from neo_hookean import Layer, Parts
+from numpy import ndarray as Array
+from scipy.optimize import minimize_scalar
+
+from ninedtact.design import Gel
+from ninedtact.mechanics import finite_strain as correction
+from ninedtact.mechanics.contact import ContactModel
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.skin import Skin, gel_skin
+from ninedtact.mechanics.touch import Contact
+
+GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=1.0, poisson_ratio=0.5)
+DEPTHS_MM = tuple(np.round(np.arange(0.1, 1.95, 0.1), 3).tolist())
+SHOWN_MM = (0.1, 0.5, 1.0, 1.5, 1.9)
+SHALLOW_MM = (0.01, 0.02, 0.05)
+BALLS_MM = (4.0, 3.0, 5.0)
+"""The constants are fitted to the first."""
+SKINS = {"sticks": True, "slides": False}
+WITHIN_MM = np.arange(0, 8, 0.02)
+PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One press in both models."""
+
+    elements: Press
+    linear: Contact
+
+    @property
+    def depth_mm(self) -> float:
+        return self.elements.depth_mm
+
+    @property
+    def strain(self) -> float:
+        """Depth over thickness."""
+        return self.depth_mm / GEL.thickness_mm
+
+    @property
+    def linear_load(self) -> float:
+        return float(self.linear.pressure_mpa.sum()) * self.linear.skin.patch.cell_mm2
+
+    @property
+    def load_ratio(self) -> float:
+        return self.elements.load / self.linear_load
+
+    @property
+    def linear_radius_mm(self) -> float:
+        return float(np.sqrt((self.linear.pressure_mpa > 0).sum() * self.linear.skin.patch.cell_mm2 / np.pi))
+
+    @property
+    def true_mm(self) -> Float[Array, " radii"]:
+        """Height of the skin that is there."""
+        r, across, up = self.elements.profile_mm
+        return np.interp(WITHIN_MM, r + across, up)
+
+    @property
+    def half_row(self) -> tuple[Array, Array, Array]:
+        """The linear model's r, u_r and u_z from the middle out."""
+        middle = self.linear.skin.patch.rows // 2
+        x = self.linear.skin.patch.place_mm[0][middle, middle:]
+        return x, self.linear.moved_mm[0][middle, middle:], self.linear.height_mm[middle, middle:]
+
+    @property
+    def in_space_mm(self) -> Float[Array, " radii"]:
+        r, _, up = self.half_row
+        return np.interp(WITHIN_MM, r, up)
+
+    @property
+    def by_old_place_mm(self) -> Float[Array, " radii"]:
+        r, across, up = self.half_row
+        return np.interp(WITHIN_MM, r + across, up)
+
+    @property
+    def piled_up_mm(self) -> Float[Array, " radii"]:
+        return correction.piled_up_mm(self.in_space_mm, GEL.thickness_mm)
+
+    def difference_um(self, heights_mm: Float[Array, " radii"]) -> tuple[float, float]:
+        """Largest and RMS."""
+        difference = 1e3 * (heights_mm - self.true_mm)
+        return float(np.abs(difference).max()), rms(difference)
+
+    @property
+    def stiffened_load(self) -> float:
+        """Sum of the corrected pressure."""
+        contact = self.linear
+        pressure = correction.stiffened_mpa(contact.pressure_mpa, contact.height_mm, GEL.thickness_mm)
+        return float(pressure.sum()) * contact.skin.patch.cell_mm2
+
+
+Presses = dict[tuple[float, str], list[Pair]]
+"""By ball and skin."""
+
+
+def finite_strain(json: bool = False, element_mm: float = 0.15, pictures: Path = PICTURES) -> None:
+    """Compare, judge the corrections, draw."""
+    skin = linear_skin(points=385, pitch_mm=0.1)
+    parts = Parts(Layer(element_mm=element_mm))
+    presses = {
+        (ball, name): pairs(parts, skin, RigidBall(ball, sticks), DEPTHS_MM)
+        for ball in BALLS_MM
+        for name, sticks in SKINS.items()
+    }
+    figures = [*shallow(), *trusted(presses, element_mm), *of_patch()]
+    for name in SKINS:
+        figures += [
+            line for pair in presses[BALLS_MM[0], name] if pair.depth_mm in SHOWN_MM for line in lines(name, pair)
+        ]
+    figures += [line for ball in BALLS_MM for line in corrected(ball, presses[ball, "sticks"])]
+    figures += [*best_constants(presses[BALLS_MM[0], "sticks"]), *sliding(presses)]
+    draw_profiles(presses, pictures / "finite_strain_profiles.png")
+    draw_loads(presses, pictures / "finite_strain_load.png")
+    answer("Finite strain: a ball in a neo-Hookean layer (measured) and in the linear one (peer)", figures, json)
+
+
+def linear_skin(points: int, pitch_mm: float) -> Skin:
+    return gel_skin(Patch(points, points, pitch_mm), GEL, np.zeros((), np.float64))
+
+
+def pairs(parts: Parts, skin: Skin, ball: RigidBall, depths_mm: Iterable[float]) -> list[Pair]:
+    """The same presses in both models, step by step."""
+    poses = [Pose(depth_mm=depth) for depth in depths_mm]
+    linear = ContactModel(skin, friction=float(ball.sticks)).follow(Ball(ball.radius_mm), poses)
+    return [Pair(*both) for both in zip(follow(parts, ball, depths_mm), linear, strict=True)]
+
+
+def shallow() -> list[Figure]:
+    """Where strain is small both must agree."""
+    parts, skin = Parts(Layer(element_mm=0.08, fine_to_mm=1.2)), linear_skin(points=801, pitch_mm=0.04)
+    return [
+        at_most(
+            f"4 mm ball, {name}, {pair.depth_mm:g} mm deep: load differs from the linear one, %",
+            100 * abs(pair.load_ratio - 1),
+            2.0,
+        )
+        for name, sticks in SKINS.items()
+        for pair in pairs(parts, skin, RigidBall(BALLS_MM[0], sticks), SHALLOW_MM)
+    ]
+
+
+def trusted(presses: Presses, element_mm: float) -> list[Figure]:
+    """Whether the finite elements have converged, and what their rim does."""
+    every = [pair.elements for together in presses.values() for pair in together]
+    coarse = compared(presses, Layer(element_mm=1.5 * element_mm))
+    rolling = compared(presses, Layer(element_mm=element_mm, rolling_rim=True, radius_mm=16.0))
+    return [
+        at_most("largest force left at a node, mm² (shear modulus 1)", max(press.residual for press in every), 1e-9),
+        at_most("mean of |det F − 1|, largest of all presses", max(press.volume_error for press in every), 1e-3),
+        at_most("elements half as wide again: largest change of load, %", coarse[0], 1.0),
+        at_most("elements half as wide again: largest RMS change of height, µm", coarse[1], 3.0),
+        at_most("rim at 16 mm that cannot move outward: largest change of load, %", rolling[0], 0.5),
+        at_most("rim at 16 mm that cannot move outward: largest RMS change of height, µm", rolling[1], 3.0),
+    ]
+
+
+def compared(presses: Presses, layer: Layer) -> tuple[float, float]:
+    """Load in % and height in µm by which another layer differs, largest of the presses shown, both skins."""
+    changes = []
+    for name, sticks in SKINS.items():
+        known = presses[BALLS_MM[0], name]
+        for pair, press in zip(known, follow(Parts(layer), RigidBall(BALLS_MM[0], sticks), DEPTHS_MM), strict=True):
+            if pair.depth_mm in SHOWN_MM[1:]:
+                _, change_um = pair.difference_um(Pair(press, pair.linear).true_mm)
+                changes.append((100 * abs(press.load / pair.elements.load - 1), change_um))
+    return tuple(np.max(changes, axis=0).tolist())
+
+
+def of_patch() -> list[Figure]:
+    """What the linear model's periodic images do: the same press on smaller patches."""
+    sides = {points * 0.1: linear_skin(points, 0.1) for points in (641, 385, 281, 201, 161, 121)}
+    pressed = {
+        side: next(ContactModel(skin, 0.0).follow(Ball(BALLS_MM[0]), [Pose(depth_mm=1.0)]))
+        for side, skin in sides.items()
+    }
+    (_, alone), *others = pressed.items()
+    return [
+        Figure(
+            f"linear, 1 mm deep, periodic patch of {side:.0f} mm: load, bulge against one of 64 mm",
+            f"{100 * (contact.pressure_mpa.sum() / alone.pressure_mpa.sum() - 1):+.2f} %, "
+            f"{1e3 * (contact.height_mm.max() - alone.height_mm.max()):+.1f} µm",
+        )
+        for side, contact in others
+    ]
+
+
+def lines(name: str, pair: Pair) -> list[Figure]:
+    """One press: load, contact radius, bulge, and how far the heights are apart."""
+    press, start = pair.elements, f"4 mm ball, {name}, {pair.depth_mm:g} mm deep: "
+    _, _, up = press.profile_mm
+    bulge = float(pair.linear.height_mm.max())
+    return [
+        Figure(start + "load, mm²", press.load, peer=pair.linear_load),
+        Figure(start + "load over the linear one", pair.load_ratio),
+        Figure(start + "contact radius, mm", press.contact_radius_mm, peer=pair.linear_radius_mm),
+        Figure(start + "bulge, mm", float(up.max()), peer=bulge),
+        Figure(start + "linear heights read at r, max (RMS), µm", worst_and_rms(pair, pair.in_space_mm)),
+        Figure(start + "the same read at r + u_r, max (RMS), µm", worst_and_rms(pair, pair.by_old_place_mm)),
+    ]
+
+
+def worst_and_rms(pair: Pair, heights_mm: Float[Array, " radii"]) -> str:
+    return "{:.0f} ({:.1f})".format(*pair.difference_um(heights_mm))
+
+
+def corrected(ball_mm: float, together: list[Pair]) -> list[Figure]:
+    """What is left after the corrections of `ninedtact.mechanics.finite_strain`; the linear model's own error as peer."""
+    name, plain = f"{ball_mm:g} mm ball, sticks, all depths: ", [1 / pair.load_ratio for pair in together]
+    by_factor = [correction.load_factor(np.float64(pair.strain)) / pair.load_ratio for pair in together]
+    by_field = [pair.stiffened_load / pair.elements.load for pair in together]
+    return [
+        at_most(name + "load_factor, largest error, %", worst_percent(by_factor), 3.0, peer=worst_percent(plain)),
+        at_most(name + "stiffened_mpa, largest error of the load, %", worst_percent(by_field), 4.0),
+        at_most(
+            name + "piled_up_mm, largest RMS of the heights, µm",
+            max(pair.difference_um(pair.piled_up_mm)[1] for pair in together),
+            20.0,
+            peer=max(pair.difference_um(pair.in_space_mm)[1] for pair in together),
+        ),
+        Figure(
+            name + "piled_up_mm, mean RMS of the heights, µm",
+            float(np.mean([pair.difference_um(pair.piled_up_mm)[1] for pair in together])),
+            peer=float(np.mean([pair.difference_um(pair.in_space_mm)[1] for pair in together])),
+        ),
+    ]
+
+
+def worst_percent(ratios: Iterable[float]) -> float:
+    return float(100 * max(abs(ratio - 1) for ratio in ratios))
+
+
+def rms(values: Iterable[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def best_constants(together: list[Pair]) -> list[Figure]:
+    """The constants that fit the first ball best, beside those in use."""
+
+    def of_load(constant: float) -> float:
+        return rms([np.exp(constant * pair.strain**2) / pair.load_ratio - 1 for pair in together])
+
+    def of_pressure(constant: float) -> float:
+        part = constant / correction.PRESSURE
+        linear = [pair.linear_load / pair.elements.load for pair in together]
+        stiffened = [pair.stiffened_load / pair.elements.load for pair in together]
+        return rms([(1 - part) * low + part * high - 1 for low, high in zip(linear, stiffened, strict=True)])
+
+    def of_bulge(constant: float) -> float:
+        part = constant / correction.BULGE
+        return rms([rms((1 - part) * pair.in_space_mm + part * pair.piled_up_mm - pair.true_mm) for pair in together])
+
+    return [
+        Figure(f"constant of {name} that fits the 4 mm ball best (in use: {used:g})", best(measure))
+        for name, used, measure in (
+            ("load_factor", correction.LOAD, of_load),
+            ("stiffened_mpa", correction.PRESSURE, of_pressure),
+            ("piled_up_mm", correction.BULGE, of_bulge),
+        )
+    ]
+
+
+def best(measure) -> float:
+    return float(minimize_scalar(measure, bounds=(0, 5), method="bounded").x)
+
+
+def sliding(presses: Presses) -> list[Figure]:
+    """A skin that slides needs no correction of its load, up to which depth?"""
+    ratios = [pair.load_ratio for (_, name), together in presses.items() if name == "slides" for pair in together[:17]]
+    return [
+        at_most("all balls, slides, to 1.7 mm: load without correction, largest error, %", worst_percent(ratios), 5.0)
+    ]
+
+
+COLOURS = {4.0: "#1b6ca8", 3.0: "#b8860b", 5.0: "#a8324a"}
+STEPS = {0.5: "#9ecae1", 1.0: "#6baed6", 1.5: "#2171b5", 1.9: "#08306b"}
+
+
+def draw_profiles(presses: Presses, path: Path) -> None:
+    """The skin from the ball's axis out, both models; at the right the bulge alone, higher."""
+    drawing = Drawing(figsize=(11, 7), layout="constrained")
+    grid = drawing.subplots(2, 2, width_ratios=(3, 2))
+    for (whole, bulge), name in zip(grid, SKINS, strict=True):
+        for pair in (pair for pair in presses[BALLS_MM[0], name] if pair.depth_mm in STEPS):
+            draw_profile(whole, pair)
+            whole.plot(WITHIN_MM, pair.by_old_place_mm, ":", color="grey", lw=1)
+            draw_profile(bulge, pair)
+        whole.plot([], [], "--", color="black", lw=1, label="linear, read at r")
+        whole.plot([], [], ":", color="grey", lw=1, label="linear, read at r + $u_r$")
+        whole.set(title=f"4 mm ball, the skin {name}", ylabel="height of the skin, mm", ylim=(-2, 0.45), xlim=(0, 8))
+        bulge.set(title="the bulge", ylim=(-0.05, 0.35), xlim=(1.5, 8))
+        whole.legend(loc="lower right", fontsize=8)
+        for axes in (whole, bulge):
+            axes.grid(alpha=0.3)
+            axes.set_xlabel("distance from the ball's axis, mm")
+    drawing.savefig(path, dpi=100)
+
+
+def draw_profile(axes: Axes, pair: Pair) -> None:
+    """One press in both models."""
+    label = f"finite strain, {pair.depth_mm:g} mm deep"
+    axes.plot(WITHIN_MM, pair.true_mm, color=STEPS[pair.depth_mm], lw=2, label=label)
+    axes.plot(WITHIN_MM, pair.in_space_mm, "--", color="black", lw=1)
+
+
+def draw_loads(presses: Presses, path: Path) -> None:
+    """Load by depth, and what the linear load must be multiplied by."""
+    drawing = Drawing(figsize=(9, 4), layout="constrained")
+    loads, factors = drawing.subplots(1, 2)
+    for name, mark in zip(SKINS, ("o", "s"), strict=True):
+        together = presses[BALLS_MM[0], name]
+        depth, colour = [pair.depth_mm for pair in together], {"sticks": "#1b6ca8", "slides": "#d9822b"}[name]
+        loads.plot(depth, [p.elements.load for p in together], mark, ms=4, color=colour, label=f"finite strain, {name}")
+        loads.plot(depth, [p.linear_load for p in together], "--", color=colour, label=f"linear, {name}")
+    loads.set(title="Load of a 4 mm ball", xlabel="depth, mm", ylabel="load / shear modulus, mm²")
+    for (ball, name), together in presses.items():
+        strain, ratio = [pair.strain for pair in together], [pair.load_ratio for pair in together]
+        mark = {"sticks": "o", "slides": "s"}[name]
+        hollow = {"markerfacecolor": "none"} if name == "slides" else {}
+        factors.plot(strain, ratio, mark, ms=4, color=COLOURS[ball], label=f"{ball:g} mm ball, {name}", **hollow)
+    strain = np.linspace(0, 0.8, 81)
+    factors.plot(strain, correction.load_factor(strain), color="black", lw=1, label="exp(0.81 s²)")
+    factors.set(
+        title="Finite strain over linear", xlabel="depth / thickness s", ylabel="ratio of loads", ylim=(0.9, 1.7)
+    )
+    for axes in (loads, factors):
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    drawing.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    tyro.cli(finite_strain)

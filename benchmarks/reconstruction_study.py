@@ -1,0 +1,121 @@
+"""The paper's protocol on twins: 20 presses of another ball at various places, on ten sensors of the population.
+
+Each sensor is calibrated from its own four pictures, lens and all, by each method; every press has its own place, load,
+drag and noise. Errors are of single pixels where the ball has pressed the skin in, against the skin that was drawn. The
+published figures are of a real sensor, with the depth told by the rule of the disc's edge: not the same test.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from statistics import median
+from typing import Literal
+
+import cv2
+import numpy as np
+import tyro
+from figures import Figure, answer, at_most
+
+from ninedtact import CalibrationPictures, Frame, Rectified, calibrate
+from ninedtact.calibration.ball.fit import fit_ball
+from ninedtact.calibration.flow import Calibration
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.shape.calibrated import mean_rectified
+from ninedtact.shape.depth import DepthReader, Smoothing
+from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.population.member import SensorMember, member
+from ninedtact.simulation.population.parts import Kinds
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.truth import heights_like
+
+READINGS = ("physics", "physics, fast", "ratio", "table")
+OTHER_BALL = Ball(5.0)
+DEEPER_THAN_MM = 0.05
+BOARD_MM = 0.85
+"""How deep the pin board is pressed: real imprints are at least as dark as these (benchmarks/board_accuracy.py)."""
+LIMIT_MM = 0.020
+PUBLISHED = {"MAE": 0.0462, "Std": 0.0304}
+KINDS: dict[str, Kinds] = {
+    "as the estimator assumes": Kinds(compliant_base=0.0, finite_strain=0.0),
+    "compliant base": Kinds(compliant_base=1.0, finite_strain=0.0),
+    "finite strain": Kinds(compliant_base=0.0, finite_strain=1.0),
+}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Of one sensor by one reading, mm."""
+
+    mae: float
+    std: float
+    peak: float
+    """Mean absolute error of the deepest point."""
+
+
+def reconstruction_study(sensors: int = 10, presses: int = 20, seed: int = 0, json: bool = False) -> None:
+    """Study each kind of member: those whose mechanics the estimator assumes, and those of other mechanics."""
+    cv2.setNumThreads(1)
+    figures: list[Figure] = []
+    for kind, kinds in KINDS.items():
+        count = sensors if kind.startswith("as") else max(sensors // 3, 1)
+        found = [sensor_errors(member(number, seed, kinds), presses, seed + number) for number in range(count)]
+        figures += list(summary(kind, found))
+    answer(f"Reconstruction of a ball of radius {OTHER_BALL.radius_mm:g} mm on twins", figures, json)
+
+
+def summary(kind: str, found: list[dict[str, Errors]]) -> Iterator[Figure]:
+    """Medians over the sensors of one kind."""
+    for reading in READINGS:
+        for name, value in (("MAE", "mae"), ("Std", "std"), ("deepest point, MAE", "peak")):
+            middle = median(getattr(errors[reading], value) for errors in found)
+            figure, peer = f"{kind}, {reading}: {name} (mm)", PUBLISHED.get(name, "")
+            required = reading == "physics" and kind.startswith("as") and name in PUBLISHED
+            yield at_most(figure, middle, LIMIT_MM, "mm", peer) if required else Figure(figure, middle, peer=peer)
+
+
+def sensor_errors(who: SensorMember, presses: int, seed: int) -> dict[str, Errors]:
+    """One sensor, calibrated and pressed."""
+    twin = who.twin()
+    made = calibrate(CalibrationPictures(**vars(gauge_pictures(twin, board_depth_mm=BOARD_MM))))
+    untouched = mean_rectified([made.rectify(Frame(twin.renderer(None, 100 + number))) for number in range(10)])
+    readers, rng = dict(readings(made, untouched)), np.random.default_rng(seed)
+    pressed = [press_errors(who, made, readers, rng, 200 + number) for number in range(presses)]
+    return {name: Errors(*np.mean([errors[name] for errors in pressed], axis=0)) for name in readers}
+
+
+def readings(made: Calibration, untouched: Rectified) -> Iterator[tuple[str, DepthReader]]:
+    """A reader by each method, from the same pictures."""
+    pictures, design = made.pictures, made.record.design
+    for method in ("physics", "ratio", "table"):
+        name: Literal["physics", "ratio", "table"] = method
+        fit = (
+            made.ball
+            if name == "physics"
+            else fit_ball(made.rectify, pictures.ball_reference, pictures.ball, design, name)
+        )
+        reader = fit.reader(untouched, made.rectify.coverage)
+        yield name, reader
+        if name == "physics":
+            yield "physics, fast", replace(reader, deblurring=None, smoothing=Smoothing())
+
+
+def press_errors(
+    who: SensorMember, made: Calibration, readers: dict[str, DepthReader], rng: np.random.Generator, number: int
+) -> dict[str, tuple[float, float, float]]:
+    """One press somewhere: mean and scatter of the pixels' absolute errors, and that of the deepest point."""
+    place = rng.uniform((-7, -4.5), (7, 4.5))
+    drag = rng.uniform(-0.25, 0.25, 2)
+    press = Press(float(rng.uniform(0.5, 1.6)), at_mm=(place[0], place[1]), drag_mm=(drag[0], drag[1]))
+    contact = press.on(who.twin(), OTHER_BALL)
+    picture = made.rectify(Frame(who.twin().renderer(contact, number)))
+    found = {}
+    for name, reader in readers.items():
+        read = reader(picture)
+        true_mm = heights_like(contact, read, who.light.nearness_per_mm).indentation_mm
+        off_mm = np.abs(read.indentation_mm - true_mm)[true_mm > DEEPER_THAN_MM]
+        deepest = abs(float(np.percentile(read.indentation_mm, 99.95)) - float(np.percentile(true_mm, 99.95)))
+        found[name] = (float(off_mm.mean()), float(off_mm.std()), deepest)
+    return found
+
+
+if __name__ == "__main__":
+    tyro.cli(reconstruction_study)

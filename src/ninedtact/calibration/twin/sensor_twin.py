@@ -1,0 +1,54 @@
+"""A calibrated sensor → its twin: the gel, light, lens, picture and noise that its own four pictures told."""
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+
+from ninedtact.calibration.brightness import Image
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.capture.pictures import read_picture
+from ninedtact.design import Gel
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.gel import bonded_layer
+from ninedtact.shape.rectification import Rectification, skin_grid_mm
+from ninedtact.simulation.light import Light
+from ninedtact.simulation.noise import Noise
+from ninedtact.simulation.picture import Renderer
+from ninedtact.simulation.twin import Twin
+from ninedtact.simulation.view import View, coarse_pixels, spread_out
+
+EVERY_PX = 23
+"""Of the rectified grid, to read it backwards: lenses are smooth."""
+
+
+class TwinMissing(NinedtactError):
+    """A sensor that has no twin yet."""
+
+
+def twin_of(folder: SensorFolder) -> Twin:
+    """The twin in a sensor's folder; raises `TwinMissing`, and `SensorFolderDamaged` where its pictures are gone."""
+    table = folder.record.twin
+    if table is None:
+        raise TwinMissing(
+            f"expected {folder.path} to hold a twin, got a sensor without one; run ninedtact simulate fit --sensor {folder.path}"
+        )
+    untouched = folder.picture("ball_reference", read_picture).image
+    return twin_from(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
+
+
+def twin_from(
+    name: str, gel: Gel, light: Light, rectify: Rectification, untouched: Image, noise_grey_levels: float
+) -> Twin:
+    """The twin of a sensor, on the untouched picture that it was calibrated from."""
+    noise = Noise(noise_grey_levels, rectify.raw_shape)
+    renderer = Renderer(view_of(rectify), untouched.astype(np.float32), light, noise)
+    return Twin(name, lambda wave_number: bonded_layer(wave_number, gel), renderer, thickness_mm=gel.thickness_mm)
+
+
+def view_of(rectify: Rectification) -> View:
+    """The rectification read backwards: where each raw pixel looks, continued smoothly beyond the rectified grid."""
+    shape, every = rectify.source_px.shape[:2], np.s_[::EVERY_PX, ::EVERY_PX]
+    place = np.column_stack([axis[every].ravel() for axis in skin_grid_mm(shape, rectify.mm_per_px)])
+    source = rectify.source_px[every].reshape(-1, 2).astype(float)
+    unit_px = max(rectify.raw_shape) / 2
+    backwards = RBFInterpolator(source / unit_px, place, kernel="cubic", degree=2)
+    return spread_out(backwards(coarse_pixels(rectify.raw_shape) / unit_px), rectify.raw_shape)

@@ -1,0 +1,153 @@
+"""ninedtact demo: the twin of a sensor, calibrated from its own pictures, in the browser; no hardware is needed."""
+
+import json
+import sys
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ninedtact.cli.live import Place, on_page, require_rate, require_studio, serve
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.simulation.drawn_show import Answer
+    from ninedtact.simulation.stage import Act
+    from ninedtact.simulation.twin import Twin
+
+STEPS_HZ = 6.0
+"""Of the presses that are drawn: as coarse as friction allows."""
+
+
+class DemoImpossible(NinedtactError):
+    """A demo that shows nothing."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Watch a simulated sensor in the browser while objects press, drag and twist it, its shape and true wrench beside.
+
+    Without a terminal it ends after one round; what it showed is left in a folder either way.
+    """
+
+    sensor: Path | None = None
+    """Sensor folder whose twin is shown; without one, a twin of no sensor in particular calibrates itself."""
+    out: Path = Path("out/demo")
+    """Folder for the sensor, pictures and figures that it leaves."""
+    rounds: int | None = None
+    """End after so many rounds; without it, at a terminal, with Ctrl-C."""
+    display_hz: float = 15.0
+    """Readings shown per second at most."""
+    host: str = "127.0.0.1"
+    """Address to serve the page on."""
+    port: int = 0
+    """Port to serve the page on; 0 takes any free one."""
+
+    def run(self) -> int:
+        """Calibrate, reconstruct one press of each object, then show them live."""
+        from ninedtact.cli.twin_on_show import on_show
+
+        self.require_rounds()
+        require_rate(self.display_hz)
+        require_studio()
+        self.out.mkdir(parents=True, exist_ok=True)
+        folder = self.folder
+        self.leave_summary(self.answers(folder))
+        sensor, wrenches = on_page(folder.shape, on_show(self.twin, self.resolved_rounds))
+        with suppress(KeyboardInterrupt):
+            serve(folder, sensor, wrenches, Place(self.out, self.display_hz, self.host, self.port))
+        print(f"stopped after {sensor.frames_read} pictures; look at {self.out}")
+        return 0
+
+    def require_rounds(self) -> None:
+        """Refuse less than one round."""
+        if self.rounds is not None and self.rounds < 1:
+            raise DemoImpossible(f"expected --rounds of at least 1, got {self.rounds}; drop it")
+
+    @property
+    def resolved_rounds(self) -> int | None:
+        """One where nobody can press Ctrl-C."""
+        return self.rounds or (None if sys.stdout.isatty() else 1)
+
+    @cached_property
+    def twin(self) -> "Twin":
+        """What is pressed."""
+        if self.sensor is not None:
+            from ninedtact.calibration.twin.sensor_twin import twin_of
+
+            return twin_of(self.folder)
+        from ninedtact.simulation.twin import default_twin
+
+        return default_twin()
+
+    @cached_property
+    def folder(self) -> "SensorFolder":
+        """The calibrated sensor that looks."""
+        from ninedtact.calibration.sensor_folder import load_sensor
+
+        return load_sensor(self.sensor) if self.sensor is not None else self.calibrated()
+
+    def calibrated(self) -> "SensorFolder":
+        """The twin as it calibrates itself: four pictures, as of any other sensor."""
+        from ninedtact.calibration.flow import CalibrationPictures, calibrate
+        from ninedtact.calibration.written import write_sensor
+        from ninedtact.simulation.gauges import gauge_pictures
+
+        print("pressing the pin board and the ball on the twin, calibrating it from the four pictures …", flush=True)
+        pictures = CalibrationPictures(**vars(gauge_pictures(self.twin)))
+        folder = write_sensor(self.out / "sensor", calibrate(pictures, sensor_id="twin"))
+        print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
+        return folder
+
+    def answers(self, folder: "SensorFolder") -> "list[Answer]":
+        """Each object pressed once, looked at and reconstructed."""
+        from tqdm import tqdm
+
+        from ninedtact.quantities import Frame
+        from ninedtact.simulation.show import show
+
+        reader = folder.shape.depth_reader(*(Frame(self.twin.renderer(None, number)) for number in range(-10, 0)))
+        progress = tqdm(show(), desc="pressing and reconstructing", unit="object", disable=None, leave=False)
+        return [self.answer(act, folder, reader) for act in progress]
+
+    def answer(self, act: "Act", folder: "SensorFolder", reader: Any) -> "Answer":
+        """One of them, at the end of its drag and twist."""
+        from ninedtact.quantities import Frame
+        from ninedtact.simulation.drawn_show import Answer
+        from ninedtact.simulation.stage import Stage
+        from ninedtact.simulation.truth import heights_like
+
+        stage = Stage(self.twin, [act], STEPS_HZ, real_time=False)
+        contact = stage.contact(int(act.motion.lifted_s * STEPS_HZ - 1e-6))
+        picture = self.twin.renderer(contact, 1)
+        seen = reader(folder.shape.rectify(Frame(picture)))
+        true = heights_like(contact, seen, self.twin.renderer.light.nearness_per_mm)
+        return Answer(act.indenter.name, picture, true, seen, contact.wrench())
+
+    def leave_summary(self, answers: "list[Answer]") -> None:
+        """What was pressed and what was seen of it: a picture and its figures."""
+        from ninedtact.simulation.drawn_show import drawn_show
+        from ninedtact.whole_file import write_whole
+
+        write_whole(self.out / "presses.png", drawn_show(answers))
+        presses = [told(each) for each in answers]
+        figures = {"sensor": str(self.folder.path), "twin": self.twin.name, "presses": presses}
+        write_whole(self.out / "summary.json", json.dumps(figures, indent=2, ensure_ascii=False).encode())
+        for figure in presses:
+            print("  {object}: {true_mm:.2f} mm deep, seen {seen_mm:.2f} mm".format(**figure))
+        print(f"  drawn in {self.out / 'presses.png'}", flush=True)
+
+
+def told(answer: "Answer") -> dict[str, Any]:
+    """The figures of one press."""
+    true, seen = answer.peaks_mm
+    wrench = {name: value.tolist() for name, value in asdict(answer.wrench).items() if name != "stamp_ns"}
+    return {
+        "object": answer.name,
+        "true_mm": true,
+        "seen_mm": seen,
+        "mean_error_mm": answer.mean_error_mm,
+        "wrench": wrench,
+    }

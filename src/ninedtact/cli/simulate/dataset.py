@@ -1,0 +1,93 @@
+"""ninedtact simulate dataset: pairs of picture and wrench from many twins, as a folder that Hugging Face opens."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ninedtact.cli.answer import answer
+
+if TYPE_CHECKING:
+    from ninedtact.simulation.dataset.job import Made
+    from ninedtact.simulation.dataset.settings import DatasetSettings
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Make a data set of pictures and six-axis wrenches. Run again after a stop, it goes on where it was."""
+
+    out: Path
+    """Folder for the data set: new, empty, or begun with the same options."""
+    pairs: int = 10_000
+    """How many pictures with their wrenches."""
+    size: tuple[int, int] = (460, 345)
+    """Columns and rows of the pictures; all sizes show the same 24 mm across."""
+    sensors: int = 20
+    """How many different sensors take turns."""
+    objects: int = 175
+    """How many of the generated objects press."""
+    names: tuple[str, ...] = ()
+    """Objects by name instead (ball:4, gear_07, part.stl)."""
+    seed: int = 0
+    """Of sensors, hands and noise."""
+    objects_seed: int = 0
+    """Of generated objects."""
+    workers: int = 2
+    """Processes; one for each core."""
+    no_contact: float = 0.03
+    """Share of pairs in which nothing touches."""
+    light_touch: float = 0.05
+    """Share of pairs under less than 0.3 N."""
+    compliant_base: float = 0.2
+    """Share of sensors whose gel lies on a base that yields."""
+    finite_strain: float = 0.3
+    """Share of sensors whose gel stiffens as it thins."""
+    pitch_mm: float = 0.2
+    """Of the grid on which contacts are solved: coarser is quicker."""
+    json: bool = False
+    """Print the figures as one JSON object."""
+
+    def run(self) -> int:
+        """Make it, and say how its wrenches compare with real ones."""
+        from ninedtact.simulation.dataset.job import make_dataset
+
+        made = make_dataset(self.out, self.settings, self.workers, progress=not self.json)
+        return answer(self.json, figures(made), lines(made))
+
+    @property
+    def settings(self) -> "DatasetSettings":
+        """The same as the simulation names it; raises `DatasetImpossible`, `PopulationImpossible`."""
+        from ninedtact.simulation.dataset.settings import DatasetSettings, Shares
+        from ninedtact.simulation.population.parts import Kinds
+
+        return DatasetSettings(
+            pairs=self.pairs,
+            size=self.size,
+            sensors=self.sensors,
+            objects=self.objects,
+            names=self.names,
+            seed=self.seed,
+            objects_seed=self.objects_seed,
+            shares=Shares(self.no_contact, self.light_touch),
+            kinds=Kinds(self.compliant_base, self.finite_strain),
+            pitch_mm=self.pitch_mm,
+        )
+
+
+def figures(made: "Made") -> dict[str, object]:
+    """For a script."""
+    return {
+        "folder": str(made.folder),
+        "pairs": sum(made.kinds.values()),
+        "kinds": made.kinds,
+        "new_files": made.new_files,
+        "percentiles": made.percentiles,
+        "off_parts_of_span": made.off,
+    }
+
+
+def lines(made: "Made") -> Iterator[str]:
+    """For a person."""
+    counted = ", ".join(f"{count} {kind}" for kind, count in made.kinds.items())
+    yield f"{made.folder}: {sum(made.kinds.values())} pairs ({counted}), {made.new_files} files new"
+    yield from made.table

@@ -1,0 +1,58 @@
+"""ninedtact simulate fit: a sensor's own calibration pictures → its twin."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from ninedtact.cli.answer import answer
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.record import FitFigures, TwinTable
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Make the twin of a calibrated sensor from its four pictures alone, and write it into the sensor's folder.
+
+    The lens is fitted to the board again, mechanics and light to the ball. Depth is read by the physics method from then on.
+    """
+
+    sensor: Path
+    """Sensor folder that `ninedtact calibrate` wrote; its record and certificate are renewed."""
+    json: bool = False
+    """Print the twin as one JSON object."""
+
+    def run(self) -> int:
+        """Fit, write, and say how well it explains the press."""
+        from ninedtact.calibration.again import calibrated_again
+        from ninedtact.calibration.sensor_folder import load_sensor
+        from ninedtact.calibration.written import write_sensor
+
+        folder = write_sensor(self.sensor, calibrated_again(load_sensor(self.sensor), "physics"))
+        twin = folder.record.twin
+        assert twin is not None, "the physics method makes a twin"
+        found = {"sensor": str(self.sensor), **msgspec.to_builtins(twin)}
+        return answer(self.json, found, self.lines(twin))
+
+    def lines(self, twin: "TwinTable") -> Iterator[str]:
+        """The fit for a person."""
+        fit = twin.fit
+        yield f"twin of {self.sensor} fitted in {fit.seconds:.1f} s"
+        yield (
+            f"  unexplained  {fit.rmse_grey_picture:.2f} grey levels over the picture, {fit.rmse_grey_radial:.2f} of the "
+            "radial profile"
+        )
+        yield f"  press        {fit.depth_mm:.2f} mm deep, dragged by ({fit.drag_mm[0]:+.2f}, {fit.drag_mm[1]:+.2f}) mm"
+        yield from parameter_lines(fit)
+        yield f"  written to {self.sensor}; open {self.sensor / 'certificate.html'} in a browser"
+
+
+def parameter_lines(fit: "FitFigures") -> Iterator[str]:
+    """Every parameter with its standard deviation and what it is hardest to tell from."""
+    for name, found in fit.parameters.items():
+        sure = "" if found.deviation is None else f" ± {found.deviation:.3f}"
+        beside = "" if found.closest is None else f"  (correlation with {found.closest} {found.correlation:+.2f})"
+        yield f"  {name:16s} {found.value:8.3f}{sure}{beside}"

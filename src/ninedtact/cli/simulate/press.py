@@ -1,0 +1,189 @@
+"""ninedtact simulate press: one press of one object on a twin, as picture, heights, tractions and wrench."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ninedtact.cli.answer import answer
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ninedtact.mechanics.contact import Contact
+    from ninedtact.mechanics.indenter import Indenter
+    from ninedtact.simulation import press as simulated
+    from ninedtact.simulation.twin import Twin
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Press:
+    """Press one object on the twin of a sensor: picture, heights, pressure, shear, wrench, and a figure of them all."""
+
+    object: str
+    """What presses: ball:4 (mm), cylinder, cone, punch, ellipsoid, gear_07, a mesh file (part.stl, part.stl@in), thingi10k:ID."""
+    out: Path
+    """Folder for the results."""
+    depth_mm: float | None = None
+    """How far its lowest point goes below the untouched skin."""
+    load_n: float | None = None
+    """Or how hard it is pressed."""
+    at_mm: Pair = (0.0, 0.0)
+    """Where it comes down, x and y."""
+    drag_mm: Pair = (0.0, 0.0)
+    """How far it is dragged while it is pressed."""
+    twist_deg: float = 0.0
+    """How far it is twisted about z while it is dragged."""
+    tilt_deg: Pair = (0.0, 0.0)
+    """Its tilts about x and y, from the beginning."""
+    sensor: Path | None = None
+    """Sensor folder whose twin is pressed; the twin of no sensor in particular if not given."""
+    seed: int = 0
+    """Of generated objects, and of the skin where no sensor is given."""
+    json: bool = False
+    """Print the figures as one JSON object."""
+
+    def run(self) -> int:
+        """Press, write, and say what came of it."""
+        from ninedtact.simulation.objects.named import object_for
+
+        press, twin = self.press, self.twin
+        indenter = object_for(self.object, self.seed)
+        contact = press.on(twin, indenter)
+        found = figures(indenter, contact, twin)
+        return answer(self.json, {**found, "files": self.written(indenter, contact, found)}, lines(found, self.out))
+
+    @property
+    def press(self) -> "simulated.Press":
+        """The same in radians; raises `PressImpossible`."""
+        from ninedtact.simulation import press as simulated
+
+        tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
+        return simulated.Press(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, radians(self.twist_deg), tilt)
+
+    @cached_property
+    def twin(self) -> "Twin":
+        """Of the sensor that was named."""
+        from ninedtact.simulation.twin import default_twin
+
+        if self.sensor is None:
+            return default_twin(self.seed)
+        from ninedtact.calibration.sensor_folder import load_sensor
+        from ninedtact.calibration.twin.sensor_twin import twin_of
+
+        return twin_of(load_sensor(self.sensor))
+
+    def written(self, indenter: "Indenter", contact: "Contact", found: dict[str, Any]) -> dict[str, str]:
+        """Write all files; name and path of each."""
+        import json
+
+        from ninedtact.shape.export import export
+        from ninedtact.simulation.truth import heights
+        from ninedtact.whole_file import write_whole
+
+        self.out.mkdir(parents=True, exist_ok=True)
+        contents = self.contents(indenter, contact)
+        contents["wrench.json"] = json.dumps(found, indent=2, ensure_ascii=False).encode()
+        for name, content in contents.items():
+            write_whole(self.out / name, content)
+        height = heights(contact, *self.grid)
+        for ending in ("npy", "png"):
+            export(height, self.out / f"height.{ending}")
+        return {name: str(self.out / name) for name in (*contents, "height.npy", "height.png")}
+
+    def contents(self, indenter: "Indenter", contact: "Contact") -> dict[str, bytes]:
+        """Every file but the heights, by name."""
+        from ninedtact.simulation.drawn_press import DrawnPress
+        from ninedtact.simulation.truth import pressure_mpa, shear_mpa
+
+        picture = self.twin.renderer(contact, 1)
+        drawn = DrawnPress(contact, indenter, picture, self.twin.renderer.view.reach_mm, self.cut)
+        return {
+            "picture.png": encoded(picture),
+            "untouched.png": encoded(self.twin.renderer(None, 0)),
+            "pressure.npy": saved(pressure_mpa(contact, *self.grid)),
+            "shear.npy": saved(shear_mpa(contact, *self.grid)),
+            "figure.png": drawn.png(),
+        }
+
+    @cached_property
+    def grid(self) -> tuple[tuple[int, int], float]:
+        """Shape and mm per pixel of heights and tractions: those of the published rectified picture."""
+        from ninedtact.design import FieldOfView
+
+        view = FieldOfView()
+        return (view.rows, view.cols), MM_PER_PX
+
+    @property
+    def cut(self) -> Pair:
+        """Direction in which the figure cuts: that of the drag."""
+        x, y = self.drag_mm
+        length = float(x**2 + y**2) ** 0.5
+        return (x / length, y / length) if length else (1.0, 0.0)
+
+
+MM_PER_PX = 0.0522
+"""Of the published sensor: 24 mm over 460 pixels."""
+
+
+def figures(indenter: "Indenter", contact: "Contact", twin: "Twin") -> dict[str, Any]:
+    """What a script wants to know."""
+    from dataclasses import asdict
+
+    import numpy as np
+
+    wrench, pressed = contact.wrench(), np.asarray(contact.pressure_mpa) > 0
+    cell_mm2 = contact.skin.patch.cell_mm2
+    return {
+        "object": indenter.name,
+        "twin": twin.name,
+        "pose": {name: float(value) for name, value in asdict(contact.pose).items()},
+        "wrench": {
+            "force_n": wrench.force_n.tolist(),
+            "torque_nm": wrench.torque_nm.tolist(),
+            "about_mm": wrench.about_mm.tolist(),
+        },
+        "deepest_mm": float(-contact.height_mm.min()),
+        "highest_mm": float(contact.height_mm.max()),
+        "contact_area_mm2": float(pressed.sum() * cell_mm2),
+        "sticking_area_mm2": float(np.asarray(contact.stuck).sum() * cell_mm2),
+        "largest_pressure_mpa": float(contact.pressure_mpa.max()),
+        "mm_per_px": MM_PER_PX,
+        "residual_mm": float(contact.residual_mm),
+        "iterations": int(contact.iterations),
+    }
+
+
+def lines(found: dict[str, Any], out: Path) -> Iterator[str]:
+    """The same for a person."""
+    force, torque = found["wrench"]["force_n"], found["wrench"]["torque_nm"]
+    area = found["contact_area_mm2"]
+    yield (
+        f"{found['object']} on twin {found['twin']}: {found['pose']['depth_mm']:.3f} mm deep, contact {area:.1f} mm², of which "
+        f"{found['sticking_area_mm2'] / area if area else 0:.0%} sticks, bulge {found['highest_mm']:.3f} mm"
+    )
+    yield "  force  ({:+.3f}, {:+.3f}, {:+.3f}) N, on the skin".format(*force)
+    yield "  torque ({:+.3f}, {:+.3f}, {:+.3f}) mN·m, about the skin's centre".format(*(1e3 * part for part in torque))
+    yield f"  open {out / 'figure.png'}"
+
+
+def encoded(picture: "np.ndarray") -> bytes:
+    """A picture as .png."""
+    import cv2
+
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
+def saved(field: "np.ndarray") -> bytes:
+    """An array as .npy."""
+    from io import BytesIO
+
+    import numpy as np
+
+    buffer = BytesIO()
+    np.save(buffer, field)
+    return buffer.getvalue()

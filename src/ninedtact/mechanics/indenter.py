@@ -1,0 +1,167 @@
+"""What touches the skin: a rigid underside over the skin's plane.
+
+An indenter gives the height of its underside in its own frame; a pose puts it over the skin. Only what looks down
+matters: under an overhang the lowest surface is the underside.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+from jaxtyping import Float
+
+from ninedtact.design import require_positive
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.per_contact import over_grid
+from ninedtact.mechanics.pose import Pose
+
+Heights = Float[Any, "*batch rows cols"]
+Posed = Float[Any, "*posed rows cols"]
+"""Heights under a pose, or under each of a batch of poses."""
+
+NOTHING_MM = 50.0
+"""Height of the underside where there is no object."""
+TILT_REACH_MM = 8.0
+"""Of a tilted underside, what is higher than this over its own plane counts as nothing: no skin yields so far."""
+TILT_DRIFT_MM = 0.3
+"""How far a vertical line may move sideways in the frame of a tilted object between two layers that are looked at."""
+TILT_HALVINGS = 3
+"""Of the stretch between two layers, each after a secant: exact for smooth undersides, near enough for walls."""
+STEEPEST_TILT_RAD = 1.0
+
+
+class TiltTooSteep(NinedtactError):
+    """An underside can no longer be told from a side."""
+
+
+class Indenter(ABC):
+    """A rigid object over the skin."""
+
+    name: str
+    """What to call it; also its id in a data set."""
+
+    @abstractmethod
+    def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
+        """Height of the underside over the object's own plane z = 0, which its lowest point touches."""
+
+    def over_skin_mm(self, pose: Pose, x_mm: Heights, y_mm: Heights) -> Posed:
+        """Height of the posed underside over the untouched skin at these places, negative where it is pressed in.
+
+        Exact without tilt; with it, see `tilted_mm`. Raises `TiltTooSteep`.
+        """
+        if pose.level:
+            return self.underside_mm(*turned_back(pose, x_mm, y_mm)) - over_grid(pose.depth_mm, x_mm)
+        return tilted_mm(self, pose, x_mm, y_mm)
+
+
+def turned_back(pose: Pose, x_mm: Heights, y_mm: Heights) -> tuple[Posed, Posed]:
+    """Places of the skin in the frame of an object without tilt."""
+    x, y = x_mm - over_grid(pose.x_mm, x_mm), y_mm - over_grid(pose.y_mm, y_mm)
+    cos, sin = over_grid(np.cos(pose.twist_rad), x), over_grid(np.sin(pose.twist_rad), x)
+    return cos * x + sin * y, cos * y - sin * x
+
+
+@dataclass(frozen=True)
+class Uprights:
+    """The vertical lines through places of the skin, in the frame of a tilted object."""
+
+    indenter: Indenter
+    turn: list[list[Any]]
+    """Rotation of the object; of each in a batch."""
+    x_mm: Any
+    y_mm: Any
+
+    def z_mm(self, own_height_mm: Any) -> Any:
+        """Where they reach a height over the object's own plane, from its origin."""
+        return (own_height_mm - self.turn[0][2] * self.x_mm - self.turn[1][2] * self.y_mm) / self.turn[2][2]
+
+    def excess_mm(self, own_height_mm: Any) -> Any:
+        """How deep inside the object they are at that height, negative below its underside."""
+        z = self.z_mm(own_height_mm)
+        own = [
+            self.turn[0][axis] * self.x_mm + self.turn[1][axis] * self.y_mm + self.turn[2][axis] * z for axis in (0, 1)
+        ]
+        return own_height_mm - self.indenter.underside_mm(*own)
+
+
+@dataclass
+class Bracket:
+    """Heights below and inside the object, between which each line enters it, and how deep inside both are."""
+
+    below_mm: Any
+    inside_mm: Any
+    below_excess_mm: Any
+    inside_excess_mm: Any
+    found: Any
+
+    def take(self, xp: Any, height_mm: Any, excess_mm: Any, where: Any) -> None:
+        """Look at another height of these lines."""
+        inside = where & (excess_mm >= 0)
+        below = where & ~inside
+        self.inside_mm = xp.where(inside, height_mm, self.inside_mm)
+        self.inside_excess_mm = xp.where(inside, excess_mm, self.inside_excess_mm)
+        self.below_mm = xp.where(below, height_mm, self.below_mm)
+        self.below_excess_mm = xp.where(below, excess_mm, self.below_excess_mm)
+        self.found = self.found | inside
+
+    @property
+    def secant_mm(self) -> Any:
+        """Where a straight line through both would enter."""
+        part = self.below_excess_mm / (self.below_excess_mm - self.inside_excess_mm)
+        return self.below_mm + part * (self.inside_mm - self.below_mm)
+
+
+def tilted_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: Heights) -> Posed:
+    """Height over the skin of a tilted underside: where a vertical line first enters the object.
+
+    Layers of the object are looked at from its own plane upwards until a line is inside; secants and halvings narrow the
+    stretch where it entered. Walls, overhangs and edges have one such place, where a fixed point would jump to and fro.
+    """
+    if not np.all(np.abs(pose.tilt_x_rad) + np.abs(pose.tilt_y_rad) < STEEPEST_TILT_RAD):
+        raise TiltTooSteep(
+            f"expected tilts of at most {STEEPEST_TILT_RAD:g} rad together, got {pose.tilt_x_rad} and "
+            f"{pose.tilt_y_rad} rad; turn the object itself, so that another side faces the skin"
+        )
+    turn = [[over_grid(pose.rotation[..., row, col], x_mm) for col in range(3)] for row in range(3)]
+    lines = Uprights(indenter, turn, x_mm - over_grid(pose.x_mm, x_mm), y_mm - over_grid(pose.y_mm, y_mm))
+    bracket = first_entry(lines, float(np.max(np.hypot(*pose.rotation[..., 2, :2].T) / pose.rotation[..., 2, 2])))
+    xp = array_namespace(x_mm)
+    for _ in range(TILT_HALVINGS):
+        for height in (bracket.secant_mm, (bracket.below_mm + bracket.inside_mm) / 2):
+            bracket.take(xp, height, lines.excess_mm(height), bracket.found)
+    return xp.where(bracket.found, lines.z_mm(bracket.secant_mm), NOTHING_MM) - over_grid(pose.depth_mm, x_mm)
+
+
+def first_entry(lines: Uprights, slope: float) -> Bracket:
+    """The lowest layer of the object in which each line is inside it; layers are closest near the object's plane."""
+    xp, zero = array_namespace(lines.x_mm), lines.x_mm * 0
+    bracket = Bracket(zero, zero, zero - 1, zero + 1, zero > 0)
+    layers = int(2 * TILT_REACH_MM * slope / TILT_DRIFT_MM) + 3
+    for part in np.linspace(0, 1, layers).tolist():
+        height = zero + TILT_REACH_MM * part**2
+        bracket.take(xp, height, lines.excess_mm(height), ~bracket.found)
+    return bracket
+
+
+@dataclass(frozen=True)
+class Ball(Indenter):
+    """A sphere."""
+
+    radius_mm: float = 4.0
+
+    def __post_init__(self) -> None:
+        require_positive("ball.radius_mm", self.radius_mm)
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Ball and diameter."""
+        return f"ball_{2 * self.radius_mm:g}mm"
+
+    def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
+        """The lower cap; nothing beyond the equator."""
+        xp = array_namespace(x_mm)
+        below = self.radius_mm**2 - x_mm**2 - y_mm**2
+        cap = self.radius_mm - xp.sqrt(xp.where(below > 0, below, 0.0))
+        return xp.where(below > 0, cap, NOTHING_MM)

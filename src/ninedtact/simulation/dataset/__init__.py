@@ -1,0 +1,10 @@
+"""Pairs of picture and wrench from the twins of a population.
+
+job.py          the whole data set, made by several processes, gone on with after a stop; read this first
+settings.py     what is asked for; folder.py where it is kept, and how it is known again
+hand.py         how a person presses: how hard, where, how far dragged, twisted and tilted
+touch.py        one object on one sensor, station by station
+session.py      one sensor for some fifty pairs: touches, and what the sampling rule keeps of them; deck.py deals the objects
+pair.py         one row; table.py rows as Parquet that Hugging Face `datasets` opens; card.py what a person reads
+percentiles.py  the wrenches beside the real ones
+"""

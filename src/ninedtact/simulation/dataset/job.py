@@ -1,0 +1,100 @@
+"""A data set from beginning to end: checked, cut into files, made by several processes, and gone on with after a stop.
+
+Every file depends on the settings and on its own number alone, and appears whole or not at all. So a job that was killed goes
+on with the files that are missing, and ends with the same bytes. Processes are joblib's: under `joblib.parallel_config("ray")`, or
+Dask's, they are a cluster's.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from ninedtact.simulation.dataset.card import card
+from ninedtact.simulation.dataset.folder import begin, path_of
+from ninedtact.simulation.dataset.pair import Pair
+from ninedtact.simulation.dataset.percentiles import by_axis, lines, off, percentiles
+from ninedtact.simulation.dataset.session import Session
+from ninedtact.simulation.dataset.settings import DatasetImpossible, DatasetSettings
+from ninedtact.simulation.dataset.table import wrenches, write_pairs
+from ninedtact.whole_file import write_whole
+
+CARD = "README.md"
+
+
+@dataclass(frozen=True)
+class Made:
+    """A finished data set."""
+
+    folder: Path
+    kinds: dict[str, int]
+    percentiles: dict[str, list[float]]
+    """5, 50 and 95 of every axis, of the pairs that the rule kept, about the paper's force/torque sensor."""
+    off: dict[str, list[float]]
+    """Their differences from the real ones as parts of the real spans."""
+    table: list[str]
+    """The same for a person."""
+    new_files: int
+    """Made by this run; the others were there."""
+
+
+def make_dataset(folder: Path, settings: DatasetSettings, workers: int = 1, *, progress: bool = False) -> Made:
+    """Make a data set, or go on with one; raises `DatasetImpossible`, `ObjectUnknown`, `FileNotWritten`."""
+    require_workers(workers)
+    begin(folder, settings)
+    missing = [number for number in range(settings.files) if not path_of(folder, settings, number).is_file()]
+    made_by_workers(folder, settings, missing, workers, progress)
+    return finished(folder, settings, len(missing))
+
+
+def require_workers(workers: int) -> None:
+    """Refuse none; raises `DatasetImpossible`."""
+    if workers < 1:
+        raise DatasetImpossible(f"expected at least 1 worker, got {workers}; give one for each core")
+
+
+def made_by_workers(folder: Path, settings: DatasetSettings, missing: list[int], workers: int, progress: bool) -> None:
+    """Make the missing files, in any order."""
+    from joblib import delayed
+    from tqdm import tqdm
+
+    jobs = [delayed(make_file)(path_of(folder, settings, number), settings, number) for number in missing]
+    there = (settings.files - len(missing)) * settings.pairs_per_file
+    with tqdm(total=settings.pairs, initial=min(there, settings.pairs), unit="pair", disable=not progress) as bar:
+        for pairs in as_done(jobs, workers):
+            bar.update(pairs)
+
+
+def as_done(jobs: list[Any], workers: int) -> Iterable[int]:
+    """What joblib's jobs return: each when it is done, where the backend can tell, as Ray's cannot."""
+    from joblib import Parallel
+    from joblib.parallel import get_active_backend
+
+    tells = get_active_backend()[0].supports_return_generator
+    return Parallel(n_jobs=workers, return_as="generator_unordered" if tells else "list")(jobs)
+
+
+def make_file(path: Path, settings: DatasetSettings, number: int) -> int:
+    """One file of pairs; how many they are."""
+    pairs = list(pairs_of(settings, number))
+    write_pairs(path, pairs)
+    return len(pairs)
+
+
+def pairs_of(settings: DatasetSettings, number: int) -> Iterator[Pair]:
+    """All pairs of one file."""
+    first = number * settings.sessions_per_file
+    for session in range(first, min(first + settings.sessions_per_file, settings.sessions)):
+        yield from Session(session, settings).pairs()
+
+
+def finished(folder: Path, settings: DatasetSettings, new_files: int) -> Made:
+    """Read back what was made, and write its card."""
+    six, kinds = wrenches(path_of(folder, settings, number) for number in range(settings.files))
+    by_rule = six[kinds == "rule"] if "rule" in kinds else six
+    table, found = list(lines(by_rule)), percentiles(by_rule)
+    counts = dict(sorted(Counter(kinds.tolist()).items()))
+    write_whole(folder / CARD, card(settings, version("ninedtact"), counts, table).encode())
+    return Made(folder, counts, by_axis(found), by_axis(off(found)), table, new_files)

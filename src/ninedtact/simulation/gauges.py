@@ -1,0 +1,63 @@
+"""The four pictures that calibrate a twin, taken of itself: its board and its ball pressed as a hand presses them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from ninedtact.design import PinBoard, SensorDesign
+from ninedtact.mechanics.contact import Effort
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.relief import Relief, relief_of
+from ninedtact.simulation.picture import Image
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.twin import Twin
+
+TABLE_PITCH_MM = 0.05
+PINS_PER_CELL = 20
+"""Grid points between pins: a whole number, so that all pins are solved alike."""
+PIN_TALL_MM = 1.5
+"""Over the floor of the published board."""
+BOARD_DEPTH_MM = 0.7
+BALL_DEPTH_MM = 1.8
+BALL_DRAG_MM = 0.2, -0.12
+"""A hand never presses straight."""
+ENOUGH = Effort(tolerance=5e-3)
+
+
+@dataclass(frozen=True)
+class GaugePictures:
+    """What a calibration asks for, BGR; untouched skin before each press."""
+
+    board_reference: Image
+    board: Image
+    ball_reference: Image
+    ball: Image
+
+
+def gauge_pictures(
+    twin: Twin, design: SensorDesign = SensorDesign(), first_number: int = 0, board_depth_mm: float = BOARD_DEPTH_MM
+) -> GaugePictures:
+    """The twin's own calibration pictures; `first_number` picks their noise."""
+    finer = replace(twin, pitch_mm=design.pin_board.pitch_mm / PINS_PER_CELL)
+    board = Press(board_depth_mm).on(finer, pin_board(design.pin_board), ENOUGH)
+    ball = Press(BALL_DEPTH_MM, drag_mm=BALL_DRAG_MM).on(twin, Ball(design.ball.radius_mm), ENOUGH)
+    contacts = None, board, None, ball
+    return GaugePictures(*(twin.renderer(contact, first_number + n) for n, contact in enumerate(contacts)))
+
+
+def pin_board(board: PinBoard) -> Relief:
+    """The board's underside: hemispheres on cylinders on a floor."""
+    half = [(count - 1) / 2 * board.pitch_mm + board.pitch_mm / 2 for count in (board.cols, board.rows)]
+    x, y = np.meshgrid(*(np.linspace(-reach, reach, round(2 * reach / TABLE_PITCH_MM) + 1) for reach in half))
+    from_pin = np.hypot(from_nearest(x, board.cols, board.pitch_mm), from_nearest(y, board.rows, board.pitch_mm))
+    radius = board.pin_diameter_mm / 2
+    tip = radius - np.sqrt(np.maximum(radius**2 - from_pin**2, 0))
+    return relief_of("pin_board", np.where(from_pin < radius, tip, PIN_TALL_MM), TABLE_PITCH_MM)
+
+
+def from_nearest(place_mm: Float[Array, "rows cols"], pins: int, pitch_mm: float) -> Float[Array, "rows cols"]:
+    """Distance from the nearest pin along one axis."""
+    index = np.clip(np.rint(place_mm / pitch_mm + (pins - 1) / 2), 0, pins - 1)
+    return np.abs(place_mm - (index - (pins - 1) / 2) * pitch_mm)

@@ -1,0 +1,80 @@
+"""Skin → picture: what the sensor's camera would deliver, in its own lens, light, colours and noise."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.patch import Patch, padded_patch
+from ninedtact.simulation.light import Light
+from ninedtact.simulation.noise import Noise
+from ninedtact.simulation.seeing import FINER, Sight, grid, scattered
+from ninedtact.simulation.view import View
+
+PLANE_PITCH_MM = 0.2
+"""Grid on which brightness is computed; scattering has smoothed what is finer."""
+
+SENSING = 0.92
+"""Of what the raw picture reaches, each way: the rectified picture shows as much."""
+
+Image = UInt8[Array, "raw_rows raw_cols 3"]
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """One sensor's way from skin to picture."""
+
+    view: View
+    untouched: Float32[Array, "raw_rows raw_cols 3"]
+    """The untouched skin without noise, BGR, 0 to 255."""
+    light: Light
+    noise: Noise
+
+    def __call__(self, contact: Contact | None, number: int = 0) -> Image:
+        """The picture of this contact (None: nothing touches); `number` picks the noise."""
+        clean = self.untouched if contact is None or not contact.touches else self.shone_on(contact)
+        return self.noise.upon(clean, number)
+
+    def shone_on(self, contact: Contact) -> Float32[Array, "raw_rows raw_cols 3"]:
+        """The picture without noise."""
+        factor = self.factor(contact)
+        return np.asarray(cv2.multiply(self.untouched, cv2.merge([factor, factor, factor])))
+
+    def factor(self, contact: Contact) -> Float32[Array, "raw_rows raw_cols"]:
+        """Brightness of every raw pixel relative to untouched skin."""
+        height = np.asarray(contact.height_mm, np.float32)
+        sight = Sight(*self.plane_mm, self.light.nearness_per_mm)
+        seen = self.light.change(sight.height_mm(contact.skin.patch, contact.centre_mm, height)).astype(np.float32)
+        (diffuse,) = scattered(self.plane, self.light.scattering_mm, seen)
+        level = 1 + self.light.loss(seen[self.sensing])
+        factor = (diffuse + 1) * np.float32(level)
+        return np.asarray(cv2.remap(factor, *self.lens, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+    @cached_property
+    def plane(self) -> Patch:
+        """Grid of the untouched plane, which covers the view."""
+        x, y = self.view.reach_mm
+        return padded_patch(2 * x, 2 * y, PLANE_PITCH_MM, PLANE_PITCH_MM)
+
+    @cached_property
+    def plane_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
+        """x and y of its points."""
+        x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.plane.place_mm)
+        return x, y
+
+    @cached_property
+    def sensing(self) -> Bool[Array, "rows cols"]:
+        """The points of the plane over which darkness is counted: the middle, about the sensing area."""
+        (x, y), (far_x, far_y) = self.plane_mm, self.view.reach_mm
+        return np.asarray((abs(x) < SENSING * far_x) & (abs(y) < SENSING * far_y))
+
+    @cached_property
+    def lens(self) -> tuple[Float32[Array, "raw_rows raw_cols"], Float32[Array, "raw_rows raw_cols"]]:
+        """Column and row of the plane, made finer, that each raw pixel looks through."""
+        x, y = (self.view.plane_mm[..., axis] for axis in range(2))
+        cols, rows = grid(self.plane, (0.0, 0.0), x, y, FINER)
+        return np.ascontiguousarray(cols), np.ascontiguousarray(rows)

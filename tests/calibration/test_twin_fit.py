@@ -1,0 +1,130 @@
+"""The twin that one ball press tells: of a twin whose numbers are known, and of real sensors whose are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ninedtact.calibration.ball.contact_circle import BallRefused, find_contact_circle
+from ninedtact.calibration.ball.fit import fit_ball, uniform_change
+from ninedtact.calibration.board.fit import fit_board
+from ninedtact.calibration.flow import Calibration, CalibrationPictures, lens_on_grid
+from ninedtact.calibration.twin.fit import TwinFit, fit_twin
+from ninedtact.calibration.twin.sensor_twin import twin_from
+from ninedtact.design import SensorDesign
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.indenter import Ball, Indenter
+from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.solids import Cylinder
+from ninedtact.quantities import Frame
+from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.simulation.light import Light
+from ninedtact.simulation.seeing import Sight
+from ninedtact.simulation.twin import Twin
+
+DESIGN = SensorDesign()
+GEL = replace(DESIGN.gel, thickness_mm=2.3)
+LIGHT = Light(dark_per_mm=0.11, saturation=0.5, bright_per_mm=0.33, scattering_mm=0.5, shade=0.8, nearness_per_mm=0.05)
+NOISE = 0.7
+
+
+@pytest.fixture(scope="module")
+def twin(calibrated_a: Calibration) -> Twin:
+    """A twin with known numbers behind sensor A's lens, before sensor A's untouched picture."""
+    return twin_from("known", GEL, LIGHT, calibrated_a.rectify, calibrated_a.pictures.ball_reference, NOISE)
+
+
+def pressed(twin: Twin, indenter: Indenter, at: Pose, drag_mm: tuple[float, float] = (0.0, 0.0)) -> Contact:
+    start = replace(at, x_mm=at.x_mm - drag_mm[0], y_mm=at.y_mm - drag_mm[1])
+    down = [replace(start, depth_mm=at.depth_mm * part) for part in (0.25, 0.5, 0.75, 1.0)]
+    *_, contact = twin.model.follow(indenter, [*down, at])
+    return contact
+
+
+@pytest.fixture(scope="module")
+def known_press(twin: Twin) -> Contact:
+    return pressed(twin, Ball(4.0), Pose(0.5, 0.4, 1.8), (0.4, -0.2))
+
+
+def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrated_a: Calibration) -> None:
+    before, after = (
+        calibrated_a.rectify(Frame(twin.renderer(contact, number)))
+        for number, contact in enumerate((None, known_press))
+    )
+    fit = fit_twin(before, after, find_contact_circle(uniform_change(before, after)), DESIGN)
+    assert fit.named["depth_mm"] == pytest.approx(1.8, abs=0.03)
+    assert fit.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
+    assert (fit.named["x_mm"], fit.named["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
+    assert fit.named["thickness_mm"] == pytest.approx(2.3, abs=0.15)
+    assert fit.named["scattering_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
+    assert fit.named["bright_per_mm"] == pytest.approx(0.33, rel=0.1)
+    assert fit.rmse_grey_picture < 0.3 and fit.rmse_grey_radial < 0.1
+    true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "nearness_per_mm": 0.05}
+    off = {name: abs(fit.named[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}
+    assert max(off.values()) < 4, off
+
+
+@pytest.fixture(scope="module")
+def fits(real_pictures: dict[str, CalibrationPictures]) -> dict[str, TwinFit]:
+    """The real presses of sensors A and I."""
+    found = {}
+    for letter in "ai":
+        pictures = real_pictures[letter]
+        rectify = lens_on_grid(fit_board(pictures.board_reference, pictures.board, DESIGN.pin_board), DESIGN, "lens")
+        before, after = (rectify(Frame(image)) for image in (pictures.ball_reference, pictures.ball))
+        found[letter] = fit_twin(before, after, find_contact_circle(uniform_change(before, after)), DESIGN)
+    return found
+
+
+def test_real_presses_are_explained(fits: dict[str, TwinFit]) -> None:
+    assert fits["a"].rmse_grey_radial < 0.6 and fits["a"].rmse_grey_picture < 0.8
+    assert fits["i"].rmse_grey_picture < 1.3
+
+
+def test_a_real_sheared_press_tells_its_drag(fits: dict[str, TwinFit]) -> None:
+    assert np.hypot(*fits["a"].drag_mm) < 0.2
+    x, y = fits["i"].drag_mm
+    assert x > 0.2 and y > 0.5, "the bulge of sensor I is brighter at +x and +y"
+
+
+def seen_mm(contact: Contact, rectify_shape: tuple[int, int], mm_per_px: float) -> np.ndarray:
+    x, y = skin_grid_mm(rectify_shape, mm_per_px)
+    height = np.asarray(contact.height_mm, np.float32)
+    return Sight(x, y, LIGHT.nearness_per_mm).height_mm(contact.skin.patch, contact.centre_mm, height, fine=True)
+
+
+def test_physics_reads_another_ball_better_than_the_rule(
+    twin: Twin, known_press: Contact, calibrated_a: Calibration
+) -> None:
+    rectify = calibrated_a.rectify
+    pictures = [twin.renderer(None, 1), twin.renderer(known_press, 2)]
+    before = rectify(Frame(twin.renderer(None, 3)))
+    contact = pressed(twin, Ball(5.0), Pose(-3.0, 1.5, 1.2))
+    after, true = rectify(Frame(twin.renderer(contact, 4))), seen_mm(contact, before.grey.shape, rectify.mm_per_px)
+    off = {}
+    for method in ("physics", "ratio"):
+        read = fit_ball(rectify, *pictures, DESIGN, method).reader(before, rectify.coverage)(after)
+        off[method] = float(np.abs(read.indentation_mm + np.minimum(true, 0))[true < -0.05].mean())
+    assert off["physics"] < 0.03 < 0.06 < off["ratio"]
+
+
+def test_bulges_are_read_and_nothing_is_read_from_nothing(
+    twin: Twin, known_press: Contact, calibrated_a: Calibration
+) -> None:
+    rectify = calibrated_a.rectify
+    fit = fit_ball(rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN)
+    before = rectify(Frame(twin.renderer(None, 3)))
+    reader = fit.reader(before, rectify.coverage)
+    contact = pressed(twin, Cylinder(3.0, 8.0), Pose(1.0, 0.0, 1.0), (0.5, 0.0))
+    read, true = (
+        reader(rectify(Frame(twin.renderer(contact, 5)))).z_mm,
+        seen_mm(contact, before.grey.shape, rectify.mm_per_px),
+    )
+    assert read.max() == pytest.approx(true.max(), abs=0.05)
+    assert np.abs(reader(rectify(Frame(twin.renderer(None, 6)))).z_mm).mean() < 0.01
+
+
+def test_a_short_roller_is_no_ball(twin: Twin, calibrated_a: Calibration) -> None:
+    contact = pressed(twin, Cylinder(4.0, 5.0), Pose(0.0, 0.0, 1.5))
+    with pytest.raises(BallRefused, match="a ball explains"):
+        fit_ball(calibrated_a.rectify, twin.renderer(None, 1), twin.renderer(contact, 2), DESIGN)

@@ -1,0 +1,50 @@
+"""What every member of the WrenchSource family honours."""
+
+import sys
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ninedtact.capture.source import SourceEnded, SourceNotOpen
+from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.simulation.force_torque import SimulatedForceTorque
+
+sys.path.append(str(Path(__file__).parents[1] / "simulation"))
+from small_stage import small_stage
+
+FAMILY: dict[str, Callable[[], WrenchSource]] = {
+    "twin": lambda: SimulatedForceTorque(small_stage(real_time=True), hz=100.0),
+    "twin that ends": lambda: SimulatedForceTorque(small_stage(real_time=True, rounds=1), hz=100.0),
+}
+
+
+@pytest.mark.parametrize("member", FAMILY)
+def test_every_source_keeps_the_contract(member: str) -> None:
+    source = FAMILY[member]()
+    assert source.name
+    with pytest.raises(SourceNotOpen, match="with source"):
+        source.read()
+    for _ in range(2):  # a source that was closed opens again as if new
+        with source:
+            source.open()  # opening an open source does nothing
+            wrenches = [source.read() for _ in range(5)]
+        stamps = [wrench.stamp_ns for wrench in wrenches]
+        assert (
+            all(one < other for one, other in pairwise(stamps)) and stamps[0] > 0 and stamps[-1] <= time.monotonic_ns()
+        )
+        assert all(np.isfinite(wrench.six).all() for wrench in wrenches)
+        assert not any(np.shares_memory(one.force_n, other.force_n) for one, other in pairwise(wrenches))
+        with pytest.raises(SourceNotOpen):
+            source.read()
+    source.close()
+    source.close()
+
+
+def test_a_source_ends_as_it_says() -> None:
+    with SimulatedForceTorque(small_stage(rounds=1), hz=10.0) as source, pytest.raises(SourceEnded, match="it is over"):
+        for wrench in source:
+            assert np.isfinite(wrench.six).all()

@@ -1,0 +1,91 @@
+"""The same answer alone, in any batch, in NumPy and in torch."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from gels import BALL, DOUBLE, model
+
+from ninedtact.mechanics.contact import Contact, Effort
+from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.pose import Pose
+
+BEGUN = [Pose(depth_mm=0.8), Pose(3.0, -2.0, 0.4, 0.3), Pose(depth_mm=-0.2), Pose(1.0, 2.0, 1.2, 0.0, 0.1, -0.05)]
+MOVED = [Pose(0.3, 0.1, 0.8), Pose(3.0, -1.8, 0.5, 0.5), Pose(depth_mm=0.3), Pose(1.2, 2.0, 1.2, 0.1, 0.05, 0.0)]
+TORCH = torch.zeros((), dtype=torch.float64)
+TIGHT = Effort(tolerance=1e-6, least_tolerance_mm=1e-8)
+GRID = Patch(40, 45, 0.45)
+
+
+def alone(like: Any) -> list[Contact]:
+    pressing = model(like=like, patch=GRID, effort=TIGHT)
+    return [list(pressing.follow(BALL, poses))[-1] for poses in zip(BEGUN, MOVED, strict=True)]
+
+
+def together(like: Any, effort: Effort = TIGHT) -> list[Contact]:
+    pressing = model(like=like, patch=GRID, effort=effort)
+    return list(pressing.follow(BALL, [Pose.batch(BEGUN), Pose.batch(MOVED)]))[-1].each()
+
+
+def assert_same(found: list[Contact], wanted: list[Contact], tolerance: float) -> None:
+    for one, other in zip(found, wanted, strict=True):
+        assert one.pose == other.pose
+        np.testing.assert_allclose(one.wrench().six, other.wrench().six, atol=10 * tolerance)
+        np.testing.assert_allclose(np.asarray(one.height_mm), np.asarray(other.height_mm), atol=tolerance)
+        np.testing.assert_allclose(np.asarray(one.shear_mpa), np.asarray(other.shear_mpa), atol=tolerance)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """So small arrays are not shared out."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def reference() -> list[Contact]:
+    return alone(DOUBLE)
+
+
+@pytest.mark.parametrize("found", [lambda: together(DOUBLE), lambda: alone(TORCH), lambda: together(TORCH)])
+def test_alone_or_together_in_numpy_or_torch(reference, found):
+    assert_same(found(), reference, 5e-6)
+
+
+def test_single_precision_is_as_good_as_its_tolerance(reference):
+    for like in (np.zeros((), np.float32), torch.zeros((), dtype=torch.float32)):
+        rough = together(like, Effort(tolerance=1e-3))
+        for one, other in zip(rough, reference, strict=True):
+            assert one.pressure_mpa.dtype == like.dtype
+            np.testing.assert_allclose(one.wrench().force_n, other.wrench().force_n, atol=0.02)
+
+
+def test_each_of_a_batch_says_how_well_it_was_solved():
+    batch = model(effort=Effort(tolerance=1e-4)).step(model().untouched(), BALL, Pose.batch(BEGUN))
+    assert batch.residual_mm.shape == batch.iterations.shape == (4,)
+    assert batch.iterations[2] == 0
+    assert batch.iterations[[0, 1, 3]].min() > 3
+    assert batch.touches
+    assert [one.touches for one in batch.each()] == [True, True, False, True]
+
+
+def test_a_batch_shares_what_its_poses_share():
+    few = model(effort=Effort(tolerance=1e-5))
+    swept = few.step(few.untouched(), BALL, Pose(x_mm=2.0, depth_mm=np.array([0.2, 0.5, 0.9])))
+    loads = [-one.wrench().force_n[2] for one in swept.each()]
+    again = few.step_to_load(few.untouched(), BALL, Pose(x_mm=2.0, depth_mm=0.5), np.array(loads))
+    np.testing.assert_allclose(again.pose.depth_mm, [0.2, 0.5, 0.9], atol=1e-4)
+
+
+def test_who_lifts_off_in_a_batch_leaves_the_skin_untouched():
+    pressing = model(patch=GRID, effort=Effort(tolerance=1e-4))
+    down = pressing.step(pressing.untouched(), BALL, Pose(depth_mm=np.array([0.6, 0.8])))
+    lifted, pressed = pressing.step(down, BALL, Pose(x_mm=0.2, depth_mm=np.array([-0.3, 0.8]))).each()
+    assert pressed.touches
+    assert not lifted.touches
+    assert not lifted.shear_mpa.any()
+    np.testing.assert_allclose(lifted.height_mm, 0, atol=1e-12)

@@ -1,0 +1,72 @@
+"""Rigid motion, and what is refused of it."""
+
+import numpy as np
+import pytest
+from gels import BALL, model, pressed
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ninedtact.design import DesignImpossible, Gel
+from ninedtact.mechanics.contact import LoadImpossible
+from ninedtact.mechanics.pose import Pose, PoseImpossible, carried_mm
+
+numbers = st.floats(-1, 1)
+poses = st.builds(Pose, numbers, numbers, numbers, numbers, numbers, numbers)
+
+
+@settings(max_examples=50, deadline=None)
+@given(poses, poses)
+def test_a_rigid_object_carries_its_points_rigidly(before, after):
+    place = np.random.default_rng(0).normal(size=(2, 3, 4))
+    points = np.concatenate([place, np.zeros((1, 3, 4))]).reshape(3, -1)
+    own = before.rotation.T @ (points - before.origin_mm[:, None])
+    moved = after.rotation @ own + after.origin_mm[:, None] - points
+    np.testing.assert_allclose(carried_mm(before, after, place).reshape(2, -1), moved[:2], atol=1e-12)
+    np.testing.assert_allclose(before.rotation @ before.rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(before.rotation) == pytest.approx(1)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(poses, min_size=1, max_size=4))
+def test_a_batch_of_poses_is_its_poses(single):
+    batch = Pose.batch(single)
+    assert batch.each() == single
+    assert batch.batch_shape == (len(single),)
+    np.testing.assert_allclose(batch.rotation, [pose.rotation for pose in single], atol=1e-15)
+    np.testing.assert_allclose(batch.origin_mm, [pose.origin_mm for pose in single])
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_pose_is_finite(wrong):
+    with pytest.raises(PoseImpossible, match=r"expected a finite depth_mm, got (nan|inf); correct the pose"):
+        Pose(depth_mm=wrong)
+
+
+def test_an_object_stays_above_the_base():
+    with pytest.raises(
+        PoseImpossible, match=r"expected the object less deep .* base, 2\.5 mm, got 2\.6\d* mm; press less"
+    ):
+        pressed(model(), Pose(depth_mm=2.7))
+    pressing = model()
+    with pytest.raises(PoseImpossible, match=r"base, 2\.5 mm"):
+        pressing.step_to_load(pressing.untouched(), BALL, Pose(depth_mm=1.0), 100.0)
+
+
+@pytest.mark.parametrize("load", [0.0, -1.0, np.nan, np.inf])
+def test_a_load_presses(load):
+    pressing = model()
+    with pytest.raises(LoadImpossible, match=r"expected a load above zero, got .* N; press with a force, or lift"):
+        pressing.step_to_load(pressing.untouched(), BALL, Pose(depth_mm=1.0), load)
+
+
+def test_an_object_above_the_skin_leaves_it_untouched():
+    contact = pressed(model(), Pose(depth_mm=1.0), Pose(1.0, 1.0, -0.01))
+    assert not contact.touches
+    assert not contact.height_mm.any()
+    assert not contact.wrench().six.any()
+
+
+@pytest.mark.parametrize("wrong", [{"thickness_mm": 0.0}, {"shear_modulus_mpa": -1.0}, {"poisson_ratio": 0.51}])
+def test_a_gel_can_be(wrong):
+    with pytest.raises(DesignImpossible, match="expected gel"):
+        Gel(**wrong)

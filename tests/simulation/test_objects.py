@@ -1,0 +1,231 @@
+"""What presses the skin: one contract for all, generated shapes that differ, meshes of every quality."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.indenter import NOTHING_MM, Ball, Indenter, TiltTooSteep
+from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.relief import relief_of
+from ninedtact.mechanics.solids import Cone, Cylinder, Ellipsoid, FlatPunch
+from ninedtact.simulation.objects.families import FAMILIES
+from ninedtact.simulation.objects.generated import PAPER_COUNT, SHEET, object_named, object_names, objects
+from ninedtact.simulation.objects.mesh import KEPT_MM, MeshUnusable, Placing
+from ninedtact.simulation.objects.mesh_file import load_mesh
+from ninedtact.simulation.objects.named import MeshNotClosed, object_for
+from ninedtact.simulation.objects.sheet import Draw
+
+CLOSED_FORMS = [Ball(3.0), Ellipsoid(), Cylinder(), Cone(), FlatPunch()]
+MEMBERS: dict[str, Indenter] = {
+    **{indenter.name: indenter for indenter in CLOSED_FORMS},
+    **{family: object_named(f"{family}_01") for family in FAMILIES},
+}
+every_member = pytest.mark.parametrize("name", MEMBERS)
+STEP = 0.1003
+AXIS = (np.arange(240) - 119.5) * STEP
+X, Y = np.meshgrid(AXIS, AXIS)
+
+
+@every_member
+def test_an_underside_touches_its_plane_and_stays_above(name: str) -> None:
+    heights = MEMBERS[name].underside_mm(X, Y)
+    assert np.isfinite(heights).all() and heights.min() >= 0 and heights.max() == NOTHING_MM
+    # The grid may straddle the lowest point of the steepest edge.
+    assert heights.min() < 0.06
+    footprint = heights < NOTHING_MM
+    reach = max(np.ptp(X[footprint]), np.ptp(Y[footprint]))
+    assert 3.5 < reach < 21.8, "between what the skin can feel and what it can hold"
+
+
+@every_member
+def test_the_same_in_every_library_and_precision(name: str) -> None:
+    wanted, pose = MEMBERS[name].underside_mm(X, Y), Pose(0.3, -0.4, 0.5, 0.2)
+    single = MEMBERS[name].underside_mm(X.astype(np.float32), Y.astype(np.float32))
+    on_torch = MEMBERS[name].underside_mm(
+        *(torch.tensor(np.stack([axis, axis]), dtype=torch.float32) for axis in (X, Y))
+    )
+    assert (single.dtype, on_torch.dtype) == (np.float32, torch.float32)
+    low = wanted < 3
+    for found in (single, on_torch.numpy()[1]):
+        assert np.percentile(abs(found - wanted)[low], 99.5) < 1e-3
+    assert MEMBERS[name].over_skin_mm(pose, X.astype(np.float32), Y.astype(np.float32)).dtype == np.float32
+
+
+@every_member
+def test_twist_and_shift_move_the_field(name: str) -> None:
+    straight = MEMBERS[name].underside_mm(X, Y)
+    twisted = MEMBERS[name].over_skin_mm(Pose(twist_rad=np.pi / 2, depth_mm=0.7), X, Y) + 0.7
+    shifted = MEMBERS[name].over_skin_mm(Pose(x_mm=10 * STEP, y_mm=-5 * STEP), X, Y)
+    for found, wanted in ((twisted, np.rot90(straight, -1)), (shifted[:-5, 10:], straight[5:, :-10])):
+        low = (wanted < 3) & (found < 3)
+        assert low.sum() > 0.98 * (wanted < 3).sum() and abs(found - wanted)[low].max() < 0.02
+
+
+def lowest_and_highest(field: Callable[..., np.ndarray], x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of a field within 0.1 mm of each place: what can be asked of it at a wall."""
+    steps = 0.1 * np.stack(np.meshgrid([-1, -0.5, 0, 0.5, 1], [-1, -0.5, 0, 0.5, 1]), axis=-1).reshape(-1, 1, 1, 2)
+    near = field(x + steps[..., 0], y + steps[..., 1])
+    return near.min(axis=0), near.max(axis=0)
+
+
+@every_member
+@pytest.mark.parametrize("degrees", [3, 10])
+def test_tilt_moves_every_point_as_a_rigid_body(name: str, degrees: int) -> None:
+    member, pose = MEMBERS[name], Pose(0.5, 0.2, 0.6, 0.3, np.radians(degrees), np.radians(-degrees / 2))
+    x, y = X[::3, ::3] + 0.01, Y[::3, ::3]
+    found = member.over_skin_mm(pose, x, y)
+    assert np.isfinite(found).all()
+    # What is found belongs to the object.
+    points = np.stack([x, y, found])[:, found < 3]
+    own_x, own_y, own_z = ((points.T - pose.origin_mm) @ pose.rotation).T
+    low, high = lowest_and_highest(member.underside_mm, own_x[None], own_y[None])
+    assert np.mean((own_z > low - 0.02) & (own_z < high + 0.02)) > 0.998
+    # No point of the object is lower than what is found.
+    own = np.stack([x, y, member.underside_mm(x, y)])
+    x, y, z = (own[:, own[2] < 3].T @ pose.rotation.T + pose.origin_mm).T
+    low, _ = lowest_and_highest(lambda *place: member.over_skin_mm(pose, *place), x[None], y[None])
+    assert np.mean(low < z + 0.02) > 0.998
+
+
+def test_a_tilted_ball_is_a_ball_elsewhere() -> None:
+    pose = Pose(depth_mm=1.0, tilt_x_rad=0.2, tilt_y_rad=-0.1)
+    x, y, z = pose.origin_mm + pose.rotation @ [0, 0, 4]
+    cap = z - np.sqrt(np.maximum(16 - (X - x) ** 2 - (Y - y) ** 2, 0))
+    assert abs(Ball(4.0).over_skin_mm(pose, X, Y) - cap)[cap < 1.5].max() < 2e-3
+
+
+def test_a_tilted_punch_is_the_hull_of_its_faces() -> None:
+    punch, angle = FlatPunch(3.0, 0.1), np.radians(10)
+    y, below = np.arange(-5, 5, 0.01)[:, None], 1.0
+    found = punch.over_skin_mm(Pose(depth_mm=below, tilt_x_rad=angle), 0 * y, y)[:, 0] + below
+    face, wall = np.sin(angle) * 3, np.cos(angle) * 3
+    on_face = abs(y[:, 0]) < wall - 0.15
+    assert found[on_face] == pytest.approx(np.tan(angle) * y[on_face, 0], abs=1e-6)
+    # Beyond the low rim the wall leans out over the skin, with a slope of 80°.
+    beyond = (y[:, 0] < -wall - 0.1) & (y[:, 0] > -wall - 0.5)
+    rise = (found[beyond] + face) - (-y[beyond, 0] - wall) / np.tan(angle)
+    assert abs(rise).max() < 0.25 and (found[y[:, 0] > wall + 0.05] > 10).all()
+    with pytest.raises(TiltTooSteep, match="expected tilts"):
+        punch.over_skin_mm(Pose(tilt_x_rad=1.2), 0 * y, y)
+
+
+def test_as_many_distinct_shapes_as_the_paper() -> None:
+    made = list(objects())
+    assert [each.name for each in made] == object_names() and len(set(object_names())) == PAPER_COUNT
+    coarse = np.meshgrid(*2 * [np.arange(-11, 11.01, 0.3)])
+    fields = np.stack([np.minimum(each.underside_mm(*coarse), 2.0).ravel() for each in made]).astype(np.float32)
+    touched = fields < 2
+    for index, field in enumerate(fields[:-1]):
+        others = slice(index + 1, None)
+        either = (touched[others] | touched[index]).sum(axis=1)
+        difference = abs(fields[others] - field).sum(axis=1) / either
+        assert difference.min() > 0.15, f"{made[index].name} and {made[index + 1 + difference.argmin()].name} are alike"
+
+
+def test_an_object_is_its_seed_family_and_number_alone() -> None:
+    assert object_names(10) == object_names(300)[:10]
+    for name in ("gear_03", "fractal_02", "key_07"):
+        family, number = name.rsplit("_", 1)
+        again = relief_of(name, SHEET.smooth(FAMILIES[family](Draw(0, family, int(number)), SHEET)), SHEET.pitch_mm)
+        assert (object_named(name).table_mm == again.table_mm).all()
+        other = object_named(name, seed=1).table_mm
+        assert other.shape != again.table_mm.shape or abs(other - again.table_mm).max() > 0.1
+    assert object_named("gear_7").name == object_for("gear_07").name == "gear_07"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    ball = trimesh.creation.icosphere(5, radius=4.0)
+    ball.export(tmp_path / "ball.stl")
+    trimesh.creation.box((10, 6, 4)).export(tmp_path / "box.obj")
+    trimesh.creation.annulus(2, 5, 3).export(tmp_path / "ring.ply")
+    for name, scale in (("metres", 1e-3), ("inches", 1 / 25.4), ("giant", 40.0), ("wide", 6.0)):
+        ball.copy().apply_scale(scale).export(tmp_path / f"{name}.stl")
+    opened = ball.submesh([ball.triangles_center[:, 2] < 3], append=True)
+    opened.export(tmp_path / "open.stl")
+    trimesh.PointCloud(np.random.default_rng(0).random((9, 3))).export(tmp_path / "points.ply")
+    (tmp_path / "text.stl").write_text("This is no mesh.\n")
+    (tmp_path / "nothing.stl").write_bytes(b"")
+    (tmp_path / "nan.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 nan 0\nf 1 2 3\n")
+    (tmp_path / "astray.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 8\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "name", ["ball.stl", "metres.stl@m", "inches.stl@in", "giant.stl@fit:8", "wide.stl@0.16666667@+x"]
+)
+def test_a_ball_as_a_mesh_is_a_ball(folder: Path, name: str) -> None:
+    found, near = object_for(str(folder / name)).underside_mm(X, Y), np.hypot(X, Y) < 3.5
+    assert abs(found - Ball(4.0).underside_mm(X, Y))[near].max() < 0.02
+    assert (found[np.hypot(X, Y) > 4.15] == NOTHING_MM).all()
+
+
+def test_the_side_that_faces_the_skin_is_chosen(folder: Path) -> None:
+    sizes = {
+        side: load_mesh(folder / "box.obj", Placing(side=side)).relief.size_mm for side in ("-z", "+z", "-x", "+y")
+    }
+    assert sizes["-z"] == sizes["+z"] == pytest.approx((10, 6), abs=0.15)
+    assert sizes["-x"] == pytest.approx((4, 6), abs=0.15) and sizes["+y"] == pytest.approx((10, 4), abs=0.15)
+    ring = load_mesh(folder / "ring.ply").relief
+    origin = np.zeros((1, 1))
+    assert ring.underside_mm(origin, origin) == NOTHING_MM and ring.underside_mm(origin + 3.5, origin) == 0
+
+
+def test_holes_and_crops_are_told(folder: Path) -> None:
+    opened = load_mesh(folder / "open.stl", Placing(side="+z"))
+    assert not opened.closed and load_mesh(folder / "ball.stl").closed
+    assert opened.relief.underside_mm(np.zeros((1, 1)), np.zeros((1, 1))) == pytest.approx(7, abs=0.05), "its inside"
+    with pytest.warns(MeshNotClosed, match="not closed"):
+        object_for(str(folder / "open.stl"))
+    wide = load_mesh(folder / "wide.stl")
+    assert (
+        wide.cropped
+        and wide.size_mm == pytest.approx((48, 48, 48))
+        and wide.relief.size_mm == pytest.approx((KEPT_MM,) * 2)
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("metres.stl", r"in metres it would be 8 x 8 x 8 mm \(give unit m\)"),
+        ("inches.stl", r"in inches 8 x 8 x 8 mm \(give unit in\)"),
+        ("giant.stl", "at most 60 mm across, got 320 x 320 x 320 mm"),
+        ("points.ply", "expected triangles"),
+        ("text.stl", "text"),
+        ("nothing.stl", "nothing"),
+        ("nan.obj", "not a number"),
+        ("astray.obj", "astray"),
+        ("missing.stl", "which is not there"),
+    ],
+)
+def test_bad_meshes_are_refused_in_one_sentence(folder: Path, name: str, said: str) -> None:
+    with pytest.raises(MeshUnusable, match=said) as refusal:
+        object_for(str(folder / name))
+    assert str(refusal.value).startswith("expected ") and ", got " in str(refusal.value)
+
+
+def test_solids_by_name_and_a_list_of_what_is_accepted() -> None:
+    assert object_for("ball:4") == Ball(4.0) and object_for("cylinder:3,12") == Cylinder(3.0, 12.0)
+    assert object_for("cone:30") == Cone(np.radians(30))
+    for text in ("gaer_07", "", "gear", "gear_00", "ball:-1", "ball:1,2", "ball:x", "part.step", "thingi10k:many"):
+        with pytest.raises(NinedtactError, match=r"expected .*gear_07|expected ball:RADIUS"):
+            object_for(text)
+
+
+def test_thingi10k_offline_is_one_sentence(tmp_path: Path) -> None:
+    ask = "from ninedtact.simulation.objects.named import object_for; object_for('thingi10k:32770')"
+    environment = {**os.environ, "HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1"}
+    ran = subprocess.run([sys.executable, "-c", ask], env=environment, capture_output=True, text=True, timeout=60)
+    assert (
+        "ModelNotHere: expected Thingi10K on this machine" in ran.stderr
+        or "ObjectsNotInstalled: expected" in ran.stderr
+    )

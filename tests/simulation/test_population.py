@@ -1,0 +1,125 @@
+"""A distribution over sensors: the same for one seed, spread as real ones are."""
+
+import json
+from dataclasses import replace
+from itertools import islice
+
+import cv2
+import numpy as np
+import pytest
+
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.population.mechanics import finite_strain
+from ninedtact.simulation.population.member import SensorMember, member, member_from, population
+from ninedtact.simulation.population.parts import Kinds, Misreading, PopulationImpossible
+from ninedtact.simulation.population.spread import FITTED
+from ninedtact.simulation.rectified import grey_eye, raw_places, read_places
+
+MANY = 300
+ALL_BONDED, ALL_BASED = Kinds(0, 0), Kinds(1, 0)
+
+
+@pytest.fixture(scope="module")
+def members() -> list[SensorMember]:
+    return list(islice(population(), MANY))
+
+
+def test_a_member_does_not_depend_on_who_else_is_asked_for(members: list[SensorMember]) -> None:
+    assert member(17) == members[17]
+    assert member(17, seed=1) != members[17]
+    assert len({one.name for one in members}) == MANY
+
+
+def test_a_member_survives_being_written_down(members: list[SensorMember]) -> None:
+    for one in members[:6]:
+        assert member_from(json.loads(json.dumps(one.as_table()))) == one
+
+
+def test_light_spreads_and_correlates_as_in_real_sensors(members: list[SensorMember]) -> None:
+    lights = [one.light for one in members]
+    secants = np.array([-light.change(np.array([-2.0]))[0] / 2 for light in lights])
+    logs = np.log([secants, [light.bright_per_mm for light in lights], [light.scattering_mm for light in lights]])
+    real = np.log(FITTED[:, :3].T)
+    assert logs.mean(axis=1) == pytest.approx(real.mean(axis=1), abs=0.04)
+    assert logs.std(axis=1) == pytest.approx(real.std(axis=1, ddof=1), rel=0.15)
+    assert np.corrcoef(logs)[0, 1] == pytest.approx(np.corrcoef(real)[0, 1], abs=0.15)
+
+
+def test_gel_lens_and_camera_stay_within_what_is_made(members: list[SensorMember]) -> None:
+    gels = [one.gel for one in members]
+    thickness = np.array([gel.thickness_mm for gel in gels])
+    assert thickness.mean() == pytest.approx(2.5, abs=0.04)
+    assert 2.09 < thickness.min() < thickness.max() < 2.91
+    assert all(0.48 <= gel.poisson_ratio <= 0.5 for gel in gels)
+    assert np.median([gel.poisson_ratio for gel in gels]) > 0.495
+    assert all(one.light.thickness_mm == one.gel.thickness_mm for one in members)
+    assert all(0.5 <= one.friction <= 1.2 and 0.5 <= one.noise_grey_levels <= 1.0 for one in members)
+
+
+@pytest.mark.parametrize("count", [10, 40, MANY])
+def test_kinds_have_their_shares_among_few_members_too(count: int, members: list[SensorMember]) -> None:
+    kinds = [one.kind for one in members[:count]]
+    assert kinds.count("compliant_base") == pytest.approx(0.2 * count, abs=2)
+    assert kinds.count("finite_strain") == pytest.approx(0.3 * count, abs=2)
+    assert all((one.base is not None) == (one.kind == "compliant_base") for one in members)
+
+
+def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
+    based = member(3, kinds=ALL_BASED)
+    rigid = replace(based, kind="bonded", base=None)
+    depths = []
+    for one in (rigid, based):
+        twin = one.twin(0.3)
+        depths.append(twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=0.8), 4.0).pose.depth_mm)
+    assert 1.03 < depths[1] / depths[0] < 1.3
+
+
+def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
+    bonded = member(3, kinds=ALL_BONDED)
+    stiffens = replace(bonded, kind="finite_strain")
+    twin = bonded.twin(0.3)
+    solved = twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=1.5))
+    assert bonded.felt(solved) is solved
+    felt = stiffens.felt(solved)
+    assert 1.1 < felt.wrench().force_n[2] / solved.wrench().force_n[2] < 1.5
+    assert felt.height_mm.max() > 1.05 * solved.height_mm.max()
+    assert felt.height_mm.min() == solved.height_mm.min()
+    light = twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=0.05))
+    assert finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
+
+
+def test_the_rectified_picture_is_that_of_the_raw_one_rectified() -> None:
+    one = replace(member(2, kinds=ALL_BONDED), misreading=Misreading(), noise_grey_levels=1e-6)
+    twin, eye = one.twin(), grey_eye(one, (460, 345))
+    contact = twin.step(twin.model.untouched(), Ball(), Pose(2.0, -1.0, 1.2))
+    seen = eye.picture(contact, np.random.default_rng(0)).astype(float)
+    raw = cv2.cvtColor(twin.renderer.shone_on(contact), cv2.COLOR_BGR2GRAY)
+    at = raw_places(one.view, read_places((460, 345), Misreading()))
+    rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
+    assert np.ptp(seen - eye.untouched) > 12
+    assert np.abs(seen - rectified).mean() < 0.4
+    assert np.abs(seen - rectified).max() < 2.5
+
+
+def test_a_view_read_backwards_finds_its_pixels() -> None:
+    view, wanted = member(4).view, read_places((92, 69), Misreading(1.01, 0.01, (0.2, -0.1)))
+    px = raw_places(view, wanted)
+    place = cv2.remap(view.plane_mm, px[..., 0].copy(), px[..., 1].copy(), cv2.INTER_LINEAR)
+    assert np.abs(place - wanted).max() < 3e-3, "OpenCV looks up to a 32nd of a pixel"
+
+
+def test_noise_is_new_in_every_picture_and_as_strong_as_it_is_said_to_be() -> None:
+    one = member(5)
+    eye, rng = grey_eye(one, (460, 345)), np.random.default_rng(0)
+    first, second = (eye.picture(None, rng).astype(float) for _ in range(2))
+    rounding = 1 / 6
+    assert (first - second).std() == pytest.approx(np.sqrt(2 * one.noise_grey_levels**2 + rounding), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "wrong", [lambda: member(-1), lambda: member(0, -1), lambda: Kinds(0.7, 0.6), lambda: Kinds(-0.1)]
+)
+def test_members_that_cannot_be_drawn_are_refused(wrong: object) -> None:
+    with pytest.raises(PopulationImpossible, match="expected"):
+        wrong()  # type: ignore[operator]

@@ -1,0 +1,115 @@
+"""The twin's camera sees what presses it, and the twin's force/torque sensor feels the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_stage import PRESSED, TWIN, small_stage
+
+from ninedtact.capture.source import SourceEnded
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.simulation.camera import SimulatedCamera
+from ninedtact.simulation.force_torque import EXACT, SimulatedForceTorque
+from ninedtact.simulation.light import Light
+from ninedtact.simulation.noise import Noise
+from ninedtact.simulation.picture import Renderer
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.truth import heights
+from ninedtact.simulation.twin import default_twin
+from ninedtact.simulation.view import WideLens
+
+QUIET = Noise(0.0)
+EVEN = np.full((480, 640, 3), 160, np.float32)
+EVENLY_LIT = Renderer(WideLens().view(), EVEN, Light(), QUIET)
+
+
+def factor(contact: Contact) -> np.ndarray:
+    return EVENLY_LIT.shone_on(contact)[..., 1] / 160
+
+
+def test_an_untouched_twin_gives_its_untouched_picture_and_noise() -> None:
+    pictures = np.array([TWIN.renderer(TWIN.model.untouched(), number) for number in range(16)], float)
+    assert np.array_equal(pictures[3], TWIN.renderer(None, 3))
+    assert pictures.mean(axis=0) == pytest.approx(TWIN.renderer.untouched, abs=2.0)
+    spread = pictures.std(axis=0, ddof=1)
+    assert np.sqrt((spread**2).mean()) == pytest.approx(np.hypot(0.7, 0.29), rel=0.03)  # with rounding to 8 bits
+    quiet = replace(TWIN.renderer, noise=QUIET)
+    assert np.abs(quiet(None).astype(float) - TWIN.renderer.untouched).max() <= 0.5
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    def first_pictures(seed: int) -> list[bytes]:
+        stage = small_stage()
+        stage.twin = default_twin(seed)
+        with SimulatedCamera(stage) as camera:
+            return [camera.read().image.tobytes() for _ in range(8)]
+
+    assert first_pictures(3) == first_pictures(3)
+    assert not set(first_pictures(3)) & set(first_pictures(4))
+
+
+def test_opened_again_it_begins_again() -> None:
+    stage = small_stage()
+    camera = SimulatedCamera(stage)
+    runs = []
+    for _ in range(2):
+        with camera:
+            frames = [camera.read() for _ in range(12)]
+        runs.append([frame.image.tobytes() for frame in frames])
+        steps_ns = np.diff([frame.stamp_ns for frame in frames])
+        assert steps_ns == pytest.approx(1e8, abs=2) and [frame.index for frame in frames] == list(range(12))
+    assert runs[0] == runs[1]
+
+
+def test_a_camera_ends_with_its_stage() -> None:
+    with SimulatedCamera(small_stage(rounds=1)) as camera:
+        assert len(list(camera)) == int(np.ceil(PRESSED.motion.seconds * 10))
+        with pytest.raises(SourceEnded):
+            camera.read()
+
+
+def test_camera_and_force_torque_sensor_see_one_motion() -> None:
+    stage = small_stage()
+    camera, sensor = SimulatedCamera(stage), SimulatedForceTorque(stage, hz=10.0, errors=EXACT)
+    with camera, sensor:
+        pairs = [(camera.read(), sensor.read()) for _ in range(int(stage.seconds * 10))]
+    untouched = TWIN.renderer.untouched[..., 1]
+    assert all(frame.stamp_ns == wrench.stamp_ns for frame, wrench in pairs)
+    darkness = np.array([np.percentile(untouched - frame.image[..., 1], 99) for frame, _ in pairs])
+    load = np.array([-wrench.force_n[2] for _, wrench in pairs])
+    assert np.corrcoef(darkness, load)[0, 1] > 0.9
+    assert load[darkness.argmax()] == pytest.approx(load.max(), rel=0.05) and load.max() > 2
+
+
+def test_the_front_of_a_drag_is_brighter_than_its_back() -> None:
+    dragged = factor(Press(1.2, drag_mm=(1.0, 0.0)).on(TWIN, Ball(4.0)))
+    row, middle = 240, 640 // 2 + 24
+    back, front = dragged[row, middle - 200 : middle].max(), dragged[row, middle : middle + 200].max()
+    assert front > back + 0.03
+
+
+def test_a_mirrored_press_gives_the_mirrored_picture() -> None:
+    press = Press(1.0, at_mm=(2.0, -1.0), drag_mm=(0.6, 0.3))
+    mirrored = replace(press, at_mm=(-2.0, -1.0), drag_mm=(-0.6, 0.3))
+    one, other = (factor(each.on(TWIN, Ball(4.0))) for each in (press, mirrored))
+    assert one == pytest.approx(other[:, ::-1], abs=2e-3)
+
+
+def test_pressed_skin_is_seen_displaced_outwards() -> None:
+    contact = Press(1.5, at_mm=(7.0, 0.0)).on(TWIN, Ball(4.0))
+    place, seen = (heights(contact, (1, 401), 0.05, nearness) for nearness in (0.0, 0.05))
+    x_place, x_seen = (float(height.axes_mm[0][height.z_mm[0].argmin()]) for height in (place, seen))
+    assert x_place == pytest.approx(7.0, abs=0.06)
+    # The line of sight through P meets the skin at P(1 + z/D): what is 1.5 mm deep at 7 mm is seen at 7/(1 − 1.5 · 0.05).
+    assert x_seen == pytest.approx(7.0 / (1 - 1.5 * 0.05), abs=0.12)
+    assert seen.camera_distance_mm == 20 and np.isinf(place.camera_distance_mm)
+    assert seen.z_mm.min() == pytest.approx(-1.5, abs=0.02)
+
+
+def test_a_lens_read_backwards_is_smooth_and_right_way_round() -> None:
+    plane = WideLens().view().plane_mm
+    assert (np.diff(plane[..., 0], axis=1) > 0).all() and (np.diff(plane[..., 1], axis=0) > 0).all()
+    assert plane[240, 320] == pytest.approx([0, 0], abs=0.05)
+    turned = WideLens(turn_rad=np.pi / 2, offset_mm=(0.5, 0.0)).view((480, 480)).plane_mm
+    assert turned[240, -1, 1] > 10 and turned[-1, 240, 0] < -10

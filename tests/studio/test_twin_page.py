@@ -1,0 +1,125 @@
+"""A twin on the page: its skin moves, and what presses it stands beside, from the same moment."""
+
+import time
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser
+from small_sensor import wait_until
+from small_stage import PRESSED, TWIN
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.capture.source import SourceNotOpen
+from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
+from ninedtact.cli.live import on_page
+from ninedtact.cli.twin_on_show import TRUE_WRENCH, on_show
+from ninedtact.quantities import Wrench
+from ninedtact.studio.arrows import arc_deg, arc_mm, centre_mm
+from ninedtact.studio.loop import Phase, SensorLoop
+from ninedtact.studio.page import Page
+from ninedtact.studio.ruler import block_under
+from ninedtact.studio.server import serving
+from ninedtact.studio.studio import Studio
+from ninedtact.studio.wrench_card import card
+from ninedtact.studio.wrench_loop import WrenchLoop
+
+PATIENCE_S = 90.0
+
+
+def pushed(force: tuple[float, float, float], at: tuple[float, float], twist_nm: float = 0.0) -> Wrench:
+    torque = np.cross([*(np.array(at) / 1e3), 0.0], force) + np.array([0, 0, twist_nm])
+    return Wrench(np.array(force, float), torque)
+
+
+class FallingWeight(WrenchSource):
+    """Presses one newton harder with every sample, until it is unplugged."""
+
+    name = "falling weight"
+
+    def __init__(self) -> None:
+        self.is_open, self.plugged_in, self.samples = False, True, count()
+
+    def open(self) -> None:
+        self.is_open = True
+
+    def read(self) -> Wrench:
+        time.sleep(0.02)
+        if not self.is_open:
+            raise SourceNotOpen(self.name)
+        if not self.plugged_in:
+            raise WrenchSensorLost("expected a sample of the falling weight, got none; plug it in")
+        force = np.array([0.0, 0.0, -float(next(self.samples))])
+        return Wrench(force, np.zeros(3), np.array([0.0, 0.0, -35.0]), time.monotonic_ns())
+
+    def close(self) -> None:
+        self.is_open = False
+
+
+def test_a_wrench_loop_gives_the_wrench_of_the_asked_moment() -> None:
+    weight = FallingWeight()
+    with WrenchLoop(weight, "weight") as loop:
+        wait_until(lambda: loop.moment(None, 0).history.shape[1] > 8)
+        now_ns = time.monotonic_ns()
+        moment = loop.moment(None, now_ns)
+        at_s, fell = moment.history[0], moment.history[3]
+        assert (at_s < 0).all() and (np.diff(at_s) > 0).all() and (np.diff(fell) < 0).all()
+        earlier = loop.moment(now_ns + round(at_s[3] * 1e9) + 1_000_000, now_ns).wrench
+        assert earlier is not None and earlier.force_n[2] == fell[3] and (earlier.about_mm == 0).all()
+        weight.plugged_in = False
+        wait_until(lambda: loop.moment(None, 0).trouble is not None)
+        assert "plug it in" in card(loop.moment(None, 0), is_past=False)
+    assert not weight.is_open
+
+
+def test_an_arrow_stands_where_the_force_goes_through_the_skin() -> None:
+    assert centre_mm(pushed((0.4, 0.2, -2.0), (3.0, -1.5))) == pytest.approx([3.0, -1.5, 0])
+    assert centre_mm(pushed((0.0, 0.0, -0.01), (3.0, -1.5))) is None
+    around = pushed((0.0, 0.0, -2.0), (3.0, -1.5), twist_nm=0.01)
+    assert around.about(np.array([3.0, -1.5, 0.0])).torque_nm[2] == pytest.approx(0.01)
+    arc = arc_mm(np.zeros(3), arc_deg(0.01))
+    first, second = arc[0, :2], arc[1, :2]
+    assert first[0] * second[1] - first[1] * second[0] > 0  # a positive torque turns x towards y
+    assert abs(arc_deg(5.0)) < 360 and arc_deg(-0.01) == -arc_deg(0.01)
+
+
+def test_the_card_has_six_numbers_with_units() -> None:
+    with WrenchLoop(FallingWeight(), "weight") as loop:
+        wait_until(lambda: loop.moment(None, 0).wrench is not None)
+        said = card(loop.moment(None, 0), is_past=False)
+    assert said.count("mN·m</span>") == 3 and said.count(">N</span>") == 3 and "weight" in said
+
+
+def test_a_browser_shows_the_twin_move_and_its_true_wrench(
+    browser: Browser, tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.simulation.show.show", lambda: [PRESSED])
+    sensor, wrenches = on_page(twin_sensor.shape, on_show(TWIN, rounds=12))
+    tab, errors, seen, pushes = browser.new_page(viewport={"width": 1200, "height": 800}), [], set(), set()
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    with serving("127.0.0.1", 0) as server, SensorLoop(sensor) as loop, wrenches[0]:
+        studio = Studio(loop, tmp_path, wrenches)
+        page = Page(server, studio, block_under(twin_sensor.shape, twin_sensor.record.design.gel), "twin")
+        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+
+        def moved() -> bool:
+            studio.refresh(page)
+            said = tab.inner_text("body")
+            seen.update(line for line in said.splitlines() if line.endswith("mm"))
+            pushes.update(line for line in said.splitlines() if line.startswith("F") and "N" in line)
+            shown, wrench = studio.shown, wrenches[0].moment(None, 0).wrench
+            return (
+                TRUE_WRENCH in said and len(seen) > 5 and len(pushes) > 5 and shown is not None and wrench is not None
+            )
+
+        wait_until(moved, PATIENCE_S, pause_s=0.05)
+        assert tab.locator("canvas").count() > 2
+        pressed = Path(tmp_path / "page.png")
+        tab.screenshot(path=pressed)
+        assert pressed.stat().st_size > 10_000
+        reading = studio.shown
+        assert reading is not None and loop.moment(0).phase in (Phase.READING, Phase.ENDED)
+        at_reading = wrenches[0].moment(reading.frame.stamp_ns, time.monotonic_ns()).wrench
+        assert at_reading is not None and abs(at_reading.stamp_ns - reading.frame.stamp_ns) < 0.2e9
+    assert errors == []
