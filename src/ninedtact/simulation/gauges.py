@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ninedtact.capture.pictures import average_pictures
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.mechanics.contact import Effort
 from ninedtact.mechanics.indenter import Ball
@@ -37,14 +38,25 @@ class GaugePictures:
 
 
 def gauge_pictures(
-    twin: Twin, design: SensorDesign = SensorDesign(), first_number: int = 0, board_depth_mm: float = BOARD_DEPTH_MM
+    twin: Twin,
+    design: SensorDesign = SensorDesign(),
+    first_number: int = 0,
+    board_depth_mm: float = BOARD_DEPTH_MM,
+    frames: int = 1,
 ) -> GaugePictures:
-    """The twin's own calibration pictures; `first_number` picks their noise."""
+    """The twin's own calibration pictures; `first_number` picks their noise. frames: how many are averaged for each, as a
+    guided calibration averages eight."""
     finer = replace(twin, pitch_mm=design.pin_board.pitch_mm / PINS_PER_CELL)
     board = Press(board_depth_mm).on(finer, pin_board(design.pin_board), ENOUGH)
     ball = Press(BALL_DEPTH_MM, drag_mm=BALL_DRAG_MM).on(twin, Ball(design.ball.radius_mm), ENOUGH)
     contacts = None, board, None, ball
-    return GaugePictures(*(twin.renderer(contact, first_number + n) for n, contact in enumerate(contacts)))
+    numbers = [range(first_number + n * frames, first_number + (n + 1) * frames) for n in range(len(contacts))]
+    return GaugePictures(
+        *(
+            average_pictures([twin.renderer(contact, number) for number in some])
+            for contact, some in zip(contacts, numbers, strict=True)
+        )
+    )
 
 
 def pin_board(board: PinBoard) -> Relief:

@@ -11,8 +11,10 @@ before black (Kubelka and Munk 1931, docs/references.md); above zero it is a lin
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -52,11 +54,12 @@ class Light:
                     f"expected light.{name} of zero or more, got {getattr(self, name)}; fit the sensor again"
                 )
 
-    def change(self, height_mm: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """f(u): relative change of brightness where the skin is this high, before any scattering."""
-        pressed = np.clip(height_mm, -self.thickness_mm, 0)
+    def change(self, height_mm: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
+        """f(u): relative change of brightness where the skin is this high, before any scattering; NumPy or torch."""
+        xp = array_namespace(height_mm)
+        pressed = xp.clip(height_mm, -self.thickness_mm, 0.0)
         dark = saturating(pressed, self.saturation, self.thickness_mm) * self.dark_per_mm
-        return dark + self.bright_per_mm * np.maximum(height_mm, 0)
+        return dark + self.bright_per_mm * xp.clip(height_mm, 0.0, None)
 
     def height_mm(self, change: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """The height that has this change: `change` read backwards. What is darker than no gel at all is the whole gel."""
@@ -71,6 +74,6 @@ class Light:
         return -self.shade * float(np.maximum(-change, 0).mean())
 
 
-def saturating(pressed_mm: Float[Array, "*shape"], saturation: float, thickness_mm: float) -> Float[Array, "*shape"]:
+def saturating(pressed_mm: Float[Any, "*shape"], saturation: float, thickness_mm: float) -> Float[Any, "*shape"]:
     """u(1 + s)/(1 + s(1 + u/h)): slope one at zero, steeper where the gel is thin."""
     return pressed_mm * (1 + saturation) / (1 + saturation * (1 + pressed_mm / thickness_mm))

@@ -1,0 +1,35 @@
+"""Many pictures at once are the pictures drawn one by one, in NumPy and in torch."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from ninedtact.mechanics.contact import ContactModel, Effort
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.batch import BatchRenderer
+from ninedtact.simulation.twin import Twin, default_twin
+
+POSES = [Pose(-3.0, 2.0, 1.2), Pose(6.0, -4.0, 0.6), Pose(0.0, 0.0, 1.5)]
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return default_twin()
+
+
+@pytest.mark.parametrize(
+    "like", [np.zeros((), np.float32), torch.zeros((), dtype=torch.float32)], ids=["numpy", "torch"]
+)
+def test_a_batch_is_drawn_as_each_alone(twin: Twin, like: object) -> None:
+    skin = replace(twin.model.skin, like=like)
+    model = ContactModel(skin, twin.friction, Effort(tolerance=1e-4))
+    batch = model.step(model.untouched(), Ball(4.0), Pose.batch(POSES))
+    factors = np.asarray(BatchRenderer(twin.renderer, like).factors(batch))
+    alone = ContactModel(twin.model.skin, twin.friction, Effort(tolerance=1e-4))
+    for pose, factor in zip(POSES, factors, strict=True):
+        single = twin.renderer.factor(alone.step(alone.untouched(), Ball(4.0), pose))
+        assert np.abs(factor - single).max() < 4e-3, "half a grey level, at the edge of the contact"
+        assert np.abs(factor - single).mean() < 2e-4
