@@ -56,12 +56,20 @@ class Press:
 
     def on(self, twin: Twin, indenter: Indenter, effort: Effort | None = CAREFUL) -> Contact:
         """The contact at its end. effort: None leaves the twin's own. Raises what `Twin.step` raises."""
+        self.require_above_base(twin)
         twin = twin if effort is None else replace(twin, effort=effort)
         contact = twin.model.untouched()
         for pose in self.poses():
             deeper = pose if self.load_n is None else replace(pose, depth_mm=contact.pose.depth_mm)
             contact = twin.step(contact, indenter, deeper, self.load_n)
         return twin.felt(contact)
+
+    def require_above_base(self, twin: Twin) -> None:
+        """Refuse a depth at which the object would reach through the gel."""
+        if self.depth_mm is not None and self.depth_mm >= twin.thickness_mm:
+            raise PressImpossible(
+                f"expected a press less deep than the gel is thick, {twin.thickness_mm:g} mm, got {self.depth_mm:g} mm; press less"
+            )
 
 
 def steps(way: float, longest: float) -> int:
