@@ -61,14 +61,6 @@ class Light:
         dark = saturating(pressed, self.saturation, self.thickness_mm) * self.dark_per_mm
         return dark + self.bright_per_mm * xp.clip(height_mm, 0.0, None)
 
-    def height_mm(self, change: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """The height that has this change: `change` read backwards. What is darker than no gel at all is the whole gel."""
-        slope, bend = self.dark_per_mm * (1 + self.saturation), self.saturation / self.thickness_mm
-        dark = np.minimum(change, 0)
-        pressed = dark * (1 + self.saturation) / np.maximum(slope - bend * dark, 1e-12)
-        bulge = np.maximum(change, 0) / max(self.bright_per_mm, 1e-12)
-        return np.maximum(pressed, -self.thickness_mm) + bulge
-
     def loss(self, change: Float[Array, "*view"]) -> float:
         """c: what the whole picture loses when this much of the view is darker."""
         return -self.shade * float(np.maximum(-change, 0).mean())
