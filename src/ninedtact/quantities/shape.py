@@ -1,16 +1,11 @@
-"""The nouns that cross rooms. Each carries its own scale, unit and stamp; none shares memory with the next result.
+"""From picture to surface: frames, rectified pictures, heights, points and meshes."""
 
-Axes, once for the whole package: the origin is the centre of the untouched skin; x runs along picture columns, y along
-picture rows, z outward through the skin (right-handed, as the camera sees it). Arrays are (rows, cols). The centre of
-an array of n samples is index (n − 1)/2. Lengths are mm; stamps are ns of the monotonic clock, taken on arrival.
-"""
-
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, UInt8
+from jaxtyping import Bool, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
 
@@ -94,43 +89,6 @@ class Mesh:
 
     vertices_mm: Float32[Array, "n 3"]
     faces: Int32[Array, "m 3"]
-
-
-@dataclass(frozen=True)
-class Wrench:
-    """Force and torque that the object applies to the skin, sensor frame: pressing gives F_z < 0."""
-
-    force_n: Float64[Array, "3"]
-    torque_nm: Float64[Array, "3"]
-    about_mm: Float64[Array, "3"] = field(default_factory=lambda: np.zeros(3))
-    """The point that the torque is about; the skin's centre unless said otherwise."""
-    stamp_ns: int = 0
-
-    def about(self, point_mm: Float64[Array, "3"]) -> "Wrench":
-        """The same wrench with its torque about another point: τ' = τ + (old − new) × F."""
-        arm_m = (self.about_mm - point_mm) / 1e3
-        return replace(self, torque_nm=self.torque_nm + np.cross(arm_m, self.force_n), about_mm=point_mm)
-
-    @property
-    def six(self) -> Float64[Array, "6"]:
-        """F_x, F_y, F_z in N and T_x, T_y, T_z in N·m."""
-        return np.concatenate([self.force_n, self.torque_nm])
-
-
-@dataclass(frozen=True)
-class Reading:
-    """All that one frame gave, what each stage cost, and how old it is."""
-
-    frame: Frame
-    rectified: Rectified
-    height: HeightMap
-    stage_ms: dict[str, float] = field(default_factory=dict)
-    dropped: int = 0
-    """Frames that the source delivered and nobody read, since the source was opened."""
-
-    def age_ms(self, now_ns: int) -> float:
-        """Time since the frame arrived, against `time.monotonic_ns()`."""
-        return (now_ns - self.frame.stamp_ns) / 1e6
 
 
 def centred_axis_mm(samples: int, mm_per_px: float) -> Float32[Array, " samples"]:

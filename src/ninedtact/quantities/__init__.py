@@ -1,0 +1,34 @@
+"""The nouns that cross rooms. Each carries its own scale, unit and stamp; none shares memory with the next result.
+
+Axes, once for the whole package: the origin is the centre of the untouched skin; x runs along picture columns, y along
+picture rows, z outward through the skin (right-handed, as the camera sees it). Arrays are (rows, cols). The centre of
+an array of n samples is index (n − 1)/2. Lengths are mm; stamps are ns of the monotonic clock, taken on arrival.
+"""
+
+from ninedtact.quantities.force import Deformation, Doubt, Traction, Wrench, WrenchEstimate
+from ninedtact.quantities.reading import Reading
+from ninedtact.quantities.shape import (
+    Coverage,
+    Frame,
+    HeightMap,
+    Mesh,
+    PointCloud,
+    Rectified,
+    centred_axis_mm,
+)
+
+__all__ = [
+    "Coverage",
+    "Deformation",
+    "Doubt",
+    "Frame",
+    "HeightMap",
+    "Mesh",
+    "PointCloud",
+    "Reading",
+    "Rectified",
+    "Traction",
+    "Wrench",
+    "WrenchEstimate",
+    "centred_axis_mm",
+]
