@@ -155,3 +155,14 @@ def test_a_demo_of_nothing_is_refused(
 ) -> None:
     assert main(["demo", "--out", str(tmp_path / "demo"), *option]) == 1
     assert said in capsys.readouterr().err and not (tmp_path / "demo").exists()
+
+
+def test_a_stopped_data_set_says_that_it_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*of: object, **how: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ninedtact.simulation.dataset.job.make_dataset", interrupted)
+    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs")]) == 1
+    assert "again to go on where it stopped" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Pictures come in here, and every one is a `Frame`: cameras, network streams, videos, folders of pictures.
 
-source.py        FrameSource, what all members of the family honour
+openable.py      Openable: opened, and closed however its use ends
+source.py        FrameSource, what all members of the family honour; wrench_source.py: WrenchSource, the same of forces
 camera.py        Camera (UVC through V4L2), settings.py what it is set to and how that is read back
 raspberry_pi.py  RaspberryPi (ribbon cable, through picamera2)
 stream.py        Stream (MJPEG or RTSP over the network)

@@ -4,15 +4,12 @@ A source is stamped on arrival (monotonic clock) and counts its own pictures. Re
 source's own setting, because only its driver can keep a limit. `Freshest` keeps a limit over any source.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator
-from types import TracebackType
-from typing import TypeVar
 
+from ninedtact.capture.openable import Openable
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
-
-Opened = TypeVar("Opened", bound="FrameSource")
 
 
 class CameraNotFound(NinedtactError):
@@ -34,21 +31,11 @@ class SourceNotOpen(NinedtactError):
         super().__init__(f"expected {name} to be open, got a read while it is closed; read it inside `with source:`")
 
 
-class FrameSource(ABC):
-    """Anything that delivers pictures. The constructor touches no device; opening is all or nothing."""
-
-    name: str
-    """What to call it in front of a person; never holds a password."""
+class FrameSource(Openable):
+    """Anything that delivers pictures; `open` raises `CameraNotFound`, `SettingRefused` or `PictureUnreadable`."""
 
     recorded_hz: float | None = None
     """Pictures per second at which a recording was made; None for a live source, which paces itself."""
-
-    @abstractmethod
-    def open(self) -> None:
-        """Open, or raise and leave nothing open (`CameraNotFound`, `SettingRefused`, `PictureUnreadable`).
-
-        Opening an open source does nothing.
-        """
 
     @abstractmethod
     def read(self) -> Frame:
@@ -57,17 +44,6 @@ class FrameSource(ABC):
         Raises `SourceEnded` after the last picture of a recording, `CameraLost` when a live source stops, and
         `SourceNotOpen` when it is not open.
         """
-
-    @abstractmethod
-    def close(self) -> None:
-        """Release the device. Any thread may call it, any number of times; it waits for a read in progress."""
-
-    def __enter__(self: Opened) -> Opened:
-        self.open()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield pictures until the source ends; a live source never does."""

@@ -4,30 +4,20 @@ Like a camera it is stamped on arrival (monotonic clock). What it tells is the w
 in the sensor frame: whoever wraps a device turns its signs and axes.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator
-from types import TracebackType
-from typing import TypeVar
 
+from ninedtact.capture.openable import Openable
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Wrench
-
-Opened = TypeVar("Opened", bound="WrenchSource")
 
 
 class WrenchSensorLost(NinedtactError):
     """A force/torque sensor that had delivered samples stopped."""
 
 
-class WrenchSource(ABC):
-    """Anything that delivers wrenches. The constructor touches no device; opening is all or nothing."""
-
-    name: str
-    """What to call it in front of a person."""
-
-    @abstractmethod
-    def open(self) -> None:
-        """Open, or raise and leave nothing open. Opening an open source does nothing."""
+class WrenchSource(Openable):
+    """Anything that delivers wrenches."""
 
     @abstractmethod
     def read(self) -> Wrench:
@@ -36,17 +26,6 @@ class WrenchSource(ABC):
         Raises `WrenchSensorLost` when the device stops, `SourceEnded` after the last sample of a recording and
         `SourceNotOpen` when it is not open.
         """
-
-    @abstractmethod
-    def close(self) -> None:
-        """Release the device. Any thread may call it, any number of times."""
-
-    def __enter__(self: Opened) -> Opened:
-        self.open()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     def __iter__(self) -> Iterator[Wrench]:
         """Yield samples for ever, or until the source raises."""

@@ -6,10 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ninedtact.cli.answer import answer
+from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.simulation.dataset.job import Made
     from ninedtact.simulation.dataset.settings import DatasetSettings
+
+
+class DatasetStopped(NinedtactError):
+    """Ctrl-C ended the command before the data set was whole."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(
+            f"stopped by Ctrl-C; nothing in {folder} was written half; run the command again to go on where it stopped"
+        )
 
 
 @dataclass(frozen=True)
@@ -48,11 +58,18 @@ class Dataset:
     """Print the figures as one JSON object."""
 
     def run(self) -> int:
-        """Make it, and say how its wrenches compare with real ones."""
+        """Make it, and say how its wrenches compare with real ones; raises `DatasetStopped`."""
+        try:
+            made = self.made()
+        except KeyboardInterrupt:
+            raise DatasetStopped(self.out) from None
+        return answer(self.json, figures(made), lines(made))
+
+    def made(self) -> "Made":
+        """The data set, all of it."""
         from ninedtact.simulation.dataset.job import make_dataset
 
-        made = make_dataset(self.out, self.settings, self.workers, progress=not self.json)
-        return answer(self.json, figures(made), lines(made))
+        return make_dataset(self.out, self.settings, self.workers, progress=not self.json)
 
     @property
     def settings(self) -> "DatasetSettings":
