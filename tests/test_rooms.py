@@ -32,8 +32,8 @@ HEAVY = {
     "build123d": {"hardware"},
     "cyclonedds": {"interop"},
     # simulation: one press and a show of several as figures, beside what they are figures of.
-    "matplotlib": {"shape", "calibration", "simulation"},
-    "jinja2": {"calibration"},
+    "matplotlib": {"shape", "calibration", "simulation", "force"},
+    "jinja2": {"calibration", "force"},
 }
 
 

@@ -14,6 +14,7 @@ from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.check import Check
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.doctor import Doctor
+from ninedtact.cli.evaluate import Evaluate
 from ninedtact.cli.live import Live
 from ninedtact.cli.reconstruct import Reconstruct
 from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
@@ -28,6 +29,7 @@ Command = (
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Live, tyro.conf.subcommand("live")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate", description=SIMULATE)]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[ImportCalibration, tyro.conf.subcommand("import-calibration")]
     | Annotated[ExportCalibration, tyro.conf.subcommand("export-calibration")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]

@@ -1,0 +1,128 @@
+"""Predictions as a CSV file.
+
+    object,sensor,Fx_N,…,Fz_N,Tx_Nm,…,Tz_Nm,pFx,…,pTz,eFx,…,eTz
+
+Six true numbers, six predicted (`p…`) and, if claimed, the six standard deviations of these (`e…`), N and N·m. `object` and
+`sensor` are optional; other columns are ignored, their order is free.
+"""
+
+import csv
+from collections.abc import Iterator, Sequence
+from io import StringIO
+from math import isfinite
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from ninedtact.force.evaluation.predictions import AXES, Distribution, Predictions, PredictionsUnusable, Wrenches
+from ninedtact.whole_file import write_whole
+
+TRUTH = tuple(f"{axis}_{'N' if axis.startswith('F') else 'Nm'}" for axis in AXES)
+PREDICTED = tuple(f"p{axis}" for axis in AXES)
+ERROR = tuple(f"e{axis}" for axis in AXES)
+GROUPS = ("object", "sensor")
+
+
+def read_predictions(
+    path: Path,
+    distribution: Distribution = Distribution.GAUSSIAN,
+    about_mm: tuple[float, float, float] | None = None,
+) -> Predictions:
+    """Read and check; raises `PredictionsUnusable` with the line and column of what is wrong.
+
+    What a file does not hold is said beside it: what errors are distributed like, and the point that torques are about.
+    """
+    header, rows = table(path)
+    require_columns(path, header)
+    columns = dict(zip(header, zip(*(row for _, row in rows), strict=True), strict=True))
+    lines = [line for line, _ in rows]
+    truth, predicted = (numbers(path, columns, names, lines) for names in (TRUTH, PREDICTED))
+    error = numbers(path, columns, ERROR, lines) if ERROR[0] in columns else None
+    objects, sensors = (columns.get(name) for name in GROUPS)
+    return Predictions(truth, predicted, error, distribution, objects, sensors, about_mm)
+
+
+def table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Header, and the rows with their line numbers; raises `PredictionsUnusable`."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        reader = csv.reader(StringIO(text, newline=""), strict=True)
+        filled = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
+    except (OSError, UnicodeDecodeError, csv.Error) as trouble:
+        raise PredictionsUnusable(
+            f"expected a CSV file of predictions in {path}, got: {trouble}; check the path, or write it again as UTF-8 text"
+        ) from trouble
+    if len(filled) < 2:
+        raise PredictionsUnusable(
+            f"expected a header and rows of predictions in {path}, got {'a header alone' if filled else 'an empty file'}; "
+            "write the predictions again"
+        )
+    (_, header), *rows = filled
+    for line, row in rows:
+        if len(row) != len(header):
+            refuse(path, line, f"expected {len(header)} cells as in the header, got {len(row)}")
+    return header, rows
+
+
+def require_columns(path: Path, header: Sequence[str]) -> None:
+    """Refuse a header without what is needed, or with a name twice."""
+    wanted = (*TRUTH, *PREDICTED, *(ERROR if any(name in ERROR for name in header) else ()))
+    missing = [name for name in wanted if name not in header]
+    repeated = sorted({name for name in header if header.count(name) > 1})
+    if missing or repeated:
+        fault = f"no {', '.join(missing)}" if missing else f"{', '.join(repeated)} more than once"
+        raise PredictionsUnusable(
+            f"expected columns {' '.join(TRUTH)} {' '.join(PREDICTED)} in {path}, separated by commas, got {fault} (the columns "
+            f"there: {' '.join(header)[:200]}); name them so"
+        )
+
+
+def numbers(path: Path, columns: dict[str, tuple[str, ...]], names: Sequence[str], lines: Sequence[int]) -> Wrenches:
+    """Six columns as finite numbers; raises `PredictionsUnusable`."""
+    try:
+        six = np.array([columns[name] for name in names]).astype(float).T
+    except ValueError:
+        six = np.full((len(lines), len(names)), np.nan)
+    if not np.isfinite(six).all():
+        return np.array(list(one_by_one(path, columns, names, lines))).reshape(len(names), len(lines)).T
+    return np.ascontiguousarray(six)
+
+
+def one_by_one(
+    path: Path, columns: dict[str, tuple[str, ...]], names: Sequence[str], lines: Sequence[int]
+) -> Iterator[float]:
+    """The same slowly, to say where it fails. An infinite error is one that knows nothing, and allowed."""
+    for name in names:
+        for line, cell in zip(lines, columns[name], strict=True):
+            try:
+                value = float(cell)
+            except ValueError:
+                refuse(path, line, f"expected a number in column {name}, got {cell[:40]!r}")
+            if not (isfinite(value) or (name in ERROR and value == np.inf)):
+                refuse(path, line, f"expected a finite number in column {name}, got {cell}")
+            yield value
+
+
+def refuse(path: Path, line: int, fault: str) -> NoReturn:
+    """Say where."""
+    raise PredictionsUnusable(f"{fault}, in line {line} of {path}; correct it or leave the line out")
+
+
+def write_predictions(path: Path, predictions: Predictions) -> None:
+    """Whole or not at all (`FileNotWritten`); every number as it is, so that it is read back the same."""
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    groups = {
+        name: column
+        for name, column in zip(GROUPS, (predictions.objects, predictions.sensors), strict=True)
+        if column is not None
+    }
+    blocks = {TRUTH: predictions.truth, PREDICTED: predictions.predicted}
+    if predictions.error is not None:
+        blocks[ERROR] = predictions.error
+    writer.writerow([*groups, *(name for names in blocks for name in names)])
+    writer.writerows(
+        zip(*groups.values(), *(column.tolist() for six in blocks.values() for column in six.T), strict=True)
+    )
+    write_whole(path, text.getvalue().encode())
