@@ -1,112 +1,156 @@
-"""Contacts per second, solved and drawn, many at a time, with torch on a GPU if there is one.
+"""Contacts per second of a data set, solved and drawn, many at a time with torch on a GPU if there is one.
 
-Beside it one at a time with NumPy on one CPU thread. Every contact is a ball at a depth, drag and twist of its own, in two
-steps: pressed from untouched skin, then dragged and twisted; each step counts, and is drawn to a 640 x 480 picture where the
-table says so. Sensing area and pitch of the live twin, single precision, to 1 % of the depth. Without a GPU the same runs on the
-CPU, and the table says so: python benchmarks/gpu_contacts.py --device cpu
+Sessions of `ninedtact simulate dataset` are advanced as `--device cuda` advances them: twenty sensors, generated objects, default
+grid, pictures of 460 x 345; but every contact is drawn. Beside them one session in the processor's own way. Without a GPU
+torch does the same on the CPU, which is slow and says nothing of a GPU; but its operations are counted, and the time that
+they would take a GPU is worked out from what its memory can carry, and called extrapolated.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 import tyro
 from figures import Figure, answer, at_least
+from tallied import Tally
 
-from ninedtact.design import Gel
-from ninedtact.mechanics.contact import Contact, ContactModel, Effort
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.patch import padded_patch
-from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import gel_skin
-from ninedtact.simulation.batch import BatchRenderer
-from ninedtact.simulation.twin import default_twin
+from ninedtact.capture.sampling_rule import RuleSettings
+from ninedtact.simulation.dataset.asking import Asked, Felt, Look, Step, answer_of
+from ninedtact.simulation.dataset.bench import Bench, set_up
+from ninedtact.simulation.dataset.session import Session
+from ninedtact.simulation.dataset.settings import DatasetSettings, Shares
+from ninedtact.simulation.dataset.together.device import Device, device_named
+from ninedtact.simulation.dataset.together.play import play
+from ninedtact.simulation.dataset.together.room import Room
 
-AT_A_TIME = (16, 64, 256)
 WANTED_PER_S = 500.0
 """Of drawn contacts, on a GPU."""
-TWIN = default_twin()
-ALONE = 16
-PATCH, BALL, EFFORT = padded_patch(24, 18, 0.2, 4), Ball(4.0), Effort(tolerance=1e-2)
+ON_GPU, ON_CPU, AT_ONCE = (64, 256), (16, 64), 256
+"""Sessions at once that are measured, and that `ninedtact simulate dataset` takes by default."""
+SENSORS, WARM_UP = 20, 2
+EVERY = RuleSettings(contact_below_n=-1e-9, first_below_n=(-1e-9, -1e-9), apart=1e-9)
+"""Every contact is worth keeping."""
+BANDWIDTH = {"H200": 4.8e12, "A100 80 GB": 2.0e12, "RTX 4090": 1.0e12}
+"""Of a GPU's memory, bytes per second, as their makers say."""
+REACHED, LAUNCH_S = 0.6, 8e-6
+"""Assumed: the part of it that plain operations on large arrays reach, and the time to ask for one operation from Python, with
+no overlap of the two."""
+
+Way = Callable[[Sequence[Asked]], list[Any]]
 
 
 def gpu_contacts(
-    device: str = "", at_a_time: tuple[int, ...] = AT_A_TIME, repeats: int = 3, json: bool = False
+    device: str = "auto", at_once: tuple[int, ...] = (), batches: int = 3, threads: int = 1, json: bool = False
 ) -> None:
-    """Measure; device: as torch names it, cuda where there is one unless said otherwise."""
-    one_each = [Touch.some(1, seed) for seed in range(ALONE)]
-    like = np.zeros((), np.float32)
-    alone, drawn = per_second(like, one_each, repeats), per_second(like, one_each, repeats, TWIN.renderer)
-    figures = [Figure("one at a time, NumPy, contacts per s", alone), Figure("the same, drawn", drawn)]
+    """Measure; device: as `ninedtact simulate dataset` takes it; batches: timed ones; threads: for hands, noise and PNG."""
+    figures = list(run(lambda benches: one_by_one, 1, 40, 1).figures("one at a time, processor"))
     if find_spec("torch") is None:
         figures.append(Figure("many at a time", "not measured: torch is not installed; pip install 'ninedtact[train]'"))
     else:
-        figures += torch_figures(device, at_a_time, repeats)
-    answer("Contacts per second", figures, json)
+        figures += torch_figures(device_named(device), at_once, batches, threads)
+    answer("Contacts per second of a data set, each drawn", figures, json)
 
 
-def torch_figures(device: str, at_a_time: tuple[int, ...], repeats: int) -> list[Figure]:
+def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, threads: int) -> Iterator[Figure]:
     """Batches on one device."""
     import torch
 
-    there = torch.cuda.is_available()
-    device = device or ("cuda" if there else "cpu")
+    gpu = device.kind == "cuda"
+    on = device if gpu else Device("torch-cpu")
     torch.set_num_threads(1)
-    name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU, 1 thread"
-    if not there:
-        name += " (torch sees no GPU here: these are no figures of a GPU)"
-    like = torch.zeros((), dtype=torch.float32, device=device)
-    draw = BatchRenderer(TWIN.renderer, like).pictures
-    figures = [Figure("device", f"{name}, torch {torch.__version__}")]
-    for count in at_a_time:
-        touches = [Touch.some(count, 0)]
-        figures.append(Figure(f"{count} at a time, contacts per s", per_second(like, touches, repeats)))
-        drawn = per_second(like, touches, repeats, draw)
-        goal = at_least(f"{count} at a time, drawn, per s", drawn, WANTED_PER_S, "per s")
-        figures.append(goal if there else Figure(f"{count} at a time, drawn, per s", drawn))
-    return figures
+    name = (
+        torch.cuda.get_device_name(device.name)
+        if gpu
+        else "CPU, 1 thread; no GPU here, and these are no figures of one"
+    )
+    yield Figure("device", f"{name}; torch {torch.__version__}")
+    for many in at_once or (ON_GPU if gpu else ON_CPU):
+        clock = run(lambda benches, many=many: room(benches, on, many).answers, many, batches, threads)
+        yield from clock.figures(f"{many} at a time", gpu)
+    if not gpu:
+        yield from extrapolated(on, max(at_once or ON_CPU))
 
 
-@dataclass(frozen=True)
-class Touch:
-    """Contacts to be made at once."""
-
-    pressed: Pose
-    dragged: Pose
-
-    @staticmethod
-    def some(count: int, seed: int) -> "Touch":
-        """A batch of this many; one is no batch."""
-        x, y, depth, by_x, by_y, twist = np.random.default_rng(seed).uniform(
-            [[-8], [-6], [0.3], [-0.5], [-0.5], [-0.2]], [[8], [6], [1.5], [0.5], [0.5], [0.2]], (6, count)
-        )
-        pressed, dragged = Pose(x, y, depth), Pose(x + by_x, y + by_y, depth, twist)
-        return Touch(pressed, dragged) if count > 1 else Touch(pressed.each()[0], dragged.each()[0])
+def one_by_one(asked: Sequence[Asked]) -> list[Any]:
+    return [answer_of(one) for one in asked]
 
 
-def per_second(
-    like: Any, touches: list[Touch], repeats: int, draw: Callable[[Contact], object] = lambda contact: None
-) -> float:
-    """Steps solved (and drawn) per second, the best of some repeats after one that does not count."""
-    model = ContactModel(gel_skin(PATCH, Gel(), like), effort=EFFORT)
-    seconds = []
-    for _ in range(repeats + 1):
-        start = perf_counter()
-        for touch in touches:
-            for contact in model.follow(BALL, [touch.pressed, touch.dragged]):
-                draw(contact)
-            waited_for(contact)
-        seconds.append(perf_counter() - start)
-    steps = 2 * sum(int(np.prod(touch.pressed.batch_shape)) for touch in touches)
-    return steps / min(seconds[1:])
+def room(benches: Sequence[Bench], device: Device, many: int) -> Room:
+    return Room(range(len(benches)), benches, device, many, print)
 
 
-def waited_for(contact: Contact) -> None:
-    """Nothing of the work is left to the device."""
-    float(contact.height_mm.sum())
+@dataclass
+class Clock:
+    """Passes questions on and keeps time."""
+
+    way: Way
+    seconds: Counter[type] = field(default_factory=Counter)
+    answered: Counter[type] = field(default_factory=Counter)
+    """Steps that came to a contact, and looks."""
+    batches: int = 0
+    """Of steps."""
+    others_s: float = 0.0
+    """Hands, noise and PNG."""
+
+    def answers(self, asked: Sequence[Asked]) -> list[Any]:
+        kind, start = type(asked[0]), perf_counter()
+        told = self.way(asked)
+        self.seconds[kind] += perf_counter() - start
+        self.answered[kind] += sum(kind is Look or isinstance(one, Felt) for one in told)
+        self.batches += kind is Step
+        return told
+
+    def each_s(self, kind: type) -> float:
+        return self.seconds[kind] / max(1, self.answered[kind])
+
+    def figures(self, name: str, judged: bool = False) -> Iterator[Figure]:
+        """Per second: solved; solved and drawn; with all else that a data set needs."""
+        drawn_s = self.each_s(Step) + self.each_s(Look)
+        yield Figure(f"{name}, solved per s", 1 / self.each_s(Step))
+        drawn = f"{name}, solved and drawn per s"
+        yield at_least(drawn, 1 / drawn_s, WANTED_PER_S, "per s") if judged else Figure(drawn, 1 / drawn_s)
+        yield Figure(f"{name}, with hands, noise and PNG per s", 1 / (drawn_s + self.others_s / self.answered[Step]))
+
+
+def run(way_of: Callable[[list[Bench]], Way], many: int, batches: int, threads: int) -> Clock:
+    """Some batches of this many sessions, after a few that do not count."""
+    settings = DatasetSettings(
+        1000 * many, sensors=min(SENSORS, many), session_pairs=1000, shares=Shares(0, 0), rule=EVERY
+    )
+    benches = [set_up(number, settings) for number in range(settings.sensors)]
+    clock = Clock(way_of(benches))
+    sessions = [Session(number, settings, benches[number % len(benches)]) for number in range(many)]
+    going = play(sessions, clock, threads)  # type: ignore[arg-type]
+    while clock.batches < WARM_UP:
+        next(going)
+    clock.seconds.clear(), clock.answered.clear()
+    start, clock.batches = perf_counter(), 0
+    while clock.batches < batches:
+        next(going)
+    clock.others_s = perf_counter() - start - sum(clock.seconds.values())
+    return clock
+
+
+def extrapolated(device: Device, many: int) -> Iterator[Figure]:
+    """What the operations of one batch, counted, would take on a GPU. Bytes grow with the batch, operations hardly do."""
+    tally = Tally()
+    run(lambda benches: tally.of(room(benches, device, many).answers), many, 1, 1)
+    step, look = tally.last(Step), tally.last(Look)
+    patch_points = set_up(0, DatasetSettings()).twin.model.skin.patch.place_mm[0].size
+    bytes_each = step.bytes / step.answers + look.bytes / look.answers
+    operations = step.operations + look.operations
+    yield Figure("operations of one batch, solved and drawn", operations)
+    yield Figure(
+        "transforms there and back of the patch, per contact solved", step.points / patch_points / step.answers
+    )
+    yield Figure("read and written per contact, solved and drawn, GB", bytes_each / 1e9)
+    for name, bandwidth in BANDWIDTH.items():
+        contact_s = bytes_each / (REACHED * bandwidth) + operations * LAUNCH_S / AT_ONCE
+        how = f"{REACHED:.0%} of {bandwidth / 1e12:g} TB/s, then {1e6 * LAUNCH_S:g} µs for each operation"
+        yield Figure(f"EXTRAPOLATED, not measured: {name}, {AT_ONCE} at a time, per s", 1 / contact_s, peer=how)
 
 
 if __name__ == "__main__":

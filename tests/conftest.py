@@ -12,10 +12,13 @@ import pytest  # noqa: E402
 from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, calibrate  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
 from ninedtact.calibration.written import write_sensor  # noqa: E402
+from ninedtact.capture.chatter import hush_video  # noqa: E402
 from ninedtact.capture.pictures import read_picture  # noqa: E402
 from ninedtact.simulation.gauges import gauge_pictures  # noqa: E402
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 
+# FFmpeg asks once, at its first video, how loud it may be: tests that write videos would ask for it before the sources do.
+hush_video()
 REAL_DATA = "NINEDTACT_REAL_DATA"
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
 

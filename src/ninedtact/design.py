@@ -1,6 +1,8 @@
 """The design of a sensor: what is known of it before any picture. The defaults are the published 9DTact."""
 
 from dataclasses import dataclass
+from math import isfinite
+from typing import Literal
 
 from ninedtact.errors import NinedtactError
 
@@ -93,6 +95,25 @@ class BallGauge:
 
 
 @dataclass(frozen=True)
+class ForceTorqueMount:
+    """Where a force/torque sensor stands under the tactile sensor: its own frame, seen in the sensor frame."""
+
+    origin_mm: tuple[float, float, float] = (0.0, 0.0, -35.0)
+    """Of its frame; the paper's stands 35 mm below the skin."""
+    turned_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Its frame, turned about the sensor's x axis, then y, then z; none: its z points out of the skin as the sensor's does."""
+    sign: Literal[1, -1] = 1
+    """1 for a device that tells what loads its tool side, on which the sensor stands; −1 where it tells the reaction."""
+
+    def __post_init__(self) -> None:
+        for name in ("origin_mm", "turned_deg"):
+            if not all(map(isfinite, getattr(self, name))):
+                raise DesignImpossible(
+                    f"expected force_torque.{name} of three numbers, got {getattr(self, name)}; correct the design"
+                )
+
+
+@dataclass(frozen=True)
 class SensorDesign:
     """One sensor's design. The calibration searches for it, the twin simulates it, the hardware draws it."""
 
@@ -101,3 +122,4 @@ class SensorDesign:
     field_of_view: FieldOfView = FieldOfView()
     pin_board: PinBoard = PinBoard()
     ball: BallGauge = BallGauge()
+    force_torque: ForceTorqueMount = ForceTorqueMount()

@@ -1,14 +1,15 @@
-"""A sensor at work: the shape row of the flow, top-down. Read this file first.
+"""A sensor at work: the shape and force rows of the flow, top-down. Read this file first.
 
-source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap
+source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap ──estimator──▶ WrenchEstimate
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import monotonic_ns, perf_counter
 from types import TracebackType
 
 from ninedtact.capture.source import FrameSource, SourceEnded
+from ninedtact.force.estimator import ForceEstimator, NoForce
 from ninedtact.quantities import Frame, Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthReader
@@ -39,6 +40,8 @@ class Sensor:
     reference_frames: int = REFERENCE_FRAMES
     depth: DepthReader | None = None
     """Bound to the untouched skin of this session when the sensor is opened; given here, it is kept."""
+    estimator: ForceEstimator = field(default_factory=NoForce)
+    """What reads the wrench out of each reading."""
     frames_read: int = field(default=0, init=False)
     """Since the sensor was opened."""
     heard_ns: int = field(default=0, init=False)
@@ -53,7 +56,11 @@ class Sensor:
         watch.mark("rectify")
         height = self.reader(rectified)
         watch.mark("depth")
-        return Reading(frame, rectified, height, watch.stage_ms, dropped=frame.index + 1 - self.frames_read)
+        dropped = frame.index + 1 - self.frames_read
+        reading = Reading(frame, rectified, height, watch.stage_ms, dropped, self.reader.reference)
+        force = self.estimator.estimate(reading)
+        watch.mark("force")
+        return replace(reading, force=force)
 
     def next_frame(self) -> Frame:
         """Wait for the next frame of the source, and count it."""
@@ -73,6 +80,7 @@ class Sensor:
         """Take the skin as it is now for untouched."""
         frames = [self.next_frame() for _ in range(self.reference_frames)]
         self.depth = self.calibrated.depth_reader(*frames)
+        self.estimator.forget()
 
     def __iter__(self) -> Iterator[Reading]:
         try:

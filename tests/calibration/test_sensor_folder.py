@@ -53,7 +53,7 @@ def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated
 
 def test_a_newer_format_is_named(folder: Path) -> None:
     record = folder / "sensor.toml"
-    record.write_text(record.read_text().replace("format = 2", "format = 99"))
+    record.write_text(record.read_text().replace("format = 3", "format = 99"))
     with pytest.raises(SensorFolderDamaged, match="newer ninedtact"):
         load_sensor(folder)
 

@@ -14,6 +14,7 @@ from bench_camera import BenchCamera, BenchPi
 from mjpeg_camera import MjpegCamera
 
 from ninedtact.capture.address import SourceUnknown, source_for
+from ninedtact.capture.as_if_now import AsIfNow
 from ninedtact.capture.camera import Camera
 from ninedtact.capture.files import PictureFolder, VideoFile
 from ninedtact.capture.freshest import Freshest
@@ -22,6 +23,10 @@ from ninedtact.capture.raspberry_pi import RaspberryPi
 from ninedtact.capture.reconnecting import Reconnecting
 from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.capture.stream import Stream
+from ninedtact.quantities import Frame
+from ninedtact.recording.episode import EpisodeWriter
+from ninedtact.recording.replay import Replay
+from ninedtact.recording.session import Session
 from ninedtact.simulation.camera import SimulatedCamera
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
@@ -49,6 +54,15 @@ class Bench:
         writer.release()
         return VideoFile(path)
 
+    def replay_source(self) -> FrameSource:
+        path = self.folder / "press.mcap"
+        with EpisodeWriter(path, Session("bench")) as episode:
+            for number in range(PICTURES):
+                picture = np.full((48, 64, 3), 20 * number, np.uint8)
+                stamp_ns = time.monotonic_ns() - (PICTURES - number) * 20_000_000
+                episode.picture(Frame(picture, stamp_ns, number))
+        return Replay(path)
+
     def stream_source(self) -> FrameSource:
         return Stream(self.resources.enter_context(MjpegCamera()).url)
 
@@ -63,7 +77,8 @@ class Bench:
         return SimulatedCamera(small_stage(hz=6.0, real_time=True))
 
 
-RECORDED = {"folder": Bench.folder_source, "video": Bench.video_source}
+RECORDED = {"folder": Bench.folder_source, "video": Bench.video_source, "replay": Bench.replay_source}
+RECORDED["replay as if now"] = lambda bench: AsIfNow(bench.replay_source())
 LIVE = {"stream": Bench.stream_source, "camera": Bench.camera_source, "raspberry pi": Bench.raspberry_pi_source}
 LIVE["twin"] = Bench.twin_source
 BARE = RECORDED | LIVE
@@ -132,6 +147,7 @@ def test_a_recording_gives_every_picture_and_then_ends(bench: Bench, recording: 
         Camera("/dev/video-not-there"),
         Stream("http://127.0.0.1:9/stream.mjpg", open_timeout_ms=1000.0),
         VideoFile("no/such.mp4"),
+        Replay("no/such.mcap"),
         PictureFolder("no/such/folder"),
         RaspberryPi(),
     ],

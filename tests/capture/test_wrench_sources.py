@@ -11,6 +11,10 @@ import pytest
 
 from ninedtact.capture.source import SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.quantities import Wrench
+from ninedtact.recording.episode import EpisodeWriter
+from ninedtact.recording.replay import ReplayedWrenches
+from ninedtact.recording.session import Session
 from ninedtact.simulation.force_torque import SimulatedForceTorque
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
@@ -22,9 +26,16 @@ FAMILY: dict[str, Callable[[], WrenchSource]] = {
 }
 
 
-@pytest.mark.parametrize("member", FAMILY)
-def test_every_source_keeps_the_contract(member: str) -> None:
-    source = FAMILY[member]()
+def replayed(folder: Path) -> WrenchSource:
+    with EpisodeWriter(folder / "forces.mcap", Session("bench")) as episode:
+        for number in range(8):
+            episode.measured(Wrench(np.full(3, float(number)), np.zeros(3), stamp_ns=time.monotonic_ns()))
+    return ReplayedWrenches(folder / "forces.mcap")
+
+
+@pytest.mark.parametrize("member", [*FAMILY, "replayed"])
+def test_every_source_keeps_the_contract(member: str, tmp_path: Path) -> None:
+    source = replayed(tmp_path) if member == "replayed" else FAMILY[member]()
     assert source.name
     with pytest.raises(SourceNotOpen, match="with source"):
         source.read()

@@ -1,16 +1,20 @@
 """The same answer alone, in any batch, in NumPy and in torch."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from gels import BALL, DOUBLE, model
+from gels import BALL, DOUBLE, GEL, model
 
+from ninedtact.mechanics import halving
 from ninedtact.mechanics.contact import Contact, Effort
 from ninedtact.mechanics.patch import Patch
 from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.skin import gel_skin
+from ninedtact.mechanics.solids import Cone, Cylinder
 
 BEGUN = [Pose(depth_mm=0.8), Pose(3.0, -2.0, 0.4, 0.3), Pose(depth_mm=-0.2), Pose(1.0, 2.0, 1.2, 0.0, 0.1, -0.05)]
 MOVED = [Pose(0.3, 0.1, 0.8), Pose(3.0, -1.8, 0.5, 0.5), Pose(depth_mm=0.3), Pose(1.2, 2.0, 1.2, 0.1, 0.05, 0.0)]
@@ -89,3 +93,53 @@ def test_who_lifts_off_in_a_batch_leaves_the_skin_untouched():
     assert not lifted.touches
     assert not lifted.shear_mpa.any()
     np.testing.assert_allclose(lifted.height_mm, 0, atol=1e-12)
+
+
+def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    depths, pressing = np.geomspace(1e-4, 1.5, 12), model(patch=GRID, effort=TIGHT)
+    poses = Pose(np.linspace(0, 1, 12), 0.0, depths, np.linspace(0, 0.5, 12)), Pose(np.linspace(0, 1, 12), 0.2, depths)
+    found = []
+    for fewest in (100, 1):
+        monkeypatch.setattr(halving, "FEWEST", fewest)
+        found.append(list(pressing.follow(BALL, poses))[-1])
+    waited, halved = found
+    assert waited.iterations.tolist() == halved.iterations.tolist()
+    assert waited.iterations.max() > 4 * np.median(waited.iterations), "some work long after others are done"
+    assert_same(halved.each(), waited.each(), 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("going", "half"),
+    [([1, 1, 1, 0], None), ([0, 1, 0, 1], [1, 3]), ([0, 0, 0, 1], [0, 3]), ([0, 1, 0, 0, 1], [0, 1, 4]), ([1], None)],
+)
+def test_half_a_batch_has_all_in_it_that_go_on(
+    going: list[int], half: list[int] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(halving, "FEWEST", 1)
+    for which in (np.array(going) > 0, torch.tensor(going) > 0):
+        found = halving.half_of(which[:, None, None])
+        assert (None if found is None else found.tolist()) == half
+
+
+def test_windows_of_their_own_in_one_batch_answer_as_each_alone() -> None:
+    skin, random = gel_skin(GRID, GEL, DOUBLE), np.random.default_rng(0)
+    windows = [(slice(2, 18), slice(5, 21)), (slice(10, 34), slice(20, 28))]
+    inside, tractions = np.zeros((2, *GRID.shape)), np.zeros((2, 2, *GRID.shape))
+    for k, window in enumerate(windows):
+        inside[k][window] = 1
+        tractions[k][(..., *window)] = random.normal(size=tractions[k][(..., *window)].shape)
+    whole = replace(skin.response, inside=inside)
+    slid, sunk = whole.slid_mm(tractions), whole.sunk_mm(tractions[:, 0])
+    for k, window in enumerate(windows):
+        part, cut = skin.window(*inside[k][window].shape), (..., *window)
+        np.testing.assert_allclose(slid[k][cut], part.slid_mm(tractions[k][cut]), atol=1e-12)
+        np.testing.assert_allclose(sunk[k][cut], part.sunk_mm(tractions[k, 0][cut]), atol=1e-12)
+        assert not slid[k][:, inside[k] == 0].any()
+
+
+def test_tilted_undersides_do_not_depend_on_how_far_others_are_tilted() -> None:
+    x, y = GRID.place_mm
+    poses = [Pose(twist_rad=0.3, tilt_x_rad=0.02), Pose(depth_mm=0.4, tilt_y_rad=-0.5), Pose(1.0, tilt_x_rad=0.2)]
+    for indenter in (Cone(), Cylinder()):
+        together = indenter.over_skin_mm(Pose.batch(poses), x, y)
+        np.testing.assert_array_equal(together, [indenter.over_skin_mm(pose, x, y) for pose in poses])

@@ -17,6 +17,8 @@ import tyro
 from ninedtact.cli.simulate.dataset import Dataset
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter import Ball
+from ninedtact.simulation.dataset.asking import alone
+from ninedtact.simulation.dataset.bench import set_up
 from ninedtact.simulation.dataset.hand import Aim, Hand
 from ninedtact.simulation.dataset.job import Made, make_dataset
 from ninedtact.simulation.dataset.percentiles import REAL, about_sensor, off, percentiles
@@ -37,6 +39,7 @@ SMALL = DatasetSettings(
     session_pairs=4,
     sessions_per_file=2,
 )
+HARD = Aim(30.0, np.zeros(2), 0.0, np.zeros(2))
 ARGUMENTS = (
     f"pairs={SMALL.pairs}, size={SMALL.size}, sensors=3, names={SMALL.names}, shares=Shares(0.1, 0.15), pitch_mm=0.5"
 )
@@ -231,19 +234,19 @@ def test_hopeless_hands_give_up(tmp_path: Path) -> None:
 
 def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
     for kinds in (Kinds(0, 0), Kinds(1, 0), Kinds(0, 1)):
-        sensor = member(6, kinds=kinds)
-        touch = Touch(sensor, sensor.twin(0.3), Ball(), Hand(), np.random.default_rng(0))
+        touch = Touch(set_up(6, replace(SMALL, pitch_mm=0.3, kinds=kinds)), Ball(), Hand(), np.random.default_rng(0))
         aim = Aim(6.0, np.array([1.0, -0.6]), 0.05, np.array([0.03, -0.04]))
         for _ in range(6):
-            assert touch.stepped(aim)
-        assert touch.felt.wrench().force_n == pytest.approx([1.0, -0.6, -6.0], rel=0.06, abs=0.03)
+            felt = alone(touch.stepped(aim))
+        assert felt is not None
+        assert felt.wrench.force_n == pytest.approx([1.0, -0.6, -6.0], rel=0.06, abs=0.03)
 
 
 def test_a_hand_stops_before_the_base() -> None:
-    sensor = member(6, kinds=Kinds(0, 0))
-    touch = Touch(sensor, sensor.twin(0.3), Ball(1.5), Hand(), np.random.default_rng(0))
-    assert touch.stepped(Aim(30.0, np.zeros(2), 0.0, np.zeros(2)))
-    assert 0.6 < -touch.felt.height_mm.min() / sensor.gel.thickness_mm < 0.76
+    sensor = set_up(6, replace(SMALL, pitch_mm=0.3, kinds=Kinds(0, 0)))
+    felt = alone(Touch(sensor, Ball(1.5), Hand(), np.random.default_rng(0)).stepped(HARD))
+    assert felt is not None
+    assert 0.6 < -felt.seen.height_mm.min() / sensor.member.gel.thickness_mm < 0.76
 
 
 def test_the_command_takes_its_options_and_answers_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,11 +52,11 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
 ) -> None:
     folder = sensor_folder(tmp_path / "small")
     with pytest.raises(SensorFolderDamaged, match="expected a sensor folder"):
-        Live(tmp_path / "none", str(pictures)).run()
+        Live(str(pictures), tmp_path / "none").run()
     with pytest.raises(SourceUnknown, match="which is none of these"):
-        Live(folder, "nothing").run()
+        Live("nothing", folder).run()
     with pytest.raises(LiveImpossible, match="above 0 and at most 120, got 0;"):
-        Live(folder, str(pictures), display_hz=0).run()
+        Live(str(pictures), folder, display_hz=0).run()
     monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None)
     with pytest.raises(StudioMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
-        Live(folder, str(pictures)).run()
+        Live(str(pictures), folder).run()

@@ -51,7 +51,7 @@ def test_the_newest_reading_wins_and_the_rest_is_counted() -> None:
         reading = now_in(loop).reading
         assert reading is not None
         assert reading.dropped == 4 - sensor.frames_read
-        assert set(reading.stage_ms) == {"capture", "rectify", "depth"}
+        assert set(reading.stage_ms) == {"capture", "rectify", "depth", "force"}
 
 
 def test_nobody_looking_holds_nothing_up() -> None:

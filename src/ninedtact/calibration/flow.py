@@ -19,6 +19,8 @@ from ninedtact.calibration.board.paper import (
     left_out_errors_mm,
     paper_projection,
 )
+from ninedtact.calibration.board_press.fit import BoardPressFit
+from ninedtact.calibration.board_press.turns import Together, in_turns
 from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float
 from ninedtact.calibration.record import (
     FORMAT,
@@ -29,13 +31,15 @@ from ninedtact.calibration.record import (
     FitFigures,
     FittedParameter,
     Grid,
+    ImprintFigures,
     LensTable,
     PinTable,
     SensorRecord,
     TwinTable,
 )
 from ninedtact.calibration.twin.confidence import Confidence
-from ninedtact.calibration.twin.fit import TwinFit
+from ninedtact.calibration.twin.fit import Belief, TwinFit
+from ninedtact.calibration.twin.parameters import Vector
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px
@@ -87,8 +91,8 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a sensor; raises `BoardNotFound`, `BallRefused`, `PictureUnusable`, each saying what to do."""
     board = fit_board(pictures.board_reference, pictures.board, design.pin_board, settings.mounting_deg)
-    rectify = lens_on_grid(board, design, settings.lens)
-    ball = fit_ball(rectify, pictures.ball_reference, pictures.ball, design, settings.method, settings.smoothing)
+    found = explained(pictures, board, design, settings)
+    board, rectify, ball = found.board, found.rectify, found.ball
     record = SensorRecord(
         format=FORMAT,
         id=sensor_id,
@@ -98,10 +102,29 @@ def calibrate(
         grid=Grid(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting),
         lens=lens_table(board, settings.lens),
         depth=depth_table(ball, settings),
-        twin=None if ball.physical is None else twin_table(ball.physical, board.noise),
+        twin=None if ball.physical is None else twin_table(ball.physical, board.noise, found.told),
         certificate=certificate(pictures, board, ball, rectify, settings),
     )
     return Calibration(pictures, board, ball, rectify, record)
+
+
+def explained(
+    pictures: CalibrationPictures, board: BoardFit, design: SensorDesign, settings: CalibrationSettings
+) -> Together:
+    """Lens and depth; by physics, board and ball together."""
+
+    def lens(board: BoardFit) -> Rectification:
+        return lens_on_grid(board, design, settings.lens)
+
+    def ball(rectify: Rectification, beliefs: tuple[Belief, ...] = (), near: Vector | None = None) -> BallFit:
+        images, how = (pictures.ball_reference, pictures.ball), (settings.method, settings.smoothing)
+        return fit_ball(rectify, *images, design, *how, beliefs, near)
+
+    rectify = lens(board)
+    first = Together(board, rectify, ball(rectify))
+    if settings.lens == "paper":
+        return first
+    return in_turns(first, (pictures.board_reference, pictures.board), lens, ball)
 
 
 def lens_on_grid(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
@@ -133,11 +156,13 @@ def depth_table(ball: BallFit, settings: CalibrationSettings) -> Depth:
     return Depth(settings.method, ball.noise_mm, settings.smoothing, ball.curve, ball.loss, ball.deblurring)
 
 
-def twin_table(physical: PhysicalBall, noise_grey_levels: float) -> TwinTable:
-    """The twin that the ball press told."""
+def twin_table(physical: PhysicalBall, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
+    """The twin that the ball press told, and the board where it was like what it draws."""
     fit = physical.fit
     gel = replace(fit.forward.design.gel, thickness_mm=fit.named["thickness_mm"])
-    return TwinTable(gel, fit.light, noise_grey_levels, fit_figures(fit))
+    return TwinTable(
+        gel, fit.light, noise_grey_levels, fit_figures(fit), None if told is None else imprint_figures(told, fit)
+    )
 
 
 def fit_figures(fit: TwinFit) -> FitFigures:
@@ -154,6 +179,21 @@ def fit_figures(fit: TwinFit) -> FitFigures:
             name: FittedParameter(value, sure.deviation.get(name), *closest(sure, name))
             for name, value in fit.named.items()
         },
+    )
+
+
+def imprint_figures(told: BoardPressFit, fit: TwinFit) -> ImprintFigures:
+    """What the board's picture told of its imprints; their depth is as uncertain as the ball's, by which light tells depth."""
+    depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.named["depth_mm"]
+    return ImprintFigures(
+        believed=told.believed,
+        depth_mm=depth_mm,
+        depth_error_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
+        nearness_per_mm=told.press.nearness_per_mm,
+        nearness_error_per_mm=told.deviation.nearness_per_mm,
+        scattering_mm=told.press.scattering_mm,
+        unexplained_grey=told.rest_grey,
+        contrast_grey=told.contrast_grey,
     )
 
 

@@ -12,7 +12,7 @@ from ninedtact.shape.depth import DepthCurve, Smoothing
 from ninedtact.shape.loss import Loss
 from ninedtact.simulation.light import Light
 
-FORMAT = 2
+FORMAT = 3
 """Rises when an older program could no longer read the file."""
 
 
@@ -141,7 +141,25 @@ class FitFigures(Struct, frozen=True, forbid_unknown_fields=True):
     parameters: dict[str, FittedParameter]
 
 
-class TwinTable(Struct, frozen=True, forbid_unknown_fields=True):
+class ImprintFigures(Struct, frozen=True, forbid_unknown_fields=True):
+    """The board's picture as the twin draws it."""
+
+    believed: bool
+    """Whether it looks as drawn; if not, lens and nearness are without it."""
+    depth_mm: float
+    """Of the imprints."""
+    depth_error_mm: float
+    nearness_per_mm: float
+    nearness_error_per_mm: float
+    scattering_mm: float
+    """Under the pins; the ball's is in the light."""
+    unexplained_grey: float
+    """Root mean square over the board, grey levels."""
+    contrast_grey: float
+    """Of the imprints in the raw picture, grey levels."""
+
+
+class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """What stands in for the sensor when it is not there."""
 
     gel: Gel
@@ -149,6 +167,7 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True):
     light: Light
     noise_grey_levels: float
     fit: FitFigures
+    imprints: ImprintFigures | None = None
 
 
 class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

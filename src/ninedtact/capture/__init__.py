@@ -5,10 +5,13 @@ source.py        FrameSource, what all members of the family honour; wrench_sour
 camera.py        Camera (UVC through V4L2), settings.py what it is set to and how that is read back
 raspberry_pi.py  RaspberryPi (ribbon cable, through picamera2)
 stream.py        Stream (MJPEG or RTSP over the network)
-files.py         VideoFile, PictureFolder
+files.py         VideoFile, PictureFolder; picture_list.py PictureList, pictures that were named one by one
 freshest.py      Freshest(source): the newest picture, never a stale one
+as_if_now.py     AsIfNow(source): a recording at its own pace, stamped when it is read
 reconnecting.py  Reconnecting(source): survives an unplugged cable
 address.py       source_for("0" | "/dev/video0" | URL | FILE | FOLDER)
+force_torque/    force/torque sensors: Bota, ATI, OnRobot, serial; tared, mounted, watched
+sampling_rule.py which moments of a contact are worth keeping
 pictures.py      read_picture, average_pictures
 rate.py          measure_rate: what a source really delivers
 devices.py       which cameras this machine has; checkup.py examines one

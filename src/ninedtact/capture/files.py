@@ -4,15 +4,14 @@ Read directly they deliver every picture as fast as it is asked for; under `Fres
 """
 
 import re
-import time
 from pathlib import Path
-from threading import Lock
 
 import cv2
 
 from ninedtact.capture.chatter import hush_video
 from ninedtact.capture.grabber import Grabber
-from ninedtact.capture.pictures import PictureUnreadable, average_pictures, read_picture, require_size
+from ninedtact.capture.picture_list import PictureList
+from ninedtact.capture.pictures import PictureUnreadable, average_pictures, read_picture
 from ninedtact.capture.source import CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.quantities import Frame
 
@@ -70,47 +69,32 @@ class PictureFolder(FrameSource):
         self.folder = Path(folder)
         self.name = f"folder {folder}"
         self.recorded_hz = recorded_hz
-        self._lock = Lock()
-        self._pictures: list[Path] | None = None
-        self._next_index = 0
-        self._size: tuple[int, int] | None = None
+        self._listed: PictureList | None = None
 
     def open(self) -> None:
         """List the pictures; raises `CameraNotFound` where there are none."""
-        if self._pictures is not None:
+        if self._listed is not None:
             return
         pictures = pictures_in(self.folder)
         if not pictures:
             kinds = ", ".join(PICTURE_SUFFIXES)
             raise CameraNotFound(f"expected a folder of pictures ({kinds}), got none in {self.folder}; check the path")
-        self._pictures, self._next_index, self._size = pictures, 0, None
+        listed = PictureList(pictures, self.name, self.recorded_hz)
+        listed.open()
+        self._listed = listed
 
     def read(self) -> Frame:
-        """The next picture; `SourceEnded` after the last, `PictureUnreadable` or `PictureSizeWrong` for a bad one.
-
-        A bad picture is told once and counts as read, so that the reader may go on.
-        """
-        with self._lock:
-            path = self._next_path()
-            picture = read_picture(path)
-            self._size = self._size or picture.shape[:2]
-            require_size(picture, *self._size, str(path))
-            return Frame(picture, time.monotonic_ns(), self._next_index - 1)
+        """The next picture; raises what `PictureList` raises."""
+        listed = self._listed
+        if listed is None:
+            raise SourceNotOpen(self.name)
+        return listed.read()
 
     def close(self) -> None:
         """Forget the list; opening again starts over."""
-        with self._lock:
-            self._pictures = None
-
-    def _next_path(self) -> Path:
-        if self._pictures is None:
-            raise SourceNotOpen(self.name)
-        if self._next_index == len(self._pictures):
-            raise SourceEnded(
-                f"expected another picture, got the end of {self.name} after {self._next_index}; stop here"
-            )
-        self._next_index += 1
-        return self._pictures[self._next_index - 1]
+        listed, self._listed = self._listed, None
+        if listed is not None:
+            listed.close()
 
 
 def pictures_in(folder: Path) -> list[Path]:

@@ -10,15 +10,24 @@ from typing import Annotated
 
 import tyro
 
+from ninedtact.cli.adapt import Adapt
 from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.check import Check
+from ninedtact.cli.collect import Collect
+from ninedtact.cli.dataset import DESCRIPTION as DATASET
+from ninedtact.cli.dataset import Dataset
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.doctor import Doctor
+from ninedtact.cli.estimate import Estimate
 from ninedtact.cli.evaluate import Evaluate
+from ninedtact.cli.export import Export
 from ninedtact.cli.live import Live
 from ninedtact.cli.reconstruct import Reconstruct
+from ninedtact.cli.record import Record
+from ninedtact.cli.replay import Replay
 from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
 from ninedtact.cli.simulate import Simulate
+from ninedtact.cli.train import Train
 from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
 from ninedtact.errors import NinedtactError
 
@@ -29,9 +38,17 @@ Command = (
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Live, tyro.conf.subcommand("live")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate", description=SIMULATE)]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Collect, tyro.conf.subcommand("collect")]
+    | Annotated[Record, tyro.conf.subcommand("record")]
+    | Annotated[Replay, tyro.conf.subcommand("replay")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Dataset, tyro.conf.subcommand("dataset", description=DATASET)]
     | Annotated[ImportCalibration, tyro.conf.subcommand("import-calibration")]
     | Annotated[ExportCalibration, tyro.conf.subcommand("export-calibration")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Estimate, tyro.conf.subcommand("estimate")]
+    | Annotated[Adapt, tyro.conf.subcommand("adapt")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 DESCRIPTION = "The software of the 9DTact tactile sensor: pictures in, calibrated millimetres out."

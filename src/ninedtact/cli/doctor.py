@@ -7,10 +7,13 @@ if TYPE_CHECKING:
     from ninedtact.capture.checkup import Checkup
 
 EXTRAS = {
-    "studio": ("viser", "the live page"),
-    "train": ("torch", "training force models"),
-    "raspberry-pi": ("picamera2", "a camera on a Raspberry Pi's ribbon cable"),
+    "studio": (("viser",), "the live page"),
+    "train": (("torch",), "training force models"),
+    "recording": (("rosbags", "mcap"), "recordings: record, collect, replay, export"),
+    "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
+    "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
 }
+"""The modules of each, and what it is for."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,8 @@ class Extra:
     name: str
     what_for: str
     installed: bool
+    lacking: list[str]
+    """Modules that are not there."""
     get_it: str
 
 
@@ -80,10 +85,11 @@ def extras() -> list[Extra]:
     """The optional parts, and the command that gets each."""
     from importlib.util import find_spec
 
-    return [
-        Extra(name, what_for, find_spec(module) is not None, f"pip install 'ninedtact[{name}]'")
-        for name, (module, what_for) in EXTRAS.items()
-    ]
+    found = []
+    for name, (modules, what_for) in EXTRAS.items():
+        lacking = [module for module in modules if find_spec(module) is None]
+        found.append(Extra(name, what_for, not lacking, lacking, f"pip install 'ninedtact[{name}]'"))
+    return found
 
 
 def as_json(report: Report) -> str:
@@ -101,7 +107,7 @@ def as_text(report: Report) -> str:
     lines += [line for camera in report.cameras for line in camera_lines(camera)] or none
     lines += ["", "optional parts"]
     for extra in report.extras:
-        state = "ready" if extra.installed else f"missing, {extra.get_it}"
+        state = "ready" if extra.installed else f"missing ({', '.join(extra.lacking)}), {extra.get_it}"
         lines.append(f"  {extra.name:<14}{state} ({extra.what_for})")
     return "\n".join(lines)
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ninedtact.cli.devices import source_named
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
@@ -61,11 +62,10 @@ def guided_pictures(
 @contextmanager
 def opened(source: str, automatic: bool) -> "Iterator[FrameSource]":
     """The camera, newest picture first; a recording is read picture by picture instead."""
-    from ninedtact.capture.address import source_for
     from ninedtact.capture.freshest import Freshest
     from ninedtact.capture.settings import AS_SENSOR, STEADY
 
-    camera = source_for(source, AS_SENSOR if automatic else STEADY)
+    camera = source_named(source, AS_SENSOR if automatic else STEADY)
     with Freshest(camera) if camera.recorded_hz is None else camera as frames:
         yield frames
 

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import tyro
 
+from ninedtact.cli.devices import live_source, sensor_of
+from ninedtact.cli.estimators import NONE
 from ninedtact.cli.twin_on_show import SIM
 from ninedtact.errors import NinedtactError
 
@@ -38,14 +40,16 @@ class LiveImpossible(NinedtactError):
 class Live:
     """Watch a sensor in the browser: camera picture, heights, 3D surface, rates and costs. Ctrl-C ends it."""
 
-    sensor: Path
-    """Sensor folder that `ninedtact calibrate` wrote."""
     source: str
-    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), video file, folder of pictures; or sim, the twin of the
-    sensor, pressed by several objects in turn, with the true wrench beside its shape."""
+    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), recording, video file, folder of pictures; or sim, the twin of
+    the sensor, pressed by several objects in turn, with the true wrench beside its shape."""
+    sensor: Path | None = None
+    """Sensor folder that `ninedtact calibrate` wrote. A recording (.mcap) brings its own."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Untouched skin of this session; given more than once, the pictures are averaged. Without any, the first pictures
     of the source are the untouched skin."""
+    force: str = NONE
+    """The force read from every picture too: physics (no training), or a force model (.onnx)."""
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
     automatic: bool = False
@@ -62,13 +66,13 @@ class Live:
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
         require_studio()
-        from ninedtact.calibration.sensor_folder import load_sensor
-
         require_rate(self.display_hz)
-        folder = load_sensor(self.sensor)
-        sensor, wrenches = self.sensor_and_wrenches(folder)
-        with suppress(KeyboardInterrupt):
-            serve(folder, sensor, wrenches, Place(self.out, self.display_hz, self.host, self.port))
+        with sensor_of(self.sensor, self.source) as folder:
+            sensor, wrenches = self.sensor_and_wrenches(folder)
+            wrenches += estimated(sensor, self.force, folder)
+            place = Place(self.out, self.display_hz, self.host, self.port)
+            with suppress(KeyboardInterrupt):
+                serve(folder, sensor, wrenches, place, ends=self.source == SIM)
         print(f"stopped after {sensor.frames_read} pictures")
         return 0
 
@@ -105,11 +109,10 @@ class Live:
 
     def named_source(self) -> "FrameSource":
         """The source that was named, over and over if so wished."""
-        from ninedtact.capture.address import source_for
         from ninedtact.capture.settings import AS_SENSOR, STEADY
         from ninedtact.studio.repeating import Repeating
 
-        source = source_for(self.source, AS_SENSOR if self.automatic else STEADY)
+        source = live_source(self.source, AS_SENSOR if self.automatic else STEADY)
         return Repeating(source) if self.loop else source
 
 
@@ -124,7 +127,9 @@ class Place:
     port: int
 
 
-def serve(folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchLoop]", place: Place) -> None:
+def serve(
+    folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchLoop]", place: Place, ends: bool = True
+) -> None:
     """Serve the page of a sensor until Ctrl-C, or, where nothing repeats it, until its twin's last round ends."""
     from ninedtact.studio.loop import Phase, SensorLoop
     from ninedtact.studio.page import Page
@@ -141,7 +146,7 @@ def serve(folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchLoop]"
         page = Page(server, studio, block_under(folder.shape, folder.record.design.gel), folder.id)
         address = f"http://{place.host}:{server.get_port()}"
         print(f"{sensor.source.name}: open {address} in a browser; Ctrl-C ends", flush=True)
-        is_over = lambda: bool(wrenches) and loop.moment(monotonic_ns()).phase is Phase.ENDED  # noqa: E731
+        is_over = lambda: ends and loop.moment(monotonic_ns()).phase is Phase.ENDED  # noqa: E731
         studio.run(page, place.display_hz, is_over)
 
 
@@ -156,6 +161,19 @@ def on_page(
 
     depth = shape.depth_reader(*(references or shown.untouched))
     return Sensor(Freshest(shown.camera), shape, depth=depth), [WrenchLoop(shown.force_torque, TRUE_WRENCH)]
+
+
+def estimated(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchLoop]":
+    """Let the sensor estimate the force too, and show it; nothing where none was asked for."""
+    if force == NONE:
+        return []
+    from ninedtact.cli.estimators import estimator_for
+    from ninedtact.studio.estimated import Overheard
+    from ninedtact.studio.wrench_loop import WrenchLoop
+
+    estimator = Overheard(estimator_for(force, folder))
+    sensor.estimator = estimator
+    return [WrenchLoop(estimator.wrenches, f"estimated, {estimator.name}")]
 
 
 def require_rate(display_hz: float) -> None:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from ninedtact.calibration.flow import CalibrationSettings
+    from ninedtact.recording.collecting.settings import CollectSettings
 
 
 @dataclass(frozen=True)
@@ -25,3 +26,50 @@ class CalibrationOptions:
 
         ways = {str(way): way for way in MOUNTINGS}
         return CalibrationSettings(lens=self.lens, mounting_deg=ways[self.mounting_deg], method=self.method)
+
+
+@dataclass(frozen=True)
+class CollectOptions:
+    """Which moments become pairs; the defaults are the paper's, and ours where it has none."""
+
+    tolerance_ms: float = 10.0
+    """The force/torque samples before and after a picture are at most so far from it; the wrench is interpolated."""
+    camera_late_ms: float = 0.0
+    """How long before its stamp a picture shows the skin."""
+    no_contact: float = 0.03
+    """Share of pairs without contact."""
+    light_touch: float = 0.05
+    """Share of pairs that press less than the rule begins with."""
+    contact_below_n: float = -0.3
+    """F_z below which the rule's contact begins."""
+    first_below_n: tuple[float, float] = (-3.3, -0.3)
+    """A contact's first pair is saved below a random F_z between these."""
+    ranges: tuple[float, float, float, float, float, float] = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
+    """Width of each axis's range, N and N·m."""
+    weights: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
+    """How much each axis counts when two wrenches are held against each other."""
+    apart: float = 0.25
+    """Part of the ranges by which saved wrenches differ at least."""
+    range_n: tuple[float, float, float] | None = None
+    """Largest force that the force/torque sensor is made for along each axis; samples at its end are not saved."""
+    range_nm: tuple[float, float, float] | None = None
+    """Largest torque about each axis."""
+    untouched_pictures: int = 10
+    """Of the untouched skin, at every tare."""
+
+    def settings(self) -> "CollectSettings":
+        """The same as the recording room names it; raises `RuleImpossible` or `CollectionImpossible`."""
+        from ninedtact.capture.force_torque.trusted import TrustSettings
+        from ninedtact.capture.sampling_rule import RuleSettings
+        from ninedtact.recording.collecting.settings import CollectSettings
+
+        rule = RuleSettings(self.contact_below_n, self.first_below_n, self.ranges, self.weights, self.apart)
+        return CollectSettings(
+            rule=rule,
+            trust=TrustSettings(self.range_n, self.range_nm),
+            tolerance_ms=self.tolerance_ms,
+            camera_late_ms=self.camera_late_ms,
+            no_contact=self.no_contact,
+            light_touch=self.light_touch,
+            untouched_pictures=self.untouched_pictures,
+        )

@@ -9,6 +9,7 @@ conjugate gradients, which lose their memory whenever a point begins or ceases t
 from dataclasses import dataclass
 from functools import cached_property
 
+from ninedtact.mechanics.halving import Chosen, half_of, put, some
 from ninedtact.mechanics.library import library_of
 from ninedtact.mechanics.per_contact import PerContact, Which, positive
 from ninedtact.mechanics.response import Field, Points, Response, Vectors
@@ -41,6 +42,10 @@ class Grip:
     """What friction can hold: shear up to μp, and none where there is no pressure."""
 
     most_mpa: Field
+
+    def of(self, chosen: Chosen) -> "Grip":
+        """On the chosen contacts of a batch."""
+        return Grip(some(self.most_mpa, chosen))
 
     @cached_property
     def touched(self) -> Field:
@@ -83,6 +88,30 @@ class Descent:
     stride: PerContact
     """MPa per mm of miss, (…, 1, 1, 1)."""
 
+    def of(self, chosen: Chosen) -> "Descent":
+        """That of the chosen contacts of a batch."""
+        return Descent(some(self.shear_mpa, chosen), some(self.miss_mm, chosen), some(self.stride, chosen))
+
+    def after(self, chosen: Chosen, part: "Descent") -> "Descent":
+        """That of all contacts, after some went on."""
+        shear, miss = put(self.shear_mpa, chosen, part.shear_mpa), put(self.miss_mm, chosen, part.miss_mm)
+        return Descent(shear, miss, put(self.stride, chosen, part.stride))
+
+
+@dataclass(frozen=True)
+class Pull:
+    """What the search is for."""
+
+    response: Response
+    target_mm: Vectors
+    grip: Grip
+    tolerance_mm: PerContact
+
+    def of(self, chosen: Chosen) -> "Pull":
+        """For the chosen contacts of a batch."""
+        target, tolerance = some(self.target_mm, chosen), some(self.tolerance_mm, chosen)
+        return Pull(self.response.of(chosen), target, self.grip.of(chosen), tolerance)
+
 
 def drag(
     response: Response, target_mm: Vectors, grip: Grip, start: Sheared, tolerance_mm: PerContact, most_iterations: int
@@ -92,15 +121,30 @@ def drag(
     target_mm: wanted displacement by shear alone. start: a first guess; it is kept where it is good to the tolerance, else
     improved to half of it. Stops at `most_iterations` without complaint: the residual tells.
     """
-    at, count, iterations = begun(response, target_mm, grip, start), 0, 0 * tolerance_mm
+    at = begun(response, target_mm, grip, start)
     residual = disturbed = grip.residual_mm(at.miss_mm, at.shear_mpa)
-    going = residual > tolerance_mm
-    while bool(going.any()) and count < most_iterations:
-        at = descended(at, response, target_mm, grip, going[..., None, :, :], long=count % 2 == 0)
-        residual = grip.residual_mm(at.miss_mm, at.shear_mpa)
-        count, iterations = count + 1, iterations + going
-        going = going & (residual > tolerance_mm / 2)
+    pull, going = Pull(response, target_mm, grip, tolerance_mm), disturbed > tolerance_mm
+    at, residual, iterations = brought(pull, at, residual, going, range(most_iterations))
     return Sheared(at.shear_mpa, at.miss_mm + target_mm, residual, disturbed, iterations)
+
+
+def brought(
+    pull: Pull, at: Descent, residual: PerContact, going: Which, counts: range
+) -> tuple[Descent, PerContact, PerContact]:
+    """Down to half the tolerance, with its residual and iterations; half a batch by itself when the other half is done."""
+    iterations = 0 * pull.tolerance_mm
+    for count in counts:
+        if not bool(going.any()):
+            break
+        if (half := half_of(going)) is not None:
+            picked = pull.of(half), at.of(half), some(residual, half), some(going, half)
+            part, left, more = brought(*picked, range(count, counts.stop))
+            return at.after(half, part), put(residual, half, left), iterations + put(0 * iterations, half, more)
+        at = descended(at, pull.response, pull.target_mm, pull.grip, going[..., None, :, :], long=count % 2 == 0)
+        residual = pull.grip.residual_mm(at.miss_mm, at.shear_mpa)
+        iterations = iterations + going
+        going = going & (residual > pull.tolerance_mm / 2)
+    return at, residual, iterations
 
 
 def begun(response: Response, target_mm: Vectors, grip: Grip, start: Sheared) -> Descent:

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 from jaxtyping import Float
+from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.per_contact import over_grid
+from ninedtact.mechanics.per_contact import Number, over_grid
 from ninedtact.mechanics.pose import Pose
 
 Heights = Float[Any, "*batch rows cols"]
@@ -126,7 +127,7 @@ def tilted_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: Heights) -> P
         )
     turn = [[over_grid(pose.rotation[..., row, col], x_mm) for col in range(3)] for row in range(3)]
     lines = Uprights(indenter, turn, x_mm - over_grid(pose.x_mm, x_mm), y_mm - over_grid(pose.y_mm, y_mm))
-    bracket = first_entry(lines, float(np.max(np.hypot(*pose.rotation[..., 2, :2].T) / pose.rotation[..., 2, 2])))
+    bracket = first_entry(lines, np.hypot(*pose.rotation[..., 2, :2].T) / pose.rotation[..., 2, 2])
     xp = array_namespace(x_mm)
     for _ in range(TILT_HALVINGS):
         for height in (bracket.secant_mm, (bracket.below_mm + bracket.inside_mm) / 2):
@@ -134,15 +135,24 @@ def tilted_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: Heights) -> P
     return xp.where(bracket.found, lines.z_mm(bracket.secant_mm), NOTHING_MM) - over_grid(pose.depth_mm, x_mm)
 
 
-def first_entry(lines: Uprights, slope: float) -> Bracket:
-    """The lowest layer of the object in which each line is inside it; layers are closest near the object's plane."""
+def first_entry(lines: Uprights, slope: Number) -> Bracket:
+    """The lowest layer of the object in which each line is inside it; layers are closest near the object's plane.
+
+    In a batch each object has as many as it would have alone; the last one is looked at again while others have more.
+    """
     xp, zero = array_namespace(lines.x_mm), lines.x_mm * 0
     bracket = Bracket(zero, zero, zero - 1, zero + 1, zero > 0)
-    layers = int(2 * TILT_REACH_MM * slope / TILT_DRIFT_MM) + 3
-    for part in np.linspace(0, 1, layers).tolist():
-        height = zero + TILT_REACH_MM * part**2
+    for part in layers(slope):
+        height = zero + over_grid(TILT_REACH_MM * part**2, zero)
         bracket.take(xp, height, lines.excess_mm(height), ~bracket.found)
     return bracket
+
+
+def layers(slope: Number) -> Float[Array, "layers ..."]:
+    """Parts of the reach, from zero to one, in as many layers as each object has, and one for the rest."""
+    counts = [int(2 * TILT_REACH_MM * one / TILT_DRIFT_MM) + 3 for one in np.ravel(slope).tolist()]
+    each = [np.append(np.linspace(0, 1, count), np.ones(max(counts) - count)) for count in counts]
+    return np.stack(each, axis=-1).reshape(-1, *np.shape(slope))
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ Either the object's depth is held, or its load: then the depth is the one at whi
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+from ninedtact.mechanics.halving import Chosen, half_of, put, some
 from ninedtact.mechanics.per_contact import PerContact, Which, largest, positive, total
 from ninedtact.mechanics.response import Field, Points, Response
 
@@ -41,6 +42,10 @@ class Held(ABC):
     def loaded(self, pressure_mpa: Field) -> Field:
         """The pressure with the load it must have."""
 
+    @abstractmethod
+    def of(self, chosen: Chosen) -> "Held":
+        """The same for the chosen contacts of a batch."""
+
 
 @dataclass(frozen=True)
 class HeldDepth(Held):
@@ -53,6 +58,10 @@ class HeldDepth(Held):
     def loaded(self, pressure_mpa: Field) -> Field:
         """As it is."""
         return pressure_mpa
+
+    def of(self, chosen: Chosen) -> "HeldDepth":
+        """All alike."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -68,8 +77,12 @@ class HeldLoad(Held):
 
     def loaded(self, pressure_mpa: Field) -> Field:
         """Scaled; the same everywhere where there was none."""
-        some = pressure_mpa + (total(pressure_mpa) <= 0)
-        return some * (self.total_mpa / total(some))
+        pressed = pressure_mpa + (total(pressure_mpa) <= 0)
+        return pressed * (self.total_mpa / total(pressed))
+
+    def of(self, chosen: Chosen) -> "HeldLoad":
+        """Their loads."""
+        return HeldLoad(some(self.total_mpa, chosen))
 
 
 @dataclass(frozen=True)
@@ -92,6 +105,31 @@ class Search:
         """Where there is pressure."""
         return self.pressure_mpa > 0
 
+    def of(self, chosen: Chosen) -> "Search":
+        """That of the chosen contacts of a batch."""
+        return Search(**{name.name: some(getattr(self, name.name), chosen) for name in fields(self)})
+
+    def after(self, chosen: Chosen, part: "Search") -> "Search":
+        """That of all contacts, after some were searched on."""
+        pressure, gap = put(self.pressure_mpa, chosen, part.pressure_mpa), put(self.gap_mm, chosen, part.gap_mm)
+        deeper = put(self.deeper_mm + 0 * self.square, chosen, part.deeper_mm)
+        return Search(pressure, gap, deeper, self.direction, self.square, self.active)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What the search is for."""
+
+    response: Response
+    held: Held
+    overlap_mm: Field
+    tolerance_mm: PerContact
+
+    def of(self, chosen: Chosen) -> "Fit":
+        """For the chosen contacts of a batch."""
+        overlap, tolerance = some(self.overlap_mm, chosen), some(self.tolerance_mm, chosen)
+        return Fit(self.response.of(chosen), self.held.of(chosen), overlap, tolerance)
+
 
 def press(
     response: Response, held: Held, overlap_mm: Field, start: Pressed, tolerance_mm: PerContact, most_iterations: int
@@ -104,16 +142,32 @@ def press(
     """
     none, raw = 0 * tolerance_mm, start.sunk_mm - overlap_mm
     first = Search(start.pressure_mpa, raw, none, 0 * raw, none, raw != raw)
-    search, count, iterations = levelled(first, held), 0, none
+    search = levelled(first, held)
     residual = disturbed = misfit(search)
-    going = residual > tolerance_mm
-    while bool(going.any()) and count < most_iterations:
-        search = levelled(improved(search, response, held, overlap_mm, going), held)
-        residual = misfit(search)
-        count, iterations = count + 1, iterations + going
-        going = going & (residual > tolerance_mm / 2)
+    fit, going = Fit(response, held, overlap_mm, tolerance_mm), disturbed > tolerance_mm
+    search, residual, iterations = searched(fit, search, residual, going, most_iterations)
     sunk = search.gap_mm + (overlap_mm + search.deeper_mm)
     return Pressed(search.pressure_mpa, sunk, search.deeper_mm + none, residual, disturbed, iterations)
+
+
+def searched(
+    fit: Fit, search: Search, residual: PerContact, going: Which, left: int
+) -> tuple[Search, PerContact, PerContact]:
+    """Improved to half the tolerance, with its residual and iterations; half a batch by itself when the other half is done.
+
+    left: iterations, at most.
+    """
+    iterations = 0 * fit.tolerance_mm
+    while bool(going.any()) and left:
+        if (half := half_of(going)) is not None:
+            picked = fit.of(half), search.of(half), some(residual, half), some(going, half)
+            part, rest, more = searched(*picked, left)
+            return search.after(half, part), put(residual, half, rest), iterations + put(0 * iterations, half, more)
+        search = levelled(improved(search, fit.response, fit.held, fit.overlap_mm, going), fit.held)
+        residual = misfit(search)
+        left, iterations = left - 1, iterations + going
+        going = going & (residual > fit.tolerance_mm / 2)
+    return search, residual, iterations
 
 
 def improved(last: Search, response: Response, held: Held, overlap_mm: Field, going: Which) -> Search:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
+from ninedtact.mechanics.halving import Chosen, some
 from ninedtact.mechanics.library import library_of
 from ninedtact.mechanics.transform import field_of, spectrum
 
@@ -35,16 +36,25 @@ class Response:
     """Of the transform."""
     field_shape: tuple[int, int]
     """Of the fields."""
+    softest_mm_per_mpa: Any
+    """The largest compliance to shear; of a batch of skins, one for each, (batch, 1, 1, 1)."""
+    inside: Any = None
+    """One where the answer is wanted and zero elsewhere, (batch, rows, cols): what a window cuts off, as wide as the patch, so
+    that contacts with windows of their own are one batch. None: everywhere."""
+
+    def of(self, chosen: Chosen) -> "Response":
+        """For the chosen contacts of a batch."""
+        if self.normal.ndim == 2:
+            return self
+        symbols = (some(part, chosen) for part in (self.normal, self.bulge, *self.tangential))
+        normal, bulge, diagonal, crossed = symbols
+        rest = some(self.softest_mm_per_mpa, chosen), some(self.inside, chosen)
+        return Response(normal, bulge, (diagonal, crossed), self.shape, self.field_shape, *rest)
 
     @cached_property
     def xp(self) -> Any:
         """The array library that all this is done with."""
         return library_of(self.normal)
-
-    @cached_property
-    def softest_mm_per_mpa(self) -> float:
-        """The largest compliance to shear."""
-        return float(self.xp.max(abs(self.tangential[0])))
 
     def sunk_mm(self, pressure: Field) -> Field:
         """Inward displacement by pressure, −u_z."""
@@ -81,7 +91,10 @@ class Response:
 
     def back(self, wave: Any) -> Any:
         """Out of it, the padding cut off."""
-        return field_of(wave, self.shape, self.field_shape)
+        field = field_of(wave, self.shape, self.field_shape)
+        if self.inside is None:
+            return field
+        return field * (self.inside if field.ndim == self.inside.ndim else self.inside[..., None, :, :])
 
 
 def cut_out(kernel: Float[Array, "rows cols"], reach: tuple[int, int], shape: tuple[int, int]) -> Float[Array, "n m"]:

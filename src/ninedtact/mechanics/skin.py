@@ -78,7 +78,8 @@ class Skin:
         part = {name: self.asarray(symbol) + 0j for name, symbol in symbols.items()}
         stack = library_of(part["normal"]).stack
         bulge, diagonal = 1j * stack((part["bulge_x"], part["bulge_y"])), stack((part["xx"], part["yy"]))
-        return Response(part["normal"], bulge, (diagonal, part["xy"]), shape, field_shape)
+        softest = float(library_of(diagonal).max(abs(diagonal)))
+        return Response(part["normal"], bulge, (diagonal, part["xy"]), shape, field_shape, softest)
 
     @cached_property
     def kernels(self) -> dict[str, Float[Array, "rows cols"]]:

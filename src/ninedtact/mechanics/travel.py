@@ -64,7 +64,7 @@ def carried_along(last: Contact, pose: Pose) -> Vectors:
     if not last.touches:
         return last.moved_mm
     by = pose.x_mm - last.pose.x_mm, pose.y_mm - last.pose.y_mm
-    free = shifted(last.skin, last.moved_mm, by) if np.any(by) else last.moved_mm
+    free = shifted(last.skin, last.moved_mm, by) if any(map(np.any, by)) else last.moved_mm
     before, after = replace(last.pose, x_mm=0.0, y_mm=0.0), replace(pose, x_mm=by[0], y_mm=by[1])
     stuck = last.moved_mm + carried_mm(before, after, last.skin.place_mm)
     return library_of(free).where((last.pressure_mpa > 0)[..., None, :, :], stuck, free)

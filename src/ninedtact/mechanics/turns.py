@@ -77,7 +77,7 @@ class Turns:
     """Of the object, as its overlap has it."""
     carried_mm: Vectors
     """Where the skin's points come to if all that touch stick."""
-    friction: float
+    friction: float | PerContact
     effort: Effort
 
     def begun(self, pressure_mpa: Field, shear_mpa: Vectors) -> Turn:

@@ -58,6 +58,8 @@ class Traction:
     """Along x and along y."""
     mm_per_px: float
     stamp_ns: int = 0
+    height_mm: Float32[Array, "rows cols"] | None = None
+    """Of the skin that they act on, where it is known: shear has an arm there."""
 
     @property
     def is_touched(self) -> Bool[Array, "rows cols"]:
@@ -65,12 +67,13 @@ class Traction:
         return self.pressure_mpa > 0
 
     def wrench(self) -> Wrench:
-        """Their sum, its torque about the skin's centre: the arms lie in the skin's plane."""
+        """Their sum, its torque about the skin's centre: arms lie on the skin, in its untouched plane where no height is known."""
         rows, cols = self.pressure_mpa.shape
         x_mm, y_mm = (centred_axis_mm(side, self.mm_per_px).astype(float) for side in (cols, rows))
         parts_n = self.parts_mpa * self.mm_per_px**2
         with_x, with_y = parts_n.sum(1) @ x_mm, parts_n.sum(2) @ y_mm
-        torque_nmm = np.array([with_y[2], -with_x[2], with_x[1] - with_y[0]])
+        with_z = np.zeros(3) if self.height_mm is None else (parts_n * self.height_mm).sum((1, 2))
+        torque_nmm = np.array([with_y[2] - with_z[1], with_z[0] - with_x[2], with_x[1] - with_y[0]])
         return Wrench(parts_n.sum((1, 2)), torque_nmm / 1e3, stamp_ns=self.stamp_ns)
 
     @property

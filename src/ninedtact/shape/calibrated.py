@@ -42,7 +42,10 @@ class CalibratedShape:
     def depth_reader(self, *references: Frame) -> DepthReader:
         """Bind the untouched skin of this session, the mean of one or more frames; raises `ReferenceUnusable`."""
         keep_freed_memory()
-        reference = mean_rectified([self.rectify(frame) for frame in references])
+        return self.reader_against(mean_rectified([self.rectify(frame) for frame in references]))
+
+    def reader_against(self, reference: Rectified) -> DepthReader:
+        """The same, of untouched skin that is rectified already."""
         return DepthReader(
             self.curve,
             reference,

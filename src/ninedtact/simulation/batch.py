@@ -41,12 +41,12 @@ class BatchRenderer:
 
     def pictures(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols 3"]:
         """BGR pictures without noise, 0 to 255."""
-        return self.factors(contacts)[..., None] * self.asarray(self.renderer.untouched)
+        return self.factors(contacts)[..., None] * self.untouched
 
     def seen_mm(self, contacts: Contact) -> Fields:
         """Height of the skin as the plane's points show it."""
         height, nearness = contacts.height_mm, self.renderer.light.nearness_per_mm
-        x, y = (self.asarray(axis) + 0 * height[:, :1, :1] for axis in self.renderer.plane_mm)
+        x, y = (axis + 0 * height[:, :1, :1] for axis in self.plane_mm)
         seen = self.looked_up(contacts, x, y)
         for _ in range(STEPS if nearness else 0):
             seen = self.looked_up(contacts, x * (1 + nearness * seen), y * (1 + nearness * seen))
@@ -59,7 +59,7 @@ class BatchRenderer:
             (place - over_grid(middle, place)) / patch.pitch_mm + (points - 1) / 2
             for place, middle, points in zip((x_mm, y_mm), contacts.centre_mm, (patch.cols, patch.rows), strict=True)
         )
-        return bilinear(contacts.height_mm, cols, rows)
+        return between(cols, rows, patch.shape).of_each(contacts.height_mm)
 
     def scattered(self, field: Fields) -> Float[Any, "batch fine_rows fine_cols"]:
         """Through the point-spread, made finer by its waves."""
@@ -74,8 +74,13 @@ class BatchRenderer:
 
     def through_lens(self, fine: Fields) -> Float[Any, "batch raw_rows raw_cols"]:
         """As each raw pixel sees the plane."""
-        cols, rows = (self.asarray(axis) + 0 * fine[:, :1, :1] for axis in self.renderer.lens)
-        return bilinear(fine, cols, rows)
+        return self.lens.of(fine)
+
+    @cached_property
+    def lens(self) -> "Between":
+        """Where on the plane, made finer, each raw pixel looks: the same in all pictures."""
+        plane, (cols, rows) = self.renderer.plane, (self.asarray(axis) for axis in self.renderer.lens)
+        return between(cols, rows, (plane.rows * FINER, plane.cols * FINER))
 
     @cached_property
     def spread(self) -> Any:
@@ -89,26 +94,59 @@ class BatchRenderer:
         """Weights of the plane's points in the mean over which darkness is counted."""
         return self.asarray(self.renderer.sensing / self.renderer.sensing.sum())
 
+    @cached_property
+    def plane_mm(self) -> tuple[Any, Any]:
+        """x and y of the plane's points."""
+        x, y = self.renderer.plane_mm
+        return self.asarray(x), self.asarray(y)
+
+    @cached_property
+    def untouched(self) -> Any:
+        """The untouched skin, BGR."""
+        return self.asarray(self.renderer.untouched)
+
     def asarray(self, values: Any) -> Any:
         """Numbers as an array like those of this renderer."""
         xp = library_of(self.like)
         return xp.asarray(np.ascontiguousarray(values, np.float32), dtype=self.like.dtype, device=device(self.like))
 
 
-def bilinear(fields: Fields, cols: Places, rows: Places) -> Places:
-    """Periodic fields between their points, each at places of its own."""
-    xp, (many, height, width) = library_of(fields), fields.shape
+@dataclass(frozen=True)
+class Between:
+    """Places between the points of periodic fields, ready to be looked up."""
+
+    corners: tuple[Any, Any, Any, Any]
+    """Numbers of the points around each place, in a field laid out flat: upper left and right, lower left and right."""
+    along: Any
+    """How far each place is from left to right, 0 to 1."""
+    down: Any
+
+    def of(self, fields: Fields) -> Places:
+        """The same places in each of many fields."""
+        xp, many = library_of(fields), fields.shape[0]
+        flat, shape = xp.reshape(fields, (many, -1)), (many, *self.along.shape)
+        return self.mixed(
+            *(xp.reshape(xp.take(flat, xp.reshape(corner, (-1,)), axis=1), shape) for corner in self.corners)
+        )
+
+    def of_each(self, fields: Fields) -> Places:
+        """In each field places of its own."""
+        xp, (many, height, width) = library_of(fields), fields.shape
+        flat, start = xp.reshape(fields, (-1,)), xp.arange(many, device=device(fields)) * (height * width)
+        indices = (corner + start[:, None, None] for corner in self.corners)
+        return self.mixed(*(xp.reshape(xp.take(flat, xp.reshape(k, (-1,)), axis=0), k.shape) for k in indices))
+
+    def mixed(self, upper: Places, upper_right: Places, lower: Places, lower_right: Places) -> Places:
+        """Linearly."""
+        above = upper + self.along * (upper_right - upper)
+        below = lower + self.along * (lower_right - lower)
+        return above + self.down * (below - above)
+
+
+def between(cols: Float[Any, "*batch a b"], rows: Float[Any, "*batch a b"], shape: tuple[int, int]) -> Between:
+    """These places of fields of this shape (rows, cols)."""
+    xp, (height, width) = library_of(cols), shape
     first_col, first_row = xp.floor(cols), xp.floor(rows)
-    along, down = cols - first_col, rows - first_row
     left, right = (xp.astype(first_col + step, xp.int64) % width for step in (0, 1))
-    upper, lower = (xp.astype(first_row + step, xp.int64) % height for step in (0, 1))
-    start = xp.reshape(xp.arange(many, device=device(fields)) * (height * width), (-1, 1, 1))
-    flat = xp.reshape(fields, (-1,))
-
-    def at(row: Any, col: Any) -> Any:
-        index = start + row * width + col
-        return xp.reshape(xp.take(flat, xp.reshape(index, (-1,)), axis=0), index.shape)
-
-    above = at(upper, left) + along * (at(upper, right) - at(upper, left))
-    below = at(lower, left) + along * (at(lower, right) - at(lower, left))
-    return above + down * (below - above)
+    upper, lower = (xp.astype(first_row + step, xp.int64) % height * width for step in (0, 1))
+    return Between((upper + left, upper + right, lower + left, lower + right), cols - first_col, rows - first_row)

@@ -8,11 +8,12 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import Wrench
 from ninedtact.simulation.pace import Pace
 from ninedtact.simulation.stage import Stage
 
-BELOW_SKIN_MM = 35.0
+BELOW_SKIN_MM = -ForceTorqueMount().origin_mm[2]
 """Where the paper's sensor sits."""
 Six = tuple[float, float, float, float, float, float]
 """F_x, F_y, F_z in N and T_x, T_y, T_z in N·m."""

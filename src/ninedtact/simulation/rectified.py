@@ -39,8 +39,15 @@ class GreyEye:
 
     def picture(self, contact: Contact | None, rng: np.random.Generator) -> Grey:
         """Of this contact (None: nothing touches), with noise of its own."""
-        touched = contact is not None and contact.touches
-        clean = self.untouched * self.renderer.factor(contact) if touched and contact else self.untouched
+        return self.shot(self.factor(contact), rng)
+
+    def factor(self, contact: Contact | None) -> Float32[Array, "rows cols"] | None:
+        """Brightness relative to untouched skin; None where nothing touches."""
+        return self.renderer.factor(contact) if contact is not None and contact.touches else None
+
+    def shot(self, factor: Float32[Array, "rows cols"] | None, rng: np.random.Generator) -> Grey:
+        """The picture, with noise of its own, of skin that is this much brighter than untouched."""
+        clean = self.untouched if factor is None else self.untouched * factor
         noise = rng.standard_normal(clean.shape, np.float32) * np.float32(self.renderer.noise.grey_levels)
         return np.asarray(cv2.add(clean, noise, dtype=cv2.CV_8U))
 

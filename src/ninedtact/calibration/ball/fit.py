@@ -32,7 +32,8 @@ from ninedtact.calibration.brightness import (
     require_same_size,
     require_usable,
 )
-from ninedtact.calibration.twin.fit import fit_twin
+from ninedtact.calibration.twin.fit import Belief, fit_twin
+from ninedtact.calibration.twin.parameters import Vector
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.shape.deblur import Deblurring
@@ -101,10 +102,13 @@ def fit_ball(
     design: SensorDesign,
     method: Method = "physics",
     smoothing: Smoothing = Smoothing(),
+    beliefs: tuple[Belief, ...] = (),
+    near: Vector | None = None,
 ) -> BallFit:
     """Find the disc and fit the curve; raises `BallRefused`, `PictureUnusable`, `WrongPictureSize`.
 
-    reference, press: raw pictures (rows, cols, 3) of the untouched skin and of the ball pressed on it.
+    reference, press: raw pictures (rows, cols, 3) of the untouched skin and of the ball pressed on it. beliefs, near: as for
+    `fit_twin`.
     """
     require_same_size("ball picture", reference, press)
     require_usable("ball reference", reference)
@@ -113,16 +117,18 @@ def fit_ball(
     circle = find_contact_circle(uniform_change(before, after))
     require_depth(design.ball, circle, rectify.mm_per_px)
     seen = BallPress(before, after, circle, design.ball, design.camera, smoothing)
-    fit = fit_physics(seen, design) if method == "physics" else fit_curve(centred(seen), method)
+    fit = fit_physics(seen, design, beliefs, near) if method == "physics" else fit_curve(centred(seen), method)
     # Two pictures' noise is in their difference; a reading against an averaged reference has one picture's.
     noise = noise_levels(relative_change(reference, press)) / np.sqrt(2)
     reader = partial(fit.reader, coverage=rectify.coverage)
     return replace(fit, noise_mm=repeatability_mm(reader, rectify, reference, noise))
 
 
-def fit_physics(press: BallPress, design: SensorDesign) -> BallFit:
+def fit_physics(
+    press: BallPress, design: SensorDesign, beliefs: tuple[Belief, ...] = (), near: Vector | None = None
+) -> BallFit:
     """Mechanics and light together, and how well the result reads the ball back."""
-    physical = PhysicalBall(fit_twin(press.before, press.after, press.circle, design))
+    physical = PhysicalBall(fit_twin(press.before, press.after, press.circle, design, beliefs, near))
     require_like_ball(physical.fit.rmse_grey_picture, press.circle)
     curve, half_mae_mm = physical.curve(physical.disc), physical.half_mae_mm()
     placed = press.about(physical.centre_px)

@@ -52,11 +52,13 @@ class BoardFit:
     """Depth of each imprint in grey levels."""
     noise: float
     change: Float32[Array, "rows cols"]
+    refined: LensModel | None = None
+    """A lens that the whole picture told, not the imprints' centres alone (`calibration.board_press`)."""
 
     @property
     def lens(self) -> LensModel:
         """The fitted lens."""
-        return self.lens_fit.lens
+        return self.lens_fit.lens if self.refined is None else self.refined
 
     @property
     def missing(self) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.shape.lens import LensModel, Points
+from ninedtact.shape.lens import Points, Projection
 
 SAMPLES = 41
 """Samples across a patch."""
@@ -42,14 +42,14 @@ class Patches:
         return np.column_stack([(weight * axis).sum(axis=(1, 2)) / total for axis in (self.x_mm, self.y_mm)])
 
 
-def centred_mm(picture: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, radius_mm: float) -> Points:
+def centred_mm(picture: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Points:
     """Centres of the imprints near these points, as this lens places them on the skin."""
     for _ in range(CENTROID_STEPS):
         points_mm = points_mm + patches(picture, lens, points_mm, radius_mm).centroid_mm
     return points_mm
 
 
-def patches(picture: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, radius_mm: float) -> Patches:
+def patches(picture: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Patches:
     """Look at the skin around each point through the lens, within a disc."""
     axis = np.linspace(-radius_mm, radius_mm, SAMPLES)
     x, y = np.meshgrid(axis, axis)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.certificate.drawing import INK, PALE_INK, colour_bar, plain_axes, png, sheet
-from ninedtact.calibration.record import TwinTable
+from ninedtact.calibration.record import ImprintFigures, TwinTable
 from ninedtact.calibration.twin.fit import TwinFit
 
 if TYPE_CHECKING:
@@ -81,8 +81,20 @@ def twin_rows(twin: TwinTable) -> list[tuple[str, str]]:
         ("unexplained, radial profile", f"{fit.rmse_grey_radial:.2f} grey levels"),
         ("worth independent observations", f"{fit.independent_points:.0f}"),
     ]
+    if twin.imprints is not None:
+        rows += imprint_rows(twin.imprints)
     for name, found in fit.parameters.items():
         sure = "" if found.deviation is None else f" ± {found.deviation:.3f}"
         beside = "" if found.closest is None else f", {found.correlation:+.2f} with {found.closest.replace('_', ' ')}"
         rows.append((name.replace("_", " "), f"{found.value:.3f}{sure}{beside}"))
     return rows
+
+
+def imprint_rows(told: ImprintFigures) -> list[tuple[str, str]]:
+    """What the board's picture told, and whether it was taken."""
+    taken = "taken into the lens" if told.believed else "not taken: the board is not as drawn"
+    return [
+        ("board: imprints' depth", f"{told.depth_mm:.2f} mm ± {told.depth_error_mm:.2f}, {taken}"),
+        ("board: nearness per mm", f"{told.nearness_per_mm:.3f} ± {told.nearness_error_per_mm:.3f}"),
+        ("board: unexplained", f"{told.unexplained_grey:.2f} of {told.contrast_grey:.1f} grey levels"),
+    ]

@@ -24,7 +24,7 @@ METHOD = {
     "ratio": "the ball's cap against the fraction of the untouched brightness",
     "table": "the ball's cap against grey-level difference (the paper's)",
 }
-UNITS = ("mm", "px")
+UNITS = ("mm", "px", "deg")
 Rows = list[tuple[str, str]]
 
 
@@ -128,7 +128,8 @@ def design_rows(design: SensorDesign) -> Rows:
     ]
 
 
-def dimension(name: str, value: float) -> str:
+def dimension(name: str, value: float | tuple[float, ...]) -> str:
     """A field whose name ends in its unit, as a person writes it."""
     *words, unit = name.split("_")
-    return f"{' '.join(words)} {value:g} {unit}" if unit in UNITS else f"{name.replace('_', ' ')} {value}"
+    number = f"({', '.join(f'{part:g}' for part in value)})" if isinstance(value, tuple) else f"{value:g}"
+    return f"{' '.join(words)} {number} {unit}" if unit in UNITS else f"{name.replace('_', ' ')} {number}"

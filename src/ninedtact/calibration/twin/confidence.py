@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.twin.observed import ObservedPress
 from ninedtact.calibration.twin.parameters import NAMES
 
 
@@ -36,18 +35,22 @@ def confidence(slopes: Float[Array, "rows parameters"], rest: Float[Array, " n"]
     return Confidence(points, dict(zip(NAMES, deviation.tolist(), strict=True)), covariance / np.outer(safe, safe))
 
 
-def independent_points(observed: ObservedPress, rest: Float[Array, " n"]) -> float:
-    """How many of the observations speak independently: their number over the sum of their mutual correlations."""
-    field = np.nan_to_num(observed.picture(rest - rest.mean()))
-    known = np.isfinite(observed.picture(rest)).astype(float)
-    correlation = lagged(field) / np.maximum(lagged(known), 1) / np.mean(rest**2)
+def independent_points(rest: Float[Array, "rows cols"]) -> float:
+    """How many observations speak independently: their number over the sum of their mutual correlations.
+
+    rest: what a fit leaves, as a picture; not-a-number where nothing was observed.
+    """
+    seen = np.isfinite(rest)
+    known, values = seen.astype(float), rest[seen]
+    field = np.where(seen, rest - values.mean(), 0.0)
+    correlation = lagged(field) / np.maximum(lagged(known), 1) / np.mean(values**2)
     centre = correlation.shape[0] // 2, correlation.shape[1] // 2
     rows, cols = np.indices(correlation.shape)
     lag = np.hypot(rows - centre[0], cols - centre[1]).astype(int)
     ring = np.bincount(lag.ravel(), correlation.ravel()) / np.bincount(lag.ravel())
     first_zero = int(np.argmax(ring <= 0)) or len(ring)
     neighbours = float(correlation[lag < first_zero].sum())
-    return float(max(rest.size / max(neighbours, 1.0), len(NAMES) + 1.0))
+    return float(max(values.size / max(neighbours, 1.0), len(NAMES) + 1.0))
 
 
 def lagged(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:

@@ -110,15 +110,53 @@ class TwinFit:
         return mean_darkening(observed.after.grey, observed.before.grey, self.named["loss"])
 
 
-def fit_twin(before: Rectified, after: Rectified, circle: ContactCircle, design: SensorDesign) -> TwinFit:
-    """Fit mechanics and light to one press of the design's ball, found at `circle`."""
+@dataclass(frozen=True)
+class Belief:
+    """What is known of a parameter beside the picture."""
+
+    name: str
+    value: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Beliefs as observations beside those of the picture."""
+
+    beliefs: tuple[Belief, ...] = ()
+    deviation_grey: float = 0.0
+    """Grey levels that one standard deviation of a belief counts as: what an independent point is off."""
+
+    def miss(self, vector: Vector) -> Float[Array, " beliefs"]:
+        """How far the vector is from what is believed, grey levels."""
+        off = [(vector[NAMES.index(one.name)] - one.value) / one.deviation for one in self.beliefs]
+        return self.deviation_grey * np.array(off, float)
+
+    @property
+    def slope(self) -> Float[Array, "beliefs parameters"]:
+        """Derivative of `miss`."""
+        rows = [np.array([name == one.name for name in NAMES]) / one.deviation for one in self.beliefs]
+        return self.deviation_grey * np.array(rows, float).reshape(-1, len(NAMES))
+
+
+def fit_twin(
+    before: Rectified,
+    after: Rectified,
+    circle: ContactCircle,
+    design: SensorDesign,
+    beliefs: tuple[Belief, ...] = (),
+    near: Vector | None = None,
+) -> TwinFit:
+    """Fit mechanics and light to one press of the design's ball, found at `circle`.
+
+    beliefs: what other pictures told. near: parameters to start from, where they are about known.
+    """
     began = perf_counter()
     middle_mm = skin_place_mm(before, circle.centre_px)
     forward = Forward(ObservedPress(before, after, middle_mm), design)
-    start = first_guess(forward, circle)
-    free, searched = fitted(forward, start, 0.0)
-    points = independent_points(forward.observed, forward.solved(free)[1])
-    prior = prior_weight(forward, free, points)
+    free, searched = fitted(forward, first_guess(forward, circle), Prior()) if near is None else (near, 0)
+    points = independent_points(forward.observed.picture(forward.solved(free)[1]))
+    prior = prior_of(forward, free, points, beliefs)
     vector, again = fitted(forward, free, prior)
     slopes, rest = forward.solved(vector)
     sure = confidence(slope_of(forward, vector, prior), rest, points)
@@ -137,32 +175,29 @@ def first_guess(forward: Forward, circle: ContactCircle) -> Vector:
     return np.clip([guess[name] for name in NAMES], low + 1e-3, high - 1e-3)
 
 
-def fitted(forward: Forward, start: Vector, weight: float) -> tuple[Vector, int]:
-    """Least squares from a start, the design's thickness weighing this much; and how many pictures that took."""
-    design_mm = forward.design.gel.thickness_mm
+def fitted(forward: Forward, start: Vector, prior: Prior) -> tuple[Vector, int]:
+    """Least squares from a start; and how many pictures that took."""
 
     def miss(vector: Vector) -> Float[Array, " n"]:
-        prior = weight * (vector[NAMES.index("thickness_mm")] - design_mm)
-        return np.append(forward.solved(vector)[1], prior)
+        return np.append(forward.solved(vector)[1], prior.miss(vector))
 
     def slope(vector: Vector) -> Float[Array, "n parameters"]:
-        return slope_of(forward, vector, weight)
+        return slope_of(forward, vector, prior)
 
     found = least_squares(miss, start, slope, bounds(), x_scale=scales(), xtol=1e-5, ftol=1e-6, max_nfev=TRIES)
     return found.x, found.nfev + int(found.njev or 0) * len(NAMES)
 
 
-def prior_weight(forward: Forward, vector: Vector, points: float) -> float:
-    """Of a millimetre of thickness, so that it counts as an observation among this many independent points."""
-    rest = forward.solved(vector)[1]
-    spread_mm = THICKNESS_SPREAD * forward.design.gel.thickness_mm
-    return float(np.sqrt(np.sum(rest**2) / points) / spread_mm)
+def prior_of(forward: Forward, vector: Vector, points: float, beliefs: tuple[Belief, ...]) -> Prior:
+    """The design's thickness and other beliefs, each an observation among this many independent points."""
+    rest, design_mm = forward.solved(vector)[1], forward.design.gel.thickness_mm
+    mould = Belief("thickness_mm", design_mm, THICKNESS_SPREAD * design_mm)
+    return Prior((mould, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
 
 
-def slope_of(forward: Forward, vector: Vector, weight: float) -> Float[Array, "n parameters"]:
-    """The Jacobian, with a row for what the design says of the thickness."""
-    prior = np.array([weight * (name == "thickness_mm") for name in NAMES])
-    return np.vstack([jacobian(forward, vector), prior])
+def slope_of(forward: Forward, vector: Vector, prior: Prior) -> Float[Array, "n parameters"]:
+    """The Jacobian, with a row for every belief."""
+    return np.vstack([jacobian(forward, vector), prior.slope])
 
 
 def jacobian(forward: Forward, vector: Vector) -> Float[Array, "n parameters"]:

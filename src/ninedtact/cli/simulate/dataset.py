@@ -1,5 +1,6 @@
 """ninedtact simulate dataset: pairs of picture and wrench from many twins, as a folder that Hugging Face opens."""
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,12 @@ class Dataset:
     objects_seed: int = 0
     """Of generated objects."""
     workers: int = 2
-    """Processes; one for each core."""
+    """Processes; one for each core. With a GPU threads, which make noise and PNG."""
+    device: str = "auto"
+    """cpu, cuda or cuda:1 (many contacts at once on a GPU, by torch); auto: a GPU if torch sees one. (torch-cpu: the way of a
+    GPU without one, slow, to try it.)"""
+    at_once: int = 256
+    """Sessions that a GPU advances together; fewer where its memory runs out."""
     no_contact: float = 0.03
     """Share of pairs in which nothing touches."""
     light_touch: float = 0.05
@@ -69,7 +75,13 @@ class Dataset:
         """The data set, all of it."""
         from ninedtact.simulation.dataset.job import make_dataset
 
-        return make_dataset(self.out, self.settings, self.workers, progress=not self.json)
+        return make_dataset(
+            *(self.out, self.settings, self.workers),
+            progress=not self.json,
+            device=self.device,
+            at_once=self.at_once,
+            tell=say,
+        )
 
     @property
     def settings(self) -> "DatasetSettings":
@@ -91,6 +103,13 @@ class Dataset:
         )
 
 
+def say(sentence: str) -> None:
+    """One line beside the bar."""
+    from tqdm import tqdm
+
+    tqdm.write(f"ninedtact: {sentence}", file=sys.stderr)
+
+
 def figures(made: "Made") -> dict[str, object]:
     """For a script."""
     return {
@@ -98,6 +117,7 @@ def figures(made: "Made") -> dict[str, object]:
         "pairs": sum(made.kinds.values()),
         "kinds": made.kinds,
         "new_files": made.new_files,
+        "device": made.device,
         "percentiles": made.percentiles,
         "off_parts_of_span": made.off,
     }

@@ -22,8 +22,11 @@ configs:
 """
 
 
-def card(settings: DatasetSettings, version: str, sizes: dict[str, int], percentiles: Iterable[str]) -> str:
+def card(
+    settings: DatasetSettings, version: str, sizes: dict[str, int], percentiles: Iterable[str], device: str = "cpu"
+) -> str:
     """The whole text. sizes: pairs of each kind."""
+    machine = "the same machine" if device == "cpu" else f"the same machine with `--device {device}`"
     counted = ", ".join(f"{count} {kind}" for kind, count in sizes.items())
     table = "\n".join(f"    {line}".rstrip() for line in percentiles)
     return f"""{HEAD}
@@ -52,7 +55,7 @@ Torques are about the centre of the untouched skin. Sensor frame: x along column
 
 ## To make it again
 
-The same version with these settings gives the same bytes on the same machine:
+The same version with these settings gives the same bytes on {machine}:
 
     {json.dumps(settings.as_table())}
 """

@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from ninedtact.simulation.dataset.bench import bench
 from ninedtact.simulation.dataset.deck import object_of
 from ninedtact.simulation.dataset.pair import png
-from ninedtact.simulation.dataset.session import bench
 from ninedtact.simulation.dataset.settings import DatasetImpossible, DatasetSettings
 from ninedtact.simulation.dataset.table import write_references
 from ninedtact.simulation.population.member import member
 from ninedtact.whole_file import FileNotWritten, write_whole
 
+PROCESSOR = "cpu"
 SETTINGS, MEMBERS, REFERENCES = "settings.json", "members/sensors.json", "references.parquet"
 
 
@@ -24,15 +25,16 @@ def path_of(folder: Path, settings: DatasetSettings, number: int) -> Path:
     return folder / "data" / f"train-{number:05d}-of-{settings.files:05d}.parquet"
 
 
-def begin(folder: Path, settings: DatasetSettings) -> None:
-    """Make the folder and what all files share, or see that it holds an earlier run of the same job."""
+def begin(folder: Path, settings: DatasetSettings, device: str = PROCESSOR) -> None:
+    """Make the folder and what all files share, or see that it holds an earlier run of the same job on this kind of device."""
+    resolved = resolved_settings(settings, device)
     if (folder / SETTINGS).is_file():
-        require_same(folder / SETTINGS, resolved_settings(settings))
+        require_same(folder / SETTINGS, resolved)
     else:
         require_empty(folder)
         require_objects(settings)
         make_folders(folder)
-        write_whole(folder / SETTINGS, as_json(resolved_settings(settings)))
+        write_whole(folder / SETTINGS, as_json(resolved))
     clear_halves(folder)
     if not (folder / MEMBERS).is_file():
         sensors = [member(number, settings.seed, settings.kinds).as_table() for number in range(settings.sensors)]
@@ -72,9 +74,10 @@ def clear_halves(folder: Path) -> None:
         half.unlink(missing_ok=True)
 
 
-def resolved_settings(settings: DatasetSettings) -> dict[str, Any]:
-    """With the version that they belong to, as JSON gives them back."""
-    return {"ninedtact": version("ninedtact"), **json.loads(json.dumps(settings.as_table()))}
+def resolved_settings(settings: DatasetSettings, device: str = PROCESSOR) -> dict[str, Any]:
+    """With the version that they belong to, as JSON gives them back; and the kind of device, where it is not the processor."""
+    kind = {} if device == PROCESSOR else {"device": device}
+    return {"ninedtact": version("ninedtact"), **kind, **json.loads(json.dumps(settings.as_table()))}
 
 
 def as_json(value: Any) -> bytes:
@@ -88,6 +91,7 @@ def require_same(kept: Path, resolved: dict[str, Any]) -> None:
         found = json.loads(kept.read_text())
     except ValueError:
         found = {}
+    found, resolved = {"device": PROCESSOR, **found}, {"device": PROCESSOR, **resolved}
     differing = sorted(name for name in {*found, *resolved} if found.get(name) != resolved.get(name))
     if differing:
         name = differing[0]

@@ -2,16 +2,19 @@
 
 Every file depends on the settings and on its own number alone, and appears whole or not at all. So a job that was killed goes
 on with the files that are missing, and ends with the same bytes. Processes are joblib's: under `joblib.parallel_config("ray")`, or
-Dask's, they are a cluster's.
+Dask's, they are a cluster's. A GPU is one process, and advances many sessions together (`dataset.together`).
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
+from ninedtact.simulation.dataset.asking import alone
+from ninedtact.simulation.dataset.bench import bench
 from ninedtact.simulation.dataset.card import card
 from ninedtact.simulation.dataset.folder import begin, path_of
 from ninedtact.simulation.dataset.pair import Pair
@@ -19,9 +22,13 @@ from ninedtact.simulation.dataset.percentiles import by_axis, lines, off, percen
 from ninedtact.simulation.dataset.session import Session
 from ninedtact.simulation.dataset.settings import DatasetImpossible, DatasetSettings
 from ninedtact.simulation.dataset.table import wrenches, write_pairs
+from ninedtact.simulation.dataset.together.device import device_named
+from ninedtact.simulation.dataset.together.making import Making
 from ninedtact.whole_file import write_whole
 
 CARD = "README.md"
+AT_ONCE = 256
+"""Sessions that a GPU advances together. More are not quicker, and hold some 3 MB of pictures each in memory."""
 
 
 @dataclass(frozen=True)
@@ -38,33 +45,63 @@ class Made:
     """The same for a person."""
     new_files: int
     """Made by this run; the others were there."""
+    device: str
+    """The kind of device that all were made on."""
 
 
-def make_dataset(folder: Path, settings: DatasetSettings, workers: int = 1, *, progress: bool = False) -> Made:
-    """Make a data set, or go on with one; raises `DatasetImpossible`, `ObjectUnknown`, `FileNotWritten`."""
-    require_workers(workers)
-    begin(folder, settings)
+def make_dataset(
+    folder: Path,
+    settings: DatasetSettings,
+    workers: int = 1,
+    *,
+    progress: bool = False,
+    device: str = "cpu",
+    at_once: int = AT_ONCE,
+    tell: Callable[[str], None] = warn,
+) -> Made:
+    """Make a data set, or go on with one; raises `DatasetImpossible`, `ObjectUnknown`, `FileNotWritten`, `DeviceMissing`.
+
+    workers: processes; with a GPU threads, which make noise and PNG. device: a name that `together.device` knows. at_once:
+    sessions that a GPU advances together. tell: hears of a GPU's memory running out.
+    """
+    require_some(workers, at_once)
+    on = device_named(device)
+    begin(folder, settings, on.kind)
     missing = [number for number in range(settings.files) if not path_of(folder, settings, number).is_file()]
-    made_by_workers(folder, settings, missing, workers, progress)
-    return finished(folder, settings, len(missing))
+    made = (
+        Making(folder, settings, on, at_once, workers, tell).files(missing)
+        if on.many
+        else made_by_workers(folder, settings, missing, workers)
+    )
+    counted(made, settings, missing, progress)
+    return finished(folder, settings, len(missing), on.kind)
 
 
-def require_workers(workers: int) -> None:
+def require_some(workers: int, at_once: int) -> None:
     """Refuse none; raises `DatasetImpossible`."""
-    if workers < 1:
-        raise DatasetImpossible(f"expected at least 1 worker, got {workers}; give one for each core")
+    if min(workers, at_once) < 1:
+        raise DatasetImpossible(
+            f"expected at least 1 worker and 1 session at once, got {workers} and {at_once}; give one worker for each core"
+        )
 
 
-def made_by_workers(folder: Path, settings: DatasetSettings, missing: list[int], workers: int, progress: bool) -> None:
-    """Make the missing files, in any order."""
-    from joblib import delayed
+def counted(made: Iterable[int], settings: DatasetSettings, missing: list[int], progress: bool) -> None:
+    """Let all be made, and show how far it is."""
     from tqdm import tqdm
 
-    jobs = [delayed(make_file)(path_of(folder, settings, number), settings, number) for number in missing]
     there = (settings.files - len(missing)) * settings.pairs_per_file
     with tqdm(total=settings.pairs, initial=min(there, settings.pairs), unit="pair", disable=not progress) as bar:
-        for pairs in as_done(jobs, workers):
+        for pairs in made:
             bar.update(pairs)
+
+
+def made_by_workers(folder: Path, settings: DatasetSettings, missing: list[int], workers: int) -> Iterator[int]:
+    """Make the missing files, in any order; how many pairs each has."""
+    from joblib import delayed
+
+    yield from as_done(
+        [delayed(make_file)(path_of(folder, settings, number), settings, number) for number in missing], workers
+    )
 
 
 def as_done(jobs: list[Any], workers: int) -> Iterable[int]:
@@ -85,16 +122,15 @@ def make_file(path: Path, settings: DatasetSettings, number: int) -> int:
 
 def pairs_of(settings: DatasetSettings, number: int) -> Iterator[Pair]:
     """All pairs of one file."""
-    first = number * settings.sessions_per_file
-    for session in range(first, min(first + settings.sessions_per_file, settings.sessions)):
-        yield from Session(session, settings).pairs()
+    for session in settings.sessions_of(number):
+        yield from alone(Session(session, settings, bench(session % settings.sensors, settings)).asking())
 
 
-def finished(folder: Path, settings: DatasetSettings, new_files: int) -> Made:
+def finished(folder: Path, settings: DatasetSettings, new_files: int, device: str) -> Made:
     """Read back what was made, and write its card."""
     six, kinds = wrenches(path_of(folder, settings, number) for number in range(settings.files))
     by_rule = six[kinds == "rule"] if "rule" in kinds else six
     table, found = list(lines(by_rule)), percentiles(by_rule)
     counts = dict(sorted(Counter(kinds.tolist()).items()))
-    write_whole(folder / CARD, card(settings, version("ninedtact"), counts, table).encode())
-    return Made(folder, counts, by_axis(found), by_axis(off(found)), table, new_files)
+    write_whole(folder / CARD, card(settings, version("ninedtact"), counts, table, device).encode())
+    return Made(folder, counts, by_axis(found), by_axis(off(found)), table, new_files, device)

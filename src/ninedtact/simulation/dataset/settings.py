@@ -4,13 +4,14 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from ninedtact.capture.sampling_rule import RuleSettings
+from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.dataset.hand import Hand
 from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
 from ninedtact.simulation.population.parts import Kinds
 from ninedtact.simulation.twin import PITCH_MM
 
-BELOW_SKIN_MM = 35.0
+BELOW_SKIN_MM = -ForceTorqueMount().origin_mm[2]
 """Where the paper's force/torque sensor sits; the percentiles are of torques about there."""
 FEWEST_PX = 16
 
@@ -104,6 +105,11 @@ class DatasetSettings:
     def sessions(self) -> int:
         """How many, the last one perhaps shorter."""
         return -(-self.pairs // self.pairs_per_session)
+
+    def sessions_of(self, file: int) -> range:
+        """Numbers of the sessions whose pairs are in this file."""
+        first = file * self.sessions_per_file
+        return range(first, min(first + self.sessions_per_file, self.sessions))
 
     def as_table(self) -> dict[str, Any]:
         """Plain values, for JSON."""

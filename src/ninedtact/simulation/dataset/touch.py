@@ -11,12 +11,13 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.contact import Contact, ContactLeavesPatch, LoadImpossible
+from ninedtact.mechanics.contact import ContactLeavesPatch, LoadImpossible
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose, PoseImpossible
+from ninedtact.simulation.dataset.asking import Asking, Felt, Step
+from ninedtact.simulation.dataset.bench import Bench
 from ninedtact.simulation.dataset.hand import Aim, Hand
-from ninedtact.simulation.population.member import SensorMember
-from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView, Twin
+from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 
 LIFTED = (PoseOutOfView, LoadImpossible, ContactLeavesPatch, ObjectTooLarge)
 """Where no contact can be: the hand lifts the object."""
@@ -34,99 +35,84 @@ LOOSE, LOOSE_MM = 0.03, 0.002
 class Touch:
     """A hand with an object on a sensor."""
 
-    member: SensorMember
-    twin: Twin
-    """The member's, made once."""
+    bench: Bench
     indenter: Indenter
     hand: Hand
     rng: np.random.Generator
-    contact: Contact = field(init=False)
-    """As the model solved it: the next step goes on from it."""
+    pose: Pose = field(init=False)
+    """Of the object."""
+    felt: Felt | None = field(init=False, default=None)
+    """The contact; the next step goes on from it. None before the first."""
     turn_rad: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.turn_rad = float(self.rng.uniform(-np.pi, np.pi))
-        room = room_mm(self.indenter, self.turn_rad, self.twin.area_mm)
+        room = room_mm(self.indenter, self.turn_rad, self.bench.twin.area_mm)
         x, y = self.hand.place(self.rng, room)
-        self.contact = replace(self.twin.model.untouched(), pose=Pose(x, y, 0.0, self.turn_rad))
+        self.pose = Pose(x, y, 0.0, self.turn_rad)
 
-    def stations(self) -> Iterator[Contact]:
-        """Felt contacts, step by step, until the hand has had enough or the object cannot stay."""
-        aim = replace(self.hand.aim(self.rng), load_n=0.0, shear_n=np.zeros(2))
+    def aims(self) -> Iterator[Aim]:
+        """Step by step from station to station, until the hand has had enough; each is drawn when its turn comes."""
+        aim = self.loaded(0.0)
         fewest, most = self.hand.stations
         for _ in range(self.rng.integers(fewest, most + 1)):
             before, aim = aim, self.hand.aim(self.rng)
             for step in range(1, self.hand.steps + 1):
-                if not self.stepped(between(before, aim, step / self.hand.steps)):
-                    return
-                yield self.felt
+                yield between(before, aim, step / self.hand.steps)
 
-    def lightly(self, load_n: float) -> Iterator[Contact]:
-        """The felt contact under this load alone, if there is one."""
-        if self.stepped(replace(self.hand.aim(self.rng), load_n=load_n, shear_n=np.zeros(2), twist_rad=0.0)):
-            yield self.felt
+    def lightly(self, load_n: float) -> Asking[Felt | None]:
+        """The contact under this load alone, if there is one."""
+        return self.stepped(replace(self.loaded(load_n), twist_rad=0.0))
 
-    @property
-    def felt(self) -> Contact:
-        """As it is seen and weighed."""
-        return self.twin.felt(self.contact)
+    def loaded(self, load_n: float) -> Aim:
+        """An aim with this load and no shear."""
+        return replace(self.hand.aim(self.rng), load_n=load_n, shear_n=np.zeros(2))
 
-    def stepped(self, aim: Aim) -> bool:
-        """Move on towards an aim; whether there is a contact to go on from."""
+    def stepped(self, aim: Aim) -> Asking[Felt | None]:
+        """Move on towards an aim; the contact, if there is one to go on from."""
         try:
-            contact = self.sunk(self.towards(aim), aim.load_n / self.stiffer)
+            felt = yield from self.sunk(self.towards(aim), aim.load_n / (self.felt.stiffer if self.felt else 1.0))
         except LIFTED:
-            return False
-        self.contact = contact
-        return bool(contact.touches and contact.residual_mm < LOOSE * deepest_mm(contact) + LOOSE_MM)
+            return None
+        self.felt, self.pose = felt, felt.pose
+        return felt if felt.touches and felt.contact.residual_mm < LOOSE * felt.deepest_mm + LOOSE_MM else None
 
-    def sunk(self, pose: Pose, load_n: float) -> Contact:
+    def sunk(self, pose: Pose, load_n: float) -> Asking[Felt]:
         """Under the load, or as deep as a hand goes."""
         try:
-            contact = self.twin.step(self.contact, self.indenter, pose, load_n)
+            felt: Felt = yield self.step(pose, load_n)
         except PoseImpossible:
             # The object would go through the gel: no hand presses a needle that hard.
-            return self.sunk(pose, load_n / 2)
-        too_deep = deepest_mm(contact) - self.hand.deepest * self.member.gel.thickness_mm
+            return (yield from self.sunk(pose, load_n / 2))
+        too_deep = felt.deepest_mm - self.hand.deepest * self.bench.member.gel.thickness_mm
         if too_deep <= 0:
-            return contact
-        return self.twin.step(self.contact, self.indenter, replace(pose, depth_mm=contact.pose.depth_mm - too_deep))
+            return felt
+        return (yield self.step(replace(pose, depth_mm=felt.pose.depth_mm - too_deep)))
+
+    def step(self, pose: Pose, load_n: float | None = None) -> Step:
+        """From the contact that there is."""
+        return Step(self.bench, self.felt.contact if self.felt else None, self.indenter, pose, load_n)
 
     def towards(self, aim: Aim) -> Pose:
         """The pose of the next step; its depth is a guess."""
         tilt_x, tilt_y = aim.tilt_rad.tolist()
-        pose = replace(self.contact.pose, twist_rad=self.turn_rad + aim.twist_rad, tilt_x_rad=tilt_x, tilt_y_rad=tilt_y)
-        if not self.contact.touches:
+        pose = replace(self.pose, twist_rad=self.turn_rad + aim.twist_rad, tilt_x_rad=tilt_x, tilt_y_rad=tilt_y)
+        if self.felt is None or not self.felt.touches:
             return pose
-        missing = aim.shear_n - self.felt.wrench().force_n[:2]
-        by = np.clip(missing / self.stiffness_n_per_mm, -FARTHEST_MM, FARTHEST_MM).tolist()
+        missing = aim.shear_n - self.felt.wrench.force_n[:2]
+        by = np.clip(missing / self.stiffness_n_per_mm(self.felt), -FARTHEST_MM, FARTHEST_MM).tolist()
         return replace(pose, x_mm=pose.x_mm + by[0], y_mm=pose.y_mm + by[1])
 
-    @property
-    def stiffer(self) -> float:
-        """How much heavier the contact is felt than the model solved it."""
-        if not self.contact.touches:
-            return 1.0
-        return float(self.felt.pressure_mpa.sum() / self.contact.pressure_mpa.sum())
-
-    @property
-    def stiffness_n_per_mm(self) -> float:
-        """Of the contact against dragging, roughly: a disc of its area on a half-space, and the layer below it in shear."""
-        area = float((self.contact.pressure_mpa > 0).sum()) * self.twin.model.skin.patch.cell_mm2
-        return self.member.gel.shear_modulus_mpa * (
-            16 / 3 * np.sqrt(area / np.pi) + area / self.member.gel.thickness_mm
-        )
+    def stiffness_n_per_mm(self, felt: Felt) -> float:
+        """Of a contact against dragging, roughly: a disc of its area on a half-space, and the layer below it in shear."""
+        gel, area = self.bench.member.gel, felt.area_mm2
+        return gel.shear_modulus_mpa * (16 / 3 * np.sqrt(area / np.pi) + area / gel.thickness_mm)
 
 
 def between(before: Aim, after: Aim, part: float) -> Aim:
     """Part of the way from one aim to the next."""
     ways = {name: getattr(before, name) + part * (value - getattr(before, name)) for name, value in vars(after).items()}
     return Aim(**ways)
-
-
-def deepest_mm(contact: Contact) -> float:
-    """The largest indentation of the skin."""
-    return -float(contact.height_mm.min())
 
 
 def room_mm(indenter: Indenter, turn_rad: float, area_mm: tuple[float, float]) -> Float64[Array, "2"]:

@@ -1,0 +1,77 @@
+"""How fast a data set is read in training: pictures of 460 x 345 px, read at 160 x 120, one core."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter, process_time
+
+import cv2
+import numpy as np
+import tyro
+from figures import Figure, answer, at_least
+
+from ninedtact.recording.dataset.columns import write_rows, write_untouched
+from ninedtact.recording.dataset.reader import DataSet
+from ninedtact.recording.dataset.rows import Row, UntouchedPicture
+from ninedtact.simulation.dataset.pair import png
+
+WANTED_PER_S = 2000
+BATCH = 64
+
+
+def dataset_reading(pairs: int = 2000, json: bool = False) -> None:
+    """Measure."""
+    cv2.setNumThreads(1)
+    with TemporaryDirectory() as folder:
+        write_set(Path(folder), pairs)
+        decoding, opening = opened(Path(folder)), opened(Path(folder))
+        data = DataSet.open(folder)
+        figures = [
+            at_least("pictures a second with wrench and reference, batches of 64", batched(data), WANTED_PER_S),
+            Figure("the same, one by one", one_by_one(data)),
+            Figure("first opening, pictures decoded a second of CPU time", pairs / decoding[0]),
+            Figure("later opening, s", opening[1]),
+        ]
+    answer(f"Data set of {pairs} pairs, 460 x 345 px, read at 160 x 120", figures, json)
+
+
+def write_set(folder: Path, pairs: int) -> None:
+    """Smooth pictures with the noise of a camera: what costs PNG its time."""
+    rng = np.random.default_rng(0)
+    (folder / "data").mkdir()
+    skin = np.linspace(130, 160, 460) + np.zeros((345, 1))
+
+    def row(number: int) -> Row:
+        noisy = (skin + rng.normal(0, 0.7, skin.shape)).astype(np.uint8)
+        wrench = np.array([0, 0, -3, 0, 0, 0], np.float32)
+        return Row(str(number), png(noisy), "skin", wrench, "cup", "c", number, None, "s", "rule", "b", 0.052)
+
+    half = pairs // 2
+    for file, numbers in enumerate((range(half), range(half, pairs))):
+        write_rows(folder / "data" / f"train-{file:05d}-of-00002.parquet", map(row, numbers))
+    write_untouched(folder / "references.parquet", [UntouchedPicture("skin", png(skin.astype(np.uint8)), "s")])
+
+
+def opened(folder: Path) -> tuple[float, float]:
+    """CPU and wall time of opening."""
+    began = process_time(), perf_counter()
+    DataSet.open(folder)
+    return process_time() - began[0], perf_counter() - began[1]
+
+
+def batched(data: DataSet) -> float:
+    """Pairs a second of CPU time."""
+    rng, began = np.random.default_rng(0), process_time()
+    read = sum(len(batch.pictures) for _ in range(10) for batch in data.batches(BATCH, rng))
+    return read / (process_time() - began)
+
+
+def one_by_one(data: DataSet) -> float:
+    """Pairs a second of CPU time."""
+    order, began = np.random.default_rng(0).permutation(len(data)), process_time()
+    for number in order:
+        data.batch(np.array([number]))
+    return len(order) / (process_time() - began)
+
+
+if __name__ == "__main__":
+    tyro.cli(dataset_reading)

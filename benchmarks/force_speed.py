@@ -1,0 +1,88 @@
+"""Height map → wrench by the small network, and raw picture → shape and wrench, on one thread.
+
+Without a model one is trained for a moment: how long an answer takes does not depend on its weights. What must be reached
+is held against the thread's own times (median), which other programs on the machine do not change; the least wall times
+stand beside them.
+"""
+
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import tyro
+from figures import Figure, answer, at_most
+from real_sensor import real_sensor
+from turns import Tasks, Times, in_turns
+
+from ninedtact import Frame
+from ninedtact.force.model_file import read_model
+from ninedtact.force.network_force import NetworkForce, doubts_about
+from ninedtact.quantities import Reading
+
+ESTIMATE, BOTH = "height → wrench", "frame → height and wrench"
+REQUIRED_MS = {ESTIMATE: 5.0, BOTH: 8.0}
+PRESSED = ("ball", "board", "ball")
+READINGS = ("fine", "fast")
+"""With the point-spread undone, and as it is."""
+
+
+def force_speed(model: Path | None = None, rounds: int = 60, json: bool = False) -> None:
+    """Measure, and print what it must reach."""
+    with TemporaryDirectory() as folder:
+        path = model or trained_for_a_moment(Path(folder))
+        times = in_turns({reading: partial(tasks, path, reading) for reading in READINGS}, rounds)
+    answer("Speed of the force estimate, one thread", [figure(*name, found) for name, found in times.items()], json)
+
+
+def figure(reading: str, task: str, found: Times) -> Figure:
+    what = f"{reading}: {task}, ms"
+    if task in REQUIRED_MS:
+        return at_most(what, found.median_cpu_ms, REQUIRED_MS[task], "ms", f"least wall {found.least_ms:.2f}")
+    return Figure(what, found.median_cpu_ms, peer=f"least wall {found.least_ms:.2f}")
+
+
+def tasks(path: Path, reading: str) -> Tasks:
+    pictures, shape = real_sensor("sensor_a")
+    shape = shape if reading == "fine" else shape.fast()
+    rectify, depth = shape.rectify, shape.depth_reader(Frame(pictures["ball_reference"]))
+    estimator = NetworkForce(read_model(path))
+    frames = [Frame(pictures[name]) for name in PRESSED]
+
+    def read(frame: Frame) -> Reading:
+        rectified = rectify(frame)
+        return Reading(frame, rectified, depth(rectified), reference=depth.reference)
+
+    readings = [read(frame) for frame in frames]
+    shown = [estimator.input(one) for one in readings]
+    six = estimator.model(shown[0][None]).wrench[0]
+    return {
+        ESTIMATE: lambda call: estimator.estimate(readings[call % 3]),
+        "of it: gate": lambda call: estimator.touching(readings[call % 3].height),
+        "of it: input": lambda call: estimator.input(readings[call % 3]),
+        "of it: network": lambda call: estimator.model(shown[call % 3][None]),
+        "of it: doubts": lambda call: list(doubts_about(shown[call % 3], six, estimator.model.card)),
+        "frame → height": lambda call: read(frames[call % 3]),
+        BOTH: lambda call: estimator.estimate(read(frames[call % 3])),
+    }
+
+
+def trained_for_a_moment(folder: Path) -> Path:
+    from dataclasses import replace
+
+    from ninedtact.force.splits import Rows
+    from ninedtact.force.training.examples import Examples
+    from ninedtact.force.training.run import train
+    from ninedtact.force.training.settings import OURS, Machine
+
+    rng, names = np.random.default_rng(0), ["any"] * 80
+    heights = rng.normal(0, 0.1, (80, OURS.input.rows, OURS.input.cols))
+    examples = Examples(heights, rng.normal(0, 1, (80, 6)).astype(np.float32), names, names)
+    rows, settings = Rows(np.arange(64), np.arange(64, 80)), replace(OURS, epochs=1)
+    trained = train(examples, rows, settings, folder / "model", machine=Machine(accelerator="cpu"))
+    assert trained is not None
+    return trained.path
+
+
+if __name__ == "__main__":
+    tyro.cli(force_speed)

@@ -1,0 +1,139 @@
+"""How force without training bears what is not as it assumes: the table of presses by wrong numbers, and by wrong mechanics.
+
+Heights are given directly, with noise, so that light plays no part: a ball and a cylinder, 0.4 to 1.5 mm deep, a star and a
+heap of pebbles under 2 to 11 N, dragged by up to 1 mm and twisted by up to 17°. The gel is told except for what the line
+says is wrong. Skill is 1 − MAE / MAE of answering the median; torques are about the skin's centre.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from time import process_time
+
+import cv2
+import numpy as np
+import tyro
+
+from ninedtact.design import Gel
+from ninedtact.force.traction.estimator import TractionForce
+from ninedtact.force.traction.evidence import ByHeight
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.indenter import Ball, Indenter
+from ninedtact.mechanics.solids import Cylinder
+from ninedtact.quantities import Frame, HeightMap, Reading, Rectified
+from ninedtact.simulation.objects.generated import object_named
+from ninedtact.simulation.population.mechanics import Kind, compliance_below, drawn_base, felt
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.truth import heights
+from ninedtact.simulation.twin import Twin, default_twin
+
+AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+SHAPE, PX_MM = (90, 120), 0.2
+GEL = Gel()
+OBJECTS: tuple[Indenter, ...] = (Ball(4.0), Cylinder(3.0, 8.0), object_named("star_01"), object_named("pebbles_01"))
+
+
+@dataclass(frozen=True)
+class Case:
+    """One line of the table."""
+
+    name: str
+    noise_mm: float = 0.01
+    gel: Gel = GEL
+    """What the estimator believes."""
+    seen: Callable[[np.ndarray], np.ndarray] = np.copy
+    """What is done to the heights."""
+    kind: Kind = "bonded"
+
+
+def bulges(gain: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda z: np.where(z > 0, z * gain, z)
+
+
+def blurred(z: np.ndarray) -> np.ndarray:
+    return np.asarray(cv2.GaussianBlur(z, (0, 0), 0.5 / PX_MM, borderType=cv2.BORDER_REPLICATE))
+
+
+CASES = (
+    Case("10 µm noise, right model"),
+    Case("30 µm noise", noise_mm=0.03),
+    Case("h 10 % too thick", gel=replace(GEL, thickness_mm=2.75)),
+    Case("h 10 % too thin", gel=replace(GEL, thickness_mm=2.25)),
+    Case("bulge gain +15 %", seen=bulges(1.15)),
+    Case("bulge gain −15 %", seen=bulges(0.85)),
+    Case("ν = 0.48 assumed, 0.50 true", gel=replace(GEL, poisson_ratio=0.48)),
+    Case("0.5 mm blur not undone", seen=blurred),
+    Case("compliant base", kind="compliant_base"),
+    Case("finite strain", kind="finite_strain"),
+)
+
+
+def traction_mismatch(presses: int = 60, seed: int = 0) -> None:
+    """Press, spoil, read, compare."""
+    cv2.setNumThreads(1)
+    contacts = {kind: list(pressed(kind, presses, seed)) for kind in ("bonded", "compliant_base", "finite_strain")}
+    print(f"{'':30s}" + "".join(f"{axis:>7s}" for axis in AXES) + "   slopes" + " " * 36 + "covered  ms")
+    for case in CASES:
+        line(case, contacts[case.kind])
+
+
+def pressed(kind: Kind, presses: int, seed: int) -> Iterator[Contact]:
+    """The same presses on gel of this kind."""
+    twin = twin_of(kind)
+    rng = np.random.default_rng(seed)
+    for number in range(presses):
+        yield press(rng, number % len(OBJECTS) < 2).on(twin, OBJECTS[number % len(OBJECTS)], None)
+
+
+def twin_of(kind: Kind) -> Twin:
+    """The published gel, on a rigid base or not."""
+    base = drawn_base(np.random.default_rng(0), GEL) if kind == "compliant_base" else None
+    yields = GEL.thickness_mm + (base.thickness_mm if base else 0.0)
+    return replace(
+        default_twin(),
+        compliance_of=compliance_below(GEL, base),
+        thickness_mm=yields,
+        felt=lambda contact: felt(contact, kind, GEL),
+    )
+
+
+def press(rng: np.random.Generator, to_depth: bool) -> Press:
+    """Somewhere, somehow."""
+    along, angle = rng.uniform(0, 1.0), rng.uniform(0, 2 * np.pi)
+    x, y = rng.uniform((-4, -2), (4, 2)).tolist()
+    drag = float(along * np.cos(angle)), float(along * np.sin(angle))
+    twist = float(np.radians(rng.uniform(-17, 17)))
+    part = float(rng.uniform())
+    how = {"depth_mm": 0.4 + 1.1 * part} if to_depth else {"load_n": 2 + 9 * part}
+    return Press(**how, at_mm=(x, y), drag_mm=drag, twist_rad=twist)
+
+
+def line(case: Case, contacts: list[Contact]) -> None:
+    """One row of the table."""
+    rng, start = np.random.default_rng(1), process_time()
+    estimator = TractionForce(ByHeight(), case.gel)
+    true, read, error = [], [], []
+    for contact in contacts:
+        estimator.forget()
+        estimate = estimator.estimate(reading(case, contact, rng))
+        true.append(contact.wrench().six)
+        read.append(estimate.wrench.six)
+        error.append(estimate.error)
+    ms = (process_time() - start) * 1e3 / len(contacts)
+    t, r, e = (np.array(rows) for rows in (true, read, error))
+    skills = 1 - np.abs(t - r).mean(axis=0) / np.abs(t - np.median(t, axis=0)).mean(axis=0)
+    slopes = [np.polyfit(a, b, 1)[0] for a, b in zip(t.T, r.T, strict=True)]
+    numbers = "".join(f"{value:7.2f}" for value in skills) + "  " + "".join(f"{value:7.2f}" for value in slopes)
+    print(f"{case.name:30s}{numbers}  {np.mean(np.abs(t - r) < 2 * e):6.0%} {ms:5.0f}", flush=True)
+
+
+def reading(case: Case, contact: Contact, rng: np.random.Generator) -> Reading:
+    """Heights alone, spoilt."""
+    true: HeightMap = heights(contact, SHAPE, PX_MM)
+    noise = rng.normal(0, case.noise_mm, SHAPE)
+    z_mm = np.asarray(case.seen(true.z_mm) + noise, np.float32)
+    grey = np.full(SHAPE, 150, np.float32)
+    return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), Rectified(grey, PX_MM), replace(true, z_mm=z_mm))
+
+
+if __name__ == "__main__":
+    tyro.cli(traction_mismatch)

@@ -1,0 +1,190 @@
+"""How deep the imprints are, from how near they are seen, and the lens that takes both into account.
+
+A pin presses the skin towards the camera, so that lines of sight that converge show its imprint farther out than the pin is: a
+lens fitted to pins alone takes that for magnification. Here the twin that the ball told draws the whole board, and is fitted to the
+board's picture: its depth and tilt, the nearness of the eye, and the lens with them. What tells nearness from magnification is
+the imprint's form: its bottom is displaced more than its rim. Gauss–Newton; the lens by the gradient of what was drawn.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from ninedtact.calibration.board.fit import BoardFit
+from ninedtact.calibration.board.lens_fit import fit_lens, parameter_derivative, refit, with_terms
+from ninedtact.calibration.board_press.forward import BoardForward, BoardPress, Drawn
+from ninedtact.calibration.board_press.observed import ObservedBoard
+from ninedtact.calibration.twin.confidence import independent_points
+from ninedtact.calibration.twin.fit import Belief, TwinFit
+from ninedtact.shape.lens import LensModel, Points
+
+WORST_REST = 0.06
+"""Part of the imprints' contrast that may stay unexplained, as of a ball's darkening (ball/judgement.py): boards whose pins are
+unlike the design's, or unlike each other, tell nothing (real boards so far 0.045 and 0.06, drawn ones 0.01 to 0.045)."""
+MOST_UNLIKE = 0.2
+"""Relative difference of the scattering under pins and under the ball (real boards so far 0.5, drawn ones up to 0.1)."""
+LENS_TERMS = 3
+"""Radial terms: a whole picture affords what 63 pins may not."""
+START = BoardPress(0.8, 0.0, 0.0, 0.495, 0.03, 0.5)
+LEAST = BoardPress(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
+MOST_THICKNESS = 0.9
+"""Of the gel, to which a board can be pressed."""
+MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM = 0.1, 0.5, 0.1, 1.5
+STEPS = {"nearness_per_mm": 0.004, "scattering_mm": 0.02, "depth_mm": 0.02, "poisson_ratio": -0.003}
+"""Of difference quotients, those first for which the skin need not be solved; the tilt's follow from that of the depth."""
+LARGEST = np.array([0.2, 0.02, 0.02, 0.01, 0.03, 0.2])
+"""Of one round's change."""
+SETTLED = np.array([2e-3, 2e-4, 2e-4, 2e-4, 2e-4, 2e-3])
+ROUNDS, NEWTON = 12, 2
+FEWER = 7
+"""Of the observed points, for the lens that moves them as asked."""
+GRADIENT_MM = 0.05
+UNIT_MM, LIGHT_TERMS = 10.0, 3
+"""For the light's slopes over the picture."""
+
+
+@dataclass(frozen=True)
+class BoardPressFit:
+    """What the board's picture told."""
+
+    press: BoardPress
+    deviation: BoardPress
+    lens: LensModel
+    points: float
+    """Observations that speak independently."""
+    rest_grey: float
+    """Root mean square of what is left unexplained."""
+    contrast_grey: float
+    """Of the imprints."""
+    ball_scattering_mm: float
+    """As the ball's picture had it."""
+    settled: bool
+
+    @property
+    def believed(self) -> bool:
+        """Whether the board looks as the twin draws it, so that what it says is taken."""
+        like_ball = abs(self.press.scattering_mm / self.ball_scattering_mm - 1) <= MOST_UNLIKE
+        return self.settled and like_ball and self.rest_grey <= WORST_REST * self.contrast_grey
+
+    @property
+    def beliefs(self) -> tuple[Belief, ...]:
+        """For the fit of the ball."""
+        told = Belief("nearness_per_mm", self.press.nearness_per_mm, self.deviation.nearness_per_mm)
+        return (told,) if self.believed else ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round: where it stands, and what moves it."""
+
+    rest: Float[Array, " n"]
+    """Grey levels."""
+    slopes: Float[Array, "n parameters"]
+    """By the press (as its fields), by the lens, by level and slopes of the light."""
+
+
+@dataclass(frozen=True)
+class BoardMatch:
+    """A board's picture and the twin that draws it."""
+
+    observed: ObservedBoard
+    forward: BoardForward
+    lens: LensModel
+    """Through which the picture was rectified."""
+
+    def fitted(self, press: BoardPress) -> BoardPressFit:
+        """From a start."""
+        lens, at_mm, settled = self.lens, self.observed.points_mm, False
+        pixels = lens.to_px(at_mm)
+        for _ in range(ROUNDS):
+            moves = lens_moves(lens, at_mm)
+            step = self.step(press, at_mm, moves)
+            change = np.linalg.lstsq(step.slopes, step.rest, rcond=1e-10)[0]
+            moved = self.bounded(press, np.clip(change[: len(LARGEST)], -LARGEST, LARGEST))
+            # Parameters of a lens stand in for each other far too much to be stepped themselves.
+            asked_mm = at_mm + moves @ change[len(LARGEST) : -LIGHT_TERMS]
+            lens = refit(asked_mm[::FEWER], pixels[::FEWER], lens).lens
+            at_mm = seen_at(lens, pixels, asked_mm)
+            settled = bool((np.abs(as_row(moved) - as_row(press)) < SETTLED).all())
+            press = moved
+            if settled:
+                break
+        return self.found(press, lens, step, settled)
+
+    def found(self, press: BoardPress, lens: LensModel, step: "Step", settled: bool) -> BoardPressFit:
+        """What the last round says of itself."""
+        points = independent_points(self.observed.picture(step.rest))
+        variance = np.sum(step.rest**2) / max(points - step.slopes.shape[1], 1.0)
+        covariance = np.linalg.pinv(step.slopes.T @ step.slopes, hermitian=True) * variance
+        told = BoardPress(*np.sqrt(np.maximum(np.diag(covariance), 0))[: len(LARGEST)].tolist())
+        rest, contrast = float(np.sqrt(np.mean(step.rest**2))), float(np.median(self.observed.board.contrast))
+        like_mm = self.forward.fit.light.scattering_mm
+        return BoardPressFit(press, told, lens, points, rest, contrast, like_mm, settled)
+
+    def step(self, press: BoardPress, at_mm: Points, moves: Float[Array, "n 2 k"]) -> Step:
+        """Rest and slopes for one press, pixels seeing these places, which the lens moves like this."""
+        drawn = self.forward.drawn(press)
+        here = drawn.at(at_mm)
+        by_nearness, by_scattering, by_depth, by_poisson = (
+            (self.forward.drawn(replace(press, **{name: getattr(press, name) + step})).at(at_mm) - here) / step
+            for name, step in STEPS.items()
+        )
+        x, y = at_mm.T
+        by_press = np.column_stack([by_depth, -y * by_depth, x * by_depth, by_poisson, by_nearness, by_scattering])
+        by_lens = np.einsum("ni,nik->nk", gradient(drawn, at_mm), moves)
+        light = np.column_stack([np.ones(len(x)), x / UNIT_MM, y / UNIT_MM]) * (1 + here)[:, None]
+        levels = np.linalg.lstsq(light, self.observed.seen, rcond=None)[0]
+        level = (light @ levels) / (1 + here)
+        slopes = np.column_stack([np.column_stack([by_press, by_lens]) * level[:, None], light])
+        rest = self.observed.seen - light @ levels
+        return Step(rest * self.observed.mean_grey, slopes * self.observed.mean_grey)
+
+    def bounded(self, press: BoardPress, by: Float[Array, "6"]) -> BoardPress:
+        """The press moved, within what can be."""
+        deepest = MOST_THICKNESS * self.forward.fit.named["thickness_mm"]
+        most = [deepest, MOST_TILT, MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM]
+        return BoardPress(*np.clip(as_row(press) + by, as_row(LEAST), most).tolist())
+
+
+def lens_moves(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
+    """How the places that pixels see move with a lens, mm; ways that are independent, each by a millimetre (RMS)."""
+    in_picture = parameter_derivative(lens, at_mm).reshape(len(at_mm), 2, -1)
+    moves = np.linalg.solve(lens.px_per_mm(at_mm), in_picture)
+    ways, _, _ = np.linalg.svd(moves.reshape(2 * len(at_mm), -1), full_matrices=False)
+    return ways.reshape(moves.shape) * np.sqrt(len(at_mm))
+
+
+def seen_at(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
+    """Places that pixels see, from places near them (Newton)."""
+    for _ in range(NEWTON):
+        near_mm = near_mm + np.linalg.solve(lens.px_per_mm(near_mm), (pixels - lens.to_px(near_mm))[..., None])[..., 0]
+    return near_mm
+
+
+def fit_board_press(observed: ObservedBoard, fit: TwinFit, start: BoardPress = START) -> BoardPressFit:
+    """Fit the board's picture, rectified through its lens, with the twin that the ball told."""
+    board = observed.board
+    lens = with_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
+    return BoardMatch(observed, BoardForward(fit, board.board), lens).fitted(start)
+
+
+def gradient(drawn: Drawn, at_mm: Points) -> Float[Array, "n 2"]:
+    """Of what was drawn, per mm along x and y."""
+    steps = np.eye(2) * GRADIENT_MM
+    return np.column_stack([(drawn.at(at_mm + by) - drawn.at(at_mm - by)) / (2 * GRADIENT_MM) for by in steps])
+
+
+def with_lens(observed: ObservedBoard, fit: TwinFit, told: BoardPressFit) -> BoardFit:
+    """The board with the lens that was found. Its pins are fitted again, at the places of the untouched plane where their
+    imprints are seen: they tell how well a pin is predicted that was left out."""
+    board, forward = observed.board, BoardForward(fit, observed.board.board)
+    drawn = forward.drawn(told.press)
+    seen_mm = forward.imprints_mm(drawn, board.points_mm[board.found])
+    return replace(board, lens_fit=fit_lens(seen_mm, board.points_px[board.found], told.lens), refined=told.lens)
+
+
+def as_row(press: BoardPress) -> Float[Array, "6"]:
+    """Its numbers."""
+    return np.array(list(vars(press).values()))

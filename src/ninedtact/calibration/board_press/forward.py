@@ -1,0 +1,118 @@
+"""How deep the board is pressed, and how it is seen → the picture that a twin predicts, on the skin's untouched plane."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy import ndarray as Array
+
+from ninedtact.calibration.board.imprints import centred_mm
+from ninedtact.calibration.board.pins import IMPRINT_RADIUS
+from ninedtact.calibration.twin.fit import TwinFit
+from ninedtact.calibration.twin.forward import FRICTION
+from ninedtact.design import PinBoard
+from ninedtact.mechanics.contact import ContactModel, Effort
+from ninedtact.mechanics.gel import bonded_layer
+from ninedtact.mechanics.patch import Patch, padded_patch
+from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.relief import Relief
+from ninedtact.mechanics.skin import Skin
+from ninedtact.shape.lens import Points
+from ninedtact.simulation.gauges import PINS_PER_CELL, pin_board
+from ninedtact.simulation.seeing import FINER, Sight, grid, sampled, scattered
+
+MARGIN_MM = 5.0
+"""Skin beyond the outermost pins."""
+EFFORT = Effort(tolerance=5e-3, must_converge=False)
+
+Field = Float32[Array, "rows cols"]
+
+
+@dataclass(frozen=True)
+class BoardPress:
+    """One press of the board, and from how near it is seen."""
+
+    depth_mm: float
+    tilt_x_rad: float
+    tilt_y_rad: float
+    poisson_ratio: float
+    """A board loads all the gel at once, so the little by which it yields in volume shows, as it does not under a ball."""
+    nearness_per_mm: float
+    scattering_mm: float
+    """Standard deviation of the point-spread. The ball's picture has told it: another one says that the board is not as drawn."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Relative change of brightness on the untouched plane, finely sampled."""
+
+    patch: Patch
+    field: Float32[Array, "fine_rows fine_cols"]
+
+    def at(self, points_mm: Points) -> Float[Array, " n"]:
+        """At places of the plane, linearly."""
+        x, y = (np.ascontiguousarray(axis[None], np.float32) for axis in points_mm.T)
+        return sampled(self.field, *grid(self.patch, (0.0, 0.0), x, y, FINER))[0].astype(float)
+
+    def to_px(self, points_mm: Points) -> Points:
+        """Column and row of the field: a projection without a lens."""
+        x, y = points_mm.T
+        return np.column_stack(grid(self.patch, (0.0, 0.0), x, y, FINER))
+
+
+@dataclass(frozen=True)
+class BoardForward:
+    """The prediction for one board under a twin."""
+
+    fit: TwinFit
+    board: PinBoard
+
+    @cached_property
+    def relief(self) -> Relief:
+        """The board's underside."""
+        return pin_board(self.board)
+
+    @cached_property
+    def patch(self) -> Patch:
+        """Pins, the floor around them, and skin beyond."""
+        pitch_mm = self.board.pitch_mm
+        width_mm, height_mm = (count * pitch_mm for count in (self.board.cols, self.board.rows))
+        return padded_patch(width_mm, height_mm, pitch_mm / PINS_PER_CELL, MARGIN_MM)
+
+    @cached_property
+    def heights(self) -> dict[BoardPress, Field]:
+        """The one solved last: how it is seen changes more often than how it is pressed."""
+        return {}
+
+    def height_mm(self, press: BoardPress) -> Field:
+        """Of the skin under the board."""
+        unseen = replace(press, nearness_per_mm=0.0, scattering_mm=0.0)
+        if unseen not in self.heights:
+            self.heights.clear()
+            self.heights[unseen] = self.solved_mm(unseen)
+        return self.heights[unseen]
+
+    def solved_mm(self, press: BoardPress) -> Field:
+        """The same, not yet solved."""
+        gel = replace(
+            self.fit.forward.design.gel,
+            thickness_mm=self.fit.named["thickness_mm"],
+            shear_modulus_mpa=1.0,
+            poisson_ratio=press.poisson_ratio,
+        )
+        skin = Skin(self.patch, lambda wave_number: bonded_layer(wave_number, gel), np.zeros((), np.float32))
+        model = ContactModel(skin, FRICTION, EFFORT)
+        pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
+        return np.asarray(model.step(model.untouched(), self.relief, pose).height_mm, np.float32)
+
+    def drawn(self, press: BoardPress) -> Drawn:
+        """The skin as the plane shows it, in the twin's light."""
+        x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.place_mm)
+        seen = Sight(x, y, press.nearness_per_mm).height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
+        (field,) = scattered(self.patch, press.scattering_mm, self.fit.light.change(seen).astype(np.float32))
+        return Drawn(self.patch, field)
+
+    def imprints_mm(self, drawn: Drawn, pins_mm: Points) -> Points:
+        """Where on the plane the imprints of these pins are seen, found as in a picture."""
+        return centred_mm(drawn.field, drawn, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)

@@ -1,0 +1,67 @@
+"""The board's picture as numbers to fit: brightness relative to untouched skin at points among the pins."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+from numpy import ndarray as Array
+
+from ninedtact.calibration.board.fit import BoardFit
+from ninedtact.calibration.brightness import smoothed
+from ninedtact.calibration.twin.observed import DIMMEST, SMOOTHING_PX
+from ninedtact.quantities import Rectified
+from ninedtact.shape.lens import Points
+from ninedtact.shape.rectification import skin_grid_mm
+
+AROUND = 0.6
+"""How far around a pin the picture is fitted, in pitches: up to half-way to the next one, and a little over."""
+EVERY_PX = 3
+"""Of rows and columns."""
+
+
+@dataclass(frozen=True)
+class ObservedBoard:
+    """Two rectified pictures, before and under the board."""
+
+    before: Rectified
+    after: Rectified
+    board: BoardFit
+
+    @cached_property
+    def chosen(self) -> Bool[Array, "rows cols"]:
+        """The pixels that are fitted: among the pins, and away from those that were not seen."""
+        x, y = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
+        design, away = self.board.board, AROUND * self.board.board.pitch_mm
+        half_x, half_y = ((count - 1) / 2 * design.pitch_mm + away for count in (design.cols, design.rows))
+        among = (np.abs(x) < half_x) & (np.abs(y) < half_y)
+        for pin_x, pin_y in self.board.points_mm[~self.board.found].tolist():
+            among &= np.hypot(x - pin_x, y - pin_y) > away
+        every = np.zeros_like(among)
+        every[::EVERY_PX, ::EVERY_PX] = True
+        return np.asarray(among & every)
+
+    @cached_property
+    def points_mm(self) -> Points:
+        """Of the chosen pixels, as the lens has them that the pictures were rectified with."""
+        axes = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
+        return np.column_stack([axis[self.chosen] for axis in axes]).astype(float)
+
+    @cached_property
+    def seen(self) -> Float[Array, " n"]:
+        """Relative brightness of the chosen pixels."""
+        ratio: Float32[Array, "rows cols"] = smoothed(
+            self.after.grey / np.maximum(self.before.grey, DIMMEST), SMOOTHING_PX
+        )
+        return ratio[self.chosen].astype(float)
+
+    @property
+    def mean_grey(self) -> float:
+        """Of the untouched picture: what turns relative brightness into grey levels."""
+        return float(self.before.grey.mean())
+
+    def picture(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
+        """Values of the chosen pixels as a coarse picture, not-a-number elsewhere."""
+        whole = np.full(self.chosen.shape, np.nan)
+        whole[self.chosen] = values
+        return whole[::EVERY_PX, ::EVERY_PX]

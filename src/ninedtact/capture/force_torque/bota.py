@@ -1,0 +1,115 @@
+"""Force/torque sensors of Bota Systems, through their own driver: serial, USB, Ethernet, EtherCAT, CAN, and its dummy.
+
+The driver's blocking read holds up every thread of the process while it waits (1.1.16 keeps Python's lock), so the newest frame
+is asked for again and again instead: four times in each of the device's periods.
+"""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ninedtact.capture.force_torque.device_clock import DeviceClock, step
+from ninedtact.capture.force_torque.line import LISTENED_S, Line, Sample
+from ninedtact.capture.force_torque.refusals import (
+    ForceTorqueLibraryMissing,
+    WrenchFaulty,
+    WrenchSaturated,
+    WrenchSensorNotFound,
+    WrenchUntrusted,
+)
+from ninedtact.capture.force_torque.stdout_held import stdout_held
+from ninedtact.capture.wrench_source import WrenchSensorLost
+
+CLOCK_BITS = 32
+POLLS_PER_PERIOD = 4
+SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 2e-4, 5e-3
+
+
+class BotaLine(Line):
+    """A sensor by the driver's configuration file, which Bota delivers with it."""
+
+    def __init__(self, config: Path) -> None:
+        self.name = f"bota:{config}"
+        self._config = config
+        self._driver: Any = None
+        self._number = 0
+
+    def connect(self) -> None:
+        """Configure and start."""
+        try:
+            import bota_driver
+        except ImportError as absence:
+            raise ForceTorqueLibraryMissing(self.name, "bota-driver (Linux only)") from absence
+        if not self._config.is_file():
+            raise WrenchSensorNotFound(
+                f"expected the configuration of a Bota sensor at {self._config}, got no such file; docs/force_torque.md "
+                "shows one"
+            )
+        with stdout_held() as said:
+            cause = self._started(bota_driver)
+        if cause is not None:
+            raise WrenchSensorNotFound(
+                f"expected the Bota sensor of {self._config} to start, got: {'; '.join(said.errors[:2]) or cause}; check "
+                "the file and the cable"
+            )
+
+    def _started(self, bota_driver: Any) -> str | None:
+        """Why it did not, None where it did."""
+        driver = None
+        try:
+            driver = bota_driver.BotaDriver(str(self._config))
+            if not driver.configure() or not driver.activate():
+                driver.shutdown()
+                return "a refusal"
+            self._period_us = max(driver.get_expected_timestep_us(), 1)
+            pause_s = self._period_us / 1e6 / POLLS_PER_PERIOD
+            self._pause_s = min(max(pause_s, SHORTEST_PAUSE_S), LONGEST_PAUSE_S)
+            self._last_us = driver.read_frame().timestamp
+        except RuntimeError as trouble:
+            if driver is not None:
+                driver.shutdown()
+            return str(trouble)
+        self._driver, self._clock = driver, DeviceClock(CLOCK_BITS)
+        return None
+
+    def receive(self) -> Sequence[Sample]:
+        """The newest frame, once there is a new one; those in between count as dropped."""
+        give_up_at = time.monotonic() + LISTENED_S
+        try:
+            while (frame := self._driver.read_frame()).timestamp == self._last_us:
+                if time.monotonic() > give_up_at:
+                    return []
+                time.sleep(self._pause_s)
+        except RuntimeError as trouble:
+            raise WrenchSensorLost(
+                f"expected a sample from {self.name}, got: {trouble}; check that it is plugged in"
+            ) from trouble
+        return [self._sample(frame, time.monotonic_ns())]
+
+    def _sample(self, frame: Any, arrived_ns: int) -> Sample:
+        # The device has no count, but a clock: a step of three periods means that two samples are missing.
+        self._number += max(round(step(self._last_us, frame.timestamp, CLOCK_BITS) / self._period_us), 1)
+        self._last_us = frame.timestamp
+        six = np.array([*frame.force, *frame.torque], float)
+        return Sample(six, self._clock.stamp_ns(frame.timestamp, arrived_ns), self._number, self._flaw(frame.status))
+
+    def disconnect(self) -> None:
+        """Stop and release; the driver prints until its last reference is gone."""
+        with stdout_held():
+            self._driver.deactivate()
+            self._driver.cleanup()
+            self._driver.shutdown()
+            self._driver = None
+
+    def _flaw(self, status: Any) -> WrenchUntrusted | None:
+        if status.overrange:
+            return WrenchSaturated(f"expected a load that {self.name} can measure, got its overrange flag; press less")
+        if status.invalid or status.raw:
+            word = "invalid" if status.invalid else "raw, not calibrated"
+            return WrenchFaulty(
+                f"expected a usable sample from {self.name}, got one that it calls {word}; check the device"
+            )
+        return None

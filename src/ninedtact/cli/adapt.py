@@ -1,0 +1,97 @@
+"""ninedtact adapt: a few presses of known weight → newtons of one's own sensor."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from ninedtact.cli.answer import answer
+from ninedtact.cli.estimators import PHYSICS
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.force.adaptation import Judged, WeighedPress
+
+
+class NothingWeighed(NinedtactError):
+    """An estimator that cannot be adapted."""
+
+
+@dataclass(frozen=True)
+class Adapt:
+    """Adapt the force of a sensor to its own gel, by pictures of presses whose weight is known.
+
+    A kitchen scale is enough: put the sensor on it, take a picture of the untouched skin, set the scale to zero, then
+    press with something blunt and note the grams of each picture. Four presses from 50 g to 800 g do well.
+    """
+
+    sensor: Path
+    """Sensor folder that `ninedtact calibrate` wrote; what is found is kept there, in force.toml."""
+    reference: tyro.conf.UseAppendAction[tuple[Path, ...]]
+    """Untouched skin of the same session; given more than once, the pictures are averaged."""
+    press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]]
+    """A picture and its grams, as --press five.png 512; once for every press."""
+    force: str = PHYSICS
+    """physics (no training), or a force model (.onnx): what is adapted."""
+    dry_run: bool = False
+    """Say what would be found, and keep nothing."""
+    json: bool = False
+    """Print the figures as one JSON object."""
+
+    def run(self) -> int:
+        """Adapt, show by presses left out what it gains, and keep it."""
+        from ninedtact.calibration.sensor_folder import load_sensor
+        from ninedtact.cli.estimators import NONE, unadapted
+        from ninedtact.force.adaptation import adapted
+        from ninedtact.force.adaptation_file import write_adaptation
+
+        if self.force == NONE:
+            raise NothingWeighed(f"expected an estimator to adapt, got --force {NONE}; name {PHYSICS} or a force model")
+        folder = load_sensor(self.sensor)
+        estimator = unadapted(self.force, folder)
+        presses = [*self.weighed(folder.shape, estimator)]
+        judged = adapted(presses)
+        kept = None if self.dry_run else str(write_adaptation(self.sensor, estimator.name, judged.adaptation))
+        figures = {
+            "estimator": estimator.name,
+            **asdict(judged),
+            "presses": [asdict(one) for one in presses],
+            "file": kept,
+        }
+        return answer(self.json, figures, lines(presses, judged, kept))
+
+    def weighed(self, shape: Any, estimator: Any) -> "Iterator[WeighedPress]":
+        """Every press as the estimator reads it; raises `AdaptationImpossible`, naming the picture."""
+        from ninedtact.capture.picture_list import PictureList
+        from ninedtact.capture.pictures import read_picture
+        from ninedtact.force.adaptation import AdaptationImpossible, WeighedPress, newtons
+        from ninedtact.quantities import Frame
+        from ninedtact.sensor import Sensor
+
+        depth = shape.depth_reader(*[Frame(read_picture(path)) for path in self.reference])
+        pictures = PictureList([path for path, _ in self.press])
+        with Sensor(pictures, shape, depth=depth, estimator=estimator) as sensor:
+            for (path, grams), reading in zip(self.press, sensor, strict=True):
+                estimator.forget()
+                assert reading.force is not None
+                try:
+                    yield WeighedPress(max(0.0, -float(reading.force.wrench.force_n[2])), newtons(grams))
+                except AdaptationImpossible as refusal:
+                    raise AdaptationImpossible(f"{path}: {refusal}") from refusal
+
+
+def lines(presses: "list[WeighedPress]", judged: "Judged", kept: str | None) -> Iterator[str]:
+    """For a person."""
+    found = judged.adaptation
+    for press in presses:
+        corrected = press.estimated_n * found.at(press.estimated_n)
+        yield f"{press.weighed_n:6.2f} N weighed, {press.estimated_n:6.2f} N estimated, {corrected:6.2f} N adapted"
+    bend = f", times (load / {found.about_n:.1f} N)^{found.curve:+.2f}" if found.curve else ""
+    yield f"forces times {found.factor:.3f}{bend}"
+    yield (
+        f"error of a press left out: {judged.unadapted:.1%} without, {judged.by_factor:.1%} with a factor"
+        + ("" if judged.by_curve is None else f", {judged.by_curve:.1%} with a curve")
+    )
+    yield "nothing kept" if kept is None else f"kept in {kept}"

@@ -1,0 +1,44 @@
+"""Ctrl-C that ends a recording well: what is being written is written to its end."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import monotonic
+from types import FrameType
+
+
+@dataclass
+class Ending:
+    """When to stop: asked by Ctrl-C, or after some time."""
+
+    seconds: float | None = None
+    asked: bool = False
+    began_at: float = 0.0
+
+    @property
+    def now(self) -> bool:
+        """Whether it is time."""
+        return self.asked or (self.seconds is not None and self.elapsed_s >= self.seconds)
+
+    @property
+    def elapsed_s(self) -> float:
+        """Since it began."""
+        return monotonic() - self.began_at
+
+    def ask(self, number: int, at: FrameType | None) -> None:
+        """The signal handler: once is asked politely, twice is Ctrl-C as ever."""
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
+@contextmanager
+def ending(seconds: float | None = None) -> Iterator[Ending]:
+    """While the block runs, the first Ctrl-C only asks."""
+    until = Ending(seconds, began_at=monotonic())
+    before = signal.signal(signal.SIGINT, until.ask)
+    try:
+        yield until
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,58 @@
+"""What a person names after --force: the physics of the gel, a force model, or nothing."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.design import Gel
+    from ninedtact.force.estimator import ForceEstimator
+
+PHYSICS, NONE = "physics", "none"
+ENDING, WEIGHTS = ".onnx", ".pt"
+
+
+class EstimatorUnknown(NinedtactError):
+    """A word that names no estimator."""
+
+
+def estimator_for(text: str, folder: "SensorFolder") -> "ForceEstimator":
+    """The estimator on this sensor, as its weighed presses adapted it; raises `EstimatorUnknown`, `ModelUnusable`."""
+    from ninedtact.force.adaptation import Adapted
+    from ninedtact.force.adaptation_file import read_adaptation
+
+    plain = unadapted(text, folder)
+    adaptation = read_adaptation(folder.path, plain.name)
+    return Adapted(plain, adaptation) if adaptation.presses else plain
+
+
+def unadapted(text: str, folder: "SensorFolder") -> "ForceEstimator":
+    """The same, by the modulus that the design has."""
+    if text == NONE:
+        from ninedtact.force.estimator import NoForce
+
+        return NoForce()
+    if text == PHYSICS:
+        from ninedtact.force.traction.estimator import traction_force
+
+        return traction_force(folder.shape, gel_of(folder))
+    if text.lower().endswith(ENDING):
+        from ninedtact.force.model_file import read_model
+        from ninedtact.force.network_force import NetworkForce
+
+        return NetworkForce(read_model(Path(text).expanduser()), gel_of(folder))
+    if text.lower().endswith(WEIGHTS):
+        from ninedtact.force.original import read_original
+
+        return read_original(Path(text).expanduser())
+    raise EstimatorUnknown(
+        f"expected --force {PHYSICS}, {NONE}, a force model (*{ENDING}) or the original's weights (*{WEIGHTS}), got '{text}'; "
+        "name one of these"
+    )
+
+
+def gel_of(folder: "SensorFolder") -> "Gel":
+    """As the picture of its ball press shows it, else as designed."""
+    return folder.record.design.gel if folder.record.twin is None else folder.record.twin.gel

@@ -1,0 +1,41 @@
+"""ninedtact export: a recording as files of their own."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from ninedtact.cli.answer import answer
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a recording out: pictures as PNG, wrenches, pairs and times as CSV, heights as .npy, the sensor's folder."""
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """File that `ninedtact record` or `ninedtact collect` wrote."""
+    out: Path
+    """New or empty folder."""
+    json: bool = False
+    """Print the figures as one JSON object."""
+
+    def run(self) -> int:
+        """Write everything, and say how much."""
+        from ninedtact.recording.unreadable import require_libraries
+
+        require_libraries()
+        from tqdm import tqdm
+
+        from ninedtact.recording.export import export_episode
+        from ninedtact.recording.messages import Topic
+        from ninedtact.recording.stored import Episode
+
+        with Episode(self.recording) as episode:
+            pictures = len(episode.places(Topic.PICTURES))
+            with tqdm(total=pictures, unit="pictures", disable=self.json) as bar:
+                written = export_episode(episode, self.out, on_picture=bar.update)
+        found = {"out": str(self.out), "written": written}
+        return answer(
+            self.json, found, [f"{self.out}:", *(f"  {number:8d}  {what}" for what, number in written.items())]
+        )

@@ -1,0 +1,78 @@
+"""The calibrations that a data set's heights are read by: sensor folders that were given, or made by its twins of themselves."""
+
+import json
+from collections.abc import Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
+    from ninedtact.simulation.population.member import SensorMember
+
+OWN, FRAMES, BOARD_MM = "sensors", 8, 0.85
+"""Folder in the data set; pictures averaged for each as a guided calibration averages them; how deep the board is pressed."""
+
+
+class SensorsNotKnown(NinedtactError):
+    """A data set whose sensors have no calibration."""
+
+
+def members_of(data: Path) -> dict[str, "SensorMember"]:
+    """The twins of a data set that was simulated, by name; none of another."""
+    from ninedtact.simulation.dataset.folder import MEMBERS
+    from ninedtact.simulation.population.member import member_from
+
+    if not (data / MEMBERS).is_file():
+        return {}
+    tables: list[dict[str, Any]] = json.loads((data / MEMBERS).read_text())
+    return {table["name"]: member_from(table) for table in tables}
+
+
+def sensors_for(data: Path, given: Path | None, workers: int, progress: bool) -> dict[str, "CalibratedSensor"]:
+    """By name; raises `SensorsNotKnown`, `SensorFolderDamaged`."""
+    if given is None and not (members := members_of(data)):
+        raise SensorsNotKnown(
+            f"expected the calibrations of the sensors of {data}, got none; give --sensors, a folder that holds a sensor folder "
+            "of each name, or train on pictures: --channels deformation"
+        )
+    if given is None:
+        given = data / OWN
+        calibrate_twins(members, given, workers, progress)
+    return {path.parent.name: read(path.parent) for path in sorted(given.glob("*/sensor.toml"))}
+
+
+def calibrate_twins(members: Mapping[str, "SensorMember"], folder: Path, workers: int, progress: bool) -> None:
+    """Each from its own board and ball, as a person would; those that are there already stay."""
+    from tqdm import tqdm
+
+    from ninedtact.recording.dataset.workers import as_done
+
+    jobs = [
+        (member, folder / name) for name, member in members.items() if not (folder / name / "sensor.toml").is_file()
+    ]
+    with tqdm(total=len(jobs), unit="sensor", disable=not (progress and jobs)) as bar:
+        for _ in as_done(calibrate_twin, jobs, workers):
+            bar.update()
+
+
+def calibrate_twin(member: "SensorMember", out: Path) -> None:
+    """A sensor folder of it."""
+    from ninedtact.calibration.flow import CalibrationPictures, calibrate
+    from ninedtact.calibration.written import write_sensor
+    from ninedtact.simulation.gauges import gauge_pictures
+
+    pictures = gauge_pictures(member.twin(), board_depth_mm=BOARD_MM, frames=FRAMES)
+    write_sensor(out, calibrate(CalibrationPictures(**vars(pictures)), sensor_id=member.name))
+
+
+def read(folder: Path) -> "CalibratedSensor":
+    """What heights are read by; raises `SensorFolderDamaged`."""
+    from ninedtact.calibration.sensor_folder import RECORD, load_sensor
+    from ninedtact.cli.estimators import gel_of
+    from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
+
+    sensor = load_sensor(folder)
+    return CalibratedSensor(sensor.shape, gel_of(sensor), sha256((folder / RECORD).read_bytes()).hexdigest())

@@ -1,0 +1,106 @@
+"""A data set's folder → what a training learns from, and which of it is held out to check with."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from ninedtact.cli.own_sensors import members_of, sensors_for
+
+if TYPE_CHECKING:
+    from ninedtact.force.inputs import InputSettings
+    from ninedtact.force.splits import Rows, SplitSettings
+    from ninedtact.force.training.examples import Examples
+    from ninedtact.simulation.population.member import SensorMember
+
+HeldOut = Literal["sensor_and_object", "object", "sensor", "standard"]
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """A folder, and how it is to be read."""
+
+    folder: Path
+    grid: "InputSettings"
+    sensors: Path | None = None
+    workers: int = 1
+    progress: bool = False
+
+    def read(self) -> tuple["Examples", Sequence[str]]:
+        """Examples with labels as of one modulus where the moduli are known, and their ids."""
+        examples, ids = self.of_heights() if self.grid.channels.of_heights else self.of_pictures()
+        return at_one_modulus(examples, members_of(self.folder)), ids
+
+    def of_heights(self) -> tuple["Examples", Sequence[str]]:
+        """Heights by the calibration of each sensor."""
+        import numpy as np
+
+        from ninedtact.force.training.examples import Examples
+        from ninedtact.recording.dataset.heights import height_pairs
+
+        sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
+        pairs = height_pairs(self.folder, sensors, self.grid.grid, workers=self.workers, progress=self.progress)
+        thickness = [sensors[name].gel.thickness_mm for name in pairs.sensors.tolist()]
+        names = pairs.objects.tolist(), pairs.sensors.tolist()
+        return Examples(
+            pairs.z_mm, pairs.wrenches, *names, thickness_mm=np.array(thickness, np.float32)
+        ), pairs.ids.tolist()
+
+    def of_pictures(self) -> tuple["Examples", Sequence[str]]:
+        """Grey pictures with their references."""
+        from ninedtact.force.training.examples import Examples
+        from ninedtact.recording.dataset.reader import DataSet
+
+        size = self.grid.cols, self.grid.rows
+        pairs = DataSet.open(self.folder, size, threads=self.workers, progress=self.progress)
+        names = pairs.objects.each.tolist(), pairs.sensors.each.tolist()
+        codes, files = pairs.references.codes, pairs.files
+        return Examples(
+            files.pictures, pairs.wrenches, *names, references=files.references, reference_of=codes
+        ), pairs.ids.tolist()
+
+
+def at_one_modulus(examples: "Examples", members: Mapping[str, "SensorMember"]) -> "Examples":
+    """Wrenches of twins as gels of the design's modulus would have given them; real ones as they were measured."""
+    import numpy as np
+
+    from ninedtact.design import Gel
+
+    usual = Gel().shear_modulus_mpa
+    moduli = {name: member.gel.shear_modulus_mpa for name, member in members.items()}
+    return examples.at_modulus(np.array([moduli.get(name, usual) for name in examples.sensors]))
+
+
+@dataclass(frozen=True)
+class Division:
+    """What is learnt from, and what is checked with."""
+
+    held_out: HeldOut | None = None
+    """None: objects and sensors, or objects alone where there is one sensor."""
+    part: float = 0.1
+    """Of the objects, of the sensors or of the pairs."""
+    split: Path | None = None
+    """A split whose part to train is divided, the part to test never looked at."""
+    seed: int = 0
+
+    def rows(self, ids: Sequence[str], examples: "Examples") -> "Rows":
+        """Raises `SplitImpossible`, `SplitUnfit`."""
+        import numpy as np
+
+        from ninedtact.force.split_file import read_split
+        from ninedtact.force.splits import Pairs, Rows, split
+
+        train = np.arange(len(ids)) if self.split is None else read_split(self.split).rows(ids).train
+        some, objects, sensors = (
+            np.asarray(names)[train].tolist() for names in (ids, examples.objects, examples.sensors)
+        )
+        inner = split(Pairs(some, objects, sensors), self.settings(set(objects), set(sensors), len(some))).rows(some)
+        return Rows(train[inner.train], train[inner.test])
+
+    def settings(self, objects: set[str], sensors: set[str], pairs: int) -> "SplitSettings":
+        """As many of each as make up the part, and one at least."""
+        from ninedtact.force.splits import NOTHING, SplitSettings
+
+        kind = self.held_out or ("sensor_and_object" if len(sensors) > 1 else "object")
+        counts = [max(1, round(self.part * count)) for count in (len(objects - {NOTHING}), len(sensors), pairs)]
+        return SplitSettings(kind, objects=counts[0], sensors=counts[1], pairs=counts[2], seed=self.seed)

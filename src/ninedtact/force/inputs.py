@@ -1,0 +1,142 @@
+"""What a network of force is shown: the one place where its input is built, live and in training.
+
+    heights              Reading.height ─▶ heights at places ─▶ divided by the gel's thickness (─▶ and that thickness)
+    deformation, mixed   Reading.rectified, .reference ─▶ darker, brighter, reference
+
+Training keeps heights in mm (`places.heights_at_places`) or grey pictures, changes them, and then calls the same functions as the
+live path.
+"""
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray as Array
+
+from ninedtact.design import FieldOfView, Gel
+from ninedtact.errors import NinedtactError
+from ninedtact.force.deformation import DeformationReader, Layout, channels, network_input, parts
+from ninedtact.force.places import PlaceGrid, heights_at_places
+from ninedtact.mechanics.library import library_of
+from ninedtact.quantities import HeightMap, Reading, Rectified
+
+USUAL_THICKNESS_MM = Gel().thickness_mm
+WHOLE_MM_PER_PX = 0.0522
+"""Of the published rectified picture."""
+
+
+class InputImpossible(NinedtactError):
+    """A network's input that cannot be built, or cannot be had of this reading."""
+
+
+class Channels(StrEnum):
+    """What the channels are, in their order; the words are kept with the model."""
+
+    HEIGHTS = "height / gel thickness"
+    HEIGHTS_AND_GEL = "height / gel thickness, gel thickness / 2.5 mm"
+    DEFORMATION = Layout.PLAIN.value
+    MIXED = Layout.ORIGINAL.value
+
+    @property
+    def of_heights(self) -> bool:
+        """Whether they are made of the height map, and not of the picture."""
+        return self in (Channels.HEIGHTS, Channels.HEIGHTS_AND_GEL)
+
+    @property
+    def layout(self) -> Layout:
+        """Of those made of pictures."""
+        return Layout(self.value)
+
+    @property
+    def number(self) -> int:
+        """How many."""
+        return {Channels.HEIGHTS: 1, Channels.HEIGHTS_AND_GEL: 2}.get(self, 3)
+
+
+@dataclass(frozen=True)
+class InputSettings:
+    """Channels and grid of a network's input; raises `InputImpossible`."""
+
+    channels: Channels = Channels.HEIGHTS_AND_GEL
+    rows: int = 60
+    cols: int = 80
+    mm_per_px: float = 0.3
+
+    def __post_init__(self) -> None:
+        if min(self.rows, self.cols) < 1 or not self.mm_per_px > 0:
+            raise InputImpossible(
+                f"expected an input of at least one pixel that covers some skin, got {self.cols} x {self.rows} pixels of "
+                f"{self.mm_per_px} mm; correct them"
+            )
+
+    @property
+    def grid(self) -> PlaceGrid:
+        """Where its pixels are."""
+        return PlaceGrid(self.rows, self.cols, self.mm_per_px)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Channels, rows, columns."""
+        return self.channels.number, self.rows, self.cols
+
+
+def whole(channels: Channels) -> InputSettings:
+    """All pixels of the rectified picture."""
+    view = FieldOfView()
+    return InputSettings(channels, view.rows, view.cols, WHOLE_MM_PER_PX)
+
+
+def with_size(settings: InputSettings, size: tuple[int, int]) -> InputSettings:
+    """The same skin on so many columns and rows."""
+    cols, rows = size
+    width_mm = settings.cols * settings.mm_per_px
+    return replace(settings, rows=rows, cols=cols, mm_per_px=width_mm / cols if cols else 0.0)
+
+
+@dataclass
+class NetworkInput:
+    """From a reading to what the network is shown. It keeps the last reference at the network's size."""
+
+    settings: InputSettings = field(default_factory=InputSettings)
+    thickness_mm: float = USUAL_THICKNESS_MM
+    """Of this sensor's gel."""
+    reader: DeformationReader | None = field(default=None, init=False, repr=False)
+
+    def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
+        """Of one reading; raises `InputImpossible`, `PicturesDoNotMatch`."""
+        if self.settings.channels.of_heights:
+            return self.of_height(reading.height)
+        if reading.reference is None:
+            raise InputImpossible(
+                "expected a reading that carries the untouched picture of its session, got none; read with a Sensor"
+            )
+        return self.of_picture(reading.rectified, reading.reference)
+
+    def of_height(self, height: HeightMap) -> Float32[Array, "channels rows cols"]:
+        """Of a height map."""
+        z_mm = heights_at_places(height, self.settings.grid)
+        return np.asarray(height_channels(z_mm, np.float32(self.thickness_mm), self.settings.channels))
+
+    def of_picture(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
+        """Of a picture and the untouched one, both shown whole whatever their pixels measure; raises `PicturesDoNotMatch`."""
+        if self.reader is None or self.reader.reference is not reference:
+            self.reader = DeformationReader(reference, (self.settings.rows, self.settings.cols))
+        return network_input(self.reader(rectified), self.settings.channels.layout)
+
+
+def height_channels(z_mm: Any, thickness_mm: Any, channels: Channels) -> Any:
+    """Heights (…, rows, cols) and thicknesses (…) of NumPy or torch → (…, channels, rows, cols)."""
+    per_picture = thickness_mm[..., None, None]
+    relative = z_mm / per_picture
+    if channels is Channels.HEIGHTS:
+        return relative[..., None, :, :]
+    gel = per_picture / USUAL_THICKNESS_MM + 0 * relative
+    return library_of(relative).stack((relative, gel), axis=-3)
+
+
+def picture_channels(pictures: Any, references: Any, of: Channels) -> Any:
+    """Grey pictures and their references (…, rows, cols) of NumPy or torch → (…, 3, rows, cols)."""
+    darker, brighter = parts(pictures, references)
+    return channels(darker, brighter, references, of.layout)

@@ -1,0 +1,97 @@
+"""The wrench by learning: a trained network as an estimator."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from math import sqrt
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray as Array
+
+from ninedtact.design import Gel
+from ninedtact.force.card import Card
+from ninedtact.force.estimator import ForceEstimator, untouched
+from ninedtact.force.gate import Touching, is_touched
+from ninedtact.force.inputs import NetworkInput
+from ninedtact.force.likeness import is_unlike
+from ninedtact.force.model_file import ForceModel, Prediction
+from ninedtact.quantities import Doubt, Reading, Wrench, WrenchEstimate
+
+DEVIATIONS_PER_SCALE = sqrt(2)
+"""Of a Laplace distribution."""
+BEYOND = 0.05
+"""A wrench may exceed training's by this part of its range before it is doubted."""
+
+
+@dataclass
+class NetworkForce(ForceEstimator):
+    """A force model on a sensor with this gel; one reading at a time, or many inputs at once."""
+
+    model: ForceModel
+    gel: Gel = field(default_factory=Gel)
+    """Its modulus scales the wrench, its thickness is told to networks that ask."""
+    touching: Touching = is_touched
+
+    def __post_init__(self) -> None:
+        self.name = self.model.card.name
+        self.input = NetworkInput(self.model.card.input, self.gel.thickness_mm)
+        self.error_untouched: Float64[Array, 6] | None = None
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        """The wrench of the object on the skin about the skin's centre, zero exactly where nothing touches."""
+        if not self.touching(reading.height):
+            return WrenchEstimate(untouched(reading.frame.stamp_ns), self.error_of_nothing(reading), touching=False)
+        seen = self.input(reading)
+        found = self.estimate_many(seen[None])
+        wrench = Wrench(found.wrench[0, :3], found.wrench[0, 3:], stamp_ns=reading.frame.stamp_ns)
+        doubts = tuple(doubts_about(seen, found.wrench[0] / self.stiffer, self.model.card))
+        return WrenchEstimate(wrench, DEVIATIONS_PER_SCALE * found.scale[0], touching=True, doubts=doubts)
+
+    def estimate_many(self, inputs: Float32[Array, "n channels rows cols"]) -> Prediction:
+        """Without the gate: wrenches about the skin's centre, for this gel, and the scales of their Laplace distributions."""
+        found = self.model(inputs)
+        scaled = Prediction(found.wrench * self.stiffer, found.scale * self.stiffer)
+        return moved_to_skin(scaled, self.model.card.about_mm)
+
+    @property
+    def stiffer(self) -> float:
+        """This gel's modulus over that of the model's."""
+        return self.gel.shear_modulus_mpa / self.model.card.modulus_mpa
+
+    def error_of_nothing(self, reading: Reading) -> Float64[Array, "6"]:
+        """What the network claims where nothing touches, asked once."""
+        if self.error_untouched is None:
+            flat = replace(reading.height, z_mm=np.zeros_like(reading.height.z_mm))
+            rectified = reading.rectified if reading.reference is None else reading.reference
+            seen = self.input(replace(reading, height=flat, rectified=rectified))
+            self.error_untouched = DEVIATIONS_PER_SCALE * self.estimate_many(seen[None]).scale[0]
+        return self.error_untouched.copy()
+
+    def forget(self) -> None:
+        """Readings are answered one by one: nothing else was remembered."""
+        self.error_untouched = None
+
+
+def doubts_about(
+    seen: Float32[Array, "channels rows cols"], wrench: Float64[Array, "6"], card: Card
+) -> Iterator[Doubt]:
+    """Whether training knew such wrenches and such pictures."""
+    low, high = np.array(card.lowest), np.array(card.highest)
+    margin = BEYOND * (high - low)
+    if (wrench < low - margin).any() or (wrench > high + margin).any():
+        yield Doubt.OUT_OF_RANGE
+    if is_unlike(seen, card.input.channels, card.likeness):
+        yield Doubt.UNLIKE_TRAINING
+
+
+def moved_to_skin(found: Prediction, about_mm: tuple[float, float, float]) -> Prediction:
+    """The same with torques about the skin's centre; the errors of forces add to theirs."""
+    if not any(about_mm):
+        return found
+    arm_m = np.array(about_mm) / 1e3
+    torque = found.wrench[:, 3:] + np.cross(arm_m, found.wrench[:, :3])
+    # τ_x gains arm_y F_z − arm_z F_y, and so on round.
+    by_force = np.abs(np.cross(np.eye(3), arm_m))
+    with np.errstate(invalid="ignore"):  # where no scale is told it is infinite, and stays so
+        scale = np.hypot(found.scale[:, 3:], np.sqrt(found.scale[:, :3] ** 2 @ by_force**2))
+    return Prediction(np.concatenate([found.wrench[:, :3], torque], 1), np.concatenate([found.scale[:, :3], scale], 1))

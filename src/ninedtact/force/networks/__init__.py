@@ -1,0 +1,13 @@
+"""Networks of force, by name: a picture of any kind → six numbers, or six and the logarithms of their scales.
+
+    moments                      ours: small, and exact about places (`moments.py`)
+    densenet121 … densenet201    the paper's is 169; names of parameters are torchvision's
+    resnet18, resnet50, vit      what the paper compares with
+
+Numbers are in units of the labels' scale; `wrench.WrenchNetwork` turns them into N and N·m.
+"""
+
+from ninedtact.force.networks.named import NAMES, NetworkUnknown, network
+from ninedtact.force.networks.wrench import Labels, WrenchNetwork
+
+__all__ = ["NAMES", "Labels", "NetworkUnknown", "WrenchNetwork", "network"]

@@ -1,0 +1,100 @@
+"""Force without training: pressure and shear under the contact, read out of the picture by the gel's compliance.
+
+    reading ──observation──▶ light on cells ──gate──▶ touched? ──inversion──▶ tractions ──sums──▶ wrench and its error
+
+An incompressible gel that is bonded below rises in front of a dragged object and sinks behind it; how much says what shear the
+object applies. Nothing here was trained; what is known of presses beforehand is four numbers (`prior`).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ninedtact.design import Gel
+from ninedtact.force.estimator import ForceEstimator, untouched
+from ninedtact.force.traction.cells import Cells, cells_over
+from ninedtact.force.traction.certainty import Certainty
+from ninedtact.force.traction.evidence import Evidence, by_light
+from ninedtact.force.traction.forward import Forward
+from ninedtact.force.traction.gate import Gate, border_pressed
+from ninedtact.force.traction.inversion import Effort, Explained, Inversion
+from ninedtact.force.traction.observation import Observation
+from ninedtact.force.traction.prior import Prior
+from ninedtact.force.traction.refusals import required_gel
+from ninedtact.quantities import Doubt, HeightMap, Reading, Traction, WrenchEstimate
+from ninedtact.shape.calibrated import CalibratedShape
+
+NOTHING = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
+"""Error of saying that nothing touches: half of all touches of 0.05 N show (docs/force_physics.md)."""
+
+
+@dataclass
+class TractionForce(ForceEstimator):
+    """Reads pressure and shear maps, and the wrench that they add up to; remembers the last to begin the next from."""
+
+    evidence: Evidence
+    gel: Gel
+    """Thickness as the calibration found it; the shear modulus scales all forces."""
+    prior: Prior = Prior()
+    gate: Gate = Gate()
+    effort: Effort = Effort()
+    certainty: Certainty = Certainty()
+    name: str = "force by physics"
+    last: Explained | None = field(default=None, init=False, repr=False)
+    inversions: dict[Cells, Inversion] = field(default_factory=dict, init=False, repr=False)
+    """One for each size of picture met."""
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        """The wrench about the skin's centre; raises `TractionImpossible` for a reading that cannot be used."""
+        inversion = self.inversion_for(reading.height)
+        seen = self.evidence.observed(reading, inversion.forward.cells)
+        touched = self.gate.touched(seen)
+        if touched is None:
+            self.forget()
+            return WrenchEstimate(untouched(reading.frame.stamp_ns), NOTHING.copy(), touching=False)
+        self.last = inversion.explain(seen, touched, self.last)
+        return self.told(reading, seen, self.last)
+
+    def told(self, reading: Reading, seen: Observation, found: Explained) -> WrenchEstimate:
+        """What was found, in MPa, N and N·m."""
+        mpa = self.gel.shear_modulus_mpa
+        rows, cols = seen.z_mm.shape
+        traction = Traction(
+            found.tractions[0] * np.float32(mpa),
+            found.tractions[1:] * np.float32(mpa),
+            found.round.forward.cells.pitch_mm,
+            reading.frame.stamp_ns,
+            found.skin_mm[:rows, :cols].copy(),
+        )
+        wrench = traction.wrench()
+        error = self.certainty.error(found, wrench.six, mpa)
+        return WrenchEstimate(wrench, error, True, tuple(self.doubts(seen, found)), traction)
+
+    def doubts(self, seen: Observation, found: Explained) -> list[Doubt]:
+        """Why this may not be so."""
+        pressed = found.tractions[0] > 0
+        doubtful = {
+            Doubt.OUT_OF_RANGE: bool((seen.beyond[pressed] > 0.5).any()),
+            Doubt.PART_UNSEEN: border_pressed(found.tractions[0], seen.in_view),
+            Doubt.NOT_CONVERGED: found.off > self.effort.settled,
+        }
+        return [doubt for doubt, holds in doubtful.items() if holds]
+
+    def inversion_for(self, height: HeightMap) -> Inversion:
+        """For pictures of this size, made when the first is met."""
+        cells = cells_over(height.z_mm.shape, height.mm_per_px)
+        if cells not in self.inversions:
+            self.forget()
+            gel = self.gel
+            forward = Forward(cells, gel.thickness_mm, gel.poisson_ratio, self.evidence.scattering_mm)
+            self.inversions[cells] = Inversion(forward, self.evidence.law, self.prior, self.effort)
+        return self.inversions[cells]
+
+    def forget(self) -> None:
+        """Begin the next from its own picture."""
+        self.last = None
+
+
+def traction_force(calibrated: CalibratedShape, gel: Gel | None) -> TractionForce:
+    """The estimator of a calibrated sensor; raises `TractionImpossible` where its calibration knows no light or no gel."""
+    return TractionForce(by_light(calibrated), required_gel(gel))

@@ -1,0 +1,87 @@
+"""What spoils a picture and leaves the wrench as it is: errors of a height map, and of light and camera."""
+
+from dataclasses import dataclass, replace
+from math import ceil
+
+import torch
+import torch.nn.functional as nnf
+from torch import Generator, Tensor
+
+from ninedtact.force.training.batches import TouchBatch
+
+
+@dataclass(frozen=True)
+class HeightErrors:
+    """Of a depth calibration and of its picture; standard deviations but where it says most."""
+
+    gain: float = 0.03
+    """Of what is pressed in and, apart from it, of what bulges."""
+    offset_mm: float = 0.004
+    tilt: float = 0.0005
+    """mm per mm, along x and along y."""
+    noise_most_mm: float = 0.012
+    noise_width_most_mm: float = 0.6
+    """Of the Gaussian that makes noise smooth."""
+
+    def __call__(self, batch: TouchBatch, mm_per_px: float, generator: Generator) -> TouchBatch:
+        """Heights in mm, each with errors of its own."""
+        z_mm = batch.pictures
+        pressed, bulging = (1 + self.gain * normal(generator, len(z_mm), 1, 1) for _ in range(2))
+        gained = torch.where(z_mm < 0, z_mm * pressed, z_mm * bulging)
+        return replace(
+            batch, pictures=gained + self.plane(z_mm, mm_per_px, generator) + self.noise(z_mm, mm_per_px, generator)
+        )
+
+    def plane(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
+        """Offset and tilt."""
+        n, rows, cols = z_mm.shape
+        x, y = (
+            (torch.arange(side, device=z_mm.device) - (side - 1) / 2) * (mm_per_px * self.tilt) for side in (cols, rows)
+        )
+        offset, along_x, along_y = (normal(generator, n, 1, 1) for _ in range(3))
+        return self.offset_mm * offset + along_x * x + along_y * y[:, None]
+
+    def noise(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
+        """As smooth in all pictures of a batch, in each as strong as chance has it."""
+        if self.noise_most_mm == 0:
+            return torch.zeros_like(z_mm)
+        width_px = self.noise_width_most_mm / mm_per_px * torch.rand((), generator=generator, device=z_mm.device)
+        strength = self.noise_most_mm * torch.rand(len(z_mm), 1, 1, generator=generator, device=z_mm.device)
+        most_px = ceil(3 * self.noise_width_most_mm / mm_per_px)
+        return strength * smoothed(normal(generator, *z_mm.shape), width_px, most_px)
+
+
+@dataclass(frozen=True)
+class LightErrors:
+    """Of light and camera; standard deviations but where it says most."""
+
+    gain: float = 0.05
+    """Of picture and reference: another lamp."""
+    drift: float = 0.004
+    """Of the reference against the picture: the lamp has warmed up since."""
+    noise_most_grey: float = 0.7
+
+    def __call__(self, batch: TouchBatch, generator: Generator) -> TouchBatch:
+        """Grey levels, each picture and its reference with errors of their own."""
+        assert batch.references is not None
+        n = len(batch.pictures)
+        gain, drift = (1 + part * normal(generator, n, 1, 1) for part in (self.gain, self.drift))
+        strength = self.noise_most_grey * torch.rand(n, 1, 1, generator=generator, device=generator.device)
+        pictures = batch.pictures * gain + strength * normal(generator, *batch.pictures.shape)
+        return replace(
+            batch, pictures=pictures.clamp(0, 255), references=(batch.references * gain * drift).clamp(0, 255)
+        )
+
+
+def normal(generator: Generator, *shape: int) -> Tensor:
+    """Normal numbers on the generator's device."""
+    return torch.randn(*shape, generator=generator, device=generator.device)
+
+
+def smoothed(noise: Tensor, width_px: Tensor, most_px: int) -> Tensor:
+    """White noise (n, rows, cols) through a Gaussian of this standard deviation, its own left at one."""
+    reach = torch.arange(-most_px, most_px + 1, device=noise.device)
+    kernel = torch.exp(-0.5 * (reach / width_px.clamp(min=1e-3)) ** 2)
+    kernel = kernel / kernel.norm()
+    across = nnf.conv2d(nnf.pad(noise[:, None], (most_px,) * 4, mode="circular"), kernel[None, None, None, :])
+    return nnf.conv2d(across, kernel[None, None, :, None])[:, 0]

@@ -1,0 +1,96 @@
+"""A trained network as one ONNX file with its card."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from warnings import catch_warnings, simplefilter
+
+import msgspec
+import numpy as np
+import onnx
+import torch
+
+from ninedtact.errors import NinedtactError
+from ninedtact.force.card import Card
+from ninedtact.force.model_file import INPUT, KEY, SCALE, WRENCH, ForceModel, model_from, read_model
+from ninedtact.force.networks import WrenchNetwork
+from ninedtact.whole_file import write_whole
+
+SAME = 1e-3
+"""ONNX Runtime may differ from torch by this part of the labels' unit, and of the answer."""
+TRIED = 3
+
+
+class ExportFailed(NinedtactError):
+    """The exported graph answers otherwise than the network."""
+
+
+def write_model(path: Path, network: WrenchNetwork, card: Card) -> ForceModel:
+    """Whole or not at all, and checked; raises `ExportFailed`, `FileNotWritten`."""
+    content = with_card(graph_of(network, card), card)
+    model = model_from(content, str(path))
+    require_same(network, model)
+    write_whole(path, content)
+    return model
+
+
+def rewrite_card(path: Path, card: Card) -> None:
+    """Another card on the same graph: after an evaluation, for one; raises `ModelUnusable`, `FileNotWritten`."""
+    read_model(path)
+    write_whole(path, with_card(onnx.load(str(path)), card))
+
+
+def graph_of(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
+    """For any number of pictures at once."""
+    network.cpu().eval()
+    shown = torch.zeros(2, *card.input.shape)
+    with quiet(), torch.no_grad():
+        outputs = [WRENCH, SCALE][: len(network(shown))]
+        program = torch.onnx.export(
+            network,
+            (shown,),
+            dynamo=True,
+            verbose=False,
+            input_names=[INPUT],
+            output_names=outputs,
+            dynamic_shapes={"x": {0: torch.export.Dim("n")}},
+        )
+        assert program is not None
+    return program.model_proto
+
+
+def with_card(graph: onnx.ModelProto, card: Card) -> bytes:
+    """The file's bytes."""
+    onnx.helper.set_model_props(graph, {KEY: msgspec.json.encode(card).decode()})
+    return graph.SerializeToString()
+
+
+def require_same(network: WrenchNetwork, model: ForceModel) -> None:
+    """Refuse a graph that answers otherwise; raises `ExportFailed`."""
+    shown = torch.rand(TRIED, *model.card.input.shape)
+    with torch.no_grad():
+        wanted = [part.double().numpy() for part in network(shown)]
+    given = model(shown.numpy())
+    unit = network.unit.double().numpy()
+    pairs = zip(wanted, (given.wrench, given.scale), strict=False)
+    off = max(float((np.abs(a - b) / (unit + np.abs(a))).max()) for a, b in pairs)
+    if not off <= SAME:
+        raise ExportFailed(
+            f"expected the exported graph to answer as the network, got answers that differ by {off:.2g} of their size; update "
+            "torch and onnx"
+        )
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Without the exporter's remarks."""
+    log = logging.getLogger("torch.onnx")
+    before = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        with catch_warnings():
+            simplefilter("ignore")
+            yield
+    finally:
+        log.setLevel(before)

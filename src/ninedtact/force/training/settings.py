@@ -1,0 +1,86 @@
+"""What a training is asked to be. The resolved settings are kept beside the model and in it."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import msgspec
+
+from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import NinedtactError
+from ninedtact.force.inputs import Channels, InputSettings, whole
+from ninedtact.force.networks.named import require_size
+from ninedtact.force.training.augmentation import NOTHING_CHANGED, Augmentation
+
+Point = tuple[float, float, float]
+
+
+class TrainingImpossible(NinedtactError):
+    """A training that cannot be done."""
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """All that decides about the model; raises `TrainingImpossible`, `NetworkUnknown`."""
+
+    network: str = "moments"
+    input: InputSettings = field(default_factory=InputSettings)
+    epochs: int = 40
+    batch: int = 64
+    learning_rate: float = 2e-3
+    """The highest where the schedule varies it."""
+    optimiser: Literal["adam", "adamw"] = "adamw"
+    schedule: Literal["constant", "one cycle"] = "one cycle"
+    weight_decay: float = 1e-2
+    labels: Literal["spread", "ranges"] = "spread"
+    """Unit of each axis: mean distance from its median, and zero stays zero; or its range, and the lowest is zero."""
+    about_mm: Point = (0.0, 0.0, 0.0)
+    """Point that the learnt torques are about; told ones are about the skin's centre."""
+    scale_weight: float = 0.05
+    """Of the scale's likelihood beside the mean absolute error; 0: the network tells no scale."""
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require_size(self.network, self.input)
+        for name in ("epochs", "batch", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise TrainingImpossible(f"expected {name} above zero, got {getattr(self, name)}; ask for more")
+        if self.seed < 0 or not self.scale_weight >= 0:
+            raise TrainingImpossible(
+                f"expected seed and scale_weight of zero or more, got {self.seed} and {self.scale_weight}; correct them"
+            )
+
+    def as_table(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return msgspec.json.decode(msgspec.json.encode(self), type=dict[str, Any])
+
+
+OURS = TrainingSettings()
+PAPER = TrainingSettings(
+    network="densenet169",
+    input=whole(Channels.DEFORMATION),
+    epochs=200,
+    learning_rate=5e-4,
+    optimiser="adam",
+    schedule="constant",
+    weight_decay=0.0,
+    labels="ranges",
+    about_mm=ForceTorqueMount().origin_mm,
+    scale_weight=0.0,
+    augmentation=NOTHING_CHANGED,
+)
+"""9DTact, section V (docs/references.md)."""
+PRESETS = {"ours": OURS, "paper": PAPER}
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Lightning's own flags: what the training runs on. They change its speed, not what is learnt."""
+
+    accelerator: str = "auto"
+    devices: int | str = 1
+    nodes: int = 1
+    strategy: str = "auto"
+    precision: Any = "32-true"
+    workers: int = 0
+    """Processes that gather examples; none: the training's own."""

@@ -1,0 +1,92 @@
+"""One file of a data set: its pictures as heights, each read by its own sensor's calibration."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from ninedtact.design import Gel
+from ninedtact.errors import NinedtactError
+from ninedtact.force.places import PlaceGrid, heights_at_places
+from ninedtact.quantities import Rectified
+from ninedtact.recording.dataset.columns import DataSetDamaged, bytes_of, rows_of
+from ninedtact.recording.dataset.rows import NotAPicture, decoded
+from ninedtact.recording.dataset.sources.table import REFERENCES, TWINS_WIDTH_MM
+from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.depth import DepthReader
+from ninedtact.whole_file import write_whole
+
+COLUMNS = ("picture", "reference", "sensor", "mm_per_px")
+
+
+class SensorMissing(NinedtactError):
+    """Pictures of a sensor that nobody gave the calibration of, or of another size."""
+
+
+@dataclass(frozen=True)
+class CalibratedSensor:
+    """What heights are read by."""
+
+    shape: CalibratedShape
+    gel: Gel
+    digest: str
+    """Unlike that of any other calibration."""
+
+
+def read_file(file: Path, target: Path, sensors: Mapping[str, CalibratedSensor], grid: PlaceGrid) -> None:
+    """Heights of one Parquet file; raises `DataSetDamaged`, `SensorMissing`, `FileNotWritten`."""
+    untouched = untouched_of(file)
+    readers: dict[tuple[str, str], DepthReader] = {}
+    rows = list(rows_of(file, COLUMNS))
+    found = np.zeros((len(rows), grid.rows, grid.cols), np.float16)
+    for number, row in enumerate(rows):
+        key = row["sensor"] or "", row["reference"]
+        picture = grey(row, file)
+        if key not in readers:
+            readers[key] = reader_for(sensors[key[0]], grey({**row, "picture": untouched[key[1]]}, file), key[0])
+        if picture.grey.shape != readers[key].reference.grey.shape:
+            raise other_size(key[0], picture, readers[key].reference)
+        found[number] = heights_at_places(readers[key](picture), grid)
+    content = BytesIO()
+    np.save(content, found)
+    write_whole(target, content.getbuffer())
+
+
+def untouched_of(file: Path) -> dict[str, object]:
+    """The untouched pictures that a file's rows name, as they are stored."""
+    wanted = {row["reference"] for row in rows_of(file, ["reference"])}
+    references = file.parents[1] / REFERENCES
+    return {row["reference"]: row["picture"] for row in rows_of(references) if row["reference"] in wanted}
+
+
+def reader_for(sensor: CalibratedSensor, reference: Rectified, name: str) -> DepthReader:
+    """Bound to this untouched skin; raises `SensorMissing` where the calibration is of another grid."""
+    calibrated = sensor.shape.rectify.coverage.shape
+    if reference.grey.shape != calibrated:
+        raise SensorMissing(
+            f"expected pictures of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with, got "
+            f"{reference.grey.shape[1]} x {reference.grey.shape[0]}; make the data set at that size"
+        )
+    return sensor.shape.reader_against(reference)
+
+
+def other_size(name: str, picture: Rectified, reference: Rectified) -> DataSetDamaged:
+    """The refusal of a picture that its reference does not fit."""
+    return DataSetDamaged(
+        f"expected pictures of sensor {name!r} as large as its reference, {reference.grey.shape}, got {picture.grey.shape}; leave "
+        "them out: ninedtact dataset build --drop"
+    )
+
+
+def grey(row: Mapping[str, object], file: Path) -> Rectified:
+    """A stored picture with its scale; raises `DataSetDamaged`."""
+    try:
+        picture = decoded(bytes_of(row["picture"])).astype(np.float32)
+    except NotAPicture as trouble:
+        raise DataSetDamaged(
+            f"{trouble} (in {file}); leave it out: ninedtact dataset build --drop --out NEW {file.parents[1]}"
+        ) from trouble
+    stored = row.get("mm_per_px")
+    return Rectified(picture, float(stored) if isinstance(stored, float) else TWINS_WIDTH_MM / picture.shape[1])

@@ -1,0 +1,171 @@
+"""Writing an episode: one MCAP file that is good up to the last half second, however the program ends."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from time import monotonic, monotonic_ns
+from types import TracebackType
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Frame, HeightMap, Wrench
+from ninedtact.recording.growing_file import GrowingFile
+from ninedtact.recording.mend import mend
+from ninedtact.recording.messages import (
+    TYPES,
+    Event,
+    EventKind,
+    PairMark,
+    Topic,
+    definition,
+    event_message,
+    height_message,
+    pair_message,
+    picture_message,
+    wrench_message,
+)
+from ninedtact.recording.session import RECORD, Session
+
+CHUNK_BYTES = 2**19
+"""Less than a picture: whatever is written before a picture is on disk with it."""
+LONGEST_WAIT_S = 0.5
+"""After which what was written is handed to the system, whatever its size."""
+
+
+class EpisodeWriter:
+    """Writes an episode while it is open (`with`). One thread at a time.
+
+    Pictures are stored as they are (bgr8) in chunks that zstd compresses without loss (docs/recording.md has the figures).
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        session: Session,
+        topics: Collection[Topic] = tuple(Topic),
+        attached: Mapping[str, bytes] | None = None,
+    ) -> None:
+        """topics: those that will be written to. attached: files that ride along, by name."""
+        self.path, self.session = Path(path), session
+        self.written: Counter[Topic] = Counter()
+        self.dropped = 0
+        """Pictures that the source counted and nobody wrote."""
+        self._topics = {*topics, Topic.EVENTS}
+        self._attached = dict(attached or {})
+        self._next_index: int | None = None
+        self._between_records = True
+
+    def __enter__(self) -> "EpisodeWriter":
+        """Begin the file; raises `RecordingRefused` or `RecordingStopped`."""
+        self._file = GrowingFile(self.path)
+        self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)  # type: ignore[arg-type]
+        try:
+            self._begin()
+        except BaseException:
+            self._file.close()
+            self.path.unlink()
+            raise
+        self._flushed_at = monotonic()
+        return self
+
+    def picture(self, frame: Frame) -> None:
+        """A picture as it was read, and how many are missing before it."""
+        missing = 0 if self._next_index is None else frame.index - self._next_index
+        self._next_index = frame.index + 1
+        if missing > 0:
+            self.dropped += missing
+            self.event(Event(frame.stamp_ns, EventKind.DROPPED, str(missing)))
+        self.kept_picture(frame)
+
+    def kept_picture(self, frame: Frame) -> None:
+        """A picture that was chosen among many: those between are not missing."""
+        wall_ns = self.session.wall_ns(frame.stamp_ns)
+        self._add(Topic.PICTURES, wall_ns, picture_message(frame.image, wall_ns), frame.index)
+
+    def untouched(self, frame: Frame, tare: int) -> None:
+        """A picture of the untouched skin, of this tare."""
+        wall_ns = self.session.wall_ns(frame.stamp_ns)
+        self._add(Topic.UNTOUCHED, wall_ns, picture_message(frame.image, wall_ns), tare)
+
+    def measured(self, wrench: Wrench) -> None:
+        """What the force/torque sensor told."""
+        self._wrench(Topic.MEASURED, wrench)
+
+    def estimated(self, wrench: Wrench) -> None:
+        """What was estimated from a picture."""
+        self._wrench(Topic.ESTIMATED, wrench)
+
+    def height(self, height: HeightMap, index: int) -> None:
+        """The heights of the picture of this number, NaN out of view."""
+        wall_ns = self.session.wall_ns(height.stamp_ns)
+        z_mm = np.where(height.in_view, height.z_mm, np.float32(np.nan))
+        self._add(Topic.HEIGHTS, wall_ns, height_message(z_mm, wall_ns), index)
+
+    def pair(self, mark: PairMark) -> None:
+        """That a picture was saved as a pair; on disk when this returns."""
+        wall_ns = self.session.wall_ns(mark.stamp_ns)
+        self._add(Topic.PAIRS, wall_ns, pair_message(mark, wall_ns))
+        self.flush()
+
+    def event(self, event: Event) -> None:
+        """Something that happened; on disk when this returns."""
+        wall_ns = self.session.wall_ns(event.stamp_ns)
+        self._add(Topic.EVENTS, wall_ns, event_message(event, wall_ns))
+        self.flush()
+
+    def flush(self) -> None:
+        """Hand everything to the system."""
+        with self._records():
+            self._writer.flush()
+        self._flushed_at = monotonic()
+
+    def _wrench(self, topic: Topic, wrench: Wrench) -> None:
+        wall_ns = self.session.wall_ns(wrench.stamp_ns)
+        self._add(topic, wall_ns, wrench_message(wrench, wall_ns))
+
+    def _add(self, topic: Topic, wall_ns: int, data: bytes, sequence: int = 0) -> None:
+        with self._records():
+            self._writer.add_message(self._channels[topic], wall_ns, data, wall_ns, sequence)
+        self.written[topic] += 1
+        if monotonic() - self._flushed_at > LONGEST_WAIT_S:
+            self.flush()
+
+    @contextmanager
+    def _records(self) -> Iterator[None]:
+        """The library's writer at work: interrupted there, it does not know what it has written."""
+        self._between_records = False
+        yield
+        self._between_records = True
+
+    def _begin(self) -> None:
+        now_ns = self.session.wall_ns(monotonic_ns())
+        self._writer.start("ros2", f"ninedtact {self.session.software}".strip())
+        self._writer.add_metadata(RECORD, self.session.as_metadata())
+        for name, content in self._attached.items():
+            self._writer.add_attachment(now_ns, now_ns, name, "application/octet-stream", content)
+        topics = [topic for topic in Topic if topic in self._topics]
+        schemas = {
+            name: self._writer.register_schema(name, "ros2msg", definition(name))
+            for name in dict.fromkeys(TYPES[topic] for topic in topics)
+        }
+        self._channels = {
+            topic: self._writer.register_channel(topic.value, "cdr", schemas[TYPES[topic]]) for topic in topics
+        }
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Finish the file, whatever ended the block; where it ended before anything came, nothing is left."""
+        try:
+            if self._between_records:
+                self._between_records = False
+                self._writer.finish()
+                self._between_records = True
+        finally:
+            self._file.close()
+            if error is not None and not self.written:
+                self.path.unlink()
+            elif not self._between_records:
+                with suppress(OSError, NinedtactError):  # no room for a summary: it can be read without one
+                    mend(self.path)

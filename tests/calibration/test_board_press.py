@@ -1,0 +1,92 @@
+"""The board drawn by a twin: what is known of it is found again, and a board that is not like it is not believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, calibrate
+from ninedtact.design import SensorDesign
+from ninedtact.quantities import Frame
+from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.light import Light
+from ninedtact.simulation.rectified import looked_up
+from ninedtact.simulation.twin import Twin, default_twin
+
+DESIGN = SensorDesign()
+NEARNESS, IMPRINT_MM = 0.05, 0.85
+LIGHT = Light(
+    dark_per_mm=0.15, saturation=0.5, bright_per_mm=0.35, scattering_mm=0.5, shade=0.8, nearness_per_mm=NEARNESS
+)
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    """A twin whose lens, light and nearness are known."""
+    standard = default_twin()
+    return replace(standard, renderer=replace(standard.renderer, light=LIGHT))
+
+
+@pytest.fixture(scope="module")
+def pictures(twin: Twin) -> CalibrationPictures:
+    return CalibrationPictures(**vars(gauge_pictures(twin, board_depth_mm=IMPRINT_MM, frames=8)))
+
+
+@pytest.fixture(scope="module")
+def together(pictures: CalibrationPictures) -> Calibration:
+    return calibrate(pictures)
+
+
+@pytest.fixture(scope="module")
+def apart(pictures: CalibrationPictures) -> Calibration:
+    """By a method that has no twin, so that the lens is that of the pins alone."""
+    return calibrate(pictures, settings=CalibrationSettings(method="ratio"))
+
+
+def scale_error(made: Calibration, twin: Twin) -> float:
+    """Relative, over the middle of the view."""
+    rectify = made.rectify
+    true_mm = looked_up(twin.renderer.view.plane_mm, rectify.source_px)
+    place_mm = np.stack(skin_grid_mm(true_mm.shape[:2], rectify.mm_per_px), axis=-1)
+    middle = (np.abs(place_mm[..., 0]) < 8) & (np.abs(place_mm[..., 1]) < 6)
+    return abs(float((true_mm * place_mm)[middle].sum() / (place_mm**2)[middle].sum()) - 1)
+
+
+def test_the_depth_of_imprints_is_found(together: Calibration) -> None:
+    assert together.record.twin is not None and together.record.twin.imprints is not None
+    told = together.record.twin.imprints
+    assert told.believed
+    assert told.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * told.depth_error_mm, 0.05))
+    assert told.nearness_per_mm == pytest.approx(NEARNESS, abs=0.01)
+
+
+def test_the_lens_is_not_magnified_by_imprints(together: Calibration, apart: Calibration, twin: Twin) -> None:
+    assert scale_error(apart, twin) > 0.004
+    assert scale_error(together, twin) < 0.5 * scale_error(apart, twin)
+
+
+def test_pins_predict_each_other_as_well(together: Calibration, apart: Calibration) -> None:
+    assert together.board.lens_fit.left_out_rms_mm < 1.1 * apart.board.lens_fit.left_out_rms_mm
+
+
+def test_the_ball_is_as_deep_as_it_was_pressed(together: Calibration) -> None:
+    assert together.ball.deepest_mm == pytest.approx(1.8, abs=0.03)
+
+
+def test_a_board_that_is_not_as_drawn_changes_nothing(calibrated_a: Calibration) -> None:
+    """Pins of sensor A's board are of uneven height, and other than the design's."""
+    assert calibrated_a.record.twin is not None and calibrated_a.record.twin.imprints is not None
+    assert not calibrated_a.record.twin.imprints.believed
+    assert calibrated_a.board.refined is None
+
+
+def test_a_missing_pin_is_not_looked_at(together: Calibration) -> None:
+    from ninedtact.calibration.board_press.observed import ObservedBoard
+
+    board, images = together.board, (together.pictures.board_reference, together.pictures.board)
+    found = board.found.copy()
+    found[0] = False
+    before, after = (together.rectify(Frame(image)) for image in images)
+    seen = ObservedBoard(before, after, replace(board, found=found)).points_mm
+    assert np.hypot(*(seen - board.points_mm[0]).T).min() > 0.5 * board.board.pitch_mm

@@ -1,0 +1,184 @@
+"""Around every device: what is refused, the tare, the mount, and a device's clock beside ours."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from played import MS, Played, noisy
+
+from ninedtact.capture.force_torque.device_clock import DeviceClock, Numbering
+from ninedtact.capture.force_torque.measured import MeasuredSettings, measured
+from ninedtact.capture.force_torque.mounted import Mounted
+from ninedtact.capture.force_torque.refusals import (
+    WrenchFaulty,
+    WrenchFrozen,
+    WrenchJumped,
+    WrenchSaturated,
+    WrenchUntrusted,
+)
+from ninedtact.capture.force_torque.tared import Tared, TareRefused, TareSettings
+from ninedtact.capture.force_torque.trusted import Skipping, Trusted, TrustSettings
+from ninedtact.capture.source import SourceEnded
+from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.design import DesignImpossible, ForceTorqueMount
+
+ZERO = np.zeros(6)
+BIAS = np.array([0.3, -0.2, -1.0, 0.01, -0.02, 0.005])
+
+
+def heard(source: WrenchSource) -> list[str]:
+    """What each read gives until the end: a letter for a sample, the name of a refusal."""
+    told = []
+    with source:
+        while True:
+            try:
+                source.read()
+                told.append(".")
+            except WrenchUntrusted as refusal:
+                assert "expected" in str(refusal) and "; " in str(refusal)
+                told.append(type(refusal).__name__)
+            except SourceEnded:
+                return told
+
+
+def test_a_load_at_the_end_of_the_range_is_refused_on_the_axis_that_has_it() -> None:
+    limits = TrustSettings(range_n=(20, 20, 40), range_nm=(1, 1, 1), jump_n=100)
+    loads = [[0, 0, -39, 0, 0, 0], [0, 0, -39.5, 0, 0, 0], [19.7, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, -0.99]]
+    assert heard(Trusted(Played(loads, period_ms=30), limits)) == [".", *["WrenchSaturated"] * 3]
+    with (
+        Trusted(Played([loads[2]]), limits) as source,
+        pytest.raises(WrenchSaturated, match=r"F_x .*± 19\.6 N, got 19\.7"),
+    ):
+        source.read()
+
+
+def test_a_frozen_reading_is_refused_until_it_moves_again() -> None:
+    told = heard(Trusted(Played([*noisy(10), *[BIAS] * 400, *noisy(10)], 1.0)))
+    assert told[:10] == told[-10:] == ["."] * 10
+    assert told[10:211] == ["."] * 201 and set(told[211:410]) == {"WrenchFrozen"}
+    assert heard(Trusted(Played([BIAS] * 5, 100.0))) == ["."] * 5  # too few to say, of a slow device
+
+
+def test_a_leap_is_refused_and_a_level_that_lasts_is_believed_again() -> None:
+    spike, level = noisy(1, (0, 0, -15, 0, 0, 0)), noisy(100, (0, 0, 0, 0.6, 0, 0))
+    told = heard(Trusted(Played([*noisy(10), *spike, *noisy(10), *level])))
+    assert told == [*["."] * 10, "WrenchJumped", *["."] * 10, *["WrenchJumped"] * 50, *["."] * 50]
+    pressed_by_hand = np.linspace(ZERO, [0, 0, -30, 0.2, 0.2, 0], 100) + noisy(100)
+    assert heard(Trusted(Played(pressed_by_hand))) == ["."] * 100
+    assert heard(Trusted(Played([ZERO, [0, 0, -15, 0, 0, 0]], 100.0))) == [".", "."]  # a slow device has no leaps
+
+
+def test_who_only_looks_skips_what_cannot_be_trusted_and_is_told_once() -> None:
+    told: list[WrenchUntrusted] = []
+    flaws = [WrenchFaulty("expected x, got y; z")] * 3
+    with Skipping(Played([ZERO, *flaws, ZERO, *flaws, ZERO]), told.append) as source:
+        assert len([source.read() for _ in range(3)]) == 3
+    assert len(told) == 2 and source.skipped == 6
+
+
+def test_a_tare_takes_the_bias_off_and_tells_the_noise() -> None:
+    with Tared(Played(noisy(3000, BIAS)), TareSettings()) as source:
+        assert source.tare.samples == pytest.approx(1000, abs=2) and source.tare.seconds == pytest.approx(1.0, abs=0.01)
+        assert source.tare.mean == pytest.approx(BIAS, abs=0.004)
+        assert source.tare.deviation[:3] == pytest.approx(0.02, rel=0.15)
+        assert source.tare.sentence.startswith("tared over 1.0 s, 1001 samples; noise of one sample (0.0")
+        left = [source.read().six for _ in range(1000)]
+    assert np.abs(np.mean(left, axis=0)).max() < 0.005
+
+
+@pytest.mark.parametrize(
+    "moving",
+    [
+        np.linspace(ZERO, [0.2, 0, 0, 0, 0, 0], 1100),
+        np.r_[np.zeros((500, 6)), np.tile([0, 0, -1.0, 0, 0, 0], (300, 1)), np.zeros((300, 6))],
+        np.outer(np.sin(np.arange(1100) / 200), [0, 0, 0, 0.01, 0, 0]),
+    ],
+    ids=["drifts", "was touched", "swings"],
+)
+def test_a_tare_of_a_load_that_moves_is_refused_and_nothing_stays_open(moving: np.ndarray) -> None:
+    played = Played(moving + noisy(1100))
+    with pytest.raises(TareRefused, match=r"expected a load at rest .* take the hand away"), Tared(played):
+        pass
+    assert not played.opened
+    with Tared(Played([*noisy(1001, BIAS), *moving + noisy(1100)])) as source:
+        before = source.tare
+        with pytest.raises(TareRefused):
+            source.take_tare()
+        assert source.tare is before  # the last good one stays
+
+
+@pytest.mark.parametrize("count", [8, 30, 1000])
+def test_noise_alone_hardly_ever_refuses_a_tare(count: int) -> None:
+    refused, tares = 0, 8_000 // count
+    for seed in range(tares):
+        try:
+            Tared(Played(noisy(count, BIAS, 1.0, seed), 100.0), TareSettings(seconds=0.1 * (count - 1.5))).open()
+        except TareRefused:
+            refused += 1
+    assert refused <= 0.003 * tares
+
+
+def test_how_far_the_untouched_reading_wandered_is_told_and_too_few_samples_are_refused() -> None:
+    warmer = BIAS + np.array([0, 0, 0.15, 0, 0, 0])
+    with Tared(Played([*noisy(101, BIAS), *noisy(101, BIAS, seed=1), *noisy(101, warmer)], 10.0)) as source:
+        near = source.measure_wander(1.0)
+        assert not near.too_far and "no need" in near.sentence and near.since_s == pytest.approx(1.01)
+        far = source.measure_wander(1.0)
+        assert far.too_far and far.six[2] == pytest.approx(0.15, abs=0.02) and "; tare again" in far.sentence
+    with pytest.raises(TareRefused, match="expected 8 samples"), Tared(Played(noisy(10), 400.0)):
+        pass
+
+
+def test_the_mount_turns_what_the_device_feels_into_what_the_object_does_to_the_skin() -> None:
+    push = [0, 0, -5.0, 0, 0, 0]  # at the skin's centre, straight down
+    with Mounted(Played([push])) as source:
+        wrench = source.read()
+    assert wrench.force_n.tolist() == [0, 0, -5] and wrench.about_mm.tolist() == [0, 0, -35]
+    sideways = [1.0, 0, 0, 0, 0.035, 0]  # 1 N along x at the skin: felt 35 mm below with its lever
+    with Mounted(Played([sideways])) as source:
+        assert source.read().about(np.zeros(3)).torque_nm == pytest.approx(0, abs=1e-12)
+    # Hung upside down (turned about x), a quarter about z, the device telling the reaction.
+    mount = ForceTorqueMount((1.0, 2.0, -40.0), (180.0, 0.0, 90.0), -1)
+    with Mounted(Played([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3]]), mount) as source:
+        wrench = source.read()
+    assert wrench.force_n == pytest.approx([-2, -1, 3]) and wrench.torque_nm == pytest.approx([-0.2, -0.1, 0.3])
+    assert wrench.about_mm.tolist() == [1, 2, -40]
+    with pytest.raises(DesignImpossible, match="turned_deg"):
+        ForceTorqueMount(turned_deg=(0, 0, float("nan")))
+
+
+def test_measured_is_all_of_them_in_order() -> None:
+    mount = ForceTorqueMount(turned_deg=(0.0, 0.0, 90.0))
+    pressed = BIAS + np.array([2.0, 0, -3.0, 0, 0, 0])
+    played = Played([*noisy(1001, BIAS), *noisy(50, pressed), np.array([0, 0, -30, 0, 0, 0]), *noisy(50, pressed)])
+    settings = MeasuredSettings(TrustSettings(range_n=(30, 30, 30)))
+    with measured(played, mount, lambda loss: None, settings=settings) as source:
+        wrenches = [source.read() for _ in range(50)]
+        with pytest.raises(WrenchSaturated):  # judged by what the device measured, not by what the tare leaves
+            source.read()
+        wrenches += [source.read() for _ in range(50)]
+    assert np.mean([wrench.force_n for wrench in wrenches], axis=0) == pytest.approx([0, 2, -3], abs=0.02)
+    assert wrenches[0].about_mm.tolist() == [0, 0, -35]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.995, 1.005), st.integers(0, 2**32 - 1), st.integers(1, 16), st.integers(0, 10**6))
+def test_stamps_follow_the_device_through_bundles_wraps_and_a_clock_that_is_off(rate, begin_us, bundle, seed) -> None:
+    true_ns = 10**9 + np.arange(1000) * MS
+    wakes_late_ns = np.random.default_rng(seed).exponential(0.2 * MS, 1000).astype(int)
+    last_of_bundle = np.minimum(np.arange(1000) // bundle * bundle + bundle - 1, 999)
+    arrived = np.maximum.accumulate((true_ns + wakes_late_ns)[last_of_bundle])
+    clock = DeviceClock()
+    device_us = [(begin_us + int(at / 1000 * rate)) % 2**32 for at in true_ns]
+    stamps = np.array([clock.stamp_ns(us, int(at)) for us, at in zip(device_us, arrived, strict=True)])
+    assert (np.diff(stamps) > 0).all() and (stamps <= arrived + 1000).all()
+    late_ms = (stamps - true_ns)[200:] / MS
+    assert late_ms.min() >= -0.01 and late_ms.max() < 2  # by their arrivals alone: up to 16
+    restarted = clock.stamp_ns((device_us[-1] - 10**6) % 2**32, int(arrived[-1]) + 5 * MS)
+    assert restarted == arrived[-1] + 5 * MS
+
+
+def test_numbers_that_never_arrived_are_counted_over_the_wrap() -> None:
+    numbering = Numbering(16)
+    assert [numbering.missed(number) for number in (65_533, 65_534, 2, 3, 0, 1)] == [0, 0, 3, 0, 0, 0]
+    assert WrenchFrozen.__mro__[1] is WrenchJumped.__mro__[1] is WrenchUntrusted

@@ -1,0 +1,65 @@
+"""A force model without any learning: the wrench is a linear function of the input, written with onnx alone."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from ninedtact.force.card import FORMAT, Card, TrainingSummary
+from ninedtact.force.inputs import Channels, InputSettings
+from ninedtact.force.likeness import Range
+from ninedtact.force.model_file import INPUT, KEY, SCALE, WRENCH
+
+SMALL = InputSettings(Channels.HEIGHTS, rows=6, cols=8, mm_per_px=3.0)
+SUMMARY = TrainingSummary(10, 2, 3, 1, 1, 1, 1.0, {}, {})
+
+
+def a_card(settings: InputSettings = SMALL, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Card:
+    likeness: dict[str, Range] = {"deepest": (0.0, 0.1), "changed": (0.0, 0.1)}
+    return Card(
+        format=FORMAT,
+        name="linear",
+        network="none",
+        input=settings,
+        about_mm=about_mm,
+        modulus_mpa=0.093,
+        lowest=(-9.0,) * 6,
+        highest=(9.0,) * 6,
+        likeness=likeness,
+        training=SUMMARY,
+        evaluation={"validation": {"skill": [0.5, None]}},
+        licence="MIT",
+    )
+
+
+def linear_model(
+    card: Card, per_input: np.ndarray | None = None, scale: np.ndarray | None = None, keyed: bool = True
+) -> onnx.ModelProto:
+    """wrench = input · per_input (inputs, 6); the scale is the same for all."""
+    shape = card.input.shape
+    size = int(np.prod(shape))
+    per_input = np.zeros((size, 6)) if per_input is None else per_input
+    told = np.ones(6) if scale is None else scale
+    weights = {"flat_shape": np.array([-1, size]), "w": per_input.astype(np.float32)}
+    weights |= {"none": np.zeros((size, 6), np.float32), "b": told.astype(np.float32)}
+    nodes = [
+        helper.make_node("Reshape", [INPUT, "flat_shape"], ["flat"]),
+        helper.make_node("MatMul", ["flat", "w"], [WRENCH]),
+        helper.make_node("MatMul", ["flat", "none"], ["zero"]),
+        helper.make_node("Add", ["zero", "b"], [SCALE]),
+    ]
+    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 6]) for name in (WRENCH, SCALE)]
+    start = helper.make_tensor_value_info(INPUT, TensorProto.FLOAT, ["n", *shape])
+    initial = [numpy_helper.from_array(array, name) for name, array in weights.items()]
+    graph = helper.make_graph(nodes, "linear", [start], ends, initial)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
+    if keyed:
+        helper.set_model_props(model, {KEY: msgspec.json.encode(card).decode()})
+    return model
+
+
+def written(path: Path, model: onnx.ModelProto) -> Path:
+    path.write_bytes(model.SerializeToString())
+    return path

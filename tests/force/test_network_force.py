@@ -1,0 +1,73 @@
+"""A model as an estimator: zero exactly without contact, scaled to the gel, doubted where training did not reach."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear_model import SMALL, a_card, linear_model
+
+from ninedtact.design import Gel
+from ninedtact.force.model_file import model_from
+from ninedtact.force.network_force import NetworkForce
+from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Reading, Rectified, Wrench
+
+ROWS, COLS, MM_PER_PX = 60, 80, 0.3
+
+
+def reading(depth_mm: float, noise_mm: float = 0.003) -> Reading:
+    """A dent in the middle, and noise."""
+    z_mm = np.random.default_rng(0).normal(0, noise_mm, (ROWS, COLS)).astype(np.float32)
+    z_mm[25:35, 35:45] -= np.float32(depth_mm)
+    height = HeightMap(z_mm, np.full(z_mm.shape, Coverage.MEASURED, np.uint8), MM_PER_PX, noise_mm, stamp_ns=7)
+    frame = Frame(np.zeros((4, 4, 3), np.uint8), stamp_ns=7)
+    return Reading(frame, Rectified(np.full_like(z_mm, 128), MM_PER_PX, 7), height)
+
+
+def estimator(about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), gel: Gel = Gel()) -> NetworkForce:
+    """Each pixel's height in gel thicknesses presses by as many N, and shears by half."""
+    per_input = np.tile([0.5, 0.25, 1.0, 0.0, 0.0, 0.0], (SMALL.rows * SMALL.cols, 1))
+    content = linear_model(a_card(about_mm=about_mm), per_input, np.arange(1, 7)).SerializeToString()
+    return NetworkForce(model_from(content, "linear.onnx"), gel)
+
+
+def test_without_contact_the_wrench_is_zero_exactly() -> None:
+    found = estimator().estimate(reading(0.0))
+    assert not found.touching and not found.wrench.six.any() and found.wrench.stamp_ns == 7 and found.doubts == ()
+    assert np.isfinite(found.error).all() and (found.error > 0).all()
+
+
+def test_error_is_the_deviation_of_the_scale_and_all_grows_with_the_modulus() -> None:
+    found = estimator().estimate(reading(0.5))
+    assert found.touching and found.wrench.stamp_ns == 7
+    assert found.wrench.force_n[2] == pytest.approx(-0.5 / 2.5 * 100 * (MM_PER_PX / SMALL.mm_per_px) ** 2, rel=0.2)
+    np.testing.assert_allclose(found.error, np.sqrt(2) * np.arange(1, 7))
+    stiff = estimator(gel=Gel(shear_modulus_mpa=2 * 0.093)).estimate(reading(0.5))
+    np.testing.assert_allclose(stiff.wrench.six, 2 * found.wrench.six)
+    np.testing.assert_allclose(stiff.error, 2 * found.error)
+
+
+def test_torques_are_told_about_the_centre_of_the_skin() -> None:
+    below = (0.0, 0.0, -35.0)
+    found = estimator(about_mm=below).estimate(reading(0.5))
+    force = found.wrench.force_n
+    expected = Wrench(force, np.zeros(3), np.array(below)).about(np.zeros(3))
+    np.testing.assert_allclose(found.wrench.torque_nm, expected.torque_nm)
+    variance = (np.arange(4, 7) ** 2) + (0.035**2) * np.array([2.0**2, 1.0, 0.0])
+    np.testing.assert_allclose(found.error[3:], np.sqrt(2 * variance))
+
+
+def test_what_training_did_not_see_is_doubted() -> None:
+    assert estimator().estimate(reading(0.5)).doubts == ()
+    unlike = replace(reading(0.0), height=reading(2.4).height)
+    assert Doubt.UNLIKE_TRAINING in estimator().estimate(unlike).doubts
+    stiff = estimator()
+    per_input = np.full((SMALL.rows * SMALL.cols, 6), 100.0)
+    stiff.model = model_from(linear_model(a_card(), per_input).SerializeToString(), "linear.onnx")
+    assert Doubt.OUT_OF_RANGE in stiff.estimate(reading(0.5)).doubts
+
+
+def test_two_results_share_no_memory() -> None:
+    network = estimator()
+    first = network.estimate(reading(0.0))
+    first.error[:] = 9
+    assert network.estimate(reading(0.0)).error[0] != 9

@@ -1,0 +1,222 @@
+"""Laws of force without training, on heights and on light that the contact mechanics made."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from ninedtact.design import Gel
+from ninedtact.force.traction.estimator import TractionForce, traction_force
+from ninedtact.force.traction.evidence import ByHeight, ByLight, by_light
+from ninedtact.force.traction.inversion import Effort
+from ninedtact.force.traction.refusals import TractionImpossible
+from ninedtact.mechanics.contact import Contact, ContactModel
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.patch import padded_patch
+from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.skin import gel_skin
+from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Reading, Rectified, centred_axis_mm
+from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.deblur import Deblurring
+from ninedtact.shape.depth import DepthCurve
+from ninedtact.shape.loss import Loss
+from ninedtact.simulation.truth import heights
+
+GEL = Gel()
+PX_MM = 0.2
+WIDE, SQUARE = (90, 120), (90, 90)
+THOROUGH = Effort(rounds=20, iterations=40, enough=0.02)
+FRAME = Frame(np.zeros((1, 1, 3), np.uint8))
+DEPTH = np.linspace(0, 2, 21)
+CURVE = DepthCurve("ratio", tuple((0.15 * DEPTH).tolist()), tuple(DEPTH.tolist()), (0.01,) * 21, (0.0, 0.4), (0.0, 1.0))
+
+
+@lru_cache
+def dragged(x_mm: float = 1.0, y_mm: float = -0.6, drag_mm: float = 0.5) -> Contact:
+    model = ContactModel(gel_skin(padded_patch(24, 18, PX_MM, 4.0), GEL))
+    down = [Pose(x_mm, y_mm, depth) for depth in (0.4, 0.8, 1.0)]
+    *_, last = model.follow(Ball(4.0), [*down, Pose(x_mm + drag_mm, y_mm + drag_mm / 2, 1.0)])
+    return last
+
+
+def reading(z_mm: np.ndarray, coverage: np.ndarray | None = None) -> Reading:
+    seen = np.full(z_mm.shape, Coverage.MEASURED, np.uint8) if coverage is None else coverage
+    grey = Rectified(np.full(z_mm.shape, 150, np.float32), PX_MM)
+    return Reading(FRAME, grey, HeightMap(z_mm.astype(np.float32), seen, PX_MM))
+
+
+def noisy(shape: tuple[int, int] = WIDE, seed: int = 0, contact: Contact | None = None) -> np.ndarray:
+    z_mm = heights(contact or dragged(), shape, PX_MM).z_mm
+    return z_mm + np.random.default_rng(seed).normal(0, 0.005, shape)
+
+
+def by_height(gel: Gel = GEL, effort: Effort = THOROUGH) -> TractionForce:
+    return TractionForce(ByHeight(), gel, effort=effort)
+
+
+@pytest.mark.parametrize(("x", "y", "drag"), [(1.0, -0.6, 0.5), (-3.0, 2.0, -0.7), (0.0, 0.0, 0.0)])
+def test_the_wrench_of_a_dragged_ball_is_found(x: float, y: float, drag: float) -> None:
+    contact = dragged(x, y, drag)
+    found, true = by_height().estimate(reading(noisy(contact=contact))), contact.wrench()
+    load = -true.force_n[2]
+    assert found.touching and not found.doubts
+    np.testing.assert_allclose(found.wrench.force_n, true.force_n, atol=0.06 * load)
+    np.testing.assert_allclose(found.wrench.torque_nm, true.torque_nm, atol=0.5e-3 * load)
+
+
+def test_untouched_skin_has_no_wrench_at_all() -> None:
+    for seed in range(20):
+        flat = np.random.default_rng(seed).normal(0, 0.01, WIDE)
+        found = by_height().estimate(reading(flat))
+        assert not found.touching and not found.doubts
+        assert not found.wrench.six.any()
+        assert (found.error > 0).all()
+
+
+def test_pressure_is_nowhere_negative_and_nothing_acts_outside_the_contact() -> None:
+    traction = by_height().estimate(reading(noisy())).traction
+    assert traction is not None and (traction.pressure_mpa >= 0).all()
+    rows, cols = traction.pressure_mpa.shape
+    x, y = (centred_axis_mm(side, traction.mm_per_px) for side in (cols, rows))
+    far = np.hypot(x[None] - 1.5, y[:, None] + 0.4) > 6
+    assert not traction.pressure_mpa[far].any() and not traction.shear_mpa[:, far].any()
+
+
+def test_the_sum_of_the_tractions_is_the_wrench() -> None:
+    found = by_height().estimate(reading(noisy()))
+    assert found.traction is not None
+    np.testing.assert_array_equal(found.traction.wrench().six, found.wrench.six)
+
+
+def test_forces_scale_with_the_modulus() -> None:
+    stiff = replace(GEL, shear_modulus_mpa=3 * GEL.shear_modulus_mpa)
+    soft_n, stiff_n = (by_height(gel).estimate(reading(noisy())) for gel in (GEL, stiff))
+    np.testing.assert_allclose(stiff_n.wrench.six, 3 * soft_n.wrench.six, rtol=1e-5)
+    np.testing.assert_allclose(stiff_n.error, 3 * soft_n.error, rtol=1e-4)
+
+
+def test_a_mirrored_touch_has_the_mirrored_wrench() -> None:
+    z_mm = noisy()
+    one, other = (by_height().estimate(reading(each)).wrench.six for each in (z_mm, z_mm[:, ::-1]))
+    np.testing.assert_allclose(other, one * [-1, 1, 1, 1, -1, -1], atol=0.01 * abs(one[2]))
+
+
+def test_a_turned_touch_has_the_turned_wrench() -> None:
+    z_mm = noisy(SQUARE)
+    one, other = (by_height().estimate(reading(each)).wrench.six for each in (z_mm, np.rot90(z_mm, -1)))
+    turned = [-one[1], one[0], one[2], -one[4], one[3], one[5]]
+    np.testing.assert_allclose(other, turned, atol=0.01 * abs(one[2]))
+
+
+def test_a_moved_touch_has_the_same_force() -> None:
+    z_mm = noisy()
+    one, other = (by_height().estimate(reading(np.roll(z_mm, by, axis=1))).wrench for by in (0, -10))
+    np.testing.assert_allclose(other.force_n, one.force_n, atol=0.015 * abs(one.force_n[2]))
+    arm_nm = one.torque_nm[1] - other.torque_nm[1]
+    assert arm_nm == pytest.approx(-one.force_n[2] * 10 * PX_MM / 1e3, rel=0.03)
+
+
+def test_the_answer_does_not_depend_on_where_the_search_began() -> None:
+    cold, warm = by_height(), by_height()
+    warm.estimate(reading(noisy(contact=dragged(1.3, -0.2, 0.2))))
+    for _ in range(6):
+        late = warm.estimate(reading(noisy()))
+    first = cold.estimate(reading(noisy()))
+    np.testing.assert_array_less(np.abs(late.wrench.six - first.wrench.six), 0.3 * first.error + 1e-6)
+
+
+def test_a_forgotten_past_changes_nothing() -> None:
+    fresh, used = by_height(), by_height()
+    used.estimate(reading(noisy(contact=dragged(-3.0, 2.0, -0.7))))
+    used.forget()
+    one, other = (each.estimate(reading(noisy())).wrench.six for each in (fresh, used))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_live_search_is_short() -> None:
+    force = by_height(effort=Effort())
+    force.estimate(reading(noisy()))
+    assert force.last is not None and force.last.iterations <= Effort().rounds * Effort().iterations
+    force.estimate(reading(noisy(seed=1)))
+    assert force.last.iterations <= Effort().warm_iterations
+
+
+def test_error_bars_cover() -> None:
+    true, estimates = dragged().wrench().six, []
+    for seed in range(12):
+        estimates.append(by_height().estimate(reading(noisy(seed=seed))))
+    off = np.array([np.abs(each.wrench.six - true) / each.error for each in estimates])
+    assert (off < 2).mean() > 0.9
+    assert all((each.error < [0.5, 0.5, 1.0, 5e-3, 5e-3, 5e-3]).all() for each in estimates)
+
+
+def test_light_tells_the_same_as_heights() -> None:
+    found = TractionForce(ByLight(CURVE, Loss(), 0.5), GEL, effort=THOROUGH).estimate(lit(dragged()))
+    true = dragged().wrench().force_n
+    np.testing.assert_allclose(found.wrench.force_n, true, atol=0.08 * abs(true[2]))
+
+
+def lit(contact: Contact) -> Reading:
+    """Scattered light of this contact, and the heights that a reader who undoes nothing would have."""
+    from scipy.ndimage import gaussian_filter
+
+    true = heights(contact, WIDE, PX_MM)
+    change = np.where(true.z_mm < 0, 0.15 * true.z_mm, 0.4 * true.z_mm)
+    seen = gaussian_filter(change, 0.5 / PX_MM) + np.random.default_rng(0).normal(0, 0.003, WIDE)
+    read_mm = CURVE.height_mm(seen).astype(np.float32)
+    before = Rectified(np.full(WIDE, 150, np.float32), PX_MM)
+    after = Rectified((150 * (1 + seen)).astype(np.float32), PX_MM)
+    return Reading(FRAME, after, replace(true, z_mm=read_mm), reference=before)
+
+
+def test_a_touch_at_the_border_is_doubted() -> None:
+    z_mm = np.roll(noisy(), 50, axis=1)
+    z_mm[:, :50] = np.random.default_rng(0).normal(0, 0.005, (90, 50))
+    assert Doubt.PART_UNSEEN in by_height().estimate(reading(z_mm)).doubts
+
+
+def test_a_touch_deeper_than_calibrated_is_doubted() -> None:
+    z_mm = noisy()
+    coverage = np.where(z_mm < -0.8, Coverage.EXTRAPOLATED, Coverage.MEASURED).astype(np.uint8)
+    assert by_height().estimate(reading(z_mm, coverage)).doubts == (Doubt.OUT_OF_RANGE,)
+
+
+def test_a_search_that_was_cut_short_is_doubted() -> None:
+    hasty = by_height(effort=Effort(rounds=1, iterations=1, settled=0.1))
+    assert Doubt.NOT_CONVERGED in hasty.estimate(reading(noisy())).doubts
+
+
+def test_a_curve_without_bulges_is_refused() -> None:
+    blind = replace(CURVE, brightening=(0.0,), bulge_mm=(0.0,))
+    with pytest.raises(TractionImpossible, match="expected a depth curve that knows bulges"):
+        ByLight(blind, Loss(), 0.5)
+
+
+def test_a_reading_without_reference_is_refused() -> None:
+    with pytest.raises(TractionImpossible, match="untouched reference"):
+        TractionForce(ByLight(CURVE, Loss(), 0.5), GEL).estimate(replace(lit(dragged()), reference=None))
+
+
+def test_a_map_that_is_out_of_view_is_refused() -> None:
+    nowhere = np.full(WIDE, Coverage.OUT_OF_VIEW, np.uint8)
+    with pytest.raises(TractionImpossible, match="out of view everywhere"):
+        by_height().estimate(reading(noisy(), nowhere))
+
+
+def test_a_missing_gel_is_refused() -> None:
+    with pytest.raises(TractionImpossible, match="got no gel"):
+        traction_force(bare(Deblurring(0.5)), None)
+
+
+def test_a_calibration_that_knows_no_scattering_is_refused() -> None:
+    with pytest.raises(TractionImpossible, match="how light scatters"):
+        by_light(bare(None))
+
+
+def bare(deblurring: Deblurring | None) -> CalibratedShape:
+    """A calibration of which nothing but its light is asked."""
+    shape = object.__new__(CalibratedShape)
+    for name, value in (("curve", CURVE), ("loss", Loss()), ("deblurring", deblurring)):
+        object.__setattr__(shape, name, value)
+    return shape

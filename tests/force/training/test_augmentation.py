@@ -1,0 +1,130 @@
+"""A touch seen otherwise keeps its label right: for a wrench that a law reads out of the picture, moving the picture and moving
+the wrench come to the same."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from ninedtact.force.training.augmentation import NOTHING_CHANGED, Augmentation
+from ninedtact.force.training.batches import TouchBatch
+from ninedtact.force.training.disturbance import HeightErrors, LightErrors
+from ninedtact.force.training.geometry import Move, Moves, moved
+
+ROWS, COLS, MM_PER_PX = 60, 80, 0.3
+X, Y = (MM_PER_PX * (torch.arange(side) - (side - 1) / 2) for side in (COLS, ROWS))
+
+
+def pictures(n: int) -> Tensor:
+    """Lopsided dents, each of three round ones of different depth, away from the border."""
+    torch.manual_seed(0)
+    z_mm = torch.zeros(n, ROWS, COLS)
+    for _ in range(3):
+        x, y = (reach * (2 * torch.rand(n, 1, 1) - 1) for reach in (4.0, 3.0))
+        z_mm -= torch.rand(n, 1, 1) * torch.exp(-((X - x) ** 2 + (Y[:, None] - y) ** 2) / 2)
+    return z_mm
+
+
+def law(z_mm: Tensor) -> Tensor:
+    """A wrench that a dent has whatever the axes: pressed by its volume at its middle, sheared there towards where it is
+    lopsided, twisted by how that lies to its long side."""
+    weight = -z_mm * MM_PER_PX**2
+    volume = weight.sum((1, 2))
+    middle = torch.stack([(weight * X).sum((1, 2)), (weight * Y[:, None]).sum((1, 2))], 1) / volume[:, None]
+    off = torch.stack([X - middle[:, :1, None] + 0 * z_mm, Y[:, None] - middle[:, 1:, None] + 0 * z_mm], 1)
+    lopsided = 0.1 * (weight[:, None] * off * (off**2).sum(1, keepdim=True)).sum((2, 3))
+    spread = torch.einsum("nrc,nirc,njrc->nij", weight, off, off)
+    twist = cross(lopsided, torch.einsum("nij,nj->ni", spread, lopsided)) * 1e-4
+    press = -volume
+    torque = [middle[:, 1] * press, -middle[:, 0] * press, cross(middle, lopsided)]
+    return torch.stack([*lopsided.unbind(1), press, torque[0] / 1e3, torque[1] / 1e3, torque[2] / 1e3 + twist], 1)
+
+
+def cross(a: Tensor, b: Tensor) -> Tensor:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def batch(n: int) -> TouchBatch:
+    z_mm = pictures(n)
+    return TouchBatch(z_mm, law(z_mm), None, torch.full((n,), 2.5))
+
+
+def moves(**given: list[float] | list[list[float]]) -> Move:
+    """As given for each of n pictures; nothing else is done to them."""
+    n = len(next(iter(given.values())))
+    nothing = {"mirror": torch.ones(n, 2), "turn_rad": torch.zeros(n), "shift_mm": torch.zeros(n, 2)}
+    return Move(**{**nothing, "scale": torch.ones(n), **{name: torch.tensor(value) for name, value in given.items()}})
+
+
+TILTED = [0.2, -0.3, 0.1]
+MOVES = {
+    "mirror": moves(mirror=[[-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]),
+    "turn": moves(turn_rad=TILTED),
+    "shift": moves(shift_mm=[[0.9, 0.0], [0.0, -0.7], [0.41, 0.37]]),
+    "all": moves(mirror=[[-1.0, 1.0]] * 3, turn_rad=TILTED, shift_mm=[[0.5, -0.8]] * 3),
+}
+
+
+@pytest.mark.parametrize("name", MOVES)
+def test_moving_the_picture_and_moving_the_wrench_come_to_the_same(name: str) -> None:
+    before = batch(3)
+    after = moved(before, MOVES[name], MM_PER_PX)
+    size = before.wrench.abs().amax(0)
+    assert (size > 0).all() and ((after.wrench - before.wrench).abs() / size).amax() > 0.1
+    # Between pixels, interpolation itself moves a dent by up to a hundredth of a mm.
+    assert ((law(after.pictures) - after.wrench).abs() / size).max() < 0.04
+
+
+def test_signs_of_a_mirrored_wrench() -> None:
+    one = replace(batch(1), wrench=torch.arange(1.0, 7.0)[None])
+    along_x = moved(one, moves(mirror=[[-1.0, 1.0]]), MM_PER_PX)
+    along_y = moved(one, moves(mirror=[[1.0, -1.0]]), MM_PER_PX)
+    assert along_x.wrench[0].tolist() == [-1, 2, 3, 4, -5, -6]
+    assert along_y.wrench[0].tolist() == [1, -2, 3, -4, 5, -6]
+    assert torch.allclose(along_x.pictures, one.pictures.flip(2), atol=1e-6)
+
+
+def test_a_scaled_picture_has_a_wider_dent_and_the_same_wrench() -> None:
+    one = batch(1)
+    wider = moved(one, moves(scale=[1.1]), MM_PER_PX)
+    assert torch.equal(wider.wrench, one.wrench)
+    assert float(wider.pictures.sum() / one.pictures.sum()) == pytest.approx(1.21, rel=0.01)
+
+
+def test_chance_decides_and_nothing_else() -> None:
+    again = [Augmentation()(batch(8), MM_PER_PX, torch.Generator().manual_seed(seed)) for seed in (3, 3, 4)]
+    assert torch.equal(again[0].pictures, again[1].pictures) and torch.equal(again[0].wrench, again[1].wrench)
+    assert not torch.equal(again[0].pictures, again[2].pictures)
+    same = NOTHING_CHANGED(batch(8), MM_PER_PX, torch.Generator().manual_seed(3))
+    assert torch.allclose(same.pictures, batch(8).pictures, atol=1e-5) and torch.equal(same.wrench, batch(8).wrench)
+
+
+def test_errors_of_heights_are_as_large_as_asked_for() -> None:
+    flat = TouchBatch(torch.zeros(500, 24, 32), torch.zeros(500, 6), None, torch.full((500,), 2.5))
+    only = replace(NOTHING_CHANGED, heights=HeightErrors(0.0, 0.01, 0.001, 0.0, 0.0))
+    z_mm = only(flat, 0.3, torch.Generator().manual_seed(0)).pictures
+    assert float(z_mm.mean((1, 2)).std()) == pytest.approx(0.01, rel=0.1)
+    assert float((z_mm[:, :, -1] - z_mm[:, :, 0]).mean(1).std()) == pytest.approx(31 * 0.3 * 0.001, rel=0.1)
+    noisy = replace(NOTHING_CHANGED, heights=HeightErrors(0.0, 0.0, 0.0, 0.02, 0.6))
+    noise = noisy(flat, 0.3, torch.Generator().manual_seed(0)).pictures
+    assert float(noise.std((1, 2)).mean()) == pytest.approx(0.01, rel=0.1)
+    neighbours = float((noise[:, :, 1:] * noise[:, :, :-1]).mean() / (noise**2).mean())
+    assert 0.2 < neighbours < 0.98
+
+
+def test_a_brighter_lamp_changes_picture_and_reference_alike_and_drift_the_reference_alone() -> None:
+    grey = torch.full((400, 8, 8), 100.0)
+    lit = TouchBatch(grey, torch.zeros(400, 6), grey, torch.full((400,), 2.5))
+    lamp = LightErrors(0.05, 0.0, 0.0)(lit, torch.Generator().manual_seed(0))
+    assert lamp.references is not None and torch.allclose(lamp.pictures, lamp.references)
+    assert float(lamp.pictures.mean((1, 2)).std()) == pytest.approx(5, rel=0.15)
+    drift = LightErrors(0.0, 0.01, 0.0)(lit, torch.Generator().manual_seed(0))
+    assert drift.references is not None and torch.equal(drift.pictures, grey)
+    assert float(drift.references.mean((1, 2)).std()) == pytest.approx(1, rel=0.15)
+
+
+def test_as_often_mirrored_as_not() -> None:
+    drawn = Moves().drawn(4000, torch.Generator().manual_seed(0))
+    assert drawn.mirror.mean(0).abs().max() < 0.06 and (drawn.mirror.abs() == 1).all()
+    assert float((drawn.turn_rad != 0).float().mean()) == pytest.approx(0.5, abs=0.05)

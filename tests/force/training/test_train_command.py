@@ -1,0 +1,154 @@
+"""`ninedtact train`: from a data set's folder to a model that answers live as it was trained; what it says of bad data."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.cli import main
+from ninedtact.cli.own_sensors import sensors_for
+from ninedtact.force.deformation import grey_of
+from ninedtact.force.inputs import Channels, InputSettings, NetworkInput, height_channels
+from ninedtact.force.model_file import read_model
+from ninedtact.recording.dataset.columns import write_rows, write_untouched
+from ninedtact.recording.dataset.heights import height_pairs
+from ninedtact.recording.dataset.rows import Row, UntouchedPicture
+from ninedtact.recording.dataset.sensor_heights import SensorMissing
+from ninedtact.whole_file import write_whole
+
+MM_PER_PX = 0.0522
+GRID = InputSettings(Channels.HEIGHTS_AND_GEL, 16, 24, 1.0)
+ON_CPU = ("--accelerator", "cpu")
+
+
+def picture_of(load_n: float, seed: int, size: tuple[int, int] = (460, 345)) -> np.ndarray:
+    """A dark disc somewhere, the darker the harder."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: size[1], : size[0]]
+    at = rng.uniform(0.3, 0.7, 2) * size
+    change = -8 * load_n * np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / (0.1 * size[0]) ** 2)
+    return np.clip(140 + change + rng.normal(0, 0.7, x.shape), 0, 255).astype(np.uint8)
+
+
+def png(picture: np.ndarray) -> bytes:
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
+def data_set(
+    folder: Path, pairs: int = 24, objects: int = 3, size: tuple[int, int] = (460, 345), bad: bool = False
+) -> Path:
+    """Two files of presses by some objects on two sensors."""
+    (folder / "data").mkdir(parents=True)
+    write_untouched(
+        folder / "references.parquet",
+        [UntouchedPicture(f"{name}/0", png(picture_of(0, 99, size)), name) for name in "ab"],
+    )
+    rows = [row_of(number, objects, size) for number in range(pairs)]
+    if bad:
+        rows[3].wrench[2] = np.nan
+    for part in range(2):
+        write_rows(folder / "data" / f"train-0000{part}-of-00002.parquet", rows[part::2])
+    return folder
+
+
+def row_of(number: int, objects: int, size: tuple[int, int]) -> Row:
+    load, sensor = 0.5 + number / 4, "ab"[number // 2 % 2]
+    wrench = np.array([0.1 * load, -0.05 * load, -load, 0.001 * number, 0.002, 0.0001 * load], np.float32)
+    return Row(
+        *(f"{number:03d}", png(picture_of(load, number, size)), f"{sensor}/0", wrench, f"thing_{number % objects}"),
+        *(f"c{number}", 0, None, sensor, "rule", "made by hand", MM_PER_PX),
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return data_set(tmp_path_factory.mktemp("train") / "pairs")
+
+
+@pytest.fixture(scope="module")
+def sensors(tmp_path_factory: pytest.TempPathFactory, twin_sensor: SensorFolder) -> Path:
+    """Both as the twin is calibrated."""
+    place = tmp_path_factory.mktemp("sensors")
+    for name in "ab":
+        shutil.copytree(twin_sensor.path, place / name)
+    return place
+
+
+def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_sensor: SensorFolder) -> None:
+    pairs = height_pairs(folder, sensors_for(folder, sensors, 1, progress=False), GRID.grid)
+    assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(24)]
+    row = pairs.ids.tolist().index("005")
+    reader = twin_sensor.shape.reader_against(grey_of(picture_of(0, 99), MM_PER_PX))
+    height = reader(grey_of(picture_of(0.5 + 5 / 4, 5), MM_PER_PX))
+    live = NetworkInput(GRID, thickness_mm=2.2).of_height(height)
+    kept = height_channels(pairs.z_mm[row].astype(np.float32), np.float32(2.2), GRID.channels)
+    np.testing.assert_allclose(kept, live, atol=1e-3)
+    assert pairs.wrenches[row, 2] == np.float32(-1.75) and pairs.objects[row] == "thing_2" and pairs.sensors[row] == "a"
+
+
+def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calibrated = sensors_for(folder, sensors, 1, progress=False)
+    whole = height_pairs(folder, calibrated, GRID.grid)
+    first, second = sorted(folder.glob("cache/heights-*/*.npy"))
+    second.unlink()
+    read: list[str] = []
+    monkeypatch.setattr(
+        "ninedtact.recording.dataset.sensor_heights.write_whole",
+        lambda path, *content: read.append(path.name) or write_whole(path, *content),
+    )
+    again = height_pairs(folder, calibrated, GRID.grid)
+    assert read == [second.name] and first.is_file()
+    np.testing.assert_array_equal(again.z_mm, whole.z_mm)
+
+
+def told(capsys: pytest.CaptureFixture[str], arguments: Sequence[str]) -> str:
+    assert main(["train", *arguments, *ON_CPU]) == 1
+    sentence = capsys.readouterr().err.strip().splitlines()[-1]
+    assert sentence.startswith("ninedtact: expected")
+    return sentence
+
+
+def test_trained_from_the_command_line(
+    folder: Path, sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    size = ("--size", "24", "16", "--epochs", "1", "--batch", "8")
+    options = ["--data", str(folder), "--sensors", str(sensors), "--out", str(out), *size, "--held-out", "object"]
+    assert main(["train", *options, "--name", "little", "--json", *ON_CPU]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["model"] == str(out / "model.onnx") and (found["pairs"], found["held_out"]["pairs"]) == (16, 8)
+    card = read_model(out / "model.onnx").card
+    assert (card.name, card.network) == ("little", "moments")
+    assert (card.input.channels, card.input.rows, card.input.mm_per_px) == (Channels.HEIGHTS_AND_GEL, 16, 1.0)
+    assert "another settings" in told(capsys, [*options, "--name", "little", "--seed", "1"])
+
+
+def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "out")]
+    pictures = ["--channels", "deformation", "--size", "32", "24"]
+    assert "give --sensors" in told(capsys, ["--data", str(folder), *out])
+    one = data_set(tmp_path / "one", pairs=8, objects=1, size=(32, 24))
+    assert "different objects" in told(capsys, ["--data", str(one), *out, *pictures])
+    bad = data_set(tmp_path / "bad", pairs=8, size=(32, 24), bad=True)
+    assert "1 not finite" in told(capsys, ["--data", str(bad), *out, *pictures])
+    assert "Parquet" in told(capsys, ["--data", str(tmp_path / "none"), *out, *pictures])
+    assert "multiples of 4" in told(capsys, ["--data", str(folder), *out, "--size", "30", "20"])
+    assert "one of moments" in told(capsys, ["--data", str(folder), *out, "--network", "alexnet"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_pictures_that_no_calibration_fits_are_refused(sensors: Path, tmp_path: Path) -> None:
+    small = data_set(tmp_path / "small", pairs=4, size=(64, 48))
+    calibrated = sensors_for(small, sensors, 1, progress=False)
+    with pytest.raises(SensorMissing, match="460 x 345, as sensor 'a'"):
+        height_pairs(small, calibrated, GRID.grid)
+    del calibrated["b"]
+    with pytest.raises(SensorMissing, match="'b'"):
+        height_pairs(small, calibrated, GRID.grid)

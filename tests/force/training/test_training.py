@@ -1,0 +1,202 @@
+"""A training ends in one file that says all about itself, goes on after a stop as if there had been none, and refuses what
+it cannot learn from."""
+
+import csv
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from toy import PAIRS, PICTURES, ROWS, of_heights, of_pictures, toy_settings
+
+from ninedtact.force.inputs import Channels
+from ninedtact.force.model_file import read_model
+from ninedtact.force.networks import WrenchNetwork
+from ninedtact.force.splits import Rows
+from ninedtact.force.training import fit as fitting
+from ninedtact.force.training.augmentation import NOTHING_CHANGED
+from ninedtact.force.training.checkpoints import CheckpointDamaged, checkpoint
+from ninedtact.force.training.examples import Examples, ExamplesUnusable, about_point
+from ninedtact.force.training.export import rewrite_card
+from ninedtact.force.training.fit import fit
+from ninedtact.force.training.folder import FolderTaken
+from ninedtact.force.training.learner import Learner, cost_of, labels_of
+from ninedtact.force.training.lesson import Lesson
+from ninedtact.force.training.manners import TrainingStopped
+from ninedtact.force.training.run import Trained, train
+from ninedtact.force.training.settings import PAPER, PRESETS, Machine, TrainingImpossible, TrainingSettings
+
+CPU = Machine(accelerator="cpu")
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
+    done = train(of_heights(), ROWS, toy_settings(), tmp_path_factory.mktemp("training") / "out", machine=CPU)
+    assert done is not None
+    return done
+
+
+def test_the_folder_holds_all_that_was_learnt_and_noted(trained: Trained) -> None:
+    names = {path.name for path in trained.path.parent.iterdir()}
+    assert names == {"model.onnx", "settings.json", "metrics.csv", "curves.png", "tensorboard", "checkpoints"}
+    with (trained.path.parent / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["epoch"] for row in rows] == ["1", "2", "3", "4"]
+    assert float(rows[-1]["train_loss"]) < 0.7 * float(rows[0]["train_loss"])
+    assert (trained.path.parent / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_file_says_all_about_itself(trained: Trained) -> None:
+    card = read_model(trained.path).card
+    wrench = of_heights().wrench[ROWS.train]
+    assert card == trained.model.card
+    assert (card.input, card.about_mm, card.modulus_mpa) == (toy_settings().input, (0.0, 0.0, 0.0), 0.093)
+    np.testing.assert_allclose([card.lowest, card.highest], [wrench.min(0), wrench.max(0)])
+    assert (card.training.pairs, card.training.validation_pairs) == (128, 32)
+    assert (card.training.objects, card.training.sensors) == (5, 2)
+    assert card.training.settings == toy_settings().as_table() and card.training.versions["torch"]
+    low, high = card.likeness["deepest"]
+    assert 0 <= low < 0.1 < high < 0.6
+    assert len(card.evaluation["validation"]["skill"]) == 6
+
+
+def test_the_graph_answers_as_the_network_does(trained: Trained) -> None:
+    settings = toy_settings()
+    network = WrenchNetwork(settings.network, settings.input, labels_of(of_heights().wrench[ROWS.train], settings))
+    state = checkpoint(trained.path.parent / "checkpoints" / "best.ckpt")["state_dict"]
+    network.load_state_dict({name.removeprefix("model."): weights for name, weights in state.items()})
+    shown = torch.randn(7, *settings.input.shape) * 0.1
+    with torch.no_grad():
+        wrench, _ = network.eval()(shown)
+    np.testing.assert_allclose(trained.model(shown.numpy()).wrench, wrench.double().numpy(), atol=1e-5)
+
+
+def test_its_intervals_cover_what_they_claim_where_they_were_set_right(trained: Trained) -> None:
+    half, most = (found.covered for found in trained.evaluation.coverage)
+    assert np.abs(half - 0.5).max() < 0.15 and np.abs(most - 0.9).max() < 0.1
+
+
+def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: Trained, tmp_path: Path) -> None:
+    import msgspec
+
+    copy = tmp_path / "model.onnx"
+    copy.write_bytes(trained.path.read_bytes())
+    rewrite_card(copy, msgspec.structs.replace(trained.model.card, evaluation={"test": {"skill": [0.9]}}))
+    again, shown = read_model(copy), np.zeros((1, *toy_settings().input.shape), np.float32)
+    assert again.card.evaluation == {"test": {"skill": [0.9]}}
+    np.testing.assert_array_equal(again(shown).wrench, trained.model(shown).wrench)
+
+
+def weights_of(learner: Learner) -> dict[str, torch.Tensor]:
+    return {name: part.clone() for name, part in learner.state_dict().items()}
+
+
+def fitted(out: Path, settings: TrainingSettings) -> tuple[Learner, list[dict[str, float]]]:
+    learner = Learner(settings, labels_of(of_heights().wrench[ROWS.train], settings))
+    history = fit(learner, of_heights(), ROWS, out, CPU).history
+    return learner, [{name: value for name, value in row.items() if name != "seconds"} for row in history.rows]
+
+
+@pytest.mark.parametrize("schedule", ["one cycle", "constant"])
+def test_gone_on_with_after_a_stop_it_learns_the_same(
+    schedule: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = toy_settings(schedule=schedule, optimiser="adam" if schedule == "constant" else "adamw")
+    whole, rows = fitted(tmp_path / "whole", settings)
+    step, handler = Learner.training_step, signal.getsignal(signal.SIGINT)
+
+    def interrupted(self: Learner, batch: object, number: int) -> torch.Tensor:
+        if self.current_epoch == 2 and number == 1:
+            raise KeyboardInterrupt
+        return step(self, batch, number)
+
+    monkeypatch.setattr(Learner, "training_step", interrupted)
+    with pytest.raises(TrainingStopped, match="run the command again"):
+        fitted(tmp_path / "stopped", settings)
+    assert signal.getsignal(signal.SIGINT) is handler
+    monkeypatch.setattr(Learner, "training_step", step)
+    again, rows_again = fitted(tmp_path / "stopped", settings)
+    assert rows_again == rows
+    for name, part in weights_of(whole).items():
+        assert torch.equal(part, again.state_dict()[name]), name
+
+
+def test_half_precision_is_not_for_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings, seen = toy_settings(augmentation=NOTHING_CHANGED), []
+    monkeypatch.setattr(
+        "ninedtact.force.training.learner.cost_of",
+        lambda answer, wrench, unit: seen.append(wrench) or cost_of(answer, wrench, unit),
+    )
+    learner = Learner(replace(settings, epochs=1), labels_of(of_heights().wrench[ROWS.train], settings))
+    fit(learner, of_heights(), ROWS, tmp_path, Machine(accelerator="cpu", precision="bf16-mixed"))
+    known = {tuple(six) for six in of_heights().wrench.tolist()}
+    assert {tuple(six) for six in torch.cat(seen).tolist()} <= known
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / fitting.CHECKPOINTS
+    folder.mkdir()
+    (folder / "last.ckpt").write_bytes(b"half of a file")
+    with pytest.raises(CheckpointDamaged, match="remove it to begin again"):
+        fitted(tmp_path, toy_settings())
+
+
+def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) -> None:
+    settings = replace(PAPER, network="moments", input=PICTURES, epochs=1, batch=32)
+    examples = about_point(of_pictures(), settings.about_mm)
+    labels = labels_of(examples.wrench[ROWS.train], settings)
+    learner = Learner(settings, labels)
+    parts = (examples.wrench[ROWS.train] - np.array(labels.offset)) / np.array(labels.unit)
+    assert parts.min() == pytest.approx(0, abs=1e-5) and parts.max() == pytest.approx(1, abs=1e-5)
+    fit(learner, examples, ROWS, tmp_path, CPU)
+    evaluation = Lesson(learner.model.eval(), examples, ROWS, settings).evaluation
+    np.testing.assert_allclose(evaluation.predictions.truth, of_pictures().wrench[ROWS.test], atol=1e-6)
+    assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
+
+
+def test_presets_are_as_published() -> None:
+    paper = PRESETS["paper"]
+    assert (paper.network, paper.batch, paper.learning_rate, paper.epochs) == ("densenet169", 64, 5e-4, 200)
+    assert (paper.input.channels, paper.input.rows, paper.input.cols) == (Channels.DEFORMATION, 345, 460)
+    assert (paper.optimiser, paper.weight_decay, paper.scale_weight) == ("adam", 0.0, 0.0)
+    with pytest.raises(TrainingImpossible, match="epochs"):
+        toy_settings().__class__(epochs=0)
+
+
+@pytest.mark.parametrize(
+    ("examples", "rows", "says"),
+    [
+        (of_heights(), Rows(np.arange(0), np.arange(4)), "got 0 and 4"),
+        (of_heights(), Rows(np.arange(4), np.arange(0)), "got 4 and 0"),
+        (of_pictures(), ROWS, "got pictures with references"),
+        (replace(of_heights(), pictures=np.zeros((PAIRS, 8, 8))), ROWS, "got 8 x 8"),
+    ],
+)
+def test_what_cannot_be_learnt_from_is_refused(examples: Examples, rows: Rows, says: str, tmp_path: Path) -> None:
+    with pytest.raises(ExamplesUnusable, match=says):
+        train(examples, rows, toy_settings(), tmp_path / "out", machine=CPU)
+    assert not (tmp_path / "out").exists()
+
+
+def test_labels_that_are_no_numbers_are_refused() -> None:
+    wrench = of_heights().wrench.copy()
+    wrench[[7, 9], 2] = np.nan
+    with pytest.raises(ExamplesUnusable, match="2 of 160 that are not, the first in row 7"):
+        replace(of_heights(), wrench=wrench)
+    with pytest.raises(ExamplesUnusable, match="other lengths"):
+        replace(of_heights(), objects=["ball"])
+
+
+def test_another_training_in_the_same_folder_is_refused(trained: Trained, tmp_path: Path) -> None:
+    with pytest.raises(FolderTaken, match="another settings"):
+        train(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
+    (tmp_path / "something").write_text("else")
+    with pytest.raises(FolderTaken, match="something else"):
+        train(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
+
+
+def test_wrenches_at_one_modulus() -> None:
+    softer = of_heights().at_modulus(np.full(PAIRS, 0.186))
+    np.testing.assert_allclose(softer.wrench, of_heights().wrench / 2, rtol=1e-6)

@@ -1,0 +1,47 @@
+"""Small episodes with known content."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.episode import EpisodeWriter
+from ninedtact.recording.messages import Topic
+from ninedtact.recording.session import Session
+
+BEGAN_NS, FRAME_NS, SAMPLE_NS = 5_000_000_000, 33_333_333, 2_000_001
+SHAPE = (30, 44, 3)
+BOTH = (Topic.PICTURES, Topic.MEASURED)
+
+
+def noise(number: int, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
+    """A picture that no lossy code would keep."""
+    return np.random.default_rng(number).integers(0, 256, shape, np.uint8)
+
+
+def frame(number: int) -> Frame:
+    """One picture of thirty a second."""
+    return Frame(noise(number), BEGAN_NS + number * FRAME_NS, number)
+
+
+def sample(number: int, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Wrench:
+    """One wrench of five hundred a second, like no other."""
+    six = np.random.default_rng(number).normal(0, 1, 6)
+    return Wrench(six[:3], six[3:], np.array(about_mm), BEGAN_NS + number * SAMPLE_NS)
+
+
+def write_episode(path: Path, frames: int = 12, samples: int = 200, session: Session | None = None) -> Path:
+    """Pictures and samples in the order of their stamps."""
+    with EpisodeWriter(path, session or Session("small"), BOTH, {"sensor/sensor.toml": b"id = 'small'"}) as episode:
+        write_messages(episode, frames, samples)
+    return path
+
+
+def write_messages(episode: EpisodeWriter, frames: int, samples: int) -> None:
+    """The content of `write_episode`."""
+    messages = [frame(number) for number in range(frames)] + [sample(number) for number in range(samples)]
+    for message in sorted(messages, key=lambda message: message.stamp_ns):
+        if isinstance(message, Frame):
+            episode.picture(message)
+        else:
+            episode.measured(message)

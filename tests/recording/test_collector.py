@@ -1,0 +1,199 @@
+"""What is saved is true, whatever goes wrong; what goes wrong is told."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
+
+from ninedtact.capture.force_torque.trusted import Trusted, TrustSettings
+from ninedtact.capture.sampling_rule import RuleSettings
+from ninedtact.cli.collect import obeyed
+from ninedtact.cli.collect_screen import Screen, headline, histograms
+from ninedtact.cli.options import CollectOptions
+from ninedtact.quantities import Frame
+from ninedtact.recording.collecting.collector import TOPICS, Collector
+from ninedtact.recording.collecting.feed import Fed, in_turn
+from ninedtact.recording.collecting.settings import CollectionImpossible, CollectSettings
+from ninedtact.recording.collecting.trust import ClockTrust, Fault
+from ninedtact.recording.episode import EpisodeWriter
+from ninedtact.recording.episode_pairs import pairs_of
+from ninedtact.recording.messages import EventKind
+from ninedtact.recording.saved_pair import NOTHING, SavedPair
+from ninedtact.recording.session import Session
+from ninedtact.recording.stored import Episode
+
+SETTINGS = CollectSettings(trust=TrustSettings(range_n=(50, 50, 50)))
+REST_S = UNTOUCHED_S + TOUCHES * TOUCH_S
+WHOLE_S = REST_S + REST_TOUCHES * TOUCH_S + TOUCH_S
+Seen = Callable[[Frame, Collector], None]
+
+
+def collected(
+    path: Path,
+    force_torque: ForceTorque = ForceTorque(),
+    seconds: float = WHOLE_S,
+    settings: CollectSettings = SETTINGS,
+    seen: Seen = lambda frame, collector: None,
+) -> tuple[Collector, list[SavedPair]]:
+    """Collect from the hand; `seen` is called after every picture."""
+    feed: Iterator[Fed] = in_turn(Camera(seconds), Trusted(replace(force_torque), settings.trust))
+    with EpisodeWriter(path, Session("hand"), TOPICS) as episode, closing(feed):
+        collector = Collector(episode, settings, iter(["cup", "key", "nut"]), np.random.default_rng(0))
+        for fed in feed:
+            assert fed is not None
+            collector.hear(fed)
+            if isinstance(fed.item, Frame):
+                seen(fed.item, collector)
+        collector.end()
+    return collector, list(pairs_of(path))
+
+
+def require_true(pairs: list[SavedPair]) -> None:
+    """Every saved wrench is what pressed when the picture was taken, to what noise and tare leave."""
+    for pair in pairs:
+        assert (np.abs(pair.wrench.six - truth(at_s(pair.time_ns))) < 6 * NOISE + 1e-3).all(), pair.kind
+        darkest = float(pair.picture[18:30, 26:38].mean())
+        assert darkest == pytest.approx(120 + 8 * truth(at_s(pair.time_ns))[2], abs=1)
+
+
+def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
+    collector, pairs = collected(tmp_path / "e.mcap")
+    require_true(pairs)
+    kinds = [pair.kind for pair in pairs]
+    assert kinds.count("rule") >= 12 and 1 <= kinds.count("light_touch") <= 2 and kinds.count("no_contact") == 1
+    assert all(pair.object == (NOTHING if pair.kind == "no_contact" else "cup") for pair in pairs)
+    touches: dict[str, list[SavedPair]] = {}
+    for pair in pairs:
+        touches.setdefault(pair.contact, []).append(pair)
+    assert len(touches) == 1 + TOUCHES + 1 and collector.refused.total() == 0
+    for touch in touches.values():
+        by_rule = np.array([pair.wrench.six for pair in touch if pair.kind == "rule"]).reshape(-1, 6)
+        parts = np.abs(by_rule[:, None] - by_rule) / RuleSettings().ranges @ np.array(RuleSettings().weights)
+        assert parts[~np.eye(len(parts), dtype=bool)].min(initial=1) > RuleSettings().apart
+    assert {pair.untouched.id for pair in pairs} == {f"{collector.episode.session.id}-u000"}
+    assert len(pairs[0].untouched.pictures) == 10 and not pairs[0].untouched.pictures[0].flags.writeable
+    assert collector.untouched is not None and collector.untouched.zero == pytest.approx(BIAS, abs=6e-3)
+    assert sum(map(sum, collector.counters.counts)) == 6 * len(pairs)
+    assert [len(line) for line in histograms(collector)] and "pairs (" in headline(collector)
+
+
+def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:
+    on_disk: list[tuple[int, int]] = []
+
+    def look(frame: Frame, collector: Collector) -> None:
+        if frame.index % 20 == 0:
+            with Episode(tmp_path / "e.mcap") as episode:
+                on_disk.append((len(list(episode.pairs())), len(collector.counters.saved)))
+
+    collected(tmp_path / "e.mcap", seen=look)
+    assert all(found == counted for found, counted in on_disk) and on_disk[-1][0] > 8
+
+
+def between(begin_s: float, end_s: float, then: Callable[[float, np.ndarray], np.ndarray | None]) -> ForceTorque:
+    return ForceTorque(lambda now_s, six: then(now_s, six) if begin_s < now_s < end_s else six)
+
+
+WARMED = np.array([0.4, 0, 0.9, 0, 0, 0])
+SECOND_S = UNTOUCHED_S + TOUCH_S
+FAULTS = {
+    "freezes": (
+        between(SECOND_S + 0.9, SECOND_S + 1.6, lambda now_s, six: np.array([0.1, 0.2, -5.0, 0.0, 0.0, 0.0]) + BIAS),
+        Fault.FROZEN,
+    ),
+    "spikes": (between(SECOND_S + 1.0, SECOND_S + 1.01, lambda now_s, six: six + 20.0), Fault.JUMPED),
+    "shifts": (between(SECOND_S + 1.0, 99, lambda now_s, six: six + np.array([0, 12.0, 0, 0, 0, 0])), Fault.SHIFTED),
+    "drifts": (
+        between(REST_S, 99, lambda now_s, six: six + 0.05 * (now_s > REST_S) * np.eye(6)[4]),
+        Fault.NOT_AT_REST,
+    ),
+    "saturates": (
+        between(SECOND_S, 99, lambda now_s, six: np.array([*six[:2], max(six[2], -4.41), *six[3:]])),
+        Fault.SATURATED,
+    ),
+    "is silent": (between(SECOND_S + 0.9, SECOND_S + 1.6, lambda now_s, six: None), Fault.UNPAIRED),
+    "is slow": (ForceTorque(hz=20.0), Fault.UNPAIRED),
+}
+
+
+@pytest.mark.parametrize("what", FAULTS)
+def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_path: Path) -> None:
+    force_torque, fault = FAULTS[what]
+    trust = TrustSettings(range_n=(50, 50, 4.5 if what == "saturates" else 50))
+    settings = replace(SETTINGS, trust=trust, tolerance_ms=10.0)
+    collector, pairs = collected(tmp_path / "e.mcap", force_torque, settings=settings)
+    require_true([pair for pair in pairs if what != "drifts" or at_s(pair.time_ns) < REST_S])
+    assert collector.refused[fault] > 0
+    with Episode(tmp_path / "e.mcap") as episode:
+        told = [event for event in episode.events() if event.kind is EventKind.REMARK]
+    stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.words]
+    if what in ("shifts", "drifts"):
+        assert not [pair for pair in pairs if pair.time_ns > stamps_ns[0]]
+    elif what not in ("is slow", "saturates"):
+        assert [pair for pair in pairs if pair.time_ns > stamps_ns[0] + 1e9]
+
+
+def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: Path) -> None:
+    screen, words = Screen(), []
+
+    def keys(frame: Frame, collector: Collector) -> None:
+        typed = {
+            round(30 * (UNTOUCHED_S + touches * TOUCH_S) + 8): keys
+            for touches, keys in ((1, "n"), (2, "uuun"), (3, "u"))
+        }
+        if frame.index in typed:
+            before = len(collector.counters.saved)
+            assert obeyed(typed[frame.index], collector, screen)
+            words.append((before, len(collector.counters.saved)))
+
+    collector, pairs = collected(tmp_path / "e.mcap", seen=keys)
+    (one, same), (_, none_left), (three, undone) = words
+    assert one == same > 1 and none_left == 1 and three > undone == 1  # the pair without contact stays
+    assert not obeyed("xq", collector, screen)
+    assert {pair.object for pair in pairs} == {NOTHING, "nut"} and len(pairs) == len(collector.counters.saved)
+    assert min(pair.time_ns for pair in pairs if pair.object == "nut") / 1e9 > 7 + REST_S + REST_TOUCHES * TOUCH_S
+    assert collector.counters.counts.sum() == 6 * len(pairs) and collector.counters.counts.min() == 0
+    with Episode(tmp_path / "e.mcap") as episode:
+        assert len(list(episode.pairs())) > len(pairs) + 10
+
+
+def test_a_tare_waits_for_untouched_skin_and_begins_a_new_reference(tmp_path: Path) -> None:
+    advice: list[str] = []
+
+    def tare(frame: Frame, collector: Collector) -> None:
+        if frame.index == round(30 * (SECOND_S + 0.8)):  # in the middle of a touch
+            collector.tare()
+        if collector.taring is not None and frame.index > 30 * SECOND_S:
+            advice.append(collector.taring.advice)
+
+    warmed = between(SECOND_S + 0.85, 99, lambda now_s, six: six + WARMED)
+    collector, pairs = collected(tmp_path / "e.mcap", warmed, seen=tare)
+    require_true(pairs)
+    assert [pair.untouched.id[-1] for pair in pairs] == sorted(pair.untouched.id[-1] for pair in pairs)
+    after = [pair for pair in pairs if pair.untouched.id.endswith("u001")]
+    assert min(at_s(pair.time_ns) for pair in after) > REST_S and {pair.kind for pair in after} >= {"rule"}
+    assert any("at rest" in words or "untouched:" in words for words in advice)
+    assert collector.untouched is not None and collector.untouched.zero[:3] == pytest.approx(
+        (BIAS + WARMED)[:3], abs=0.02
+    )
+
+
+def test_clocks_that_drift_apart_are_noticed_within_their_jitter() -> None:
+    rng, drifting, steady = np.random.default_rng(0), ClockTrust(10.0), ClockTrust(10.0)
+    for number in range(30 * 60):
+        now_ns = BEGAN_NS + int(number * 1e9 / 30)
+        late_ns = int(rng.exponential(8e6))
+        steady.note(now_ns, now_ns + late_ns)
+        drifting.note(BEGAN_NS + int((now_ns - BEGAN_NS) * (1 - 4e-4)), now_ns + late_ns)
+        assert steady.keeps and (drifting.keeps or number > 30 * 20)
+    assert not drifting.keeps
+
+
+def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> None:
+    assert CollectOptions().settings() == CollectSettings()
+    for wrong in ({"tolerance_ms": 0.0}, {"no_contact": 0.6, "light_touch": 0.5}, {"untouched_pictures": 0}):
+        with pytest.raises(CollectionImpossible, match=r"expected .* got .*; correct"):
+            replace(CollectOptions(), **wrong).settings()

@@ -1,0 +1,296 @@
+"""What is written is read again, by us and by others, whole or cut short, and whatever stops the writing."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from episodes import BEGAN_NS, BOTH, FRAME_NS, SHAPE, frame, noise, sample, write_episode, write_messages
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from ninedtact.capture.source import CameraNotFound
+from ninedtact.cli import main
+from ninedtact.quantities import Coverage, Frame, HeightMap, Wrench
+from ninedtact.recording.episode import EpisodeWriter
+from ninedtact.recording.growing_file import RecordingRefused, RecordingStopped
+from ninedtact.recording.mend import mend
+from ninedtact.recording.messages import Event, EventKind, PairMark, Topic
+from ninedtact.recording.session import FORMAT, RECORD, Session
+from ninedtact.recording.stored import Episode
+from ninedtact.recording.unreadable import RecordingUnreadable
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+SIX = np.array([1.0, -2.0, -7.5, 0.01, -0.02, 0.003])
+
+
+def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
+    session = Session("a sensor", settings='{"é": 1}', mm_per_px=0.05)
+    pressed = np.linspace(-1, 0.2, 12, dtype=np.float32).reshape(3, 4)
+    coverage = np.full((3, 4), Coverage.MEASURED.value, np.uint8)
+    coverage[0, 0] = Coverage.OUT_OF_VIEW
+    mark = PairMark(BEGAN_NS, 7, 2, "ball:4", "s-00001", "rule", Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
+    event = Event(BEGAN_NS + 1, EventKind.REMARK, "Größe", "3 N·m")
+    with EpisodeWriter(tmp_path / "all.mcap", session, attached={"sensor/pictures/ball.png": b"\0\1"}) as episode:
+        for number in (0, 1, 5):
+            episode.picture(frame(number))
+        episode.picture(Frame(noise(9)[::-1, ::2], BEGAN_NS + 9 * FRAME_NS, 6))
+        episode.measured(Wrench(SIX[:3], SIX[3:], np.array([0.0, 0.0, -35.0]), BEGAN_NS))
+        episode.estimated(Wrench(-SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
+        episode.height(HeightMap(pressed, coverage, 0.05, stamp_ns=BEGAN_NS), 5)
+        episode.untouched(frame(3), tare=2)
+        episode.pair(mark)
+        episode.event(event)
+    with Episode(tmp_path / "all.mcap") as read:
+        assert read.finished and read.session == session
+        frames = list(read.frames())
+        assert [one.index for one in frames] == [0, 1, 5, 6]
+        assert [one.stamp_ns for one in frames] == [BEGAN_NS + number * FRAME_NS for number in (0, 1, 5, 9)]
+        for got, sent in zip(frames, [noise(0), noise(1), noise(5), noise(9)[::-1, ::2]], strict=True):
+            assert np.array_equal(got.image, sent) and got.image.flags.writeable
+        (measured,), (estimated,) = read.wrenches(), read.wrenches(Topic.ESTIMATED)
+        about_centre = np.cross([0, 0, -0.035], SIX[:3]) + SIX[3:]
+        assert measured.six == pytest.approx([*SIX[:3], *about_centre]) and not measured.about_mm.any()
+        assert np.array_equal(estimated.six, [*-SIX[:3], *SIX[3:]]) and measured.stamp_ns == BEGAN_NS
+        ((index, z_mm),) = read.heights()
+        assert index == 5 and np.isnan(z_mm[0, 0]) and np.array_equal(z_mm.ravel()[1:], pressed.ravel()[1:])
+        (untouched,) = read.frames(Topic.UNTOUCHED)
+        assert untouched.index == 2 and np.array_equal(untouched.image, noise(3))
+        (pair,) = read.pairs()
+        assert np.array_equal(pair.wrench.six, SIX) and vars(pair) | {"wrench": 0} == vars(mark) | {"wrench": 0}
+        assert read.events() == [Event(BEGAN_NS + 5 * FRAME_NS, EventKind.DROPPED, "3"), event]
+        (attachment,) = read.attachments()
+        assert (attachment.name, attachment.data) == ("sensor/pictures/ball.png", b"\0\1")
+
+
+def others_read(path: Path) -> dict[str, int]:
+    """Messages by topic, as the libraries of MCAP and of ROS bags count them; they must agree."""
+    counts: dict[str, int] = {}
+    with path.open("rb") as file:
+        for _, channel, _, _ in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            counts[channel.topic] = counts.get(channel.topic, 0) + 1
+    with Reader(path) as bag:
+        known = [connection for connection in bag.connections if not connection.msgtype.startswith("ninedtact")]
+        for connection, _, raw in bag.messages(known):
+            TYPES.deserialize_cdr(raw, connection.msgtype)
+        assert {
+            connection.topic: connection.msgcount for connection in bag.connections if connection.msgcount
+        } == counts
+    return counts
+
+
+def test_other_programs_read_it(tmp_path: Path) -> None:
+    session = Session("small")
+    path = write_episode(tmp_path / "other.mcap", session=session)
+    assert others_read(path) == {Topic.PICTURES: 12, Topic.MEASURED: 200}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        pictures = [message for *_, message in reader.iter_decoded_messages(topics=[Topic.PICTURES.value])]
+        wrenches = [message for *_, message in reader.iter_decoded_messages(topics=[Topic.MEASURED.value])]
+        (attachment,), (metadata,) = reader.iter_attachments(), reader.iter_metadata()
+    assert attachment.name == "sensor/sensor.toml" and metadata.metadata["sensor"] == "small"
+    picture, wall_ns = pictures[3], session.wall_ns(BEGAN_NS + 3 * FRAME_NS)
+    assert (picture.encoding, picture.height, picture.width, picture.step) == ("bgr8", *SHAPE[:2], 3 * SHAPE[1])
+    assert bytes(picture.data) == noise(3).tobytes()
+    assert (picture.header.stamp.sec, picture.header.stamp.nanosec) == divmod(wall_ns, 1_000_000_000)
+    assert abs(wall_ns - time.time_ns()) < 400 * 86400e9
+    assert wrenches[5].wrench.torque.z == sample(5).torque_nm[2] and wrenches[5].header.frame_id == "skin"
+
+
+def prefix_of_the_whole(path: Path) -> tuple[int, int]:
+    """That all that an episode holds is the beginning of `write_episode`; how many pictures and samples."""
+    with Episode(path) as read:
+        frames, wrenches = list(read.frames()), list(read.wrenches())
+    assert [one.index for one in frames] == list(range(len(frames)))
+    assert all(np.array_equal(one.image, noise(one.index)) for one in frames)
+    assert all(np.array_equal(one.six, sample(number).six) for number, one in enumerate(wrenches))
+    return len(frames), len(wrenches)
+
+
+def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk_and_can_be_mended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.recording.episode.CHUNK_BYTES", 6000)
+    whole = write_episode(tmp_path / "whole.mcap").read_bytes()
+    cut_file, before = tmp_path / "cut.mcap", (0, 0)
+    for number, cut in enumerate([*range(9, len(whole) - 1, 1497), *range(len(whole) - 60, len(whole), 3)]):
+        cut_file.write_bytes(whole[:cut])
+        try:
+            found = prefix_of_the_whole(cut_file)
+        except RecordingUnreadable as refusal:
+            assert "cut short before it began" in str(refusal) and before == (0, 0)
+            continue
+        assert found >= before
+        before = found
+        assert mend(cut_file) and not mend(cut_file)
+        assert prefix_of_the_whole(cut_file) == found
+        if number % 8 == 0:
+            assert tuple(others_read(cut_file).get(topic, 0) for topic in BOTH) == found
+    assert before == (12, 200)
+
+
+def test_damage_is_told_and_never_passes_for_a_picture(tmp_path: Path) -> None:
+    whole = bytearray(write_episode(tmp_path / "whole.mcap", frames=3, samples=20).read_bytes())
+    told = 0
+    for at in range(len(whole) // 5, len(whole), 211):
+        damaged = whole.copy()
+        damaged[at] ^= 0x55
+        (tmp_path / "damaged.mcap").write_bytes(damaged)
+        try:
+            prefix_of_the_whole(tmp_path / "damaged.mcap")
+        except RecordingUnreadable as refusal:
+            told += 1
+            assert "expected" in str(refusal) and "got" in str(refusal)
+    assert told > 10
+
+
+RECORDING = """
+import sys, time
+import numpy as np
+from pathlib import Path
+from episodes import noise
+from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.episode import EpisodeWriter
+from ninedtact.recording.session import Session
+with EpisodeWriter(Path(sys.argv[1]), Session("killed")) as episode:
+    for number in range(100_000):
+        episode.measured(Wrench(np.ones(3), np.ones(3), stamp_ns=time.monotonic_ns()))
+        if number % 20 == 0:
+            episode.picture(Frame(noise(number), time.monotonic_ns(), number // 20))
+        time.sleep(0.002)
+"""
+
+
+def test_a_killed_program_loses_at_most_the_last_second(tmp_path: Path) -> None:
+    path = tmp_path / "killed.mcap"
+    here = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    running = subprocess.Popen([sys.executable, "-c", RECORDING, str(path)], env=here)
+    while not path.exists() or path.stat().st_size < 50_000:
+        assert running.poll() is None
+        time.sleep(0.02)
+    time.sleep(1.0)
+    running.send_signal(signal.SIGKILL)
+    killed_ns = time.monotonic_ns()
+    running.wait()
+    with Episode(path) as read:
+        assert not read.finished
+        frames = list(read.frames())
+        assert [one.index for one in frames] == list(range(len(frames))) and len(frames) > 5
+        assert all(np.array_equal(one.image, noise(20 * one.index)) for one in frames)
+        assert killed_ns - read.stamps_ns(Topic.MEASURED)[-1] < 1e9 and killed_ns - frames[-1].stamp_ns < 1e9
+
+
+@contextmanager
+def disk_of(size: int) -> Iterator[None]:
+    """While the block runs, no file may grow beyond this."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ninedtact.recording.episode.CHUNK_BYTES", 3000)
+    path = tmp_path / "full.mcap"
+    with disk_of(30_000), pytest.raises(RecordingStopped, match=r"expected .* got: .*; what was recorded .* is kept"):
+        write_episode(path)
+    assert path.stat().st_size <= 30_000
+    pictures, samples = prefix_of_the_whole(path)
+    assert pictures >= 4 and samples >= 50
+    mend(path)  # there was no room for the summary: now there is
+    assert others_read(path)[Topic.PICTURES] == pictures
+    with disk_of(100), pytest.raises(RecordingStopped):
+        write_episode(tmp_path / "at_once.mcap")
+    assert not (tmp_path / "at_once.mcap").exists()
+
+
+@pytest.mark.parametrize("at", [5, 7, 8, 9, 14])
+def test_an_interruption_at_any_write_leaves_a_finished_file(
+    at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.recording.episode.CHUNK_BYTES", 3000)
+    writes, written = iter(range(10_000)), os.write
+
+    def interrupted(descriptor: int, content: memoryview) -> int:
+        if next(writes) == at:
+            written(descriptor, content[: len(content) // 2])
+            raise KeyboardInterrupt
+        return written(descriptor, content)
+
+    path = tmp_path / "interrupted.mcap"
+    monkeypatch.setattr("ninedtact.recording.growing_file.os.write", interrupted)
+    with pytest.raises(KeyboardInterrupt), EpisodeWriter(path, Session("small")) as episode:
+        write_messages(episode, 12, 200)
+    prefix_of_the_whole(path)
+    with Episode(path) as read:
+        assert read.finished
+    others_read(path)
+
+
+def foreign(path: Path) -> None:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_message(writer.register_channel("/x", "json", 0), 1, b"{}", 1)
+        writer.finish()
+
+
+def newer(path: Path) -> None:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata(RECORD, Session("x").as_metadata() | {"format": str(FORMAT + 1)})
+        writer.finish()
+
+
+BAD = {
+    "an empty file": lambda path: path.write_bytes(b""),
+    "something else": lambda path: path.write_bytes(b"not a recording" * 100),
+    "of another program": foreign,
+    "from a newer ninedtact": newer,
+    "cut short before it began": lambda path: path.write_bytes(
+        write_episode(path.with_name("w.mcap")).read_bytes()[:60]
+    ),
+    "no such file": lambda path: None,
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+@pytest.mark.parametrize("command", ["replay", "export", "live"])
+def test_a_bad_recording_is_one_sentence(
+    command: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.mcap"
+    BAD[said](bad)
+    options = {
+        "replay": [str(bad)],
+        "export": [str(bad), "--out", str(tmp_path / "out")],
+        "live": ["--source", str(bad)],
+    }
+    assert main([command, *options[command]]) == 1
+    (sentence,) = capsys.readouterr().err.strip().splitlines()
+    assert sentence.startswith("ninedtact: expected") and said in sentence and sentence.count(";") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_never_overwrites_and_is_missed_in_words(tmp_path: Path) -> None:
+    path = write_episode(tmp_path / "there.mcap", frames=1, samples=1)
+    before = path.read_bytes()
+    for taken in (path, tmp_path / "no folder" / "x.mcap"):
+        with pytest.raises(RecordingRefused, match=r"expected .* got"), EpisodeWriter(taken, Session("x")):
+            pass
+    assert path.read_bytes() == before
+    with pytest.raises(CameraNotFound, match="no such file"):
+        Episode(tmp_path / "none.mcap")

@@ -1,0 +1,318 @@
+"""What a person does: record, look, write out, collect on a twin and from a recording, at the command line."""
+
+import csv
+import io
+import json
+import os
+import pty
+import sys
+import termios
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hand import TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
+from twin_folder import twin_folder
+
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.capture.force_torque.trusted import Trusted
+from ninedtact.capture.freshest import Freshest
+from ninedtact.capture.settings import AS_SENSOR
+from ninedtact.capture.source import CameraLost, FrameSource
+from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.cli import main
+from ninedtact.cli.collect_screen import Screen, headline
+from ninedtact.cli.devices import live_source, sensor_of
+from ninedtact.cli.ending import ending
+from ninedtact.cli.keys import keys
+from ninedtact.force.estimator import ForceEstimator
+from ninedtact.quantities import Frame, Reading, Wrench, WrenchEstimate
+from ninedtact.recording.collecting.collector import TOPICS, Collector
+from ninedtact.recording.collecting.feed import in_turn, live
+from ninedtact.recording.collecting.settings import CollectSettings
+from ninedtact.recording.episode import EpisodeWriter
+from ninedtact.recording.episode_pairs import pairs_of
+from ninedtact.recording.listening import Heard
+from ninedtact.recording.messages import Topic
+from ninedtact.recording.recorder import Interpretation, Recorder
+from ninedtact.recording.sensor_copy import attachments_of
+from ninedtact.recording.session import Session
+from ninedtact.recording.stored import Episode
+from ninedtact.simulation.camera import SimulatedCamera
+
+sys.path.append(str(Path(__file__).parents[1] / "simulation"))
+from small_stage import small_stage
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sensor like the default twin that knows its twin, made without calibrating."""
+    return twin_folder(tmp_path_factory.mktemp("recording") / "sensor")
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> dict:
+    assert main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_twin_is_recorded_shown_again_and_written_out(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "twin.mcap", tmp_path / "out"
+    options = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor, "--seconds", "3", "--heights"]
+    written = told(capsys, "record", *options, "--out", path)["written"]
+    assert written["/camera/image_raw"] == written["/skin/height_mm"] > 3 and written["/wrench/measured"] > 10
+    found = told(capsys, "replay", path)
+    assert found["finished"] and found["sensor"] == "twin" and found["seconds"] == pytest.approx(3, abs=1.5)
+    topics = {topic["topic"]: topic for topic in found["topics"]}
+    assert {name: topic["messages"] for name, topic in topics.items() if name in written} == written
+    assert topics["/camera/image_raw"]["rate_hz"] > 1 and topics["/wrench/measured"]["gaps"] is not None
+    exported = told(capsys, "export", path, "--out", out)["written"]
+    assert exported["pictures"] == exported["heights"] == written["/camera/image_raw"] and exported["pairs"] == 0
+    load_sensor(out / "sensor")
+    rows = list(csv.DictReader((out / "wrench_measured.csv").open()))
+    assert len(rows) == written["/wrench/measured"] and min(float(row["force_z_n"]) for row in rows) < -0.5
+    with Episode(path) as episode:
+        for frame, row in zip(episode.frames(), csv.DictReader((out / "pictures.csv").open()), strict=True):
+            assert np.array_equal(cv2.imread(str(out / "pictures" / row["picture"])), frame.image)
+            assert int(row["monotonic_ns"]) == frame.stamp_ns
+    assert len(list((out / "heights").glob("*.npy"))) == exported["heights"]
+    assert main(["export", str(path), "--out", str(out)]) == 1 and "new or empty" in capsys.readouterr().err
+
+
+def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Path, sensor: Path) -> None:
+    path = tmp_path / "hand.mcap"
+    recorded_hand(path, sensor, seconds=0.5)
+    with sensor_of(None, str(path)) as folder, Freshest(live_source(str(path), AS_SENSOR)) as source:
+        assert folder.id == "twin" and folder.shape.rectify.raw_shape == (480, 640)
+        frame = source.read()
+        assert time.monotonic_ns() - frame.stamp_ns < 2e9 and frame.image.shape == (48, 64, 3)
+    assert not folder.path.exists()
+
+
+def recorded_hand(path: Path, sensor: Path, seconds: float) -> None:
+    """Everything that the hand's devices tell."""
+    with EpisodeWriter(path, Session("twin"), attached=attachments_of(sensor)) as episode:
+        for heard in in_turn(Camera(seconds), ForceTorque()):
+            assert heard is not None
+            (episode.picture if isinstance(heard.item, Frame) else episode.measured)(heard.item)
+
+
+def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / "hand.mcap", tmp_path / "pairs.mcap"
+    recorded_hand(source, sensor, UNTOUCHED_S + TOUCHES * TOUCH_S)
+    sources = ["--source", source, "--force-torque", source, "--tolerance-ms", "12"]
+    found = told(capsys, "collect", *sources, "--out", out, "--objects", "cup", "--seed", "1")
+    pairs = list(pairs_of(out))
+    assert found["pairs"] == len(pairs) >= 15 and found["objects"] == {"cup": len(pairs) - 1, "none": 1}
+    assert found["refused"] == {} and found["kinds"]["rule"] == len(pairs) - 1 - found["kinds"]["light_touch"]
+    assert all(np.abs(pair.wrench.six - truth(at_s(pair.time_ns)))[:3].max() < 0.15 for pair in pairs)
+    assert {pair.sensor for pair in pairs} == {"twin"}
+    with Episode(source) as one, Episode(out) as other:
+        assert one.session.wall_minus_monotonic_ns == other.session.wall_minus_monotonic_ns
+    assert main(["collect", *map(str, sources), "--out", str(out)]) == 1
+    assert "expected --out to be a new file" in capsys.readouterr().err
+
+
+def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "twin.mcap"
+    options = ["--objects", "ball:4", "cylinder:3,11", "--touches", "1", "--pairs", "6", "--seed", "3"]
+    sources = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor]
+    found = told(capsys, "collect", *sources, "--out", out, *options)
+    pairs = list(pairs_of(out))
+    assert found["pairs"] == len(pairs) == 6 and set(found["objects"]) == {"none", "ball:4", "cylinder:3,11"}
+    by_rule = np.array([pair.wrench.six for pair in pairs if pair.kind == "rule"])
+    assert by_rule[:, 2].max() < -0.25 and by_rule[:, 2].min() < -1
+    for pair in pairs:
+        change = cv2.blur(pair.picture - np.mean(pair.untouched.pictures, axis=0), (15, 15))
+        assert (change.min() < -2) == (pair.wrench.force_n[2] < -0.3)
+    figures = told(capsys, "replay", out)
+    assert figures["purpose"] == "collect" and figures["pairs"] == found["kinds"]
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "said"),
+    [
+        ("record", "--source 0 --out x.mp4", "--out to end in .mcap"),
+        ("record", "--source /dev/none --out x.mcap --sensor SENSOR", "/dev/none"),
+        ("record", "--source 0 --out x.mcap", "expected --sensor with --source 0"),
+        ("record", "--source 0 --out x.mcap --seconds 0", "--seconds above zero"),
+        ("record", "--source 0 --force-torque sim --out x.mcap --sensor SENSOR", "name two that belong together"),
+        ("collect", "--source sim --force-torque netft:1.2.3.4 --out x.mcap --sensor SENSOR", "both sim"),
+        ("collect", "--source 0 --force-torque gopher:1 --out x.mcap --sensor SENSOR", "got 'gopher:1'"),
+        ("collect", "--source no.mcap --force-torque no.mcap --out x.mcap --sensor SENSOR", "no such file"),
+        (
+            "collect",
+            "--source sim --force-torque sim --out x.mcap --sensor SENSOR --apart 0",
+            "a difference above zero",
+        ),
+        ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --objects bal", "got 'bal'"),
+        ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --pairs 0", "--pairs of at least 1"),
+    ],
+)
+def test_wrong_use_is_one_sentence_and_leaves_nothing(
+    command: str,
+    options: str,
+    said: str,
+    sensor: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([command, *options.replace("SENSOR", str(sensor)).split()]) == 1
+    (sentence,) = capsys.readouterr().err.strip().splitlines()
+    assert sentence.startswith("ninedtact: expected") and said in sentence
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_tare_without_samples_says_so_and_hoards_no_pictures(tmp_path: Path) -> None:
+    with EpisodeWriter(tmp_path / "e.mcap", Session("x"), TOPICS) as episode, Camera(2.0) as camera:
+        collector = Collector(episode)
+        for frame in camera:
+            collector.hear(Heard(frame, frame.stamp_ns))
+    assert "no samples from the force/torque sensor yet" in headline(collector)
+    assert collector.taring is not None and len(collector.taring.frames) == 10
+
+
+class Guessing(ForceEstimator):
+    """Tells how dark the picture is, as a force."""
+
+    name = "guess"
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        assert reading.reference is not None
+        force_n = np.array([0.0, 0.0, float((reading.rectified.grey - reading.reference.grey).mean())])
+        return WrenchEstimate(Wrench(force_n, np.zeros(3), stamp_ns=reading.frame.stamp_ns), np.ones(6), True)
+
+    def forget(self) -> None: ...
+
+
+def test_heights_and_estimates_are_written_beside_every_picture(sensor: Path, tmp_path: Path) -> None:
+    camera, shape = SimulatedCamera(small_stage(rounds=1)), load_sensor(sensor).shape
+    with EpisodeWriter(tmp_path / "meant.mcap", Session("x")) as episode:
+        Recorder(episode, camera, interpretation=Interpretation(shape, Guessing())).run(lambda: False)
+    with Episode(tmp_path / "meant.mcap") as read:
+        heights, estimates = dict(read.heights()), list(read.wrenches(Topic.ESTIMATED))
+        stamps_ns = read.stamps_ns(Topic.PICTURES)
+        assert len(heights) == len(estimates) == len(stamps_ns) >= 15
+        assert np.array_equal(read.stamps_ns(Topic.HEIGHTS), stamps_ns)
+    deepest = [float(np.nanmin(z_mm)) for z_mm in heights.values()]
+    assert max(deepest[:3]) > -0.2 and min(deepest) < -0.4
+    assert abs(np.corrcoef(deepest, [one.force_n[2] for one in estimates])[0, 1]) > 0.9
+
+
+class Losing(Camera):
+    """A camera that is unplugged, after having lost two pictures."""
+
+    def read(self) -> Frame:
+        frame = super().read()
+        if frame.index == 9:
+            raise CameraLost("expected a picture, got none; plug it in")
+        return replace(frame, index=frame.index + 2 * (frame.index > 4))
+
+
+def test_what_came_before_a_loss_is_kept_and_missing_pictures_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "lost.mcap"
+    with pytest.raises(CameraLost), EpisodeWriter(path, Session("lost")) as episode:
+        Recorder(episode, Losing(10.0)).run(lambda: False)
+    assert episode.dropped == 2 and not [thread for thread in threading.enumerate() if "listen" in thread.name]
+    with Episode(path) as read:
+        assert read.finished and [frame.index for frame in read.frames()] == [0, 1, 2, 3, 4, 7, 8, 9, 10]
+
+
+class InTime(FrameSource, WrenchSource):
+    """One of the hand's devices, at its own pace and stamped when it is read."""
+
+    recorded_hz = None
+
+    def __init__(self, device: Camera | ForceTorque, began_at: float) -> None:
+        self.device, self.began_at, self.name = device, began_at, device.name
+
+    def open(self) -> None:
+        self.device.open()
+
+    def read(self) -> Frame | Wrench:
+        item = self.device.read()
+        due_at = self.began_at + at_s(item.stamp_ns)
+        time.sleep(max(due_at - time.monotonic(), 0))
+        return replace(item, stamp_ns=round(due_at * 1e9))
+
+    def close(self) -> None: ...
+
+
+def test_devices_are_collected_from_live(tmp_path: Path) -> None:
+    began_at = time.monotonic() + 0.2
+    settings = CollectSettings(tolerance_ms=100.0)
+    camera, force_torque = InTime(Camera(UNTOUCHED_S + TOUCH_S), began_at), InTime(ForceTorque(), began_at)
+    with EpisodeWriter(tmp_path / "live.mcap", Session("live"), TOPICS) as episode:
+        collector = Collector(episode, settings)
+        for heard in live(camera, Trusted(force_torque)):
+            if heard is not None:
+                collector.hear(heard)
+        collector.end()
+    pairs = list(pairs_of(tmp_path / "live.mcap"))
+    with Episode(tmp_path / "live.mcap") as read:
+        assert len(list(read.wrenches())) > 200
+    assert len([pair for pair in pairs if pair.kind == "rule"]) >= 5
+    for pair in pairs:
+        assert np.abs(pair.wrench.six - truth(pair.time_ns / 1e9 - began_at))[:3].max() < 0.15
+    assert not [thread for thread in threading.enumerate() if "listen" in thread.name]
+
+
+def test_keys_are_read_one_by_one_and_the_terminal_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = pty.openpty()
+    monkeypatch.setattr("sys.stdin", os.fdopen(theirs))
+    before = termios.tcgetattr(theirs)
+    with keys() as typed:
+        assert typed.pressed() == ""
+        os.write(ours, b"nu")
+        time.sleep(0.05)
+        assert typed.pressed() == "nu"
+    assert termios.tcgetattr(theirs)[3] == before[3]
+    reading, writing = os.pipe()
+    monkeypatch.setattr("sys.stdin", os.fdopen(reading))
+    os.write(writing, b"q")
+    os.close(writing)
+    with keys() as typed:
+        assert [typed.pressed() for _ in range(3)] == ["q", "", ""]
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with EpisodeWriter(tmp_path / "e.mcap", Session("x"), TOPICS) as episode:
+        collector, screen = Collector(episode), Screen()
+        screen.show(collector)
+        screen.show(collector)
+        screen.remark("next object: cup")
+        screen.show(collector, at_once=True)
+    shown = terminal.getvalue()
+    assert shown.count("n next object") == 2 and shown.count("\x1b[10A") == 1 and "Fz -12.00 ············" in shown
+    assert "leave the skin untouched" in shown and "missing: Fx" in shown and "next object: cup" in shown
+
+
+def test_ctrl_c_asks_once_and_insists_twice() -> None:
+    with ending() as until:
+        assert not until.now
+        os.kill(os.getpid(), 2)
+        assert until.now
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), 2)
+            time.sleep(1)
+    with ending(seconds=0.01) as until:
+        time.sleep(0.02)
+        assert until.now and until.asked is False

@@ -1,0 +1,38 @@
+"""The folder of a sensor that looks straight at its skin and knows its twin: enough to simulate and to rectify, at once."""
+
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+
+import cv2
+
+from ninedtact.calibration.record import FORMAT, Depth, FitFigures, Grid, LensTable, Picture, SensorRecord, TwinTable
+from ninedtact.calibration.sensor_folder import RECORD, record_toml
+from ninedtact.design import Gel, SensorDesign
+from ninedtact.shape.depth import DepthCurve, Smoothing
+from ninedtact.simulation.twin import default_twin
+
+ROWS, COLS, MM_PER_PX = 480, 640, 0.05
+UNITS_PER_MM = 2 / (COLS * MM_PER_PX)
+
+
+def twin_folder(path: Path) -> Path:
+    """Write it."""
+    twin = default_twin()
+    path.mkdir()
+    cv2.imwrite(str(path / "untouched.png"), twin.renderer(None))
+    digest = sha256((path / "untouched.png").read_bytes()).hexdigest()
+    record = SensorRecord(
+        format=FORMAT,
+        id="twin",
+        created=datetime(2026, 1, 1, tzinfo=UTC),
+        software="test",
+        design=SensorDesign(),
+        grid=Grid(MM_PER_PX, ROWS, COLS, calibrated_area_mm=(-12.0, 12.0, -9.0, 9.0)),
+        lens=LensTable((UNITS_PER_MM, 0.0, 0.0, 0.0, UNITS_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
+        depth=Depth("ratio", 0.01, Smoothing(), DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01))),
+        twin=TwinTable(Gel(), twin.renderer.light, 1.0, FitFigures(0.1, 0.4, 2.0, (0.0, 0.0), 100.0, 1.0, {})),
+        pictures={"ball_reference": Picture("untouched.png", digest)},
+    )
+    (path / RECORD).write_bytes(record_toml(record))
+    return path
