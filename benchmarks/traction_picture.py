@@ -32,7 +32,9 @@ PRESSES = (
 
 
 def traction_picture(
-    out: Path = Path("docs/pictures/force_physics.png"), folders: Path = Path("/tmp/traction/folders"), number: int = 23
+    out: Path = Path("docs/pictures/force_physics.png"),
+    folders: Path = Path("out/force_study/sensors"),
+    number: int = 23,
 ) -> None:
     """One row for each press: truth, then what was read."""
     cv2.setNumThreads(1)

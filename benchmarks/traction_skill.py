@@ -26,10 +26,33 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Coverage, Doubt, Frame, Reading, Rectified, WrenchEstimate
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
+from ninedtact.simulation.dataset.job import make_dataset
+from ninedtact.simulation.dataset.settings import DatasetSettings
 from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
 from ninedtact.simulation.population.member import SensorMember, member_from
 from ninedtact.simulation.rectified import FULL_MM_PER_PX, grey_eye, mm_per_px
 
+FAMILIES = {
+    "cells",
+    "dial",
+    "saddle",
+    "profile_bar",
+    "pyramid",
+    "foam",
+    "spring",
+    "ring",
+    "punch",
+    "letter",
+    "puzzle",
+    "molar",
+    "blob",
+    "ball",
+    "caltrop",
+    "cylinder",
+    "dots",
+    "spiral",
+}
 BELOW_SKIN_MM = np.array([0.0, 0.0, -35.0])
 WEIGHT_N = 1.96
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -50,8 +73,8 @@ class Judged:
 
 
 def traction_skill(
-    dataset: Path = Path("/tmp/gen/quick"),
-    folders: Path = Path("/tmp/traction/folders"),
+    dataset: Path = Path("out/force_study/pairs"),
+    folders: Path = Path("out/force_study/sensors"),
     sensors: tuple[int, int] = (20, 40),
     every: int = 1,
     weight_n: float = WEIGHT_N,
@@ -59,6 +82,7 @@ def traction_skill(
 ) -> None:
     """Judge sensors from the first to before the second; of their pictures, each `every`th of the ordinary ones."""
     cv2.setNumThreads(1)
+    make_if_missing(dataset)
     found = list(judged(dataset, folders, sensors, every, weight_n, effort))
     mechanics = sorted({one.mechanics for one in found})
     for kind in ("bonded", "finite_strain", "compliant_base"):
@@ -71,6 +95,13 @@ def traction_skill(
     print(
         f"mechanics: {', '.join(mechanics)}; mean {np.mean([one.ms for one in found]):.0f} ms of processor a picture, cold"
     )
+
+
+def make_if_missing(dataset: Path) -> None:
+    """4,000 pairs of 40 sensors and objects of 18 families."""
+    if not (dataset / "README.md").is_file():
+        names = tuple(name for name in object_names(PAPER_COUNT) if name.rsplit("_", 1)[0] in FAMILIES)
+        make_dataset(dataset, DatasetSettings(pairs=4000, sensors=40, seed=1, size=(240, 180), names=names), workers=2)
 
 
 def judged(

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.design import Gel
     from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.shape.calibrated import CalibratedShape
 
 PHYSICS, NONE = "physics", "none"
 ENDING, WEIGHTS = ".onnx", ".pt"
@@ -30,6 +31,11 @@ def estimator_for(text: str, folder: "SensorFolder") -> "ForceEstimator":
 
 def unadapted(text: str, folder: "SensorFolder") -> "ForceEstimator":
     """The same, by the modulus that the design has."""
+    return on_sensor(text, folder.shape, gel_of(folder))
+
+
+def on_sensor(text: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
+    """The estimator of a sensor that is calibrated so, with this gel."""
     if text == NONE:
         from ninedtact.force.estimator import NoForce
 
@@ -37,18 +43,23 @@ def unadapted(text: str, folder: "SensorFolder") -> "ForceEstimator":
     if text == PHYSICS:
         from ninedtact.force.traction.estimator import traction_force
 
-        return traction_force(folder.shape, gel_of(folder))
-    if text.lower().endswith(ENDING):
+        return traction_force(shape, gel)
+    return from_file(Path(text).expanduser(), gel)
+
+
+def from_file(path: Path, gel: "Gel") -> "ForceEstimator":
+    """The network in a file; raises `EstimatorUnknown`, `ModelUnusable`, `WeightsUnusable`."""
+    if path.suffix.lower() == ENDING:
         from ninedtact.force.model_file import read_model
         from ninedtact.force.network_force import NetworkForce
 
-        return NetworkForce(read_model(Path(text).expanduser()), gel_of(folder))
-    if text.lower().endswith(WEIGHTS):
+        return NetworkForce(read_model(path), gel)
+    if path.suffix.lower() == WEIGHTS:
         from ninedtact.force.original import read_original
 
-        return read_original(Path(text).expanduser())
+        return read_original(path)
     raise EstimatorUnknown(
-        f"expected --force {PHYSICS}, {NONE}, a force model (*{ENDING}) or the original's weights (*{WEIGHTS}), got '{text}'; "
+        f"expected --force {PHYSICS}, {NONE}, a force model (*{ENDING}) or the original's weights (*{WEIGHTS}), got '{path}'; "
         "name one of these"
     )
 

@@ -5,6 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.answer import answer
+from ninedtact.cli.estimators import PHYSICS
+from ninedtact.cli.judged_data import Modulus
+from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.force.evaluation import Evaluation, Predictions
@@ -12,12 +15,29 @@ if TYPE_CHECKING:
 Point = tuple[float, float, float]
 
 
+class NothingToJudge(NinedtactError):
+    """Neither predictions nor a data set to make them on, or both."""
+
+
 @dataclass(frozen=True)
 class Evaluate:
-    """Judge predicted wrenches by the paper's table and beyond it, beside the published network's."""
+    """Judge wrenches by the paper's table and beyond it, beside the published network's: those in a file, or an
+    estimator's on a data set."""
 
-    predictions: Path
+    predictions: Path | None = None
     """CSV: Fx_N … Tz_Nm, predicted pFx … pTz, if claimed standard deviations eFx … eTz, object, sensor."""
+    data: Path | None = None
+    """Data set to judge an estimator on, in place of --predictions."""
+    force: str = PHYSICS
+    """The estimator: physics, a force model (.onnx) or the original's weights (.pt)."""
+    sensors: Path | None = None
+    """Folder with a sensor folder for each sensor of the data, by name. Twins calibrate themselves."""
+    modulus: Modulus = "true"
+    """How stiff the gels of twins are taken for: as they are, which is what weighed presses tell, or as designed."""
+    every: int = 1
+    """Judge every so many-th pair."""
+    workers: int = 2
+    """Processes that calibrate twins."""
     out: Path | None = None
     """Folder for a page to read (evaluation.html), its figures and all numbers."""
     about_mm: Point | None = None
@@ -45,14 +65,40 @@ class Evaluate:
     @property
     def judged(self) -> "Predictions":
         """What is judged, its torques about the point that was asked for; raises `PredictionsUnusable`."""
+        found = self.made if self.data is not None else self.stored
+        return found if self.about_mm is None else found.about(self.about_mm)
+
+    @property
+    def made(self) -> "Predictions":
+        """The estimator's, on the data set; raises `NothingToJudge`."""
+        from ninedtact.cli.judged_data import JudgedData
+        from ninedtact.force.evaluation.predictions_file import write_predictions
+
+        if self.predictions is not None or self.data is None:
+            raise NothingToJudge("expected --predictions or --data, got both; name one of them")
+        if self.every < 1:
+            raise NothingToJudge(f"expected --every of at least 1, got {self.every}; drop it")
+        made = JudgedData(
+            self.data, self.force, self.sensors, self.modulus, self.every, self.workers, progress=not self.json
+        ).predictions()
+        if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
+            write_predictions(self.out / "predictions.csv", made)
+        return made
+
+    @property
+    def stored(self) -> "Predictions":
+        """Those of the file; raises `PredictionsUnusable`, `NothingToJudge`."""
         from ninedtact.force.evaluation import Distribution
         from ninedtact.force.evaluation.predictions_file import read_predictions
         from ninedtact.force.evaluation.units import require_units
 
+        if self.predictions is None:
+            raise NothingToJudge("expected --predictions or --data, got neither; name a CSV file or a data set")
         found = read_predictions(self.predictions, Distribution(self.distribution), self.given_about_mm)
         if not self.trust_units:
             require_units(found)
-        return found if self.about_mm is None else found.about(self.about_mm)
+        return found
 
     def written(self, evaluation: "Evaluation", out: Path) -> dict[str, str]:
         """Page, figures and numbers; kind and path of each."""

@@ -1,0 +1,76 @@
+"""An estimator on a data set: every picture read by its own sensor, the answers beside the truth."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from ninedtact.cli.estimators import PHYSICS
+
+if TYPE_CHECKING:
+    from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.force.evaluation import Predictions
+    from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
+
+Modulus = Literal["true", "design"]
+
+
+@dataclass(frozen=True)
+class JudgedData:
+    """A data set, and what is judged on it."""
+
+    folder: Path
+    force: str = PHYSICS
+    sensors: Path | None = None
+    modulus: Modulus = "true"
+    every: int = 1
+    workers: int = 2
+    progress: bool = False
+
+    def predictions(self) -> "Predictions":
+        """All answers; raises what estimators and data sets raise."""
+        import numpy as np
+        from tqdm import tqdm
+
+        from ninedtact.force.evaluation import Distribution, Predictions
+        from ninedtact.recording.dataset.readings import readings
+
+        sensors = self.calibrated()
+        estimators: dict[str, ForceEstimator] = {}
+        truth, found, error, objects, names = [], [], [], [], []
+        for pair in tqdm(readings(self.folder, sensors, self.every), unit="pair", disable=not self.progress):
+            if pair.sensor not in estimators:
+                estimators[pair.sensor] = self.estimator(sensors[pair.sensor])
+            estimator = estimators[pair.sensor]
+            estimator.forget()
+            estimate = estimator.estimate(pair.reading)
+            truth.append(pair.wrench)
+            found.append(estimate.wrench.six)
+            error.append(estimate.error)
+            objects.append(pair.object)
+            names.append(pair.sensor)
+        six = [np.array(rows, float).reshape(-1, 6) for rows in (truth, found, error)]
+        distribution = Distribution.GAUSSIAN if self.force == PHYSICS else Distribution.LAPLACE
+        claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
+        return Predictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
+
+    def calibrated(self) -> "dict[str, CalibratedSensor]":
+        """Every sensor, its gel as stiff as a weighing would have told."""
+        from ninedtact.cli.own_sensors import members_of, sensors_for
+
+        sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
+        members = members_of(self.folder) if self.modulus == "true" else {}
+        return {
+            name: replace(
+                one,
+                gel=replace(one.gel, shear_modulus_mpa=members[name].gel.shear_modulus_mpa)
+                if name in members
+                else one.gel,
+            )
+            for name, one in sensors.items()
+        }
+
+    def estimator(self, sensor: "CalibratedSensor") -> "ForceEstimator":
+        """The one that was named, on this sensor."""
+        from ninedtact.cli.estimators import on_sensor
+
+        return on_sensor(self.force, sensor.shape, sensor.gel)

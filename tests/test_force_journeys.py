@@ -1,0 +1,146 @@
+"""What a person does to read forces: estimate from pictures, weigh a few presses, estimate again."""
+
+import csv
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ninedtact.calibration.flow import CalibrationPictures, calibrate
+from ninedtact.calibration.written import write_sensor
+from ninedtact.cli import main
+from ninedtact.force.adaptation import G_STANDARD
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.twin import default_twin
+
+DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibrated sensor, a picture of its untouched skin, four of a ball pressed on it, and what they weigh."""
+    desk, twin = tmp_path_factory.mktemp("desk"), default_twin()
+    write_sensor(
+        desk / "sensor", calibrate(CalibrationPictures(**vars(gauge_pictures(twin, frames=8))), sensor_id="twin")
+    )
+    cv2.imwrite(str(desk / "untouched.png"), twin.renderer(None, 50))
+    contacts = [Press(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).on(twin, Ball(5.0)) for depth in DEPTHS_MM]
+    for number, contact in enumerate(contacts):
+        cv2.imwrite(str(desk / f"press_{number}.png"), twin.renderer(contact, 60 + number))
+    np.save(desk / "wrenches.npy", [contact.wrench().six for contact in contacts])
+    return desk
+
+
+def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict:
+    assert main([str(word) for word in (*words, "--json")]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def presses(desk: Path) -> list[Path]:
+    return [desk / f"press_{number}.png" for number in range(len(DEPTHS_MM))]
+
+
+def estimated(desk: Path, capsys: pytest.CaptureFixture[str], *more: str | Path) -> np.ndarray:
+    found = asked(
+        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", *more, *presses(desk)
+    )
+    names = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm")
+    return np.array([[row[name] for name in names] for row in found["wrenches"]])
+
+
+def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = np.load(desk / "wrenches.npy")
+    before = estimated(desk, capsys, "--out", tmp_path / "wrenches.csv")
+    assert before[:, 2] == pytest.approx(true[:, 2], rel=0.25)
+    assert (before[:, 0] > 0).all() and before[:, 0] == pytest.approx(true[:, 0], rel=0.3, abs=0.1)
+    with (tmp_path / "wrenches.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["Fz_N"]) for row in rows] == pytest.approx(before[:, 2].tolist())
+    stiff = 1.3  # as if the gel were stiffer than designed: the scale would show more
+    grams = -true[:, 2] * stiff / G_STANDARD * 1e3
+    weighed = [
+        word for path, each in zip(presses(desk), grams, strict=True) for word in ("--press", path, f"{each:.1f}")
+    ]
+    told = asked(capsys, "adapt", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", *weighed)
+    assert told["by_factor"] < 0.5 * told["unadapted"] and told["adaptation"]["presses"] == len(DEPTHS_MM)
+    after = estimated(desk, capsys)
+    assert after[:, 2] == pytest.approx(stiff * true[:, 2], rel=0.12)
+    (desk / "sensor" / "force.toml").unlink()
+
+
+def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = asked(
+        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", "--about-mm", "0", "0", "-35",
+        desk / "untouched.png",
+    )  # fmt: skip
+    (row,) = found["wrenches"]
+    assert not row["touching"] and not any(row[name] for name in ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm"))
+
+
+def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    at_skin, below = estimated(desk, capsys), estimated(desk, capsys, "--about-mm", "0", "0", "-35")
+    assert below[:, 4] == pytest.approx(at_skin[:, 4] + 0.035 * at_skin[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("estimate", "--sensor", "sensor", "press_0.png"), "--reference"),
+        (("estimate", "--sensor", "sensor", "--reference", "untouched.png"), "name them after the options"),
+        (("estimate", "--sensor", "sensor", "--reference", "untouched.png", "press_0.png", "sensor"), "once for each"),
+        (("estimate", "--sensor", "sensor", "--reference", "untouched.png", "lost.png"), "lost.png"),
+        (("estimate", "--reference", "untouched.png", "press_0.png"), "--sensor"),
+        (
+            ("estimate", "--sensor", "sensor", "--force", "magic", "--reference", "untouched.png", "press_0.png"),
+            "physics",
+        ),
+        (
+            ("estimate", "--sensor", "sensor", "--force", "lost.onnx", "--reference", "untouched.png", "press_0.png"),
+            "lost",
+        ),
+        (
+            ("adapt", "--sensor", "sensor", "--reference", "untouched.png", "--press", "press_1.png", "300"),
+            "at least 2",
+        ),
+        (
+            ("adapt", "--sensor", "sensor", "--reference", "untouched.png", "--press", "untouched.png", "300"),
+            "untouched.png: ",
+        ),
+        (("adapt", "--sensor", "sensor", "--reference", "untouched.png", "--press", "press_1.png", "-3"), "above zero"),
+        (
+            ("adapt", "--sensor", "sensor", "--reference", "untouched.png", "--force", "none", "--press", "a.png", "3"),
+            "none",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(
+    desk: Path, words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(desk)
+    assert main(list(words)) == 1
+    (sentence,) = capsys.readouterr().err.splitlines()
+    assert sentence.startswith("ninedtact: ") and "expected" in sentence and said in sentence
+    assert not (desk / "sensor" / "force.toml").exists()
+
+
+def test_an_estimator_is_judged_on_a_data_set_by_sensors_that_calibrate_themselves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pairs = tmp_path / "pairs"
+    of_twin = (
+        "--pairs 14 --sensors 1 --names ball:4 star_01 --pitch-mm 0.4 --workers 1 --no-contact 0.2 --compliant-base 0"
+    )
+    asked(capsys, "simulate", "dataset", "--out", pairs, *of_twin.split(), "--finite-strain", "0")
+    told = asked(capsys, "evaluate", "--data", pairs, "--workers", "1", "--out", tmp_path / "report")
+    assert told["pairs"] == 14 and told["skill"][2] > 0.6 and told["untouched"]["largest_force_n"] == 0
+    again = asked(capsys, "evaluate", "--predictions", tmp_path / "report" / "predictions.csv", "--trust-units")
+    assert again["skill"] == pytest.approx(told["skill"])
+    assert main(["evaluate", "--data", str(pairs), "--predictions", "some.csv"]) == 1
+    assert main(["evaluate"]) == 1
+    assert "got neither" in capsys.readouterr().err
