@@ -34,10 +34,10 @@ class JudgedData:
         from ninedtact.force.evaluation import Distribution, Predictions
         from ninedtact.recording.dataset.readings import readings
 
-        sensors = self.calibrated()
+        sensors, refused = self.calibrated()
         estimators: dict[str, ForceEstimator] = {}
         truth, found, error, objects, names = [], [], [], [], []
-        for pair in tqdm(readings(self.folder, sensors, self.every), unit="pair", disable=not self.progress):
+        for pair in tqdm(readings(self.folder, sensors, self.every, refused), unit="pair", disable=not self.progress):
             if pair.sensor not in estimators:
                 estimators[pair.sensor] = self.estimator(sensors[pair.sensor])
             estimator = estimators[pair.sensor]
@@ -53,21 +53,23 @@ class JudgedData:
         claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
         return Predictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
 
-    def calibrated(self) -> "dict[str, CalibratedSensor]":
-        """Every sensor, its gel as stiff as a weighing would have told."""
-        from ninedtact.cli.own_sensors import members_of, sensors_for
+    def calibrated(self) -> "tuple[dict[str, CalibratedSensor], dict[str, str]]":
+        """Every sensor, its gel as stiff as a weighing would have told; and those that could not be calibrated."""
+        from ninedtact.cli.own_sensors import members_of, sensors_for, tell_refused
 
-        sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
+        known = sensors_for(self.folder, self.sensors, self.workers, self.progress)
+        tell_refused(known.refused)
         members = members_of(self.folder) if self.modulus == "true" else {}
-        return {
+        sensors = {
             name: replace(
                 one,
                 gel=replace(one.gel, shear_modulus_mpa=members[name].gel.shear_modulus_mpa)
                 if name in members
                 else one.gel,
             )
-            for name, one in sensors.items()
+            for name, one in known.by_name.items()
         }
+        return sensors, known.refused
 
     def estimator(self, sensor: "CalibratedSensor") -> "ForceEstimator":
         """The one that was named, on this sensor."""

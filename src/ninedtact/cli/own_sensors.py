@@ -1,17 +1,21 @@
 """The calibrations that a data set's heights are read by: sensor folders that were given, or made by its twins of themselves."""
 
 import json
+import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.errors import NinedtactError
+from ninedtact.whole_file import write_whole
 
 if TYPE_CHECKING:
     from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
     from ninedtact.simulation.population.member import SensorMember
 
+REFUSED = "refused.txt"
 OWN, FRAMES, BOARD_MM = "sensors", 8, 0.85
 """Folder in the data set; pictures averaged for each as a guided calibration averages them; how deep the board is pressed."""
 
@@ -31,8 +35,18 @@ def members_of(data: Path) -> dict[str, "SensorMember"]:
     return {table["name"]: member_from(table) for table in tables}
 
 
-def sensors_for(data: Path, given: Path | None, workers: int, progress: bool) -> dict[str, "CalibratedSensor"]:
-    """By name; raises `SensorsNotKnown`, `SensorFolderDamaged`."""
+@dataclass(frozen=True)
+class KnownSensors:
+    """The calibrations of a data set's sensors."""
+
+    by_name: "dict[str, CalibratedSensor]"
+    refused: dict[str, str]
+    """Twins that no calibration was possible of, each with the reason: their pairs are left out."""
+
+
+def sensors_for(data: Path, given: Path | None, workers: int, progress: bool) -> KnownSensors:
+    """Raises `SensorsNotKnown`, `SensorFolderDamaged`."""
+    refused: dict[str, str] = {}
     if given is None and not (members := members_of(data)):
         raise SensorsNotKnown(
             f"expected the calibrations of the sensors of {data}, got none; give --sensors, a folder that holds a sensor folder "
@@ -40,32 +54,58 @@ def sensors_for(data: Path, given: Path | None, workers: int, progress: bool) ->
         )
     if given is None:
         given = data / OWN
-        calibrate_twins(members, given, workers, progress)
-    return {path.parent.name: read(path.parent) for path in sorted(given.glob("*/sensor.toml"))}
+        refused = calibrate_twins(members, given, workers, progress)
+        if len(refused) == len(members):
+            raise SensorsNotKnown(
+                f"expected twins that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
+            )
+    return KnownSensors({path.parent.name: read(path.parent) for path in sorted(given.glob("*/sensor.toml"))}, refused)
 
 
-def calibrate_twins(members: Mapping[str, "SensorMember"], folder: Path, workers: int, progress: bool) -> None:
-    """Each from its own board and ball, as a person would; those that are there already stay."""
+def calibrate_twins(
+    members: Mapping[str, "SensorMember"], folder: Path, workers: int, progress: bool
+) -> dict[str, str]:
+    """Each from its own board and ball, as a person would, those that are there already apart; why some could not be."""
     from tqdm import tqdm
 
     from ninedtact.recording.dataset.workers import as_done
 
-    jobs = [
-        (member, folder / name) for name, member in members.items() if not (folder / name / "sensor.toml").is_file()
-    ]
+    jobs = [(member, folder / name) for name, member in members.items() if not is_tried(folder / name)]
     with tqdm(total=len(jobs), unit="sensor", disable=not (progress and jobs)) as bar:
         for _ in as_done(calibrate_twin, jobs, workers):
             bar.update()
+    return {name: (folder / name / REFUSED).read_text() for name in members if (folder / name / REFUSED).is_file()}
+
+
+def tell_refused(refused: Mapping[str, str]) -> None:
+    """One line on standard error for each."""
+    for name, reason in refused.items():
+        print(
+            f"ninedtact: pairs of {name} are left out, it could not be calibrated: {reason}",
+            file=sys.stderr,
+            flush=True,
+        )
+
+
+def is_tried(folder: Path) -> bool:
+    """Whether a sensor was calibrated there, or could not be."""
+    return any((folder / name).is_file() for name in ("sensor.toml", REFUSED))
 
 
 def calibrate_twin(member: "SensorMember", out: Path) -> None:
-    """A sensor folder of it."""
+    """A sensor folder of it, or the reason why there can be none."""
     from ninedtact.calibration.flow import CalibrationPictures, calibrate
     from ninedtact.calibration.written import write_sensor
     from ninedtact.simulation.gauges import gauge_pictures
 
     pictures = gauge_pictures(member.twin(), board_depth_mm=BOARD_MM, frames=FRAMES)
-    write_sensor(out, calibrate(CalibrationPictures(**vars(pictures)), sensor_id=member.name))
+    try:
+        made = calibrate(CalibrationPictures(**vars(pictures)), sensor_id=member.name)
+    except NinedtactError as refusal:
+        out.mkdir(parents=True, exist_ok=True)
+        write_whole(out / REFUSED, str(refusal).encode())
+    else:
+        write_sensor(out, made)
 
 
 def read(folder: Path) -> "CalibratedSensor":

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ninedtact.cli.own_sensors import members_of, sensors_for
+from ninedtact.cli.own_sensors import members_of, sensors_for, tell_refused
 
 if TYPE_CHECKING:
     from ninedtact.force.inputs import InputSettings
@@ -39,8 +39,16 @@ class TrainingData:
         from ninedtact.recording.dataset.heights import height_pairs
 
         sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
-        pairs = height_pairs(self.folder, sensors, self.grid.grid, workers=self.workers, progress=self.progress)
-        thickness = [sensors[name].gel.thickness_mm for name in pairs.sensors.tolist()]
+        tell_refused(sensors.refused)
+        pairs = height_pairs(
+            self.folder,
+            sensors.by_name,
+            self.grid.grid,
+            workers=self.workers,
+            left_out=sensors.refused,
+            progress=self.progress,
+        )
+        thickness = [sensors.by_name[name].gel.thickness_mm for name in pairs.sensors.tolist()]
         names = pairs.objects.tolist(), pairs.sensors.tolist()
         return Examples(
             pairs.z_mm, pairs.wrenches, *names, thickness_mm=np.array(thickness, np.float32)

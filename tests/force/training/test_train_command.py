@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,8 @@ import pytest
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
-from ninedtact.cli.own_sensors import sensors_for
+from ninedtact.cli.own_sensors import calibrate_twins, sensors_for, tell_refused
+from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import grey_of
 from ninedtact.force.inputs import Channels, InputSettings, NetworkInput, height_channels
 from ninedtact.force.model_file import read_model
@@ -19,6 +21,7 @@ from ninedtact.recording.dataset.columns import write_rows, write_untouched
 from ninedtact.recording.dataset.heights import height_pairs
 from ninedtact.recording.dataset.rows import Row, UntouchedPicture
 from ninedtact.recording.dataset.sensor_heights import SensorMissing
+from ninedtact.simulation.population.member import member
 from ninedtact.whole_file import write_whole
 
 MM_PER_PX = 0.0522
@@ -80,7 +83,7 @@ def sensors(tmp_path_factory: pytest.TempPathFactory, twin_sensor: SensorFolder)
 
 
 def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_sensor: SensorFolder) -> None:
-    pairs = height_pairs(folder, sensors_for(folder, sensors, 1, progress=False), GRID.grid)
+    pairs = height_pairs(folder, sensors_for(folder, sensors, 1, progress=False).by_name, GRID.grid)
     assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(24)]
     row = pairs.ids.tolist().index("005")
     reader = twin_sensor.shape.reader_against(grey_of(picture_of(0, 99), MM_PER_PX))
@@ -92,7 +95,7 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
 
 
 def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calibrated = sensors_for(folder, sensors, 1, progress=False)
+    calibrated = sensors_for(folder, sensors, 1, progress=False).by_name
     whole = height_pairs(folder, calibrated, GRID.grid)
     first, second = sorted(folder.glob("cache/heights-*/*.npy"))
     second.unlink()
@@ -146,9 +149,37 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
 
 def test_pictures_that_no_calibration_fits_are_refused(sensors: Path, tmp_path: Path) -> None:
     small = data_set(tmp_path / "small", pairs=4, size=(64, 48))
-    calibrated = sensors_for(small, sensors, 1, progress=False)
+    calibrated = sensors_for(small, sensors, 1, progress=False).by_name
     with pytest.raises(SensorMissing, match="460 x 345, as sensor 'a'"):
         height_pairs(small, calibrated, GRID.grid)
     del calibrated["b"]
     with pytest.raises(SensorMissing, match="'b'"):
         height_pairs(small, calibrated, GRID.grid)
+
+
+def test_pairs_of_a_twin_that_could_not_be_calibrated_are_left_out(folder: Path, sensors: Path, tmp_path: Path) -> None:
+    calibrated = sensors_for(folder, sensors, 1, progress=False).by_name
+    whole = height_pairs(folder, calibrated, GRID.grid)
+    some = height_pairs(folder, {"a": calibrated["a"]}, GRID.grid, tmp_path / "cache", left_out=["b"])
+    of_a = whole.sensors == "a"
+    assert 0 < of_a.sum() < len(of_a) and (some.sensors == "a").all()
+    np.testing.assert_array_equal(some.z_mm, whole.z_mm[of_a])
+    np.testing.assert_array_equal(some.wrenches, whole.wrenches[of_a])
+
+
+def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tried: list[str] = []
+
+    def refuse(pictures: object, *, sensor_id: str) -> None:
+        tried.append(sensor_id)
+        raise NinedtactError("expected a ball, got none; press one")
+
+    monkeypatch.setattr("ninedtact.calibration.flow.calibrate", refuse)
+    twins = {"one": replace(member(0), name="one")}
+    for _ in range(2):
+        refused = calibrate_twins(twins, tmp_path, workers=1, progress=False)
+    assert tried == ["one"] and refused == {"one": "expected a ball, got none; press one"}
+    tell_refused(refused)
+    assert "pairs of one are left out" in capsys.readouterr().err

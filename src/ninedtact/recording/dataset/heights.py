@@ -6,7 +6,7 @@ The digest is of the data, the grid and the calibrations. Every file appears who
 reading that was stopped goes on.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
@@ -43,21 +43,26 @@ def height_pairs(
     cache: Path | None = None,
     workers: int = 1,
     *,
+    left_out: Collection[str] = (),
     progress: bool = False,
 ) -> HeightPairs:
-    """All heights of a data set, read now where they are not yet; raises `DataSetDamaged`, `SensorMissing`, `FileNotWritten`."""
+    """All heights of a data set but those of sensors that are left out, read now where they are not yet.
+
+    Raises `DataSetDamaged`, `SensorMissing`, `FileNotWritten`.
+    """
     files = pair_files(folder)
     table = columns_of(files)
     wrenches, names = six_of(table), np.array(words(table, "sensor"))
     require_whole(folder, wrenches, codes_in(names_in(folder / REFERENCES), table["reference"].to_pylist()))
-    require_sensors(names, sensors)
+    kept = ~np.isin(names, list(left_out))
+    require_sensors(names[kept], sensors)
     cache = folder / "cache" if cache is None else cache
     place = cache / f"heights-{digest(files, cache, sensors, grid)}"
     make_folder(place)
     read_missing(files, place, sensors, grid, workers, progress)
     z_mm = np.concatenate([np.load(path_of(place, file), mmap_mode="r") for file in files])
     objects = np.array([name or NO_OBJECT for name in words(table, "object")])
-    return HeightPairs(np.array(ids_of(table)), z_mm, wrenches, objects, names)
+    return HeightPairs(np.array(ids_of(table))[kept], z_mm[kept], wrenches[kept], objects[kept], names[kept])
 
 
 def require_sensors(names: Shaped[Array, " n"], sensors: Mapping[str, CalibratedSensor]) -> None:
@@ -101,5 +106,6 @@ def read_missing(
 
 
 def those_of(file: Path, sensors: Mapping[str, CalibratedSensor]) -> dict[str, CalibratedSensor]:
-    """The sensors of one file: a process is sent no others."""
-    return {name: sensors[name] for name in {row["sensor"] or "" for row in rows_of(file, ["sensor"])}}
+    """The sensors of one file that are known: a process is sent no others."""
+    names = {row["sensor"] or "" for row in rows_of(file, ["sensor"])}
+    return {name: sensors[name] for name in names if name in sensors}

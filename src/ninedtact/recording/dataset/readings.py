@@ -1,6 +1,6 @@
 """Pictures of a data set as a sensor would have read them: what estimators of force are judged on."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,15 +36,17 @@ class JudgedPair:
     kind: str
 
 
-def readings(folder: Path, sensors: Mapping[str, CalibratedSensor], every: int = 1) -> Iterator[JudgedPair]:
-    """Every so many-th pair of a data set; raises `SensorMissing`, `DataSetDamaged`."""
+def readings(
+    folder: Path, sensors: Mapping[str, CalibratedSensor], every: int = 1, left_out: Collection[str] = ()
+) -> Iterator[JudgedPair]:
+    """Every so many-th pair of a data set but those of sensors that are left out; raises `SensorMissing`, `DataSetDamaged`."""
     number = 0
     for file in pair_files(folder):
         untouched = untouched_of(file)
         bound: dict[tuple[str, str], DepthReader] = {}
         for row in rows_of(file, ASKED):
             number += 1
-            if (number - 1) % every == 0:
+            if (number - 1) % every == 0 and row["sensor"] not in left_out:
                 yield judged(row, untouched, sensors, bound, file)
 
 

@@ -36,13 +36,18 @@ class CalibratedSensor:
 
 
 def read_file(file: Path, target: Path, sensors: Mapping[str, CalibratedSensor], grid: PlaceGrid) -> None:
-    """Heights of one Parquet file; raises `DataSetDamaged`, `SensorMissing`, `FileNotWritten`."""
+    """Heights of one Parquet file, zero for sensors that are not given.
+
+    Raises `DataSetDamaged`, `SensorMissing`, `FileNotWritten`.
+    """
     untouched = untouched_of(file)
     readers: dict[tuple[str, str], DepthReader] = {}
     rows = list(rows_of(file, COLUMNS))
     found = np.zeros((len(rows), grid.rows, grid.cols), np.float16)
     for number, row in enumerate(rows):
         key = row["sensor"] or "", row["reference"]
+        if key[0] not in sensors:
+            continue
         picture = grey(row, file)
         if key not in readers:
             readers[key] = reader_for(sensors[key[0]], grey({**row, "picture": untouched[key[1]]}, file), key[0])
