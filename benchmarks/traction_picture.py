@@ -64,6 +64,7 @@ def draw_row(row: np.ndarray, contact: Contact, estimate: WrenchEstimate, grey: 
     )
     row[0].imshow(grey, cmap="gray", extent=(-12, 12, 9, -9))
     row[0].set_title("picture", fontsize=9)
+    row[0].set(xlabel="x (mm)", ylabel="y (mm)")
     most = float(true.pressure_mpa.max())
     wrench = contact.wrench()
     draw(row[1], true, most, "true: " + told(wrench.force_n, wrench.torque_nm))
@@ -85,7 +86,7 @@ def draw(axes: plt.Axes, traction: Traction, most: float, title: str) -> None:
     every = np.s_[::2, ::2]
     q_x, q_y = (part[every] for part in traction.shear_mpa)
     axes.quiver(x[every], y[every], q_x, q_y, color="cyan", angles="xy", scale=most * 8, width=0.004)
-    axes.set(xlim=(-12, 12), ylim=(9, -9))
+    axes.set(xlim=(-12, 12), ylim=(9, -9), xlabel="x (mm)")
     axes.set_title(title, fontsize=8)
 
 

@@ -8,7 +8,7 @@ stream.py        Stream (MJPEG or RTSP over the network)
 files.py         VideoFile, PictureFolder; picture_list.py PictureList, pictures that were named one by one
 freshest.py      Freshest(source): the newest picture, never a stale one
 as_if_now.py     AsIfNow(source): a recording at its own pace, stamped when it is read
-reconnecting.py  Reconnecting(source): survives an unplugged cable
+reconnecting.py  Reconnecting(source): survives an unplugged cable; returning.py how a device is waited for
 address.py       source_for("0" | "/dev/video0" | URL | FILE | FOLDER)
 force_torque/    force/torque sensors: Bota, ATI, OnRobot, serial; tared, mounted, watched
 sampling_rule.py which moments of a contact are worth keeping

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import tyro
 
@@ -13,6 +13,8 @@ from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.force.adaptation import Judged, WeighedPress
+    from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.shape.calibrated import CalibratedShape
 
 
 class NothingWeighed(NinedtactError):
@@ -62,7 +64,7 @@ class Adapt:
         }
         return answer(self.json, figures, lines(presses, judged, kept))
 
-    def weighed(self, shape: Any, estimator: Any) -> "Iterator[WeighedPress]":
+    def weighed(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[WeighedPress]":
         """Every press as the estimator reads it; raises `AdaptationImpossible`, naming the picture."""
         from ninedtact.capture.picture_list import PictureList
         from ninedtact.capture.pictures import read_picture

@@ -13,8 +13,10 @@ from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.capture.source import FrameSource
+    from ninedtact.force.estimator import ForceEstimator
     from ninedtact.quantities import Frame, Reading
     from ninedtact.sensor import Sensor
+    from ninedtact.shape.calibrated import CalibratedShape
 
 Point = tuple[float, float, float]
 COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
@@ -58,7 +60,7 @@ class Estimate:
         figures = {"estimator": estimator.name, "about_mm": self.about_mm, "wrenches": found}
         return answer(self.json, figures, lines(found, self.out))
 
-    def readings(self, shape: Any, estimator: Any) -> "Iterator[tuple[str, Reading]]":
+    def readings(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Every picture read, with a name of its own."""
         from ninedtact.sensor import Sensor
 

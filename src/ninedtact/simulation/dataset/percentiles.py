@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.simulation.dataset.settings import BELOW_SKIN_MM
+from ninedtact.simulation.force_torque import BELOW_SKIN_MM
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 RANKS = (5, 50, 95)

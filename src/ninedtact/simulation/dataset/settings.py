@@ -4,15 +4,12 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from ninedtact.capture.sampling_rule import RuleSettings
-from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.dataset.hand import Hand
 from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
 from ninedtact.simulation.population.parts import Kinds
 from ninedtact.simulation.twin import PITCH_MM
 
-BELOW_SKIN_MM = -ForceTorqueMount().origin_mm[2]
-"""Where the paper's force/torque sensor sits; the percentiles are of torques about there."""
 FEWEST_PX = 16
 
 

@@ -17,7 +17,7 @@ from ninedtact.capture.files import PICTURE_SUFFIXES, counting_order
 from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, UntouchedPicture
 from ninedtact.recording.dataset.sources.pair_files import PairFiles, reference_in
 from ninedtact.recording.dataset.sources.source import Part, Source, SourceUnknown, Statements
-from ninedtact.simulation.dataset.settings import BELOW_SKIN_MM
+from ninedtact.simulation.force_torque import BELOW_SKIN_MM
 
 IMAGE, MIXED, WRENCH = "image", "mixed_image", "wrench"
 NORM = "_norm"
