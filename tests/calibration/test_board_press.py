@@ -1,10 +1,13 @@
 """The board drawn by a twin: what is known of it is found again, and a board that is not like it is not believed."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from ninedtact.calibration.board_press.fit import fit_board_press
+from ninedtact.calibration.board_press.observed import ObservedBoard
 from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, calibrate
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
@@ -82,11 +85,37 @@ def test_a_board_that_is_not_as_drawn_changes_nothing(calibrated_a: Calibration)
 
 
 def test_a_missing_pin_is_not_looked_at(together: Calibration) -> None:
-    from ninedtact.calibration.board_press.observed import ObservedBoard
-
     board, images = together.board, (together.pictures.board_reference, together.pictures.board)
     found = board.found.copy()
     found[0] = False
     before, after = (together.rectify(Frame(image)) for image in images)
     seen = ObservedBoard(before, after, replace(board, found=found)).points_mm
     assert np.hypot(*(seen - board.points_mm[0]).T).min() > 0.5 * board.board.pitch_mm
+
+
+FOLDING = (0.35, 1.5, -2.3)
+"""Radial terms that follow a strong lens up to the outermost pins, and fold it over in the corners beyond."""
+
+
+def test_places_where_a_lens_folds_the_picture_are_not_looked_at(together: Calibration) -> None:
+    board, images = together.board, (together.pictures.board_reference, together.pictures.board)
+    before, after = (together.rectify(Frame(image)) for image in images)
+    plain, folded = (
+        ObservedBoard(before, after, replace(board, refined=replace(board.lens, radial=radial)))
+        for radial in ((0.0,), FOLDING)
+    )
+    assert 0 < len(folded.points_mm) < len(plain.points_mm)
+    assert folded.spread(folded.points_mm).min() > 0 > folded.spread(plain.points_mm).min()
+
+
+def test_a_fit_whose_lens_folds_is_not_believed(together: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ends without an answer, and the calibration keeps the lens of the pins."""
+    assert together.ball.physical is not None
+    board = together.board
+    before, after = (
+        together.rectify(Frame(image)) for image in (together.pictures.board_reference, together.pictures.board)
+    )
+    astray = replace(board.lens, radial=FOLDING)
+    monkeypatch.setattr("ninedtact.calibration.board_press.fit.refit", lambda *_: SimpleNamespace(lens=astray))
+    told = fit_board_press(ObservedBoard(before, after, board), together.ball.physical.fit)
+    assert not told.settled and not told.believed

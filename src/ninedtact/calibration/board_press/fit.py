@@ -18,7 +18,7 @@ from ninedtact.calibration.board_press.forward import BoardForward, BoardPress, 
 from ninedtact.calibration.board_press.observed import ObservedBoard
 from ninedtact.calibration.twin.confidence import independent_points
 from ninedtact.calibration.twin.fit import Belief, TwinFit
-from ninedtact.shape.lens import LensModel, Points
+from ninedtact.shape.lens import LensModel, PointNotSeen, Points
 
 WORST_REST = 0.06
 """Part of the imprints' contrast that may stay unexplained, as of a ball's darkening (ball/judgement.py): boards whose pins are
@@ -106,7 +106,10 @@ class BoardMatch:
             # Parameters of a lens stand in for each other far too much to be stepped themselves.
             asked_mm = at_mm + moves @ change[len(LARGEST) : -LIGHT_TERMS]
             lens = refit(asked_mm[::FEWER], pixels[::FEWER], lens).lens
-            at_mm = seen_at(lens, pixels, asked_mm)
+            try:
+                at_mm = seen_at(lens, pixels, asked_mm)
+            except PointNotSeen:
+                return self.found(press, lens, step, settled=False)
             settled = bool((np.abs(as_row(moved) - as_row(press)) < SETTLED).all())
             press = moved
             if settled:
@@ -157,9 +160,14 @@ def lens_moves(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
 
 
 def seen_at(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
-    """Places that pixels see, from places near them (Newton)."""
+    """Places that pixels see, from places near them (Newton); raises `PointNotSeen` where the lens folds the picture over."""
     for _ in range(NEWTON):
-        near_mm = near_mm + np.linalg.solve(lens.px_per_mm(near_mm), (pixels - lens.to_px(near_mm))[..., None])[..., 0]
+        slope = lens.px_per_mm(near_mm)
+        if not (np.linalg.det(slope) > 0).all():
+            raise PointNotSeen(
+                "expected a lens that shows every place once, got one that folds; the fit has lost its way"
+            )
+        near_mm = near_mm + np.linalg.solve(slope, (pixels - lens.to_px(near_mm))[..., None])[..., 0]
     return near_mm
 
 

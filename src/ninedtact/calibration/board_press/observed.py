@@ -18,6 +18,8 @@ AROUND = 0.6
 """How far around a pin the picture is fitted, in pitches: up to half-way to the next one, and a little over."""
 EVERY_PX = 3
 """Of rows and columns."""
+LEAST_SPREAD = 0.1
+"""Of the middle's pixels per square millimetre: a lens fitted to pins may fold the picture over beyond the outermost."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,15 @@ class ObservedBoard:
             among &= np.hypot(x - pin_x, y - pin_y) > away
         every = np.zeros_like(among)
         every[::EVERY_PX, ::EVERY_PX] = True
-        return np.asarray(among & every)
+        among &= every
+        among[among] = self.spread(np.column_stack([x[among], y[among]])) > LEAST_SPREAD
+        return np.asarray(among)
+
+    def spread(self, points_mm: Points) -> Float[Array, " n"]:
+        """Pixels of the raw picture per square millimetre there, over that in the middle; below zero where it is folded over."""
+        lens = self.board.lens
+        here, middle = (np.linalg.det(lens.px_per_mm(points)) for points in (points_mm, np.zeros((1, 2))))
+        return np.asarray(here / middle)
 
     @cached_property
     def points_mm(self) -> Points:
