@@ -22,6 +22,8 @@ from ninedtact.cli.estimate import Estimate
 from ninedtact.cli.evaluate import Evaluate
 from ninedtact.cli.export import Export
 from ninedtact.cli.live import Live
+from ninedtact.cli.model import DESCRIPTION as MODEL
+from ninedtact.cli.model import Model
 from ninedtact.cli.reconstruct import Reconstruct
 from ninedtact.cli.record import Record
 from ninedtact.cli.replay import Replay
@@ -46,6 +48,7 @@ Command = (
     | Annotated[ImportCalibration, tyro.conf.subcommand("import-calibration")]
     | Annotated[ExportCalibration, tyro.conf.subcommand("export-calibration")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Model, tyro.conf.subcommand("model", description=MODEL)]
     | Annotated[Estimate, tyro.conf.subcommand("estimate")]
     | Annotated[Adapt, tyro.conf.subcommand("adapt")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]

@@ -1,5 +1,6 @@
 """What a person names after --force: the physics of the gel, a force model, or nothing."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,12 @@ if TYPE_CHECKING:
     from ninedtact.force.estimator import ForceEstimator
     from ninedtact.shape.calibrated import CalibratedShape
 
-PHYSICS, NONE = "physics", "none"
+PHYSICS, NETWORK, NONE = "physics", "network", "none"
 ENDING, WEIGHTS = ".onnx", ".pt"
+
+
+class GateMissing(NinedtactError):
+    """An estimator was asked to answer without its gate, and cannot."""
 
 
 class EstimatorUnknown(NinedtactError):
@@ -44,7 +49,22 @@ def on_sensor(text: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimato
         from ninedtact.force.traction.estimator import traction_force
 
         return traction_force(shape, gel)
+    if text == NETWORK:
+        from ninedtact.force.shipped import SHIPPED
+
+        return from_file(SHIPPED, gel)
     return from_file(Path(text).expanduser(), gel)
+
+
+def ungated(estimator: "ForceEstimator") -> "ForceEstimator":
+    """A network that is asked about untouched skin too; raises `GateMissing`."""
+    from ninedtact.force.network_force import NetworkForce
+
+    if not isinstance(estimator, NetworkForce):
+        raise GateMissing(
+            f"expected a force model to ask without its gate, got {estimator.name!r}; drop --ungated, or give --force MODEL.onnx"
+        )
+    return replace(estimator, touching=lambda _: True)
 
 
 def from_file(path: Path, gel: "Gel") -> "ForceEstimator":
@@ -59,8 +79,8 @@ def from_file(path: Path, gel: "Gel") -> "ForceEstimator":
 
         return read_original(path)
     raise EstimatorUnknown(
-        f"expected --force {PHYSICS}, {NONE}, a force model (*{ENDING}) or the original's weights (*{WEIGHTS}), got '{path}'; "
-        "name one of these"
+        f"expected --force {NETWORK}, {PHYSICS}, {NONE}, a force model (*{ENDING}) or the original's weights (*{WEIGHTS}), got "
+        f"'{path}'; name one of these"
     )
 
 

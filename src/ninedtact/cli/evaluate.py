@@ -34,6 +34,8 @@ class Evaluate:
     """Folder with a sensor folder for each sensor of the data, by name. Twins calibrate themselves."""
     modulus: Modulus = "true"
     """How stiff the gels of twins are taken for: as they are, which is what weighed presses tell, or as designed."""
+    ungated: bool = False
+    """Ask a network about untouched skin too, which otherwise is zero without being asked about."""
     every: int = 1
     """Judge every so many-th pair."""
     workers: int = 2
@@ -79,7 +81,9 @@ class Evaluate:
         if self.every < 1:
             raise NothingToJudge(f"expected --every of at least 1, got {self.every}; drop it")
         made = JudgedData(
-            self.data, self.force, self.sensors, self.modulus, self.every, self.workers, progress=not self.json
+            *(self.data, self.force, self.sensors, self.modulus, self.every, self.workers),
+            progress=not self.json,
+            gate=not self.ungated,
         ).predictions()
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)

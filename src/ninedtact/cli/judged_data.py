@@ -25,6 +25,8 @@ class JudgedData:
     every: int = 1
     workers: int = 2
     progress: bool = False
+    gate: bool = True
+    """Whether a network is asked only where something touches."""
 
     def predictions(self) -> "Predictions":
         """All answers; raises what estimators and data sets raise."""
@@ -73,6 +75,7 @@ class JudgedData:
 
     def estimator(self, sensor: "CalibratedSensor") -> "ForceEstimator":
         """The one that was named, on this sensor."""
-        from ninedtact.cli.estimators import on_sensor
+        from ninedtact.cli.estimators import on_sensor, ungated
 
-        return on_sensor(self.force, sensor.shape, sensor.gel)
+        estimator = on_sensor(self.force, sensor.shape, sensor.gel)
+        return estimator if self.gate else ungated(estimator)

@@ -39,7 +39,7 @@ class NetworkForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """The wrench of the object on the skin about the skin's centre, zero exactly where nothing touches."""
-        if not self.touching(reading.height):
+        if not self.touching(reading):
             return WrenchEstimate(untouched(reading.frame.stamp_ns), self.error_of_nothing(reading), touching=False)
         seen = self.input(reading)
         found = self.estimate_many(seen[None])

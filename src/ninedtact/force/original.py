@@ -47,7 +47,7 @@ class OriginalForce(ForceEstimator):
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """The wrench of the object on the skin about the skin's centre, zero exactly where nothing touches."""
         error, stamp_ns = np.array(PUBLISHED_AT_SKIN.rmse), reading.frame.stamp_ns
-        if not self.touching(reading.height):
+        if not self.touching(reading):
             return WrenchEstimate(untouched(stamp_ns), error, touching=False)
         parts = self.parts(reading)
         six = LOWEST + parts.clip(0, 1) * (HIGHEST - LOWEST)

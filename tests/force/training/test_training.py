@@ -83,7 +83,7 @@ def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: Trained
 
     copy = tmp_path / "model.onnx"
     copy.write_bytes(trained.path.read_bytes())
-    rewrite_card(copy, msgspec.structs.replace(trained.model.card, evaluation={"test": {"skill": [0.9]}}))
+    rewrite_card(copy, msgspec.structs.replace(trained.model.card, evaluation={"test": {"skill": [0.9]}}), copy)
     again, shown = read_model(copy), np.zeros((1, *toy_settings().input.shape), np.float32)
     assert again.card.evaluation == {"test": {"skill": [0.9]}}
     np.testing.assert_array_equal(again(shown).wrench, trained.model(shown).wrench)

@@ -72,6 +72,22 @@ class Predictions:
         """Predicted minus true."""
         return self.predicted - self.truth
 
+    def those(self, chosen: Sequence[bool]) -> "Predictions":
+        """Some of the pairs; raises `PredictionsUnusable` where they are too few."""
+        rows = np.flatnonzero(chosen).tolist()
+        objects, sensors = (
+            None if names is None else [names[row] for row in rows] for names in (self.objects, self.sensors)
+        )
+        error = None if self.error is None else self.error[rows]
+        return replace(
+            self,
+            truth=self.truth[rows],
+            predicted=self.predicted[rows],
+            error=error,
+            objects=objects,
+            sensors=sensors,
+        )
+
     def about(self, point_mm: tuple[float, float, float]) -> "Predictions":
         """The same with all torques about another point, as `Wrench.about` moves one; raises `PredictionsUnusable`.
 

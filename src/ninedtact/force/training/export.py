@@ -35,10 +35,13 @@ def write_model(path: Path, network: WrenchNetwork, card: Card) -> ForceModel:
     return model
 
 
-def rewrite_card(path: Path, card: Card) -> None:
-    """Another card on the same graph: after an evaluation, for one; raises `ModelUnusable`, `FileNotWritten`."""
+def rewrite_card(path: Path, card: Card, out: Path) -> None:
+    """Another card on the same graph, as a file of its own or the same: after an evaluation, for one.
+
+    Raises `ModelUnusable`, `FileNotWritten`.
+    """
     read_model(path)
-    write_whole(path, with_card(onnx.load(str(path)), card))
+    write_whole(out, with_card(onnx.load(str(path)), card))
 
 
 def graph_of(network: WrenchNetwork, card: Card) -> onnx.ModelProto:

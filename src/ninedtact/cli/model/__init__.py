@@ -1,0 +1,12 @@
+"""ninedtact model: the force model that ships: its card, and how to make it."""
+
+from typing import Annotated
+
+import tyro
+
+from ninedtact.cli.model.make import Make
+from ninedtact.cli.model.show import Show
+
+Model = Annotated[Show, tyro.conf.subcommand("card")] | Annotated[Make, tyro.conf.subcommand("make")]
+"""Its subcommands."""
+DESCRIPTION = "A force model: what its card says, and how one is made from nothing."

@@ -1,0 +1,138 @@
+"""ninedtact model make: from nothing to a force model with its card, and a look at it at work."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from ninedtact.cli.answer import answer
+from ninedtact.cli.model.recipe import RECIPES, Recipe
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.cli.model.live_proof import Shown
+    from ninedtact.force.card import Card
+    from ninedtact.simulation.dataset.settings import DatasetSettings
+
+LEARN, JUDGE, TRAINING, SENSOR = "learn", "judge", "training", "sensor"
+"""Folders."""
+MODEL, PAGE = "model.onnx", "model_card.md"
+
+
+class MakingStopped(NinedtactError):
+    """Ctrl-C ended the command before there was a model."""
+
+
+@dataclass(frozen=True)
+class Make:
+    """Make a force model from nothing: simulate twins, train, judge on other twins and objects, and estimate live on a twin.
+
+    Run again after a stop, it goes on where it was.
+    """
+
+    out: Path
+    """Folder for the model, its card, the data sets and the training: new, or begun with the same recipe."""
+    recipe: Literal["small", "shipped"] = "small"
+    """small: a few minutes, to see that it works; shipped: the model of the package."""
+    name: str = "moments"
+    """What the model is called."""
+    workers: int = 2
+    """Processes that simulate and calibrate."""
+    json: bool = False
+    """Print the figures as one JSON object."""
+
+    def run(self) -> int:
+        """All steps, those that are done already apart; raises `MakingStopped`."""
+        from ninedtact.cli.train import require_libraries
+
+        require_libraries()
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+            return self.made(RECIPES[self.recipe])
+        except KeyboardInterrupt:
+            raise MakingStopped(
+                f"stopped by Ctrl-C; nothing in {self.out} was written half; run the command again to go on where it stopped"
+            ) from None
+
+    def made(self, recipe: Recipe) -> int:
+        """The steps."""
+        from ninedtact.cli.model.live_proof import live
+
+        self.say(f"1 of 4: {recipe.pairs} pairs to learn from, {recipe.judged_pairs} to judge on")
+        self.simulated(LEARN, recipe.to_learn)
+        self.simulated(JUDGE, recipe.to_judge)
+        self.say("2 of 4: every twin calibrates itself; a network learns")
+        self.trained(recipe)
+        self.say("3 of 4: judged on sensors and objects that it never saw")
+        card = self.carded()
+        self.say("4 of 4: live on one more twin")
+        shown = list(live(self.model, self.out / SENSOR))
+        figures = {"model": str(self.model), "card": str(self.out / PAGE), "evaluation": card.evaluation}
+        return answer(self.json, figures, self.lines(card, shown))
+
+    def simulated(self, name: str, settings: "DatasetSettings") -> None:
+        """One data set, whole."""
+        from ninedtact.simulation.dataset.job import make_dataset
+
+        make_dataset(self.out / name, settings, self.workers, progress=not self.json, device="auto")
+
+    def trained(self, recipe: Recipe) -> None:
+        """A model that knows how good it is on what it was checked with."""
+        from ninedtact.cli.train import Train
+
+        Train(
+            self.out / LEARN,
+            self.out / TRAINING,
+            epochs=recipe.epochs,
+            learning_rate=recipe.learning_rate,
+            held_out=recipe.held_out,
+            name=self.name,
+            reading_workers=self.workers,
+            json=self.json,
+        ).trained()
+
+    def carded(self) -> "Card":
+        """The model with what it was judged to be, and its card to read."""
+        from ninedtact.cli.model.judgement import judged
+        from ninedtact.force.card_page import page
+        from ninedtact.force.model_file import read_model
+        from ninedtact.force.training.export import rewrite_card
+        from ninedtact.force.training.folder import MODEL as LEARNT
+        from ninedtact.whole_file import write_whole
+
+        learnt = self.out / TRAINING / LEARNT
+        card = read_model(learnt).card
+        tables = judged(learnt, self.out / JUDGE, self.workers, not self.json).tables()
+        card = replace_evaluation(card, tables)
+        rewrite_card(learnt, card, self.model)
+        write_whole(self.out / PAGE, page(card).encode())
+        return card
+
+    @property
+    def model(self) -> Path:
+        """Where it is left."""
+        return self.out / MODEL
+
+    def say(self, sentence: str) -> None:
+        """What is under way."""
+        print(f"ninedtact: {sentence}", file=sys.stderr, flush=True)
+
+    def lines(self, card: "Card", shown: "list[Shown]") -> Iterator[str]:
+        """For a person."""
+        from ninedtact.cli.model.live_proof import HEADINGS
+        from ninedtact.force.card_page import page
+
+        yield page(card)
+        yield "Live on a twin, N and mN·m, true and estimated:"
+        yield "        " + "".join(f"  {heading:>7} {'found':>7}" for heading in HEADINGS)
+        yield from (one.line() for one in shown)
+        yield f"model: {self.model}; card: {self.out / PAGE}"
+        yield f"at work: ninedtact live --source sim --sensor {self.out / SENSOR} --force {self.model}"
+
+
+def replace_evaluation(card: "Card", tables: dict[str, dict[str, object]]) -> "Card":
+    """The card with these tables beside the one of its training."""
+    from msgspec.structs import replace as replaced
+
+    return replaced(card, evaluation={**card.evaluation, **tables})

@@ -1,0 +1,73 @@
+"""What a force model is made of: twins to learn from, and other twins touched by other objects to be judged on."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ninedtact.cli.training_data import HeldOut
+    from ninedtact.simulation.dataset.settings import DatasetSettings
+
+HELD_OUT = frozenset(
+    (
+        *("cells", "dial", "saddle", "profile_bar", "pyramid", "foam", "spring", "ring", "punch"),
+        *("letter", "puzzle", "molar", "blob", "ball", "caltrop", "cylinder", "dots", "spiral"),
+    )
+)
+"""18 families of objects, drawn once; no training sees one of them, so that what is judged is not a sibling of what was learnt."""
+LEARN_SEED, JUDGE_SEED, SHOW_SEED = 0, 2, 3
+"""Of the sensors: no two share one."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How much of everything."""
+
+    pairs: int
+    sensors: int
+    epochs: int
+    judged_pairs: int
+    judged_sensors: int
+    held_out: "HeldOut | None" = None
+    """What the epoch is chosen by; None: sensors and objects that are not learnt."""
+    learning_rate: float = 2e-3
+    pitch_mm: float = 0.3
+    judged_pitch_mm: float = 0.2
+    """Of the grids on which contacts are solved: what is judged on is solved finer than what is learnt from."""
+
+    @property
+    def to_learn(self) -> "DatasetSettings":
+        """Sensors of all mechanics, objects that are not held out."""
+        from ninedtact.simulation.dataset.settings import DatasetSettings
+
+        return DatasetSettings(
+            self.pairs, sensors=self.sensors, names=objects(held_out=False), seed=LEARN_SEED, pitch_mm=self.pitch_mm
+        )
+
+    @property
+    def to_judge(self) -> "DatasetSettings":
+        """Other sensors, most of them with the mechanics that estimators assume, and the objects held out."""
+        from ninedtact.simulation.dataset.settings import DatasetSettings
+        from ninedtact.simulation.population.parts import Kinds
+
+        return DatasetSettings(
+            self.judged_pairs,
+            sensors=self.judged_sensors,
+            names=objects(held_out=True),
+            seed=JUDGE_SEED,
+            kinds=Kinds(compliant_base=0.15, finite_strain=0.15),
+            pitch_mm=self.judged_pitch_mm,
+        )
+
+
+def objects(held_out: bool) -> tuple[str, ...]:
+    """Names of as many generated objects as the paper has, those held out or all others."""
+    from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
+
+    return tuple(name for name in object_names(PAPER_COUNT) if (name.rsplit("_", 1)[0] in HELD_OUT) == held_out)
+
+
+RECIPES = {
+    "small": Recipe(pairs=2400, sensors=12, epochs=12, judged_pairs=600, judged_sensors=6, judged_pitch_mm=0.3),
+    "shipped": Recipe(pairs=40_000, sensors=120, epochs=24, judged_pairs=14_000, judged_sensors=48),
+}
+"""small: minutes, to see that it works and how; shipped: the model of the package, an evening on two cores."""

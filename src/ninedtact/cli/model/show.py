@@ -1,0 +1,27 @@
+"""ninedtact model card: what a force model says about itself."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ninedtact.cli.answer import answer
+
+
+@dataclass(frozen=True)
+class Show:
+    """Print the card of a force model: what it was trained with, how good it is, and its limits."""
+
+    model: Path | None = None
+    """A force model (.onnx); the one that ships if not given."""
+    json: bool = False
+    """Print it as one JSON object."""
+
+    def run(self) -> int:
+        """Read it; raises `ModelUnusable`."""
+        import msgspec
+
+        from ninedtact.force.card_page import page
+        from ninedtact.force.model_file import read_model
+        from ninedtact.force.shipped import SHIPPED
+
+        card = read_model(self.model or SHIPPED).card
+        return answer(self.json, msgspec.to_builtins(card), [page(card)])

@@ -1,0 +1,54 @@
+"""From nothing to a force model with one command, as small as it can be; and what a model's card says."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ninedtact.cli import main
+from ninedtact.cli.model import recipe
+from ninedtact.force.model_file import read_model
+
+SMALLEST = recipe.Recipe(80, 1, 2, 24, 1, held_out="standard", pitch_mm=0.4, judged_pitch_mm=0.4)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which a model was made, in two goes."""
+    out = tmp_path_factory.mktemp("model") / "made"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(recipe.RECIPES, "small", SMALLEST)
+        assert main(["model", "make", "--out", str(out), "--workers", "1", "--json"]) == 0
+    return out
+
+
+def test_the_card_tells_what_it_was_judged_on(made: Path) -> None:
+    card = read_model(made / "model.onnx").card
+    table = card.evaluation["all"]
+    assert table["pairs"] == 24 and len(table["skill"]) == len(table["skill_35_mm_below"]) == 6
+    assert table["untouched"]["largest_force_n"] == 0 < table["untouched_without_gate"]["largest_force_n"]
+    page = (made / "model_card.md").read_text()
+    assert "Not yet tested against a real force/torque sensor" in page and f"{table['skill'][0]:.3f}" in page
+
+
+def test_what_is_judged_on_was_never_learnt(made: Path) -> None:
+    learnt, judged = (
+        (
+            {sensor["name"] for sensor in json.loads((made / name / "members" / "sensors.json").read_text())},
+            {name.rsplit("_", 1)[0] for name in json.loads((made / name / "settings.json").read_text())["names"]},
+        )
+        for name in ("learn", "judge")
+    )
+    assert not learnt[0] & judged[0] and not learnt[1] & judged[1]
+
+
+def test_a_card_is_printed(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "card", "--model", str(made / "model.onnx")]) == 0
+    assert capsys.readouterr().out.strip() == (made / "model_card.md").read_text().strip()
+    assert main(["model", "card", "--model", str(made / "lost.onnx")]) == 1
+    assert "lost.onnx" in capsys.readouterr().err
+
+
+def test_physics_has_no_gate_to_lift(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "--data", str(made / "judge"), "--ungated"]) == 1
+    assert "drop --ungated" in capsys.readouterr().err
