@@ -15,6 +15,7 @@ from ninedtact.force.inputs import (
     picture_channels,
 )
 from ninedtact.force.places import heights_at_places
+from ninedtact.force.traits import Traits
 from ninedtact.quantities import Coverage, Frame, HeightMap, Reading, Rectified, centred_axis_mm
 from ninedtact.shape.sightlines import from_straight_below
 
@@ -50,12 +51,12 @@ def test_a_dent_is_found_where_it_is_whatever_the_grid() -> None:
         assert z_mm.min() == pytest.approx(-1.5, abs=0.05)
 
 
-@pytest.mark.parametrize("channels", [Channels.HEIGHTS, Channels.HEIGHTS_AND_GEL])
+@pytest.mark.parametrize("channels", [Channels.HEIGHTS, Channels.HEIGHTS_AND_GEL, Channels.HEIGHTS_AND_SENSOR])
 def test_heights_live_and_in_batches_of_torch_are_alike(channels: Channels) -> None:
-    settings, thickness = InputSettings(channels), 2.2
-    live = NetworkInput(settings, thickness).of_height(bumpy(14.0))
+    settings, traits = InputSettings(channels), Traits(2.2, 0.12, 0.2, 0.6, 0.1)
+    live = NetworkInput(settings, traits).of_height(bumpy(14.0))
     z_mm = heights_at_places(bumpy(14.0), settings.grid)
-    batch = height_channels(torch.from_numpy(z_mm)[None], torch.tensor([thickness]), channels)
+    batch = height_channels(torch.from_numpy(z_mm)[None], torch.from_numpy(traits.row)[None], channels)
     assert live.shape == settings.shape
     np.testing.assert_allclose(batch[0].numpy(), live, atol=1e-6)
 

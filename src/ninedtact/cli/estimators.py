@@ -52,8 +52,8 @@ def on_sensor(text: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimato
     if text == NETWORK:
         from ninedtact.force.shipped import SHIPPED
 
-        return from_file(SHIPPED, gel)
-    return from_file(Path(text).expanduser(), gel)
+        return from_file(SHIPPED, shape, gel)
+    return from_file(Path(text).expanduser(), shape, gel)
 
 
 def ungated(estimator: "ForceEstimator") -> "ForceEstimator":
@@ -67,13 +67,14 @@ def ungated(estimator: "ForceEstimator") -> "ForceEstimator":
     return replace(estimator, touching=lambda _: True)
 
 
-def from_file(path: Path, gel: "Gel") -> "ForceEstimator":
+def from_file(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """The network in a file; raises `EstimatorUnknown`, `ModelUnusable`, `WeightsUnusable`."""
     if path.suffix.lower() == ENDING:
         from ninedtact.force.model_file import read_model
         from ninedtact.force.network_force import NetworkForce
+        from ninedtact.force.traits import traits_of
 
-        return NetworkForce(read_model(path), gel)
+        return NetworkForce(read_model(path), gel, traits=traits_of(shape, gel))
     if path.suffix.lower() == WEIGHTS:
         from ninedtact.force.original import read_original
 

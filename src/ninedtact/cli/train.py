@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ninedtact.force.training.run import Trained
     from ninedtact.force.training.settings import Machine, TrainingSettings
 
-Shown = Literal["heights", "heights_and_gel", "deformation", "mixed"]
+Shown = Literal["heights", "heights_and_gel", "heights_and_sensor", "deformation", "mixed"]
 Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
 LIBRARIES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime", "tensorboard", "pyarrow")
 

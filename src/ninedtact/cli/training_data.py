@@ -36,6 +36,7 @@ class TrainingData:
         import numpy as np
 
         from ninedtact.force.training.examples import Examples
+        from ninedtact.force.traits import traits_of
         from ninedtact.recording.dataset.heights import height_pairs
 
         sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
@@ -48,11 +49,10 @@ class TrainingData:
             left_out=sensors.refused,
             progress=self.progress,
         )
-        thickness = [sensors.by_name[name].gel.thickness_mm for name in pairs.sensors.tolist()]
+        rows = {name: traits_of(sensor.shape, sensor.gel).row for name, sensor in sensors.by_name.items()}
+        traits = np.array([rows[name] for name in pairs.sensors.tolist()])
         names = pairs.objects.tolist(), pairs.sensors.tolist()
-        return Examples(
-            pairs.z_mm, pairs.wrenches, *names, thickness_mm=np.array(thickness, np.float32)
-        ), pairs.ids.tolist()
+        return Examples(pairs.z_mm, pairs.wrenches, *names, traits=traits), pairs.ids.tolist()
 
     def of_pictures(self) -> tuple["Examples", Sequence[str]]:
         """Grey pictures with their references."""

@@ -1,6 +1,6 @@
 """What a network of force is shown: the one place where its input is built, live and in training.
 
-    heights              Reading.height ─▶ heights at places ─▶ divided by the gel's thickness (─▶ and that thickness)
+    heights              Reading.height ─▶ heights at places ─▶ divided by the gel's thickness (─▶ and what is known of the sensor)
     deformation, mixed   Reading.rectified, .reference ─▶ darker, brighter, reference
 
 Training keeps heights in mm (`places.heights_at_places`) or grey pictures, changes them, and then calls the same functions as the
@@ -9,20 +9,21 @@ live path.
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.design import FieldOfView, Gel
+from ninedtact.design import FieldOfView
 from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import DeformationReader, Layout, channels, network_input, parts
 from ninedtact.force.places import PlaceGrid, heights_at_places
+from ninedtact.force.traits import NUMBER, USUAL, Traits
 from ninedtact.mechanics.library import library_of
 from ninedtact.quantities import HeightMap, Reading, Rectified
 
-USUAL_THICKNESS_MM = Gel().thickness_mm
 WHOLE_MM_PER_PX = 0.0522
 """Of the published rectified picture."""
 
@@ -36,13 +37,14 @@ class Channels(StrEnum):
 
     HEIGHTS = "height / gel thickness"
     HEIGHTS_AND_GEL = "height / gel thickness, gel thickness / 2.5 mm"
+    HEIGHTS_AND_SENSOR = "height / gel thickness, traits of the sensor / usual ones"
     DEFORMATION = Layout.PLAIN.value
     MIXED = Layout.ORIGINAL.value
 
     @property
     def of_heights(self) -> bool:
         """Whether they are made of the height map, and not of the picture."""
-        return self in (Channels.HEIGHTS, Channels.HEIGHTS_AND_GEL)
+        return self in TRAITS_TOLD
 
     @property
     def layout(self) -> Layout:
@@ -52,7 +54,11 @@ class Channels(StrEnum):
     @property
     def number(self) -> int:
         """How many."""
-        return {Channels.HEIGHTS: 1, Channels.HEIGHTS_AND_GEL: 2}.get(self, 3)
+        return 1 + TRAITS_TOLD[self] if self.of_heights else 3
+
+
+TRAITS_TOLD = {Channels.HEIGHTS: 0, Channels.HEIGHTS_AND_GEL: 1, Channels.HEIGHTS_AND_SENSOR: NUMBER}
+"""How many of a sensor's traits are channels of their own, each the same everywhere."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +106,8 @@ class NetworkInput:
     """From a reading to what the network is shown. It keeps the last reference at the network's size."""
 
     settings: InputSettings = field(default_factory=InputSettings)
-    thickness_mm: float = USUAL_THICKNESS_MM
-    """Of this sensor's gel."""
+    traits: Traits = USUAL
+    """Of this sensor."""
     reader: DeformationReader | None = field(default=None, init=False, repr=False)
 
     def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
@@ -117,7 +123,7 @@ class NetworkInput:
     def of_height(self, height: HeightMap) -> Float32[Array, "channels rows cols"]:
         """Of a height map."""
         z_mm = heights_at_places(height, self.settings.grid)
-        return np.asarray(height_channels(z_mm, np.float32(self.thickness_mm), self.settings.channels))
+        return np.asarray(height_channels(z_mm, self.traits.row, self.settings.channels))
 
     def of_picture(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
         """Of a picture and the untouched one, both shown whole whatever their pixels measure; raises `PicturesDoNotMatch`."""
@@ -126,14 +132,12 @@ class NetworkInput:
         return network_input(self.reader(rectified), self.settings.channels.layout)
 
 
-def height_channels(z_mm: Any, thickness_mm: Any, channels: Channels) -> Any:
-    """Heights (…, rows, cols) and thicknesses (…) of NumPy or torch → (…, channels, rows, cols)."""
-    per_picture = thickness_mm[..., None, None]
-    relative = z_mm / per_picture
-    if channels is Channels.HEIGHTS:
-        return relative[..., None, :, :]
-    gel = per_picture / USUAL_THICKNESS_MM + 0 * relative
-    return library_of(relative).stack((relative, gel), axis=-3)
+def height_channels(z_mm: Any, traits: Any, channels: Channels) -> Any:
+    """Heights (…, rows, cols) and traits (…, 5) of NumPy or torch → (…, channels, rows, cols)."""
+    per_picture = traits[..., None, None]
+    relative = z_mm / per_picture[..., 0, :, :]
+    told = (per_picture[..., at, :, :] / float(usual) + 0 * relative for at, usual in enumerate(USUAL.row))
+    return library_of(relative).stack((relative, *islice(told, TRAITS_TOLD[channels])), axis=-3)
 
 
 def picture_channels(pictures: Any, references: Any, of: Channels) -> Any:

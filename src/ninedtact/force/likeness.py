@@ -5,6 +5,7 @@ touched      part of the picture that is
 changed      mean size of what is not as untouched
 rough        standard deviation of what a mean over 3 × 3 pixels takes away: noise, and sharp edges
 reference    mean brightness of the untouched picture (pictures only)
+trait 1 …    what is known of the sensor (where the network is told it)
 """
 
 from typing import Any
@@ -35,7 +36,9 @@ def numbers(inputs: Inputs, channels: Channels) -> dict[str, Float64[Array, " n"
         "changed": np.abs(flat).mean(1),
         "rough": (pressed[:, 1:-1, 1:-1] - means_of_nine(pressed)).std((1, 2)),
     }
-    if not channels.of_heights:
+    if channels.of_heights:
+        found |= {f"trait {number}": inputs[:, number, 0, 0] for number in range(1, channels.number)}
+    else:
         found["reference"] = inputs[:, 0 if channels is Channels.MIXED else 2].mean((1, 2))
     return {name: np.asarray(values, np.float64) for name, values in found.items()}
 

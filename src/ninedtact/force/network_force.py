@@ -15,6 +15,7 @@ from ninedtact.force.gate import Touching, is_touched
 from ninedtact.force.inputs import NetworkInput
 from ninedtact.force.likeness import is_unlike
 from ninedtact.force.model_file import ForceModel, Prediction
+from ninedtact.force.traits import Traits
 from ninedtact.quantities import Doubt, Reading, Wrench, WrenchEstimate
 
 DEVIATIONS_PER_SCALE = sqrt(2)
@@ -29,12 +30,14 @@ class NetworkForce(ForceEstimator):
 
     model: ForceModel
     gel: Gel = field(default_factory=Gel)
-    """Its modulus scales the wrench, its thickness is told to networks that ask."""
+    """Its modulus scales the wrench."""
     touching: Touching = is_touched
+    traits: Traits | None = None
+    """Of the sensor, for networks that ask; usual ones where nothing but the gel is known."""
 
     def __post_init__(self) -> None:
         self.name = self.model.card.name
-        self.input = NetworkInput(self.model.card.input, self.gel.thickness_mm)
+        self.input = NetworkInput(self.model.card.input, self.traits or Traits(self.gel.thickness_mm))
         self.error_untouched: Float64[Array, 6] | None = None
 
     def estimate(self, reading: Reading) -> WrenchEstimate:

@@ -3,6 +3,7 @@ the wrench come to the same."""
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -11,9 +12,15 @@ from ninedtact.force.training.augmentation import NOTHING_CHANGED, Augmentation
 from ninedtact.force.training.batches import TouchBatch
 from ninedtact.force.training.disturbance import HeightErrors, LightErrors
 from ninedtact.force.training.geometry import Move, Moves, moved
+from ninedtact.force.traits import USUAL
 
 ROWS, COLS, MM_PER_PX = 60, 80, 0.3
 X, Y = (MM_PER_PX * (torch.arange(side) - (side - 1) / 2) for side in (COLS, ROWS))
+
+
+def usual(n: int) -> torch.Tensor:
+    """Traits of sensors that are like others."""
+    return torch.from_numpy(np.tile(USUAL.row, (n, 1)))
 
 
 def pictures(n: int) -> Tensor:
@@ -47,7 +54,7 @@ def cross(a: Tensor, b: Tensor) -> Tensor:
 
 def batch(n: int) -> TouchBatch:
     z_mm = pictures(n)
-    return TouchBatch(z_mm, law(z_mm), None, torch.full((n,), 2.5))
+    return TouchBatch(z_mm, law(z_mm), None, usual(n))
 
 
 def moves(**given: list[float] | list[list[float]]) -> Move:
@@ -101,7 +108,7 @@ def test_chance_decides_and_nothing_else() -> None:
 
 
 def test_errors_of_heights_are_as_large_as_asked_for() -> None:
-    flat = TouchBatch(torch.zeros(500, 24, 32), torch.zeros(500, 6), None, torch.full((500,), 2.5))
+    flat = TouchBatch(torch.zeros(500, 24, 32), torch.zeros(500, 6), None, usual(500))
     only = replace(NOTHING_CHANGED, heights=HeightErrors(0.0, 0.01, 0.001, 0.0, 0.0))
     z_mm = only(flat, 0.3, torch.Generator().manual_seed(0)).pictures
     assert float(z_mm.mean((1, 2)).std()) == pytest.approx(0.01, rel=0.1)
@@ -115,7 +122,7 @@ def test_errors_of_heights_are_as_large_as_asked_for() -> None:
 
 def test_a_brighter_lamp_changes_picture_and_reference_alike_and_drift_the_reference_alone() -> None:
     grey = torch.full((400, 8, 8), 100.0)
-    lit = TouchBatch(grey, torch.zeros(400, 6), grey, torch.full((400,), 2.5))
+    lit = TouchBatch(grey, torch.zeros(400, 6), grey, usual(400))
     lamp = LightErrors(0.05, 0.0, 0.0)(lit, torch.Generator().manual_seed(0))
     assert lamp.references is not None and torch.allclose(lamp.pictures, lamp.references)
     assert float(lamp.pictures.mean((1, 2)).std()) == pytest.approx(5, rel=0.15)

@@ -17,6 +17,7 @@ from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import grey_of
 from ninedtact.force.inputs import Channels, InputSettings, NetworkInput, height_channels
 from ninedtact.force.model_file import read_model
+from ninedtact.force.traits import Traits
 from ninedtact.recording.dataset.columns import write_rows, write_untouched
 from ninedtact.recording.dataset.heights import height_pairs
 from ninedtact.recording.dataset.rows import Row, UntouchedPicture
@@ -88,8 +89,8 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
     row = pairs.ids.tolist().index("005")
     reader = twin_sensor.shape.reader_against(grey_of(picture_of(0, 99), MM_PER_PX))
     height = reader(grey_of(picture_of(0.5 + 5 / 4, 5), MM_PER_PX))
-    live = NetworkInput(GRID, thickness_mm=2.2).of_height(height)
-    kept = height_channels(pairs.z_mm[row].astype(np.float32), np.float32(2.2), GRID.channels)
+    live = NetworkInput(GRID, Traits(2.2)).of_height(height)
+    kept = height_channels(pairs.z_mm[row].astype(np.float32), Traits(2.2).row, GRID.channels)
     np.testing.assert_allclose(kept, live, atol=1e-3)
     assert pairs.wrenches[row, 2] == np.float32(-1.75) and pairs.objects[row] == "thing_2" and pairs.sensors[row] == "a"
 
@@ -127,7 +128,7 @@ def test_trained_from_the_command_line(
     assert found["model"] == str(out / "model.onnx") and (found["pairs"], found["held_out"]["pairs"]) == (16, 8)
     card = read_model(out / "model.onnx").card
     assert (card.name, card.network) == ("little", "moments")
-    assert (card.input.channels, card.input.rows, card.input.mm_per_px) == (Channels.HEIGHTS_AND_GEL, 16, 1.0)
+    assert (card.input.channels, card.input.rows, card.input.mm_per_px) == (Channels.HEIGHTS_AND_SENSOR, 16, 1.0)
     assert "another settings" in told(capsys, [*options, "--name", "little", "--seed", "1"])
 
 

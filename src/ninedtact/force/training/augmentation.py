@@ -31,5 +31,5 @@ class Augmentation:
 
 
 NOTHING_CHANGED = Augmentation(
-    Moves(False, 0.0, 0.0, 0.0, 0.0), HeightErrors(0.0, 0.0, 0.0, 0.0, 0.0), LightErrors(0.0, 0.0, 0.0)
+    Moves(False, 0.0, 0.0, 0.0, 0.0), HeightErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), LightErrors(0.0, 0.0, 0.0)
 )

@@ -11,8 +11,9 @@ from numpy import ndarray as Array
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from ninedtact.force.inputs import USUAL_THICKNESS_MM, Channels, height_channels, picture_channels
+from ninedtact.force.inputs import Channels, height_channels, picture_channels
 from ninedtact.force.training.examples import Examples
+from ninedtact.force.traits import USUAL
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,8 @@ class TouchBatch:
     """(n, rows, cols) heights in mm, or grey levels."""
     wrench: Tensor
     references: Tensor | None
-    thickness_mm: Tensor
+    traits: Tensor
+    """(n, 5) of their sensors."""
 
     def to(self, device: torch.device, **options: Any) -> "TouchBatch":
         """The same on another device; Lightning calls it."""
@@ -38,7 +40,7 @@ class TouchBatch:
     def channels(self, of: Channels) -> Tensor:
         """What the network is shown."""
         if self.references is None:
-            made: Tensor = height_channels(self.pictures, self.thickness_mm, of)
+            made: Tensor = height_channels(self.pictures, self.traits, of)
         else:
             made = picture_channels(self.pictures, self.references, of)
         return made.contiguous(memory_format=torch.channels_last)
@@ -55,10 +57,8 @@ class ExampleBatches(Dataset[TouchBatch]):
         examples, references = self.examples, None
         if examples.references is not None and examples.reference_of is not None:
             references = copied(examples.references[examples.reference_of[rows]])
-        thickness = (
-            np.full(len(rows), USUAL_THICKNESS_MM) if examples.thickness_mm is None else examples.thickness_mm[rows]
-        )
-        return TouchBatch(copied(examples.pictures[rows]), copied(examples.wrench[rows]), references, copied(thickness))
+        traits = np.tile(USUAL.row, (len(rows), 1)) if examples.traits is None else examples.traits[rows]
+        return TouchBatch(copied(examples.pictures[rows]), copied(examples.wrench[rows]), references, copied(traits))
 
 
 def copied(array: Array) -> Tensor:

@@ -22,6 +22,8 @@ class HeightErrors:
     noise_most_mm: float = 0.012
     noise_width_most_mm: float = 0.6
     """Of the Gaussian that makes noise smooth."""
+    traits: float = 0.05
+    """Of what is known of the sensor's light; its gel's thickness stays."""
 
     def __call__(self, batch: TouchBatch, mm_per_px: float, generator: Generator) -> TouchBatch:
         """Heights in mm, each with errors of its own."""
@@ -29,8 +31,15 @@ class HeightErrors:
         pressed, bulging = (1 + self.gain * normal(generator, len(z_mm), 1, 1) for _ in range(2))
         gained = torch.where(z_mm < 0, z_mm * pressed, z_mm * bulging)
         return replace(
-            batch, pictures=gained + self.plane(z_mm, mm_per_px, generator) + self.noise(z_mm, mm_per_px, generator)
+            batch,
+            pictures=gained + self.plane(z_mm, mm_per_px, generator) + self.noise(z_mm, mm_per_px, generator),
+            traits=self.doubtful(batch.traits, generator),
         )
+
+    def doubtful(self, traits: Tensor, generator: Generator) -> Tensor:
+        """Another calibration would have told others."""
+        off = 1 + self.traits * normal(generator, *traits.shape)
+        return torch.cat([traits[:, :1], (traits * off)[:, 1:]], 1)
 
     def plane(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
         """Offset and tilt."""

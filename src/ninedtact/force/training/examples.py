@@ -34,12 +34,12 @@ class Examples:
     """Untouched pictures; none for heights."""
     reference_of: Int[Array, " n"] | None = None
     """Which of them each picture is held against."""
-    thickness_mm: Float32[Array, " n"] | None = None
-    """Of the gel of each; 2.5 mm where nothing is said."""
+    traits: Float32[Array, "n traits"] | None = None
+    """Of the sensor of each (`Traits.row`); usual ones where nothing is said."""
 
     def __post_init__(self) -> None:
         n = len(self.pictures)
-        columns = (self.wrench, self.objects, self.sensors, self.reference_of, self.thickness_mm)
+        columns = (self.wrench, self.objects, self.sensors, self.reference_of, self.traits)
         if any(column is not None and len(column) != n for column in columns) or self.wrench.shape != (n, AXES):
             raise ExamplesUnusable(
                 f"expected a wrench of six, object, sensor and the rest for each of {n} pictures, got columns of other "

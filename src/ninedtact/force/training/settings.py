@@ -23,7 +23,7 @@ class TrainingSettings:
     """All that decides about the model; raises `TrainingImpossible`, `NetworkUnknown`."""
 
     network: str = "moments"
-    input: InputSettings = field(default_factory=InputSettings)
+    input: InputSettings = InputSettings(Channels.HEIGHTS_AND_SENSOR)
     epochs: int = 40
     batch: int = 64
     learning_rate: float = 2e-3
