@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ninedtact.cli import main
-from ninedtact.cli.model import recipe
+from ninedtact.cli.force.model import recipe
 from ninedtact.force.model_file import read_model
 
 SMALLEST = recipe.Recipe(80, 1, 2, 24, 1, held_out="standard", pitch_mm=0.4, judged_pitch_mm=0.4)

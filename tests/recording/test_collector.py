@@ -11,8 +11,8 @@ from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHE
 
 from ninedtact.capture.force_torque.trusted import Trusted, TrustSettings
 from ninedtact.capture.sampling_rule import RuleSettings
-from ninedtact.cli.collect import obeyed
-from ninedtact.cli.collect_screen import Screen, headline, histograms
+from ninedtact.cli.episodes.collect import obeyed
+from ninedtact.cli.episodes.collect_screen import Screen, headline, histograms
 from ninedtact.cli.options import CollectOptions
 from ninedtact.quantities import Frame
 from ninedtact.recording.collecting.collector import TOPICS, Collector

@@ -10,26 +10,26 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.adapt import Adapt
 from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.check import Check
-from ninedtact.cli.collect import Collect
-from ninedtact.cli.dataset import DESCRIPTION as DATASET
-from ninedtact.cli.dataset import Dataset
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.doctor import Doctor
-from ninedtact.cli.estimate import Estimate
-from ninedtact.cli.evaluate import Evaluate
-from ninedtact.cli.export import Export
+from ninedtact.cli.episodes.collect import Collect
+from ninedtact.cli.episodes.dataset import DESCRIPTION as DATASET
+from ninedtact.cli.episodes.dataset import Dataset
+from ninedtact.cli.episodes.export import Export
+from ninedtact.cli.episodes.record import Record
+from ninedtact.cli.episodes.replay import Replay
+from ninedtact.cli.force.adapt import Adapt
+from ninedtact.cli.force.estimate import Estimate
+from ninedtact.cli.force.evaluate import Evaluate
+from ninedtact.cli.force.model import DESCRIPTION as MODEL
+from ninedtact.cli.force.model import Model
+from ninedtact.cli.force.train import Train
 from ninedtact.cli.live import Live
-from ninedtact.cli.model import DESCRIPTION as MODEL
-from ninedtact.cli.model import Model
 from ninedtact.cli.reconstruct import Reconstruct
-from ninedtact.cli.record import Record
-from ninedtact.cli.replay import Replay
 from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
 from ninedtact.cli.simulate import Simulate
-from ninedtact.cli.train import Train
 from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
 from ninedtact.errors import NinedtactError
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from ninedtact.cli.devices import live_source, sensor_of
-from ninedtact.cli.estimators import NONE
+from ninedtact.cli.force.estimators import NONE
 from ninedtact.cli.twin_on_show import SIM
 from ninedtact.errors import NinedtactError
 
@@ -167,7 +167,7 @@ def estimated(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[Wre
     """Let the sensor estimate the force too, and show it; nothing where none was asked for."""
     if force == NONE:
         return []
-    from ninedtact.cli.estimators import estimator_for
+    from ninedtact.cli.force.estimators import estimator_for
     from ninedtact.studio.estimated import Overheard
     from ninedtact.studio.wrench_loop import WrenchLoop
 

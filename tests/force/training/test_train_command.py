@@ -12,7 +12,7 @@ import pytest
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
-from ninedtact.cli.own_sensors import calibrate_twins, sensors_for, tell_refused
+from ninedtact.cli.force.own_sensors import calibrate_twins, sensors_for, tell_refused
 from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import grey_of
 from ninedtact.force.inputs import Channels, InputSettings, NetworkInput, height_channels

@@ -10,7 +10,7 @@ from little_sources import touched, untouched
 
 from ninedtact.calibration.record import FORMAT, Depth, Grid, LensTable, SensorRecord
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, record_toml
-from ninedtact.cli.dataset.build import read_rectification
+from ninedtact.cli.episodes.dataset.build import read_rectification
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.dataset.build import Built, build

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.dataset.limits import Limits
+from ninedtact.cli.episodes.dataset.limits import Limits
 from ninedtact.cli.simulate.dataset import DatasetStopped
 
 if TYPE_CHECKING:

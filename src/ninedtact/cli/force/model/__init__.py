@@ -4,8 +4,8 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.model.make import Make
-from ninedtact.cli.model.show import Show
+from ninedtact.cli.force.model.make import Make
+from ninedtact.cli.force.model.show import Show
 
 Model = Annotated[Show, tyro.conf.subcommand("card")] | Annotated[Make, tyro.conf.subcommand("make")]
 """Its subcommands."""

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.model.recipe import RECIPES, Recipe
+from ninedtact.cli.force.model.recipe import RECIPES, Recipe
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.cli.model.live_proof import Shown
+    from ninedtact.cli.force.model.live_proof import Shown
     from ninedtact.force.card import Card
     from ninedtact.simulation.dataset.settings import DatasetSettings
 
@@ -44,7 +44,7 @@ class Make:
 
     def run(self) -> int:
         """All steps, those that are done already apart; raises `MakingStopped`."""
-        from ninedtact.cli.train import require_libraries
+        from ninedtact.cli.force.train import require_libraries
 
         require_libraries()
         try:
@@ -57,7 +57,7 @@ class Make:
 
     def made(self, recipe: Recipe) -> int:
         """The steps."""
-        from ninedtact.cli.model.live_proof import live
+        from ninedtact.cli.force.model.live_proof import live
 
         self.say(f"1 of 4: {recipe.pairs} pairs to learn from, {recipe.judged_pairs} to judge on")
         self.simulated(LEARN, recipe.to_learn)
@@ -79,7 +79,7 @@ class Make:
 
     def trained(self, recipe: Recipe) -> None:
         """A model that knows how good it is on what it was checked with."""
-        from ninedtact.cli.train import Train
+        from ninedtact.cli.force.train import Train
 
         Train(
             self.out / LEARN,
@@ -94,7 +94,7 @@ class Make:
 
     def carded(self) -> "Card":
         """The model with what it was judged to be, and its card to read."""
-        from ninedtact.cli.model.judgement import judged
+        from ninedtact.cli.force.model.judgement import judged
         from ninedtact.force.card_page import page
         from ninedtact.force.model_file import read_model
         from ninedtact.force.training.export import rewrite_card
@@ -120,7 +120,7 @@ class Make:
 
     def lines(self, card: "Card", shown: "list[Shown]") -> Iterator[str]:
         """For a person."""
-        from ninedtact.cli.model.live_proof import HEADINGS
+        from ninedtact.cli.force.model.live_proof import HEADINGS
         from ninedtact.force.card_page import page
 
         yield page(card)

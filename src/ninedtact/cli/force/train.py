@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.training_data import Division, HeldOut, TrainingData
+from ninedtact.cli.force.training_data import Division, HeldOut, TrainingData
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:

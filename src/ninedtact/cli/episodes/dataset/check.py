@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.dataset.limits import Limits
+from ninedtact.cli.episodes.dataset.limits import Limits
 
 
 @dataclass(frozen=True)

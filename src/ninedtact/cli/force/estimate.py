@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.estimators import PHYSICS
+from ninedtact.cli.force.estimators import PHYSICS
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Estimate:
         from ninedtact.cli.devices import sensor_of
 
         with sensor_of(self.sensor, self.source[0] if self.source else "") as folder:
-            from ninedtact.cli.estimators import estimator_for
+            from ninedtact.cli.force.estimators import estimator_for
 
             estimator = estimator_for(self.force, folder)
             found = [self.row(name, reading) for name, reading in self.readings(folder.shape, estimator)]

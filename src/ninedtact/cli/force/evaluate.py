@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.estimators import PHYSICS
-from ninedtact.cli.judged_data import Modulus
+from ninedtact.cli.force.estimators import PHYSICS
+from ninedtact.cli.force.judged_data import Modulus
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class Evaluate:
     @property
     def made(self) -> "Predictions":
         """The estimator's, on the data set; raises `NothingToJudge`."""
-        from ninedtact.cli.judged_data import JudgedData
+        from ninedtact.cli.force.judged_data import JudgedData
         from ninedtact.force.evaluation.predictions_file import write_predictions
 
         if self.predictions is not None or self.data is None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.estimators import PHYSICS
+from ninedtact.cli.force.estimators import PHYSICS
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Adapt:
     def run(self) -> int:
         """Adapt, show by presses left out what it gains, and keep it."""
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.cli.estimators import NONE, unadapted
+        from ninedtact.cli.force.estimators import NONE, unadapted
         from ninedtact.force.adaptation import adapted
         from ninedtact.force.adaptation_file import write_adaptation
 

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.dataset.build import Build
-from ninedtact.cli.dataset.check import Check
-from ninedtact.cli.dataset.show import Show
+from ninedtact.cli.episodes.dataset.build import Build
+from ninedtact.cli.episodes.dataset.check import Check
+from ninedtact.cli.episodes.dataset.show import Show
 
 Dataset = (
     Annotated[Build, tyro.conf.subcommand("build")]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ninedtact.cli.training_data import HeldOut
+    from ninedtact.cli.force.training_data import HeldOut
     from ninedtact.simulation.dataset.settings import DatasetSettings
 
 HELD_OUT = frozenset(

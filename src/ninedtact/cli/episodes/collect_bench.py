@@ -7,7 +7,7 @@ from threading import Event
 from typing import TYPE_CHECKING
 
 from ninedtact.cli.devices import device, live_source
-from ninedtact.cli.scripted_hand import scripted_hand
+from ninedtact.cli.episodes.scripted_hand import scripted_hand
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder

@@ -111,7 +111,7 @@ def calibrate_twin(member: "SensorMember", out: Path) -> None:
 def read(folder: Path) -> "CalibratedSensor":
     """What heights are read by; raises `SensorFolderDamaged`."""
     from ninedtact.calibration.sensor_folder import RECORD, load_sensor
-    from ninedtact.cli.estimators import gel_of
+    from ninedtact.cli.force.estimators import gel_of
     from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
 
     sensor = load_sensor(folder)

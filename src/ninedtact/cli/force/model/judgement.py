@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ninedtact.cli.judged_data import JudgedData
+from ninedtact.cli.force.judged_data import JudgedData
 
 if TYPE_CHECKING:
     from ninedtact.force.evaluation import Evaluation, Predictions
@@ -56,7 +56,7 @@ class Judgement:
 
 def judged(model: Path, data: Path, workers: int, progress: bool) -> Judgement:
     """The model on a data set of twins, each of which calibrates itself."""
-    from ninedtact.cli.own_sensors import members_of
+    from ninedtact.cli.force.own_sensors import members_of
 
     gated, ungated = (
         JudgedData(data, str(model), workers=workers, progress=progress, gate=gate).predictions()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ninedtact.cli.model.recipe import SHOW_SEED
+from ninedtact.cli.force.model.recipe import SHOW_SEED
 
 if TYPE_CHECKING:
     from ninedtact.simulation.stage import Stage
@@ -37,8 +37,8 @@ class Shown:
 def live(model: Path, sensor_folder: Path) -> Iterator[Shown]:
     """Some moments of a touch; the twin's own calibration is left in the folder. Its gel is as stiff as a weighing would tell."""
     from ninedtact.calibration.sensor_folder import load_sensor
-    from ninedtact.cli.estimators import gel_of, on_sensor
-    from ninedtact.cli.own_sensors import calibrate_twin
+    from ninedtact.cli.force.estimators import gel_of, on_sensor
+    from ninedtact.cli.force.own_sensors import calibrate_twin
     from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.camera import SimulatedCamera

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ninedtact.cli.estimators import PHYSICS
+from ninedtact.cli.force.estimators import PHYSICS
 
 if TYPE_CHECKING:
     from ninedtact.force.estimator import ForceEstimator
@@ -57,7 +57,7 @@ class JudgedData:
 
     def calibrated(self) -> "tuple[dict[str, CalibratedSensor], dict[str, str]]":
         """Every sensor, its gel as stiff as a weighing would have told; and those that could not be calibrated."""
-        from ninedtact.cli.own_sensors import members_of, sensors_for, tell_refused
+        from ninedtact.cli.force.own_sensors import members_of, sensors_for, tell_refused
 
         known = sensors_for(self.folder, self.sensors, self.workers, self.progress)
         tell_refused(known.refused)
@@ -75,7 +75,7 @@ class JudgedData:
 
     def estimator(self, sensor: "CalibratedSensor") -> "ForceEstimator":
         """The one that was named, on this sensor."""
-        from ninedtact.cli.estimators import on_sensor, ungated
+        from ninedtact.cli.force.estimators import on_sensor, ungated
 
         estimator = on_sensor(self.force, sensor.shape, sensor.gel)
         return estimator if self.gate else ungated(estimator)

@@ -87,7 +87,7 @@ class Record:
 
     def interpretation(self, folder: "SensorFolder") -> "Interpretation | None":
         """What is written beside the pictures, if anything."""
-        from ninedtact.cli.estimators import NONE, estimator_for
+        from ninedtact.cli.force.estimators import NONE, estimator_for
         from ninedtact.recording.recorder import Interpretation
 
         if self.force == NONE and not self.heights:

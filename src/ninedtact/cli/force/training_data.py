@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ninedtact.cli.own_sensors import members_of, sensors_for, tell_refused
+from ninedtact.cli.force.own_sensors import members_of, sensors_for, tell_refused
 
 if TYPE_CHECKING:
     from ninedtact.force.inputs import InputSettings
