@@ -84,3 +84,14 @@ def test_press_a_twin(real_data: Path) -> None:
     twists = [number(r"twist ([+-][\d.]+)", step) for step in steps]
     assert max(loads) > 4 and abs(loads[0]) < 0.2 and max(twists) > 2
     assert "nothing touches" in end
+
+
+@pytest.mark.parametrize("force", ["network", "physics"])
+def test_estimate_force(force: str, real_data: Path, tmp_path: Path) -> None:
+    said = run("07_estimate_force.py", real_data, "--sensor", tmp_path / "twin", "--force", force).splitlines()
+    read, exact = (
+        np.array([[float(value) for value in re.findall(pattern, line)] for line in said])
+        for pattern in (r"[xyz] ([+-][\d.]+)", r"\(([+-][\d.]+)\)")
+    )
+    assert np.abs(exact[:, 2]).max() > 2 and not read[0].any()
+    np.testing.assert_allclose(read, exact, atol=0.35 * np.abs(exact).max())

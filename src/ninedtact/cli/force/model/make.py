@@ -79,14 +79,14 @@ class Make:
 
     def trained(self, recipe: Recipe) -> None:
         """A model that knows how good it is on what it was checked with."""
-        from ninedtact.cli.force.train import Train
+        from ninedtact.cli.force.train import Hardware, Train
 
         Train(
             self.out / LEARN,
             self.out / TRAINING,
             epochs=recipe.epochs,
-            learning_rate=recipe.learning_rate,
             held_out=recipe.held_out,
+            hardware=Hardware(precision=recipe.precision),
             name=self.name,
             reading_workers=self.workers,
             json=self.json,

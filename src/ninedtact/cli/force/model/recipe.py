@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ninedtact.cli.force.train import Precision
     from ninedtact.cli.force.training_data import HeldOut
     from ninedtact.simulation.dataset.settings import DatasetSettings
 
@@ -29,7 +30,7 @@ class Recipe:
     judged_sensors: int
     held_out: "HeldOut | None" = None
     """What the epoch is chosen by; None: sensors and objects that are not learnt."""
-    learning_rate: float = 2e-3
+    precision: "Precision" = "32-true"
     pitch_mm: float = 0.3
     judged_pitch_mm: float = 0.2
     """Of the grids on which contacts are solved: what is judged on is solved finer than what is learnt from."""
@@ -68,6 +69,8 @@ def objects(held_out: bool) -> tuple[str, ...]:
 
 RECIPES = {
     "small": Recipe(pairs=2400, sensors=12, epochs=12, judged_pairs=600, judged_sensors=6, judged_pitch_mm=0.3),
-    "shipped": Recipe(pairs=40_000, sensors=120, epochs=24, judged_pairs=14_000, judged_sensors=48),
+    "shipped": Recipe(
+        pairs=40_000, sensors=120, epochs=20, judged_pairs=14_000, judged_sensors=48, precision="bf16-mixed"
+    ),
 }
 """small: minutes, to see that it works and how; shipped: the model of the package, an evening on two cores."""

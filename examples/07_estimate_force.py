@@ -1,0 +1,58 @@
+"""The six-axis force on every picture, with its error, beside the truth: a twin is calibrated, pressed and dragged."""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from ninedtact import (
+    Act,
+    CalibrationPictures,
+    Frame,
+    Pose,
+    Sensor,
+    SimulatedCamera,
+    Stage,
+    calibrate,
+    default_twin,
+    load_sensor,
+    object_for,
+    touch,
+    write_sensor,
+)
+from ninedtact.force.model_file import read_model
+from ninedtact.force.network_force import NetworkForce
+from ninedtact.force.shipped import SHIPPED
+from ninedtact.force.traction.estimator import traction_force
+from ninedtact.simulation.gauges import gauge_pictures
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument(
+    "--force", choices=("network", "physics"), default="network", help="learnt, or without any training"
+)
+parser.add_argument("--sensor", type=Path, default=Path(tempfile.gettempdir()) / "ninedtact_examples" / "twin")
+parser.add_argument("--object", default="ball:4")
+options = parser.parse_args()
+
+# With a sensor of your own: `ninedtact calibrate`, then load_sensor(folder).
+twin = default_twin()
+write_sensor(options.sensor, calibrate(CalibrationPictures(**vars(gauge_pictures(twin, frames=4)))))
+folder = load_sensor(options.sensor)
+shape, gel = folder.shape, folder.record.twin.gel
+estimator = NetworkForce(read_model(SHIPPED), gel) if options.force == "network" else traction_force(shape, gel)
+
+motion = touch(Pose(depth_mm=1.2), drag_mm=(0.8, 0.0))
+stage = Stage(twin, [Act(object_for(options.object), motion)], hz=20.0, real_time=False, rounds=1)
+untouched = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-8, 0)))
+
+with Sensor(SimulatedCamera(stage), shape, depth=untouched, estimator=estimator) as sensor:
+    for reading in sensor:
+        if reading.frame.index % 10 == 0:
+            found, true = reading.force, stage.contact(reading.frame.index).wrench()
+            told = ", ".join(
+                f"{axis} {value:+.2f} ± {error:.2f} ({exact:+.2f}) N"
+                for axis, value, error, exact in zip(
+                    "xyz", found.wrench.force_n, found.error, true.force_n, strict=False
+                )
+            )
+            doubts = "".join(f", {doubt}" for doubt in found.doubts)
+            print(f"{reading.frame.index / stage.hz:.1f} s, {reading.stage_ms['force']:4.1f} ms: {told}{doubts}")
