@@ -16,6 +16,7 @@ import tyro
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.evidence import ByHeight
+from ninedtact.force.traction.ground import YIELDING
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Ball, Indenter
 from ninedtact.mechanics.solids import Cylinder
@@ -43,6 +44,8 @@ class Case:
     seen: Callable[[np.ndarray], np.ndarray] = np.copy
     """What is done to the heights."""
     kind: Kind = "bonded"
+    base: Gel | None = None
+    """What the estimator believes to be below the gel."""
 
 
 def bulges(gain: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -63,6 +66,7 @@ CASES = (
     Case("ν = 0.48 assumed, 0.50 true", gel=replace(GEL, poisson_ratio=0.48)),
     Case("0.5 mm blur not undone", seen=blurred),
     Case("compliant base", kind="compliant_base"),
+    Case("compliant base, told", kind="compliant_base", base=YIELDING),
     Case("finite strain", kind="finite_strain"),
 )
 
@@ -110,7 +114,7 @@ def press(rng: np.random.Generator, to_depth: bool) -> Press:
 def line(case: Case, contacts: list[Contact]) -> None:
     """One row of the table."""
     rng, start = np.random.default_rng(1), process_time()
-    estimator = TractionForce(ByHeight(), case.gel)
+    estimator = TractionForce(ByHeight(), case.gel, case.base)
     true, read, error = [], [], []
     for contact in contacts:
         estimator.forget()

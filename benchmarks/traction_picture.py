@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 from traction_skill import bench
 
-from ninedtact.force.traction.inversion import Effort
+from ninedtact.force.traction.explained import Effort
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.solids import Cylinder
 from ninedtact.quantities import Traction, WrenchEstimate

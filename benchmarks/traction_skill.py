@@ -20,7 +20,7 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.calibration.written import write_sensor
 from ninedtact.errors import NinedtactError
 from ninedtact.force.traction.estimator import TractionForce, traction_force
-from ninedtact.force.traction.inversion import Effort
+from ninedtact.force.traction.explained import Effort
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Coverage, Doubt, Frame, Reading, Rectified, WrenchEstimate

@@ -9,13 +9,15 @@ import pytest
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce, traction_force
 from ninedtact.force.traction.evidence import ByHeight, ByLight, by_light
-from ninedtact.force.traction.inversion import Effort
+from ninedtact.force.traction.explained import Effort
+from ninedtact.force.traction.ground import YIELDING
 from ninedtact.force.traction.refusals import TractionImpossible
 from ninedtact.mechanics.contact import Contact, ContactModel
 from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.layers import layered
 from ninedtact.mechanics.patch import padded_patch
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import gel_skin
+from ninedtact.mechanics.skin import Skin, gel_skin
 from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Reading, Rectified, centred_axis_mm
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.deblur import Deblurring
@@ -26,7 +28,7 @@ from ninedtact.simulation.truth import heights
 GEL = Gel()
 PX_MM = 0.2
 WIDE, SQUARE = (90, 120), (90, 90)
-THOROUGH = Effort(rounds=20, iterations=40, enough=0.02)
+THOROUGH = Effort(rounds=20, enough=0.02)
 FRAME = Frame(np.zeros((1, 1, 3), np.uint8))
 DEPTH = np.linspace(0, 2, 21)
 CURVE = DepthCurve("ratio", tuple((0.15 * DEPTH).tolist()), tuple(DEPTH.tolist()), (0.01,) * 21, (0.0, 0.4), (0.0, 1.0))
@@ -137,9 +139,9 @@ def test_a_forgotten_past_changes_nothing() -> None:
 def test_live_search_is_short() -> None:
     force = by_height(effort=Effort())
     force.estimate(reading(noisy()))
-    assert force.last is not None and force.last.iterations <= Effort().rounds * Effort().iterations
+    assert force.last is not None and force.last.rounds <= Effort().rounds
     force.estimate(reading(noisy(seed=1)))
-    assert force.last.iterations <= Effort().warm_iterations
+    assert force.last.rounds == Effort().warm_rounds
 
 
 def test_error_bars_cover() -> None:
@@ -182,8 +184,27 @@ def test_a_touch_deeper_than_calibrated_is_doubted() -> None:
     assert by_height().estimate(reading(z_mm, coverage)).doubts == (Doubt.OUT_OF_RANGE,)
 
 
+def test_a_touch_deeper_than_linear_gel_goes_is_doubted() -> None:
+    *_, deepest = ContactModel(gel_skin(padded_patch(24, 18, PX_MM, 4.0), GEL)).follow(
+        Ball(4.0), [Pose(0.5, 0.3, depth) for depth in (0.6, 1.2, 1.6, 1.9)]
+    )
+    assert Doubt.OUT_OF_RANGE in by_height().estimate(reading(noisy(contact=deepest))).doubts
+    read = lit(deepest)
+    assert not (read.height.coverage == Coverage.EXTRAPOLATED).any()
+    assert Doubt.OUT_OF_RANGE in TractionForce(ByLight(CURVE, Loss(), 0.5), GEL).estimate(read).doubts
+
+
+def test_a_base_that_yields_is_borne_when_it_is_told() -> None:
+    base = Gel(6.0, 10 * GEL.shear_modulus_mpa)
+    skin = Skin(padded_patch(24, 18, PX_MM, 8.0), layered((GEL, base)), thickness_mm=8.5)
+    *_, contact = ContactModel(skin).follow(Ball(4.0), [Pose(0, 0, 0.6), Pose(0, 0, 1.0), Pose(0.5, 0.2, 1.0)])
+    true = contact.wrench().force_n
+    told = replace(by_height(), base=YIELDING).estimate(reading(noisy(contact=contact))).wrench.force_n
+    np.testing.assert_allclose(told, true, atol=0.07 * abs(true[2]))
+
+
 def test_a_search_that_was_cut_short_is_doubted() -> None:
-    hasty = by_height(effort=Effort(rounds=1, iterations=1, settled=0.1))
+    hasty = by_height(effort=Effort(rounds=1, solves=1))
     assert Doubt.NOT_CONVERGED in hasty.estimate(reading(noisy())).doubts
 
 

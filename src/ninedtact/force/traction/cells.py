@@ -14,20 +14,18 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.patch import Patch
 from ninedtact.quantities import centred_axis_mm
 
-COARSEST_MM = 0.53
+COARSEST_MM = 0.7
 """Contacts have parts that are hardly wider; light scatters as far, so finer cells would not see more."""
 AROUND_MM = 3.3
 """Skin beyond the view that scatters light into it, and that keeps periodic images of the contact away."""
 BEYOND = 1
 """Cells on every side beyond the picture where pressure may be, too: near its border, skin that is pressed in is seen displaced
 outwards, out of the picture."""
-PER_BLOCK = 2
-"""Cells along one side of the blocks on which the coarse problem is solved."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A view of (rows, cols) square cells, both even: the picture, and `BEYOND` cells around it."""
+    """A view of (rows, cols) square cells: the picture, and `BEYOND` cells around it."""
 
     rows: int
     cols: int
@@ -71,6 +69,6 @@ class Cells:
 
 
 def cells_over(shape: tuple[int, int], mm_per_px: float) -> Cells:
-    """Cells over a picture of this shape: an even number each way, none longer than `COARSEST_MM`."""
-    rows, cols = (max(8, 2 * int(np.ceil(side * mm_per_px / COARSEST_MM / 2))) for side in shape)
+    """Cells over a picture of this shape, none longer than about `COARSEST_MM`."""
+    rows, cols = (max(8, int(np.ceil(side * mm_per_px / COARSEST_MM))) for side in shape)
     return Cells(rows + 2 * BEYOND, cols + 2 * BEYOND, float(np.sqrt(shape[0] * shape[1] / (rows * cols)) * mm_per_px))

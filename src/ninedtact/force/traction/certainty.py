@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.force.traction.blocks import CELLS_OF_BLOCK, mean_of_blocks
-from ninedtact.force.traction.inversion import Explained
+from ninedtact.force.traction.explained import Explained
+from ninedtact.force.traction.linearised import Linearised
 
 THICKNESS_POWER = 1.0
 """By which power of the assumed thickness forces fall, shear more and load less: the table of docs/force_physics.md."""
@@ -39,19 +39,18 @@ class Certainty:
 
 
 def covariance(found: Explained) -> Float64[Array, "6 6"]:
-    """Of the six sums over the shear modulus, given the picture: S H⁻¹ Sᵀ on the blocks."""
-    sums = block_sums(found)
-    return np.asarray(sums @ found.round.blocks.solved(sums.T))
+    """Of the six sums over the shear modulus, given the picture: S H⁻¹ Sᵀ."""
+    sizes = found.lowest.sizes(sums(found.round))
+    return np.asarray(sizes @ sizes.T)
 
 
-def block_sums(found: Explained) -> Float64[Array, "6 unknowns"]:
+def sums(line: Linearised) -> Float64[Array, "6 unknowns"]:
     """Force and torque of one of each unknown, N and N·m per MPa."""
-    problem, cells = found.round.blocks, found.round.forward.cells
-    x, y = (mean_of_blocks(place)[problem.row, problem.col].astype(float) for place in cells.places_mm)
-    area, none = CELLS_OF_BLOCK * cells.patch.cell_mm2, np.zeros((1, problem.carried.shape[1]))
-    one = np.ones_like(x)
+    cells = line.kernels.forward.cells
+    x, y = (place[line.place].astype(float) for place in cells.places_mm)
+    none, one = np.zeros((1, line.carried.shape[1])), np.ones_like(x)
     pressed = np.stack([0 * x, 0 * x, -one, -y / 1e3, x / 1e3, 0 * x])
-    common, turned_x, turned_y = (row[None] @ problem.carried for row in (one, -y / 1e3, x / 1e3))
+    common, turned_x, turned_y = (row[None] @ line.carried for row in (one, -y / 1e3, x / 1e3))
     along_x = np.concatenate([common, none, none, none, none, turned_x])
     along_y = np.concatenate([none, common, none, none, none, turned_y])
-    return np.concatenate([pressed, along_x, along_y], axis=1) * area
+    return np.concatenate([pressed, along_x, along_y], axis=1) * cells.patch.cell_mm2

@@ -9,15 +9,19 @@ object applies. Nothing here was trained; what is known of presses beforehand is
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Bool
+from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.force.estimator import ForceEstimator, untouched
 from ninedtact.force.traction.cells import Cells, cells_over
 from ninedtact.force.traction.certainty import Certainty
 from ninedtact.force.traction.evidence import Evidence, by_light
+from ninedtact.force.traction.explained import Effort, Explained
 from ninedtact.force.traction.forward import Forward
 from ninedtact.force.traction.gate import Gate, border_pressed
-from ninedtact.force.traction.inversion import Effort, Explained, Inversion
+from ninedtact.force.traction.ground import ground_of
+from ninedtact.force.traction.inversion import Inversion
 from ninedtact.force.traction.observation import Observation
 from ninedtact.force.traction.prior import Prior
 from ninedtact.force.traction.refusals import required_gel
@@ -27,6 +31,9 @@ from ninedtact.shape.calibrated import CalibratedShape
 NOTHING = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
 """Error of saying that nothing touches: half of all touches of 0.05 N show (docs/force_physics.md)."""
 
+DEEPEST_PART = 0.7
+"""Of the gel's thickness: gel that stiffens as it gets thin bears a quarter more than is read there (docs/force_physics.md)."""
+
 
 @dataclass
 class TractionForce(ForceEstimator):
@@ -35,6 +42,8 @@ class TractionForce(ForceEstimator):
     evidence: Evidence
     gel: Gel
     """Thickness as the calibration found it; the shear modulus scales all forces."""
+    base: Gel | None = None
+    """What the gel lies on, its shear modulus over that of the gel; none is rigid."""
     prior: Prior = Prior()
     gate: Gate = Gate()
     effort: Effort = Effort()
@@ -62,7 +71,7 @@ class TractionForce(ForceEstimator):
         traction = Traction(
             found.tractions[0] * np.float32(mpa),
             found.tractions[1:] * np.float32(mpa),
-            found.round.forward.cells.pitch_mm,
+            found.round.kernels.forward.cells.pitch_mm,
             reading.frame.stamp_ns,
             found.skin_mm[:rows, :cols].copy(),
         )
@@ -74,11 +83,15 @@ class TractionForce(ForceEstimator):
         """Why this may not be so."""
         pressed = found.tractions[0] > 0
         doubtful = {
-            Doubt.OUT_OF_RANGE: bool((seen.beyond[pressed] > 0.5).any()),
+            Doubt.OUT_OF_RANGE: bool((self.too_deep(seen) & pressed).any()),
             Doubt.PART_UNSEEN: border_pressed(found.tractions[0], seen.in_view),
             Doubt.NOT_CONVERGED: found.off > self.effort.settled,
         }
         return [doubt for doubt, holds in doubtful.items() if holds]
+
+    def too_deep(self, seen: Observation) -> Bool[Array, "rows cols"]:
+        """Where the depth curve, or the linear gel, is no longer to be trusted."""
+        return (seen.beyond > 0.5) | (seen.z_mm < -DEEPEST_PART * self.gel.thickness_mm)
 
     def inversion_for(self, height: HeightMap) -> Inversion:
         """For pictures of this size, made when the first is met."""
@@ -86,7 +99,7 @@ class TractionForce(ForceEstimator):
         if cells not in self.inversions:
             self.forget()
             gel = self.gel
-            forward = Forward(cells, gel.thickness_mm, gel.poisson_ratio, self.evidence.scattering_mm)
+            forward = Forward(cells, gel.thickness_mm, gel.poisson_ratio, self.evidence.scattering_mm, self.base)
             self.inversions[cells] = Inversion(forward, self.evidence.law, self.prior, self.effort)
         return self.inversions[cells]
 
@@ -97,4 +110,5 @@ class TractionForce(ForceEstimator):
 
 def traction_force(calibrated: CalibratedShape, gel: Gel | None) -> TractionForce:
     """The estimator of a calibrated sensor; raises `TractionImpossible` where its calibration knows no light or no gel."""
-    return TractionForce(by_light(calibrated), required_gel(gel))
+    ground = ground_of(by_light(calibrated))
+    return TractionForce(ground.evidence, required_gel(gel), ground.base)

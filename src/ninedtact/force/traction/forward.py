@@ -4,7 +4,7 @@ Tractions are in units of the shear modulus, so that everything here depends on 
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Complex64, Float, Float32
@@ -12,7 +12,9 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.cells import Cells
-from ninedtact.mechanics.skin import gel_skin
+from ninedtact.mechanics.gel import bonded_layer
+from ninedtact.mechanics.layers import layered
+from ninedtact.mechanics.skin import Skin as Layers
 from ninedtact.mechanics.transform import field_of, spectrum
 
 View = Float32[Array, "rows cols"]
@@ -30,11 +32,15 @@ class Forward:
     poisson_ratio: float
     scattering_mm: float
     """Standard deviation of the point-spread; zero where heights are given."""
+    base: Gel | None = None
+    """What the gel lies on, its shear modulus over that of the gel; none is rigid."""
 
     @cached_property
     def symbols(self) -> Complex64[Array, "3 skin_rows half"]:
         """What the transforms of the tractions are multiplied by."""
-        parts = gel_skin(self.cells.patch, Gel(self.thickness_mm, 1.0, self.poisson_ratio), np.zeros(())).symbols
+        gel = Gel(self.thickness_mm, 1.0, self.poisson_ratio)
+        below = partial(bonded_layer, gel=gel) if self.base is None else layered((gel, self.base))
+        parts = Layers(self.cells.patch, below, np.zeros(())).symbols
         up = np.stack([-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"]])
         return up.astype(np.complex64)
 

@@ -21,15 +21,15 @@ View = Float32[Array, "rows cols"]
 class Gate:
     """What counts as touched."""
 
-    smoothing_cells: float = 2.0
+    smoothing_cells: float = 1.5
     deviations: float = 9.0
     """Of the smoothed noise; the worst of 110 untouched pictures of 39 sensors came to 7.7."""
     least: float = 1e-3
     """Relative darkening (mm, where heights are observed) below which nothing counts: a reference is no better."""
     shallow_mm: float = 0.02
-    shallow_part: float = 0.06
+    shallow_part: float = 0.03
     """Of the deepest place: where the skin is less deep than this, and than `shallow_mm`, the gel is only drawn along."""
-    deep_part: float = 0.2
+    deep_part: float = 0.1
     """Of the deepest place, that every part of a contact reaches somewhere."""
     deep_mm: float = 0.05
     dark_part: float = 0.5
@@ -57,6 +57,8 @@ class Gate:
         return max(self.deviations * seen.noise / (2 * np.sqrt(np.pi) * self.smoothing_cells), self.least)
 
 
+FAINT = 0.05
+"""Of the largest pressure: less says nothing of what lies beyond."""
 RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 """Skin at the rim of a contact may stand higher than the untouched plane."""
 
@@ -68,6 +70,6 @@ def parts_with(region: Bool[Array, "rows cols"], marks: Bool[Array, "rows cols"]
 
 
 def border_pressed(pressure: View, in_view: View) -> bool:
-    """Whether pressure reaches a place that is not seen, or beside one."""
+    """Whether pressure worth speaking of reaches a place that is not seen, or beside one."""
     unseen = cv2.dilate(1 - in_view, RIM)
-    return bool(((pressure > 0) & (unseen > 0)).any())
+    return bool(((pressure > FAINT * pressure.max()) & (unseen > 0)).any())

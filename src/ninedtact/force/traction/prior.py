@@ -48,28 +48,10 @@ class ShearModes:
         power = np.sqrt((down**2).sum(1).mean() * (across**2).sum(1).mean())
         return (down * self.prior.spread / power).astype(np.float32), across.astype(np.float32)
 
-    @property
-    def count(self) -> int:
-        """Modes of one axis."""
-        down, across = self.factors
-        return down.shape[1] * across.shape[1] + 1
-
-    def ratio(self, weights: Float32[Array, "2 modes"]) -> Float32[Array, "2 rows cols"]:
-        """Shear over pressure for these weights, each of which has variance one."""
-        down, across = self.factors
-        bumps = weights[:, 1:].reshape(2, down.shape[1], across.shape[1])
-        return down @ bumps @ across.T + np.float32(self.prior.pull) * weights[:, :1, None]
-
-    def weighed(self, field: Float32[Array, "2 rows cols"]) -> Float32[Array, "2 modes"]:
-        """The adjoint of `ratio`."""
-        down, across = self.factors
-        common = field.sum(axis=(1, 2))[:, None] * np.float32(self.prior.pull)
-        return np.concatenate([common, (down.T @ field @ across).reshape(2, -1)], axis=1)
-
     @cached_property
-    def on_blocks(self) -> Float32[Array, "blocks modes"]:
-        """Every mode at the middle of every block of 2 x 2 cells."""
-        down, across = (factor.reshape(-1, 2, factor.shape[1]).mean(axis=1) for factor in self.factors)
+    def on_cells(self) -> Float32[Array, "cells modes"]:
+        """Every mode on every cell of the view, row after row."""
+        down, across = self.factors
         lattice = np.einsum("ia,jb->ijab", down, across).reshape(len(down) * len(across), -1)
         common = np.full((len(lattice), 1), self.prior.pull, np.float32)
         return np.concatenate([common, lattice], axis=1)

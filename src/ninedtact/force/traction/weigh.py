@@ -21,24 +21,23 @@ class Weigh:
 
     def __call__(self, rest: View) -> View:
         """The inverse covariance times a field."""
+        return self.whitened(rest) * self.per_error
+
+    def whitened(self, rest: View) -> View:
+        """A field over its errors, what is common to all cells taken off as far as its error allows."""
         weighed = rest * self.per_error
         common = self.level * self.per_error
         weighed -= common * (float(np.vdot(common, weighed)) * self.kept)
-        return weighed * self.per_error
+        return weighed
 
     @cached_property
     def kept(self) -> float:
         """One over one plus how much better than its prior the level is seen."""
         return 1 / (1 + self.level**2 * float(np.vdot(self.per_error, self.per_error)))
 
-    @cached_property
-    def on_blocks(self) -> View:
-        """One over the standard deviation of the mean of every block of 2 x 2 cells."""
-        rows, cols = self.per_error.shape
-        square = (self.per_error**2).reshape(rows // 2, 2, cols // 2, 2).sum(axis=(1, 3))
-        return np.sqrt(square)
-
-    def gram_on_blocks(self, columns: Float32[Array, "n seen"]) -> Float32[Array, "n n"]:
-        """Products of columns that are divided by the blocks' errors already."""
-        common = columns @ (self.level * self.on_blocks.ravel())
-        return columns @ columns.T - np.outer(common, common) * np.float32(self.kept)
+    def gram(self, columns: Float32[Array, "n seen"]) -> Float32[Array, "n n"]:
+        """Products of fields that are divided by their errors already."""
+        common = columns @ (self.level * self.per_error.ravel())
+        gram = columns @ columns.T
+        gram -= np.outer(common, common) * np.float32(self.kept)
+        return gram
