@@ -49,7 +49,7 @@ class Live:
     """Untouched skin of this session; given more than once, the pictures are averaged. Without any, the first pictures
     of the source are the untouched skin."""
     force: str = NONE
-    """The force read from every picture too: physics (no training), or a force model (.onnx)."""
+    """The force read from every picture too: both (network and physics), network, physics, or a force model (.onnx)."""
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
     automatic: bool = False

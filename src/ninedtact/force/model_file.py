@@ -69,7 +69,13 @@ def model_from(content: bytes, name: str) -> ForceModel:
 
 def session_of(content: bytes, name: str) -> "InferenceSession":
     """ONNX Runtime on one thread; raises `ModelUnusable`."""
-    from onnxruntime import InferenceSession, SessionOptions
+    try:
+        from onnxruntime import InferenceSession, SessionOptions
+    except ImportError as trouble:
+        raise ModelUnusable(
+            f"expected ONNX Runtime to run the network in {name}, got: {trouble}; pip install 'ninedtact[force]', or estimate "
+            "without a network: --force physics"
+        ) from trouble
 
     options = SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.force.estimators import PHYSICS
+from ninedtact.cli.force.estimators import BOTH
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ class Adapt:
     """Untouched skin of the same session; given more than once, the pictures are averaged."""
     press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]]
     """A picture and its grams, as --press five.png 512; once for every press."""
-    force: str = PHYSICS
-    """physics (no training), or a force model (.onnx): what is adapted."""
+    force: str = BOTH
+    """What is adapted: both (network and physics), network, physics, or a force model (.onnx)."""
     dry_run: bool = False
     """Say what would be found, and keep nothing."""
     json: bool = False
@@ -50,7 +50,7 @@ class Adapt:
         from ninedtact.force.adaptation_file import write_adaptation
 
         if self.force == NONE:
-            raise NothingWeighed(f"expected an estimator to adapt, got --force {NONE}; name {PHYSICS} or a force model")
+            raise NothingWeighed(f"expected an estimator to adapt, got --force {NONE}; name {BOTH} or a force model")
         folder = load_sensor(self.sensor)
         estimator = unadapted(self.force, folder)
         presses = [*self.weighed(folder.shape, estimator)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.force.estimators import PHYSICS
+from ninedtact.cli.force.estimators import BOTH
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ class Estimate:
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Untouched skin of the same session; given more than once, the pictures are averaged. A video, folder or recording may
     begin with untouched skin instead."""
-    force: str = PHYSICS
-    """physics (no training), or a force model (.onnx)."""
+    force: str = BOTH
+    """both (network and physics), network (the model that ships), physics (no training), or a force model (.onnx)."""
     about_mm: Point = (0.0, 0.0, 0.0)
     """Point that torques are about, in the sensor's frame: 0 0 -35 is the paper's force/torque sensor."""
     out: Path | None = None

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ninedtact.force.estimator import ForceEstimator
     from ninedtact.shape.calibrated import CalibratedShape
 
-PHYSICS, NETWORK, NONE = "physics", "network", "none"
+BOTH, NETWORK, PHYSICS, NONE = "both", "network", "physics", "none"
 ENDING, WEIGHTS = ".onnx", ".pt"
 
 
@@ -49,11 +49,28 @@ def on_sensor(text: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimato
         from ninedtact.force.traction.estimator import traction_force
 
         return traction_force(shape, gel)
-    if text == NETWORK:
-        from ninedtact.force.shipped import SHIPPED
+    if text == BOTH:
+        return together(shape, gel)
+    return from_file(shipped_model() if text == NETWORK else Path(text).expanduser(), shape, gel)
 
-        return from_file(SHIPPED, shape, gel)
-    return from_file(Path(text).expanduser(), shape, gel)
+
+def shipped_model() -> Path:
+    """Of this package."""
+    from ninedtact.force.shipped import SHIPPED
+
+    return SHIPPED
+
+
+def together(shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
+    """The network that ships and physics."""
+    from ninedtact.force.model_file import read_model
+    from ninedtact.force.network_force import NetworkForce
+    from ninedtact.force.together import TogetherForce
+    from ninedtact.force.traction.estimator import traction_force
+    from ninedtact.force.traits import traits_of
+
+    network = NetworkForce(read_model(shipped_model()), gel, traits=traits_of(shape, gel))
+    return TogetherForce(network, traction_force(shape, gel))
 
 
 def ungated(estimator: "ForceEstimator") -> "ForceEstimator":
@@ -80,8 +97,8 @@ def from_file(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimat
 
         return read_original(path)
     raise EstimatorUnknown(
-        f"expected --force {NETWORK}, {PHYSICS}, {NONE}, a force model (*{ENDING}) or the original's weights (*{WEIGHTS}), got "
-        f"'{path}'; name one of these"
+        f"expected --force {BOTH}, {NETWORK}, {PHYSICS}, {NONE}, a force model (*{ENDING}) or the original's weights (*{WEIGHTS}), "
+        f"got '{path}'; name one of these"
     )
 
 

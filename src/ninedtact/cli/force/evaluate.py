@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.force.estimators import PHYSICS
+from ninedtact.cli.force.estimators import BOTH
 from ninedtact.cli.force.judged_data import Modulus
 from ninedtact.errors import NinedtactError
 
@@ -28,12 +28,13 @@ class Evaluate:
     """CSV: Fx_N … Tz_Nm, predicted pFx … pTz, if claimed standard deviations eFx … eTz, object, sensor."""
     data: Path | None = None
     """Data set to judge an estimator on, in place of --predictions."""
-    force: str = PHYSICS
-    """The estimator: physics, a force model (.onnx) or the original's weights (.pt)."""
+    force: str = BOTH
+    """The estimator: network (the one that ships), physics, both, a force model (.onnx) or the original's weights (.pt)."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name. Twins calibrate themselves."""
     modulus: Modulus = "true"
-    """How stiff the gels of twins are taken for: as they are, which is what weighed presses tell, or as designed."""
+    """How stiff the gels of twins are taken for: as they are, as designed, or as five presses of 100 to 500 g tell, by which
+    every twin's force is adapted as `ninedtact adapt` does it."""
     ungated: bool = False
     """Ask a network about untouched skin too, which otherwise is zero without being asked about."""
     every: int = 1

@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ninedtact.cli.force.estimators import PHYSICS
+from ninedtact.cli.force.estimators import BOTH, PHYSICS
 
 if TYPE_CHECKING:
     from ninedtact.force.estimator import ForceEstimator
     from ninedtact.force.evaluation import Predictions
     from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
+    from ninedtact.simulation.population.member import SensorMember
 
-Modulus = Literal["true", "design"]
+Modulus = Literal["true", "design", "weighed"]
 
 
 @dataclass(frozen=True)
@@ -33,15 +34,16 @@ class JudgedData:
         import numpy as np
         from tqdm import tqdm
 
+        from ninedtact.cli.force.own_sensors import members_of
         from ninedtact.force.evaluation import Distribution, Predictions
         from ninedtact.recording.dataset.readings import readings
 
-        sensors, refused = self.calibrated()
+        (sensors, refused), members = self.calibrated(), members_of(self.folder)
         estimators: dict[str, ForceEstimator] = {}
         truth, found, error, objects, names = [], [], [], [], []
         for pair in tqdm(readings(self.folder, sensors, self.every, refused), unit="pair", disable=not self.progress):
             if pair.sensor not in estimators:
-                estimators[pair.sensor] = self.estimator(sensors[pair.sensor])
+                estimators[pair.sensor] = self.estimator(sensors[pair.sensor], members.get(pair.sensor))
             estimator = estimators[pair.sensor]
             estimator.forget()
             estimate = estimator.estimate(pair.reading)
@@ -51,7 +53,7 @@ class JudgedData:
             objects.append(pair.object)
             names.append(pair.sensor)
         six = [np.array(rows, float).reshape(-1, 6) for rows in (truth, found, error)]
-        distribution = Distribution.GAUSSIAN if self.force == PHYSICS else Distribution.LAPLACE
+        distribution = Distribution.GAUSSIAN if self.force in (PHYSICS, BOTH) else Distribution.LAPLACE
         claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
         return Predictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
 
@@ -73,9 +75,14 @@ class JudgedData:
         }
         return sensors, known.refused
 
-    def estimator(self, sensor: "CalibratedSensor") -> "ForceEstimator":
+    def estimator(self, sensor: "CalibratedSensor", member: "SensorMember | None") -> "ForceEstimator":
         """The one that was named, on this sensor."""
         from ninedtact.cli.force.estimators import on_sensor, ungated
+        from ninedtact.cli.force.weighing import weighed
 
         estimator = on_sensor(self.force, sensor.shape, sensor.gel)
-        return estimator if self.gate else ungated(estimator)
+        if not self.gate:
+            estimator = ungated(estimator)
+        if member is None or self.modulus != "weighed":
+            return estimator
+        return weighed(estimator, member, sensor.shape)

@@ -1,0 +1,50 @@
+"""A twin weighed as a person weighs a sensor: a ball pressed on it on a kitchen scale, some presses of known weight."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ninedtact.force.adaptation import WeighedPress
+    from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.quantities import Reading
+    from ninedtact.shape.calibrated import CalibratedShape
+    from ninedtact.simulation.population.member import SensorMember
+
+RADIUS_MM, DEPTH_MM = 5.0, 0.8
+"""Of the ball; where the search for its weight begins."""
+PRESSES = ((0.0, 0.0, 1.0), (2.5, 1.5, 1.0), (0.0, 0.0, 2.5), (-2.5, -1.5, 5.0), (2.0, -1.5, 5.0))
+"""x and y in mm, and newtons: 100 to 500 g."""
+UNTOUCHED = 8
+"""Pictures averaged."""
+
+
+def weighed(estimator: "ForceEstimator", member: "SensorMember", shape: "CalibratedShape") -> "ForceEstimator":
+    """The estimator adapted by these presses, as `ninedtact adapt` does it."""
+    from ninedtact.force.adaptation import Adapted, adapted
+
+    return Adapted(estimator, adapted(list(presses(estimator, member, shape))).adaptation)
+
+
+def presses(estimator: "ForceEstimator", member: "SensorMember", shape: "CalibratedShape") -> "Iterator[WeighedPress]":
+    """What the estimator reads, and what the scale shows."""
+    from ninedtact.force.adaptation import WeighedPress
+
+    for reading, load_n in readings(member, shape):
+        estimator.forget()
+        yield WeighedPress(max(0.0, -float(estimator.estimate(reading).wrench.force_n[2])), load_n)
+
+
+def readings(member: "SensorMember", shape: "CalibratedShape") -> "Iterator[tuple[Reading, float]]":
+    """Every press as the sensor reads it, and its load."""
+    from ninedtact.mechanics.indenter import Ball
+    from ninedtact.mechanics.pose import Pose
+    from ninedtact.quantities import Frame, Reading
+
+    twin = member.twin()
+    depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-UNTOUCHED, 0)))
+    for number, (x, y, load_n) in enumerate(PRESSES):
+        contact = twin.felt(twin.step(twin.model.untouched(), Ball(RADIUS_MM), Pose(x, y, DEPTH_MM), load_n))
+        frame = Frame(twin.renderer(contact, number))
+        rectified = shape.rectify(frame)
+        reading = Reading(frame, rectified, depth(rectified), reference=depth.reference)
+        yield reading, -float(contact.wrench().force_n[2])
