@@ -23,6 +23,9 @@ ROWS: dict[str, tuple[str | tuple[str, ...], str]] = {
 }
 """What a line is called, where it is found, how its numbers are written."""
 WITH_UNITS = ("mae", "std")
+JUDGED_ON = """\
+Judged on twins and families of objects that had no part in the training. Every twin was calibrated from its own board and ball
+pictures and weighed with five presses of 100 to 500 g (`ninedtact adapt`). Skill is 1 − MAE / MAE of answering the median."""
 LIMITS = """\
 - **Not yet tested against a real force/torque sensor.** All pairs are of twins: pictures drawn, wrenches computed.
 - The gel's stiffness is not in a picture. The wrench is for a gel of {modulus:.3f} MPa, multiplied by what the sensor's own gel
@@ -44,6 +47,8 @@ def lines(card: Card) -> Iterator[str]:
     shown = card.input
     yield f"Network `{card.network}` on {shown.cols} × {shown.rows} places of {shown.mm_per_px:g} mm: {shown.channels}."
     yield f"Wrench of the object on the skin, N and N·m about {list(card.about_mm)} mm. Licence {card.licence}."
+    if set(card.evaluation) - {VALIDATION}:
+        yield from ("", JUDGED_ON)
     yield from (line for name, table in judged(card) for line in section(name, table))
     yield from ("", "## Made of", "")
     yield (

@@ -49,8 +49,8 @@ def on_sensor(text: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimato
         from ninedtact.force.traction.estimator import traction_force
 
         return traction_force(shape, gel)
-    if text == BOTH:
-        return together(shape, gel)
+    if text.partition(":")[0] == BOTH:
+        return together(Path(text.partition(":")[2] or shipped_model()), shape, gel)
     return from_file(shipped_model() if text == NETWORK else Path(text).expanduser(), shape, gel)
 
 
@@ -61,15 +61,15 @@ def shipped_model() -> Path:
     return SHIPPED
 
 
-def together(shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """The network that ships and physics."""
+def together(model: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
+    """A network and physics."""
     from ninedtact.force.model_file import read_model
     from ninedtact.force.network_force import NetworkForce
     from ninedtact.force.together import TogetherForce
     from ninedtact.force.traction.estimator import traction_force
     from ninedtact.force.traits import traits_of
 
-    network = NetworkForce(read_model(shipped_model()), gel, traits=traits_of(shape, gel))
+    network = NetworkForce(read_model(model.expanduser()), gel, traits=traits_of(shape, gel))
     return TogetherForce(network, traction_force(shape, gel))
 
 

@@ -53,7 +53,8 @@ class JudgedData:
             objects.append(pair.object)
             names.append(pair.sensor)
         six = [np.array(rows, float).reshape(-1, 6) for rows in (truth, found, error)]
-        distribution = Distribution.GAUSSIAN if self.force in (PHYSICS, BOTH) else Distribution.LAPLACE
+        gaussian = self.force.partition(":")[0] in (PHYSICS, BOTH)
+        distribution = Distribution.GAUSSIAN if gaussian else Distribution.LAPLACE
         claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
         return Predictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
 

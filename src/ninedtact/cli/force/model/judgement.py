@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ninedtact.cli.force.estimators import BOTH
 from ninedtact.cli.force.judged_data import JudgedData
 
 if TYPE_CHECKING:
-    from ninedtact.force.evaluation import Evaluation, Predictions
+    from ninedtact.force.evaluation import Predictions
 
 PAPERS_POINT = (0.0, 0.0, -35.0)
 KINDS = {
@@ -21,45 +22,57 @@ LEFT_OUT = ("published", "by_object", "by_sensor", "axes", "units")
 """Of the tables that a card holds."""
 
 
+TOGETHER = ", network and physics together"
+"""What is added to a table's name."""
+
+
 @dataclass(frozen=True)
 class Judgement:
-    """Predictions for a data set of twins, with and without the gate that answers nothing to no contact."""
+    """Predictions for a data set of twins: the network's, with and without the gate, and those of network and physics together."""
 
-    gated: "Predictions"
+    network: "Predictions"
     ungated: "Predictions"
+    together: "Predictions"
     kinds: dict[str, str]
     """Mechanics of each sensor."""
 
-    def evaluations(self) -> "Iterator[tuple[str, Evaluation]]":
-        """Of each kind of mechanics that occurs, then all; torques about the skin's centre."""
-        from ninedtact.force.evaluation import evaluate
-
-        assert self.gated.sensors is not None
-        each = [self.kinds[name] for name in self.gated.sensors]
-        for kind, words in KINDS.items():
-            if kind in each:
-                yield words, evaluate(self.gated.those([one == kind for one in each]))
-        yield "all", evaluate(self.gated)
-
     def tables(self) -> dict[str, dict[str, Any]]:
-        """For the card: every evaluation, its skill about the paper's point beside it, and the network without its gate."""
+        """For the card."""
         from ninedtact.force.evaluation import evaluate
 
-        told = {}
-        for words, evaluation in self.evaluations():
-            table = {key: value for key, value in evaluation.as_table().items() if key not in LEFT_OUT}
-            below = evaluate(evaluation.predictions.about(PAPERS_POINT))
-            told[words] = {**table, "skill_35_mm_below": below.scores.skill.tolist()}
+        told = {
+            words + suffix: table(part)
+            for suffix, predictions in (("", self.network), (TOGETHER, self.together))
+            for words, part in self.parts(predictions)
+        }
         told["all"]["untouched_without_gate"] = evaluate(self.ungated).as_table()["untouched"]
         return told
 
+    def parts(self, predictions: "Predictions") -> "Iterator[tuple[str, Predictions]]":
+        """Of each kind of mechanics that occurs, then all."""
+        assert predictions.sensors is not None
+        each = [self.kinds[name] for name in predictions.sensors]
+        for kind, words in KINDS.items():
+            if kind in each:
+                yield words, predictions.those([one == kind for one in each])
+        yield "all", predictions
+
+
+def table(predictions: "Predictions") -> dict[str, Any]:
+    """All figures about the skin's centre, the skill about the paper's point beside them."""
+    from ninedtact.force.evaluation import evaluate
+
+    whole = evaluate(predictions).as_table()
+    below = evaluate(predictions.about(PAPERS_POINT)).scores.skill
+    return {**{key: value for key, value in whole.items() if key not in LEFT_OUT}, "skill_35_mm_below": below.tolist()}
+
 
 def judged(model: Path, data: Path, workers: int, progress: bool) -> Judgement:
-    """The model on a data set of twins, each of which calibrates itself."""
+    """The model on a data set of twins, each of which calibrates itself and is weighed with five presses."""
     from ninedtact.cli.force.own_sensors import members_of
 
-    gated, ungated = (
-        JudgedData(data, str(model), workers=workers, progress=progress, gate=gate).predictions()
-        for gate in (True, False)
+    network, ungated, together = (
+        JudgedData(data, force, modulus="weighed", workers=workers, progress=progress, gate=gate).predictions()
+        for force, gate in ((str(model), True), (str(model), False), (f"{BOTH}:{model}", True))
     )
-    return Judgement(gated, ungated, {name: member.kind for name, member in members_of(data).items()})
+    return Judgement(network, ungated, together, {name: member.kind for name, member in members_of(data).items()})
