@@ -8,7 +8,7 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
 .venv/ready: pyproject.toml constraints.txt
 	test -x .venv/bin/uv || { $(PYTHON) -m venv .venv && .venv/bin/python -m pip install -q uv; }
-	$(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt -e '.[studio,train,dev]'
+	$(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt -e '.[studio,train,hardware,dev]'
 	touch $@
 
 test: .venv/ready lint types

@@ -13,7 +13,7 @@ PACKAGE = Path(ninedtact.__file__).parent
 
 LAYERS = [
     {"errors", "whole_file"},
-    {"quantities", "design"},
+    {"quantities", "design", "design_file"},
     {"mechanics", "capture", "shape"},
     {"force", "simulation"},
     {"calibration", "recording", "sensor"},
@@ -24,7 +24,7 @@ LAYERS = [
 EXCEPTIONS = {("calibration", "simulation.light")}
 """The ball fit is the twin's forward model."""
 
-SHARED_WITHIN_A_LAYER = {("design", "errors"), ("whole_file", "errors")}
+SHARED_WITHIN_A_LAYER = {("design", "errors"), ("whole_file", "errors"), ("design_file", "design")}
 
 HEAVY = {
     "torch": {"force.networks", "force.training", "force.original", "mechanics", "simulation"},
@@ -32,7 +32,15 @@ HEAVY = {
     "onnx": {"force.training"},
     "onnxruntime": {"force.model_file"},
     "viser": {"studio"},
-    "build123d": {"hardware"},
+    "build123d": {
+        "hardware.parts",
+        "hardware.assembly",
+        "hardware.pictures",
+        "hardware.guide",
+        "hardware.export",
+    },
+    "ezdxf": {"hardware.export"},
+    "shapely": {"hardware.led_board"},
     "cyclonedds": {"interop"},
     "rosbags": {"recording", "interop"},
     "mcap": {"recording"},
@@ -40,8 +48,8 @@ HEAVY = {
     "pynetft": {"capture"},
     "serial": {"capture"},
     # simulation: one press and a show of several as figures, beside what they are figures of.
-    "matplotlib": {"shape", "calibration", "simulation", "force"},
-    "jinja2": {"calibration", "force"},
+    "matplotlib": {"shape", "calibration", "simulation", "force", "hardware"},
+    "jinja2": {"calibration", "force", "hardware"},
 }
 
 
@@ -96,7 +104,7 @@ def test_a_heavy_library_lives_in_its_room(path: Path) -> None:
 
 @pytest.mark.parametrize("statement", ["import ninedtact", "import ninedtact.cli"])
 def test_start_is_light(statement: str) -> None:
-    heavy = ("cv2", "scipy", "torch", "viser", "matplotlib")
+    heavy = ("cv2", "scipy", "torch", "viser", "matplotlib", "build123d", "OCP", "ezdxf")
     check = f"{statement}; import sys; print(*[name for name in {heavy} if name in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == ""

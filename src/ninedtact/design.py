@@ -36,6 +36,18 @@ class Gel:
             )
 
 
+def shear_modulus_of_shore_a(shore_a: float) -> float:
+    """Shear modulus in MPa of a rubber of this hardness (Gent 1958, docs/references.md; a third of his Young's modulus).
+
+    Raises `DesignImpossible` outside of 1 to 95, where the scale has no meaning.
+    """
+    if not 1 <= shore_a <= 95:
+        raise DesignImpossible(
+            f"expected a Shore A hardness from 1 to 95, got {shore_a:g}; take a softer or harder gel"
+        )
+    return 0.0981 * (56 + 7.62336 * shore_a) / (0.137505 * (254 - 2.54 * shore_a)) / 3
+
+
 @dataclass(frozen=True)
 class FieldOfView:
     """The rectified picture: its size in pixels, and the raw picture for which one pixel there is one pixel here."""
@@ -57,8 +69,53 @@ class Camera:
     distance_mm: float = 14.05
     """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards: see `shape.sightlines`."""
 
+    lens_angle_deg: float = 160.0
+    """What the lens sees in air, from side to side along the picture's diagonal."""
+
     def __post_init__(self) -> None:
         require_positive("camera.distance_mm", self.distance_mm)
+        if not 20 <= self.lens_angle_deg <= 170:
+            raise DesignImpossible(
+                f"expected camera.lens_angle_deg from 20 to 170, got {self.lens_angle_deg}; correct the design"
+            )
+
+
+@dataclass(frozen=True)
+class SensingArea:
+    """The skin that is looked at, in the middle of a gel that is larger."""
+
+    width_mm: float = 24.0
+    """Along x, the picture's columns."""
+    height_mm: float = 18.0
+    """Along y, its rows."""
+    margin_mm: tuple[float, float] = (2.25, 1.75)
+    """From the area to the wall of the gel's opening, x and y: near a wall the gel is stiffer."""
+    overlap_mm: float = 0.5
+    """How far the pressed gel lies on the rim round the opening, on each side."""
+
+    def __post_init__(self) -> None:
+        require_positive("sensing_area.width_mm", self.width_mm)
+        require_positive("sensing_area.height_mm", self.height_mm)
+        if not (min(self.margin_mm) >= 0 and self.overlap_mm >= 0):
+            raise DesignImpossible(
+                f"expected sensing_area margins and overlap of zero or more, got {self.margin_mm} and {self.overlap_mm}; "
+                "correct the design"
+            )
+
+    @property
+    def mm2(self) -> float:
+        """Its content."""
+        return self.width_mm * self.height_mm
+
+    @property
+    def opening_mm(self) -> tuple[float, float]:
+        """Width and height of the opening that the gel fills."""
+        return self.width_mm + 2 * self.margin_mm[0], self.height_mm + 2 * self.margin_mm[1]
+
+    @property
+    def gel_mm(self) -> tuple[float, float]:
+        """Width and height of the pressed gel."""
+        return self.opening_mm[0] + 2 * self.overlap_mm, self.opening_mm[1] + 2 * self.overlap_mm
 
 
 @dataclass(frozen=True)
@@ -118,6 +175,7 @@ class SensorDesign:
     """One sensor's design. The calibration searches for it, the twin simulates it, the hardware draws it."""
 
     gel: Gel = Gel()
+    sensing_area: SensingArea = SensingArea()
     camera: Camera = Camera()
     field_of_view: FieldOfView = FieldOfView()
     pin_board: PinBoard = PinBoard()

@@ -26,6 +26,8 @@ from ninedtact.cli.force.evaluate import Evaluate
 from ninedtact.cli.force.model import DESCRIPTION as MODEL
 from ninedtact.cli.force.model import Model
 from ninedtact.cli.force.train import Train
+from ninedtact.cli.hardware import DESCRIPTION as HARDWARE
+from ninedtact.cli.hardware import Hardware
 from ninedtact.cli.live import Live
 from ninedtact.cli.reconstruct import Reconstruct
 from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
@@ -52,6 +54,7 @@ Command = (
     | Annotated[Estimate, tyro.conf.subcommand("estimate")]
     | Annotated[Adapt, tyro.conf.subcommand("adapt")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Hardware, tyro.conf.subcommand("hardware", description=HARDWARE)]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 DESCRIPTION = "The software of the 9DTact tactile sensor: pictures in, calibrated millimetres out."

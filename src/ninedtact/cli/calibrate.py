@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.options import CalibrationOptions
+from ninedtact.cli.options import CalibrationOptions, DesignFile, TwoDesigns, design_or_published
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
@@ -50,6 +50,8 @@ class Calibrate:
     id: str | None = None
     """Name of the sensor; the folder's name if not given."""
     options: Annotated[CalibrationOptions, tyro.conf.arg(name="")] = CalibrationOptions()
+    design_file: DesignFile = None
+    """Design file (TOML) of the sensor; or its dimensions one by one, below."""
     design: SensorDesign = SensorDesign()
     json: bool = False
     """Print the certificate's figures as one JSON object."""
@@ -71,10 +73,14 @@ class Calibrate:
 
     @property
     def resolved_design(self) -> SensorDesign:
-        """The design with the ball that was given."""
+        """The design with the ball that was given; raises `TwoDesigns`, and what `read_design` raises."""
+        design = self.design
+        if self.design_file is not None:
+            require_no_dimensions(self.design_file, self.design)
+            design = design_or_published(self.design_file)
         if self.ball_radius_mm is None:
-            return self.design
-        return replace(self.design, ball=replace(self.design.ball, radius_mm=self.ball_radius_mm))
+            return design
+        return replace(design, ball=replace(design.ball, radius_mm=self.ball_radius_mm))
 
     def pictures(self) -> "CalibrationPictures":
         """From files, or from a guided session with a camera; raises `PicturesMissing`."""
@@ -100,6 +106,12 @@ class Calibrate:
         return CalibrationPictures(
             **{name: average_pictures([read_picture(path) for path in getattr(self, name)]) for name in PRESSES}
         )
+
+
+def require_no_dimensions(path: Path, given: SensorDesign) -> None:
+    """Refuse single dimensions beside a file of them; raises `TwoDesigns`."""
+    if given != SensorDesign():
+        raise TwoDesigns(f"expected --design {path} or single --design.… options, got both; write them into the file")
 
 
 def with_overlay(refusal: "BoardNotFound", out: Path) -> NinedtactError:

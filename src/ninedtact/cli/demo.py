@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.live import Place, on_page, require_rate, require_studio, serve
+from ninedtact.cli.options import DesignFile, design_or_published, require_one_sensor
+from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -34,6 +36,8 @@ class Demo:
 
     sensor: Path | None = None
     """Sensor folder whose twin is shown; without one, a twin of no sensor in particular calibrates itself."""
+    design_file: DesignFile = None
+    """Design file (TOML) of a sensor that is not built yet: its twin calibrates itself and is shown."""
     out: Path = Path("out/demo")
     """Folder for the sensor, pictures and figures that it leaves."""
     rounds: int | None = None
@@ -50,6 +54,7 @@ class Demo:
         from ninedtact.cli.twin_on_show import on_show
 
         self.require_rounds()
+        require_one_sensor(self.sensor, self.design_file)
         require_rate(self.display_hz)
         require_studio()
         self.out.mkdir(parents=True, exist_ok=True)
@@ -78,9 +83,14 @@ class Demo:
             from ninedtact.calibration.twin.sensor_twin import twin_of
 
             return twin_of(self.folder)
-        from ninedtact.simulation.twin import default_twin
+        from ninedtact.simulation.designed import designed_twin
 
-        return default_twin()
+        return designed_twin(self.design)
+
+    @cached_property
+    def design(self) -> SensorDesign:
+        """Of the twin that calibrates itself."""
+        return design_or_published(self.design_file)
 
     @cached_property
     def folder(self) -> "SensorFolder":
@@ -96,8 +106,8 @@ class Demo:
         from ninedtact.simulation.gauges import gauge_pictures
 
         print("pressing the pin board and the ball on the twin, calibrating it from the four pictures …", flush=True)
-        pictures = CalibrationPictures(**vars(gauge_pictures(self.twin)))
-        folder = write_sensor(self.out / "sensor", calibrate(pictures, sensor_id="twin"))
+        pictures = CalibrationPictures(**vars(gauge_pictures(self.twin, self.design)))
+        folder = write_sensor(self.out / "sensor", calibrate(pictures, self.design, sensor_id="twin"))
         print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
         return folder
 

@@ -1,11 +1,39 @@
 """Options that commands share, as plain choices: the rooms that give them meaning load only when a command runs."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ninedtact.design import SensorDesign
+from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.flow import CalibrationSettings
     from ninedtact.recording.collecting.settings import CollectSettings
+
+DesignFile = Annotated[Path | None, tyro.conf.arg(name="design")]
+"""`--design sensor.toml`: what differs from the published sensor."""
+
+
+class TwoDesigns(NinedtactError):
+    """A design in a file and another one beside it."""
+
+
+def design_or_published(path: Path | None) -> SensorDesign:
+    """The design in the file, or that of the published sensor; raises what `read_design` raises."""
+    if path is None:
+        return SensorDesign()
+    from ninedtact.design_file import read_design
+
+    return read_design(path)
+
+
+def require_one_sensor(sensor: Path | None, design: Path | None) -> None:
+    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `TwoDesigns`."""
+    if sensor is not None and design is not None:
+        raise TwoDesigns(f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them")
 
 
 @dataclass(frozen=True)

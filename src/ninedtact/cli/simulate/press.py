@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.answer import answer
+from ninedtact.cli.options import DesignFile, design_or_published, require_one_sensor
+from ninedtact.design import SensingArea
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,6 +44,8 @@ class Press:
     """Its tilts about x and y, from the beginning."""
     sensor: Path | None = None
     """Sensor folder whose twin is pressed; the twin of no sensor in particular if not given."""
+    design_file: DesignFile = None
+    """Design file (TOML) of a sensor that is not built yet, whose twin is pressed."""
     seed: int = 0
     """Of generated objects, and of the skin where no sensor is given."""
     json: bool = False
@@ -54,7 +58,7 @@ class Press:
         press, twin = self.press, self.twin
         indenter = object_for(self.object, self.seed)
         contact = press.on(twin, indenter)
-        found = figures(indenter, contact, twin)
+        found = figures(indenter, contact, twin, self.grid[1])
         return answer(self.json, {**found, "files": self.written(indenter, contact, found)}, lines(found, self.out))
 
     @property
@@ -68,10 +72,11 @@ class Press:
     @cached_property
     def twin(self) -> "Twin":
         """Of the sensor that was named."""
-        from ninedtact.simulation.twin import default_twin
+        from ninedtact.simulation.designed import designed_twin
 
         if self.sensor is None:
-            return default_twin(self.seed)
+            return designed_twin(design_or_published(self.design_file), self.seed)
+        require_one_sensor(self.sensor, self.design_file)
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.calibration.twin.sensor_twin import twin_of
 
@@ -113,10 +118,9 @@ class Press:
     @cached_property
     def grid(self) -> tuple[tuple[int, int], float]:
         """Shape and mm per pixel of heights and tractions: those of the published rectified picture."""
-        from ninedtact.design import FieldOfView
-
-        view = FieldOfView()
-        return (view.rows, view.cols), MM_PER_PX
+        design = design_or_published(self.design_file)
+        view, wider = design.field_of_view, design.sensing_area.width_mm / SensingArea().width_mm
+        return (view.rows, view.cols), MM_PER_PX * wider
 
     @property
     def cut(self) -> Pair:
@@ -130,7 +134,7 @@ MM_PER_PX = 0.0522
 """Of the published sensor: 24 mm over 460 pixels."""
 
 
-def figures(indenter: "Indenter", contact: "Contact", twin: "Twin") -> dict[str, Any]:
+def figures(indenter: "Indenter", contact: "Contact", twin: "Twin", mm_per_px: float) -> dict[str, Any]:
     """What a script wants to know."""
     from dataclasses import asdict
 
@@ -152,7 +156,7 @@ def figures(indenter: "Indenter", contact: "Contact", twin: "Twin") -> dict[str,
         "contact_area_mm2": float(pressed.sum() * cell_mm2),
         "sticking_area_mm2": float(np.asarray(contact.stuck).sum() * cell_mm2),
         "largest_pressure_mpa": float(contact.pressure_mpa.max()),
-        "mm_per_px": MM_PER_PX,
+        "mm_per_px": mm_per_px,
         "residual_mm": float(contact.residual_mm),
         "iterations": int(contact.iterations),
     }

@@ -1,0 +1,51 @@
+"""ninedtact hardware export: one folder for the print shop, the laser cutter and the board house."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from ninedtact.cli.answer import answer
+from ninedtact.cli.hardware.described import Described
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write STEP, STL, DXF, drawings, circuit board, bill of materials and pictures of one sensor into a folder."""
+
+    out: Path
+    """Folder to write, whole or not at all; one that this command wrote before is replaced."""
+    described: Annotated[Described, tyro.conf.arg(name="")] = Described()
+    json: bool = False
+    """Print the manifest as one JSON object."""
+
+    def run(self) -> int:
+        """Build, write, and say what is there."""
+        from tqdm import tqdm
+
+        from ninedtact.hardware.export.folder import require_replaceable
+
+        require_replaceable(self.out)
+        sensor = self.described.built()
+        began = time.monotonic()
+        from ninedtact.hardware.export.parts_folder import export_parts
+
+        with tqdm(desc="writing parts", unit="file", disable=None, leave=False) as progress:
+            manifest = export_parts(sensor, self.out, lambda _: progress.update() and None)
+        return answer(self.json, manifest, lines(self.out, manifest, time.monotonic() - began))
+
+
+def lines(out: Path, manifest: dict[str, Any], seconds: float) -> Iterator[str]:
+    """For a person."""
+    yield f"{len(manifest['files'])} files of the {manifest['variant']} design in {out}, in {seconds:.0f} s"
+    for folder, use in (
+        ("printed", "STL and STEP for the print shop"),
+        ("cut", "DXF for the laser cutter, mm, 1:1"),
+        ("led_board", "Gerbers, drill, placement for the board house: order 0.80 mm thick"),
+        ("drawings", "dimensions, SVG and PDF"),
+    ):
+        yield f"  {folder + '/':12}{use}"
+    yield f"  open {out / 'bom.html'}; {out / 'check.txt'} tells what was checked"

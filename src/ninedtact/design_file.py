@@ -1,0 +1,67 @@
+"""A sensor design as a TOML file: one table per part of the design, only what differs from the published sensor."""
+
+import tomllib
+from dataclasses import asdict, fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import msgspec
+import tomli_w
+
+from ninedtact.design import SensorDesign
+from ninedtact.errors import NinedtactError
+
+HARDWARE = "hardware"
+"""Table of the parts' own dimensions, which only the hardware room reads."""
+Design = TypeVar("Design")
+
+
+class DesignFileUnreadable(NinedtactError):
+    """No such file, not TOML, or a key or value that no design has."""
+
+
+def read_design(path: Path | str) -> SensorDesign:
+    """The design in this file, the published one where it says nothing.
+
+    Raises `DesignFileUnreadable`, and `DesignImpossible` for dimensions that no sensor can have.
+    """
+    return design_from({name: part for name, part in read_tables(path).items() if name != HARDWARE}, SensorDesign, path)
+
+
+def read_tables(path: Path | str) -> dict[str, Any]:
+    """The file's tables as they are; raises `DesignFileUnreadable`."""
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as trouble:
+        raise DesignFileUnreadable(
+            f"expected a design in TOML, got {path} ({trouble}); give a file such as 'ninedtact hardware export' writes"
+        ) from trouble
+
+
+def design_from(tables: dict[str, Any], kind: type[Design], path: Path | str) -> Design:
+    """Tables → a design of this kind, strictly; raises as `read_design` does."""
+    require_known(tables, kind, path, ())
+    try:
+        return msgspec.convert(tables, kind)
+    except msgspec.ValidationError as trouble:
+        raise DesignFileUnreadable(
+            f"expected every value of {path} to have its own type, got: {trouble}; correct the file"
+        ) from trouble
+
+
+def require_known(tables: dict[str, Any], kind: type[Any], path: Path | str, within: tuple[str, ...]) -> None:
+    """Refuse keys that the design does not have."""
+    hints, known = get_type_hints(kind), {field.name for field in fields(kind)}
+    for name, value in tables.items():
+        if name not in known:
+            where = f" in [{'.'.join(within)}]" if within else ""
+            raise DesignFileUnreadable(
+                f"expected one of {', '.join(sorted(known))}{where}, got {name!r} in {path}; correct or remove it"
+            )
+        if isinstance(value, dict) and is_dataclass(hints[name]):
+            require_known(value, hints[name], path, (*within, name))
+
+
+def design_toml(design: SensorDesign) -> str:
+    """Every dimension of a design, as `read_design` reads it."""
+    return tomli_w.dumps(asdict(design))

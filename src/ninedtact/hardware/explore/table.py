@@ -1,0 +1,82 @@
+"""The sweep as lines, as CSV and as a plot."""
+
+import csv
+from collections.abc import Iterator, Sequence
+from io import BytesIO, StringIO
+from typing import TYPE_CHECKING
+
+from ninedtact.hardware.explore.explored import Explored
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLUMNS = (
+    ("depth_range_mm", "deep mm", "depth range, mm"),
+    ("force_range_n", "load N", "force range, N"),
+    ("signal_per_n", "grey/N", "signal at 1 N, grey levels"),
+    ("depth_noise_mm", "noise mm", "depth noise of a pixel, mm"),
+    ("mm_per_px", "mm/px", "mm per pixel"),
+    ("blur_mm", "blur mm", "blur, mm"),
+    ("view_radius_mm", "view mm", "radius of view, mm"),
+    ("ratio_mm", "D/A mm", "volume over area, mm"),
+    ("cost_usd", "cost $", "cost, $ (estimated)"),
+)
+"""Field, heading, title."""
+NAME_WIDE = 34
+
+
+def lines(found: Sequence[Explored]) -> Iterator[str]:
+    """For a person."""
+    yield f"{'design':{NAME_WIDE}}" + "".join(f"{heading:>9}" for _, heading, _ in COLUMNS) + "  size mm"
+    for each in found:
+        yield f"{each.name:{NAME_WIDE}}" + (told(each) if each.predicted else f" refused: {each.refusal}")
+
+
+def told(each: Explored) -> str:
+    """The numbers of one design."""
+    assert each.predicted is not None
+    values = "".join(f"{figure(getattr(each.predicted, name)):>9}" for name, _, _ in COLUMNS)
+    return values + "  " + " x ".join(f"{side:.1f}" for side in each.predicted.size_mm)
+
+
+def figure(value: float) -> str:
+    """Three digits."""
+    return f"{value:.3f}" if value < 1 else f"{value:.2f}" if value < 10 else f"{value:.1f}"
+
+
+def sweep_csv(found: Sequence[Explored]) -> bytes:
+    """All fields of all designs."""
+    rows = [each.as_table() for each in found]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    text = StringIO()
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue().encode()
+
+
+def sweep_png(found: Sequence[Explored]) -> bytes:
+    """One row of bars per figure, one bar per design."""
+    # matplotlib is slow to import, and only this function needs it; its global state is never touched.
+    from matplotlib.figure import Figure
+
+    possible = [each for each in found if each.predicted]
+    drawn = Figure(figsize=(14, 1.6 + 0.9 * max(len(possible), 2)), dpi=110, facecolor="white", layout="constrained")
+    panels = drawn.subplots(3, 3, sharey=True).ravel()
+    for axes, (name, _, title) in zip(panels, COLUMNS, strict=True):
+        bars(axes, [each.name for each in possible], [getattr(each.predicted, name) for each in possible], title)
+    buffer = BytesIO()
+    drawn.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def bars(axes: "Axes", names: list[str], values: list[float], title: str) -> None:
+    """One panel."""
+    drawn = axes.barh(names, values, color="#4477aa", height=0.62)
+    axes.bar_label(drawn, [figure(value) for value in values], padding=3, fontsize=8, color="#333333")
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.margins(x=0.2)
+    axes.invert_yaxis() if axes.get_subplotspec().is_first_row() and axes.get_subplotspec().is_first_col() else None  # type: ignore[union-attr]
+    axes.tick_params(labelsize=8)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)

@@ -1,0 +1,110 @@
+"""Everything about one design, written as one folder."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from ninedtact.hardware.design_file import hardware_toml
+from ninedtact.hardware.export.bill_files import bill_csv, bill_html
+from ninedtact.hardware.export.cutting import dxf
+from ninedtact.hardware.export.drawing import Sheet
+from ninedtact.hardware.export.folder import MANIFEST, whole_folder
+from ninedtact.hardware.export.notes import notes
+from ninedtact.hardware.export.solid_files import assembly_step, step, stl
+from ninedtact.hardware.materials import MADE_OF
+from ninedtact.hardware.parts.catalogue import TO_MAKE, BuiltPart
+from ninedtact.hardware.pictures.scenes import exploded_picture, part_picture, section_picture, sensor_picture
+from ninedtact.hardware.pictures.shaded import Image
+from ninedtact.hardware.report import BuiltSensor
+from ninedtact.whole_file import write_whole
+
+File = tuple[str, bytes]
+"""Path within the folder, and content."""
+Progress = Callable[[str], None]
+
+
+def quiet(_: str) -> None:
+    """No word about the work."""
+
+
+def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = quiet) -> dict[str, Any]:
+    """Write the folder, whole or not at all, and return its manifest.
+
+    tell: called with what is being written. Raises `FolderRefused`, and `FileNotWritten` from the disk.
+    """
+    with whole_folder(out) as folder:
+        for path, content in files(sensor):
+            tell(path)
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            write_whole(folder / path, content)
+        tell("led_board")
+        write_board(sensor, folder)
+        manifest = manifest_of(sensor, folder)
+        write_whole(folder / MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False).encode())
+    return manifest
+
+
+def files(sensor: BuiltSensor) -> Iterator[File]:
+    """All but the circuit board and the manifest."""
+    for part in sensor.parts.values():
+        yield from part_files(sensor, part)
+    yield from assembly_files(sensor)
+    yield "bom.csv", bill_csv(sensor.bill)
+    yield "bom.html", bill_html(sensor.design, sensor.bill)
+    yield "check.txt", "\n".join(sensor.lines()).encode()
+    yield "check.json", json.dumps(sensor.as_table(), indent=1, ensure_ascii=False).encode()
+    yield "design.toml", hardware_toml(sensor.design).encode()
+
+
+def part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
+    """One part: for machines, and for eyes."""
+    yield f"{part.way}/{part.name}.step", step(part.name, part.solid)
+    if part.way == "printed":
+        yield f"{part.way}/{part.name}.stl", stl(part.solid)
+    if part.way == "cut":
+        yield f"{part.way}/{part.name}.dxf", dxf(part.solid)
+    yield f"pictures/{part.name}.png", encoded(part_picture(part))
+    if part.way in TO_MAKE:
+        sheet = Sheet(part, MADE_OF[part.name].name, notes(sensor.design, part.name))
+        yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.files().items())
+
+
+def assembly_files(sensor: BuiltSensor) -> Iterator[File]:
+    """The finished sensor."""
+    yield "assembly/sensor.step", assembly_step(sensor.bodies)
+    for name, drawn in (("sensor", sensor_picture), ("exploded", exploded_picture), ("section", section_picture)):
+        yield f"pictures/{name}.png", encoded(drawn(sensor.bodies))
+
+
+def write_board(sensor: BuiltSensor, folder: Path) -> None:
+    """The LED board: Gerbers, drill, placement, its own bill."""
+    from ninedtact.hardware.led_board.export import write_led_board
+    from ninedtact.hardware.mounted_board import led_board_of
+
+    (folder / "led_board").mkdir()
+    write_led_board(led_board_of(sensor.design), folder / "led_board")
+
+
+def manifest_of(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
+    """What is in the folder, and what every part should measure."""
+    parts = {
+        part.name: {
+            "way": part.way,
+            "material": MADE_OF[part.name].name,
+            "volume_mm3": round(part.volume_mm3, 4),
+            "box_mm": [round(side, 4) for side in part.size_mm],
+        }
+        for part in sensor.parts.values()
+    }
+    names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    table = sensor.as_table()
+    told = {name: table[name] for name in ("variant", "figures", "lens_reach_mm", "interferences")}
+    return {"lengths": "mm", **told, "parts": parts, "files": [*names, MANIFEST]}
+
+
+def encoded(picture: Image) -> bytes:
+    """As PNG."""
+    return cv2.imencode(".png", picture)[1].tobytes()

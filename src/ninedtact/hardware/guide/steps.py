@@ -1,0 +1,148 @@
+"""The steps in their order: what to do, and how to tell that it worked."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from ninedtact.hardware.bom import clamp_long_mm
+from ninedtact.hardware.guide.recipe import BLACK, TRANSLUCENT, TRANSPARENT
+from ninedtact.hardware.report import BuiltSensor
+
+State = Literal[
+    "inserts",
+    "window",
+    "transparent",
+    "first_mould",
+    "translucent",
+    "black",
+    "demoulded",
+    "camera",
+    "board",
+    "ring",
+    "closed",
+    "calibrated",
+]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the guide."""
+
+    state: State
+    """Of the parts, which its picture shows."""
+    title: str
+    do: str
+    check: str
+    """What tells whether it worked, before the next step makes it hard to mend."""
+
+
+def steps(sensor: BuiltSensor) -> Iterator[Step]:
+    """All of them, with the numbers of this design."""
+    yield from prepared(sensor)
+    yield from poured(sensor)
+    yield from assembled(sensor)
+
+
+def prepared(sensor: BuiltSensor) -> Iterator[Step]:
+    """Before any silicone."""
+    design = sensor.design
+    yield Step(
+        "inserts",
+        "Press in the inserts",
+        "Heat eight M2 inserts with a soldering iron at about 230 °C and press four into the base's bosses from above and four "
+        "into the shell's bosses from below, flush and upright.",
+        "An M2 screw turned in by hand stands upright, and base and shell lie on each other without rocking.",
+    )
+    yield Step(
+        "window",
+        "Glue in the window",
+        f"Peel the film off both sides of the {design.window.side_mm:g} mm acrylic plate. Run a thin bead of clear glue "
+        "(silicone or UV) round the ledge and press the plate into its frame from the gel side. Keep the middle clean.",
+        "Put a few drops of alcohol on the window: after five minutes the paper below is dry. No smear within "
+        f"{design.shell.hole_mm:g} mm of the middle.",
+    )
+
+
+def poured(sensor: BuiltSensor) -> Iterator[Step]:
+    """The three layers."""
+    design = sensor.design
+    rim = design.levels.rim - design.levels.floor_top
+    yield Step(
+        "transparent",
+        "Pour the transparent gel",
+        f"Stand the shell level. Mix {TRANSPARENT.grams(sensor):.1f} g of {TRANSPARENT.product}, {TRANSPARENT.ratio} by weight, "
+        f"draw off the bubbles in a vacuum, and fill the shell to its rim, {rim:.1f} mm. Cure {TRANSPARENT.cure}.",
+        "Held against print, letters are sharp through window and gel; a straight edge over the rim shows less than 0.1 mm of "
+        "light anywhere. Fill up what is missing and cure again.",
+    )
+    yield Step(
+        "first_mould",
+        "Clamp the first mould",
+        f"Screw the shell on the base board with four M2 screws from below. Lay the first mould, "
+        f"{design.sensor.gel.thickness_mm:g} mm thick, on the rim and clamp it with eight M3 x {clamp_long_mm(design)} screws "
+        "and nuts, crosswise and gently, with release agent on the mould's window.",
+        f"Measure with a calliper from rim to upper face at four corners: {design.sensor.gel.thickness_mm:.2f} ± 0.10 mm. This "
+        "is the gel's thickness, on which all depths rest.",
+    )
+    yield Step(
+        "translucent",
+        "Pour the translucent gel",
+        f"Mix {TRANSLUCENT.grams(sensor):.1f} g of {TRANSLUCENT.product}, {TRANSLUCENT.ratio} by weight, without bubbles. Pour "
+        f"until it stands level with the mould, scrape once with a straight edge. Cure {TRANSLUCENT.cure}.",
+        "The layer is evenly white over a lamp, without bubbles or streaks, and does not lift when the mould is taken off.",
+    )
+    yield Step(
+        "black",
+        "Pour the black gel",
+        f"Take off the first mould and clamp the second ({design.sensor.gel.thickness_mm + design.gels.black_top_mm:.2f} mm). "
+        "Lay the LED board below the shell and switch it on. "
+        f"Mix {BLACK.grams(sensor):.1f} g of {BLACK.product}, {BLACK.ratio} by weight, and add pigment until a drop on the lit "
+        f"layer lets no light through. Pour round and over the layer, scrape level. Cure {BLACK.cure}.",
+        "In a dark room, LEDs on: no light anywhere through the top or the sides. Where there is some, pour again there.",
+    )
+    yield Step(
+        "demoulded",
+        "Take it out",
+        "Unscrew the clamps, run a thin blade round the mould's window, lift the mould straight up, unscrew the base board.",
+        f"The skin is smooth and stands {design.sensor.gel.thickness_mm + design.gels.black_top_mm:.2f} ± 0.10 mm above the rim; "
+        "rubbed with a finger, no edge lifts.",
+    )
+
+
+def assembled(sensor: BuiltSensor) -> Iterator[Step]:
+    """Camera, light, screws."""
+    design = sensor.design
+    yield Step(
+        "camera",
+        "Lay in the camera",
+        "Put the camera into the base's pocket, lens up, its cable up the ramp and out at the side. A drop of glue at two "
+        "corners holds it; keep glue off the lens.",
+        "`ninedtact doctor` lists the camera and its true rate. Turn the lens until print 15 mm above it is sharp.",
+    )
+    yield Step(
+        "board",
+        "Lay on the LED board",
+        f"Over the four pins, LEDs up, USB over the cable. It must be {design.board.thick_mm:.2f} mm thick.",
+        "It lies flat on all four posts, the lens stands free in its hole, and with USB plugged in all eight LEDs are equally "
+        "bright.",
+    )
+    yield Step(
+        "ring",
+        "Put in the isolation ring",
+        "From below into the shell's square hole, its wide mouth to the window. Black paint on white ledges beside it helps.",
+        "Seen from below, no white wall of the hole is visible, and the ring does not stand out over the shell's floor.",
+    )
+    yield Step(
+        "closed",
+        "Close it",
+        f"Shell onto base, the cable through its gap, four M2 x {design.fasteners.screw_mm:g} screws from below, crosswise.",
+        f"It measures {design.plan.outer[0]:.1f} x {design.plan.outer[1]:.1f} x {design.levels.top:.1f} mm. "
+        "`ninedtact live` shows an evenly bright picture without a dark ring or a bright spot at its rim.",
+    )
+    yield Step(
+        "calibrated",
+        "Calibrate it",
+        "Slide the calibration board over the shell and press, then the ball: `ninedtact calibrate --out my_sensor --source 0` "
+        "guides through both.",
+        "The certificate's checks are all met; docs/calibrating.md says what to do about each.",
+    )

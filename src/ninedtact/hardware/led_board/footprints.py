@@ -1,0 +1,86 @@
+"""Pads of the bought parts, each in its own frame: seen from its own side, not turned, y up. Sizes: docs/led_board.md."""
+
+from dataclasses import dataclass
+
+from ninedtact.hardware.led_board.outline import Place
+
+
+@dataclass(frozen=True)
+class Land:
+    """One pad of a footprint."""
+
+    number: str
+    at_mm: Place
+    size_mm: Place
+    corner_mm: float = 0.0
+    """Rounding of its corners."""
+    slot_mm: Place | None = None
+    """Width and length, along y, of a plated slot through it."""
+    pour_gap: bool = True
+    """The pour keeps off it, so that an iron can heat it; tracks are the bridges. Not where heat is to leave."""
+    paste: bool = True
+    """Solder paste on all of it."""
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """What a part needs on the board."""
+
+    name: str
+    lands: tuple[Land, ...]
+    body_mm: tuple[float, float, float]
+    """Along x, along y, height over the board."""
+    body_at_mm: Place = (0.0, 0.0)
+    pegs_mm: tuple[tuple[float, float, float], ...] = ()
+    """x, y, diameter of holes without copper."""
+    mark_mm: tuple[Place, Place] | None = None
+    """A line on the silkscreen at the cathode or at pin 1."""
+
+
+def led_2835(corner_mm: float) -> Footprint:
+    """A 2835 LED; the origin is the middle of its body. 1 is the cathode, 2 the anode."""
+    return Footprint(
+        "LED_2835",
+        (
+            Land("1", (1.0, 0.0), (2.30, 2.10), corner_mm, pour_gap=False),
+            Land("2", (-1.462, 0.0), (1.55, 2.10), corner_mm),
+        ),
+        body_mm=(3.50, 2.80, 0.72),
+        mark_mm=((0.3, 1.35), (1.3, 1.35)),
+    )
+
+
+def soic_8_ep() -> Footprint:
+    """SOIC-8 with a thermal pad, number 9; pins 1 to 4 along the lower row."""
+    lower = [Land(str(1 + n), (-1.905 + 1.27 * n, -2.77), (0.57, 2.04)) for n in range(4)]
+    upper = [Land(str(5 + n), (1.905 - 1.27 * n, 2.77), (0.57, 2.04)) for n in range(4)]
+    thermal = Land("9", (0.0, 0.0), (2.0, 2.0), pour_gap=False, paste=False)
+    return Footprint(
+        "SOIC-8-EP", (*lower, *upper, thermal), body_mm=(4.9, 3.9, 1.75), mark_mm=((-2.4, -3.6), (-2.4, -2.0))
+    )
+
+
+def chip_0805(height_mm: float) -> Footprint:
+    """A resistor or a capacitor; pin 1 is left."""
+    return Footprint(
+        "0805",
+        (Land("1", (-1.0, 0.0), (1.13, 1.38)), Land("2", (1.0, 0.0), (1.13, 1.38))),
+        body_mm=(2.0, 1.25, height_mm),
+    )
+
+
+def micro_usb(contact_mm: float) -> Footprint:
+    """Micro-USB receptacle, mouth up: contacts 1 (5 V) to 5 (ground) from the right, shield 6 to 9, two pegs."""
+    contacts = [Land(str(1 + n), (1.3 - 0.65 * n, -0.64 - contact_mm / 2), (0.40, contact_mm)) for n in range(5)]
+    sides = [Land(number, (x, -1.36), (1.50, 1.20)) for number, x in (("6", -3.30), ("7", 3.30))]
+    legs = [
+        Land(number, (x, 1.388), (1.0, 2.0), 0.5, (0.61, 1.60), paste=False)
+        for number, x in (("8", -2.825), ("9", 2.825))
+    ]
+    return Footprint(
+        "USB_Micro-B",
+        (*contacts, *sides, *legs),
+        body_mm=(7.5, 5.0, 2.65),
+        body_at_mm=(0.0, 1.04),
+        pegs_mm=((-2.0, -0.76, 0.6), (2.0, -0.76, 0.6)),
+    )

@@ -1,0 +1,90 @@
+"""The board as one sees it: from the gel, and from below. matplotlib is imported when a picture is drawn."""
+
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import numpy as np
+from shapely import Polygon, box, union_all
+from shapely.geometry.base import BaseGeometry
+
+from ninedtact.hardware.led_board.copper import (
+    bare_board,
+    hole_polygon,
+    pad_polygon,
+    polygons,
+    track_polygon,
+    via_polygon,
+)
+from ninedtact.hardware.led_board.layout import SIDES, Layout
+from ninedtact.hardware.led_board.placement import Placed, Side
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.path import Path
+
+MASK, METAL, SOLDERED, BODY, INK = "#1f6b45", "#2f9a63", "#d9b65d", "#f4f1e6", "#22262b"
+DARK_BODY = "#3b3f46"
+HEADINGS: dict[Side, str] = {"top": "from the gel", "bottom": "from below, mirrored as one sees it"}
+
+
+def picture(layout: Layout, kind: str = "png") -> bytes:
+    """Both sides beside one another, as `png` or `svg`."""
+    from matplotlib.figure import Figure
+
+    (x, y), figure = layout.board.outline.half, Figure(figsize=(13, 5.6), facecolor="white", layout="constrained")
+    for side, axes in zip(SIDES, figure.subplots(1, 2), strict=True):
+        draw_side(axes, layout, side)
+        axes.set_xlim(*((-x - 1.2, x + 1.2) if side == "top" else (x + 1.2, -x - 1.2)))
+        axes.set_ylim(-y - 1.2, y + 1.2)
+        axes.set_aspect("equal")
+        axes.set_title(HEADINGS[side], color=INK, size=12)
+        axes.set_xlabel("x (mm)")
+    file = BytesIO()
+    figure.savefig(file, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    return file.getvalue()
+
+
+def draw_side(axes: "Axes", layout: Layout, side: Side) -> None:
+    """Laminate, copper under the mask, bare pads, holes, bodies."""
+    tracks = [track_polygon(track) for track in layout.routes.tracks if track.side == side]
+    vias = [via_polygon(via) for via in layout.routes.vias]
+    fill(axes, bare_board(layout.board.outline), MASK)
+    fill(axes, union_all([*tracks, *vias, *layout.pours[side]]), METAL)
+    fill(axes, union_all([pad_polygon(pad) for pad in layout.pads if side in pad.sides]), SOLDERED)
+    fill(axes, union_all([hole_polygon(hole) for hole in layout.holes]), "white")
+    for part in layout.parts:
+        if part.side == side:
+            draw_body(axes, part)
+    for pad in layout.pads:
+        if side in pad.sides and not pad.pin.startswith("LED"):
+            axes.text(*pad.at_mm, pad.land.number, ha="center", va="center", size=6, color=INK)
+
+
+def draw_body(axes: "Axes", part: Placed) -> None:
+    """A part's outline and name; LEDs with their poles."""
+    footprint = part.part.footprint
+    (x, y), (width, depth) = part.onto_board(footprint.body_at_mm), part.size(footprint.body_mm[:2])
+    body = box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2)
+    fill(axes, body, BODY if part.side == "top" else DARK_BODY, alpha=0.35)
+    axes.plot(*body.exterior.xy, color=INK, linewidth=0.8)
+    axes.text(x, y, part.reference, ha="center", va="center", size=8, color=INK, weight="bold")
+    if part.reference.startswith("LED"):
+        axes.text(x - 1.4, y, "+", ha="center", va="center", size=9, color=INK)
+        axes.text(x + 1.4, y, "−", ha="center", va="center", size=9, color=INK)
+
+
+def fill(axes: "Axes", shape: BaseGeometry, colour: str, alpha: float = 1.0) -> None:
+    """A shape in one colour, its holes left open."""
+    from matplotlib.patches import PathPatch
+
+    for polygon in polygons(shape):
+        axes.add_patch(PathPatch(path_of(polygon), facecolor=colour, edgecolor="none", alpha=alpha))
+
+
+def path_of(polygon: Polygon) -> "Path":
+    """Outer contour and holes as one path."""
+    from matplotlib.path import Path
+
+    return Path.make_compound_path(
+        *(Path(np.asarray(ring.coords), closed=True) for ring in (polygon.exterior, *polygon.interiors))
+    )

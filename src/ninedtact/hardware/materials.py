@@ -1,0 +1,49 @@
+"""What parts are made of: density, colour in pictures, and where the density comes from."""
+
+from dataclasses import dataclass
+
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Material:
+    """One material."""
+
+    name: str
+    g_per_cm3: float
+    source: str
+    colour: Colour
+    """Red, green, blue, as pictures show it."""
+
+
+BLACK_PRINT = Material("black print (resin or nylon)", 1.15, "usual of SLA resins; nylon 1.01", (62, 64, 68))
+WHITE_NYLON = Material("white nylon, laser-sintered", 1.01, "usual of PA12 prints", (236, 236, 230))
+ACRYLIC = Material("clear acrylic", 1.19, "handbook value of PMMA", (160, 205, 225))
+TRANSPARENT = Material(
+    "transparent silicone, Shore A 45", 1.07, "assumed: usual of addition silicones", (205, 228, 240)
+)
+TRANSLUCENT = Material("translucent silicone, Shore A 5", 1.07, "assumed: usual of addition silicones", (240, 222, 190))
+BLACK_SILICONE = Material("Ecoflex 00-30 with black pigment", 1.07, "maker's specific gravity", (44, 44, 48))
+BOARD = Material("FR4 with its parts", 2.0, "assumed: FR4 1.85, parts denser", (40, 120, 70))
+CAMERA = Material("camera module", 1.4, "assumed: plastic barrel, glass, board", (90, 96, 112))
+BRASS = Material("brass", 8.5, "handbook value", (205, 170, 80))
+STEEL = Material("steel", 7.85, "handbook value", (150, 155, 160))
+
+MADE_OF = {
+    "sensor_base": BLACK_PRINT,
+    "sensor_shell": WHITE_NYLON,
+    "isolation_ring": BLACK_PRINT,
+    "calibration_board": WHITE_NYLON,
+    "acrylic_window": ACRYLIC,
+    "base_board": ACRYLIC,
+    "first_mould": ACRYLIC,
+    "second_mould": ACRYLIC,
+    "transparent_gel": TRANSPARENT,
+    "translucent_gel": TRANSLUCENT,
+    "black_gel": BLACK_SILICONE,
+    "camera": CAMERA,
+    "led_board": BOARD,
+    "insert": BRASS,
+    "screw": STEEL,
+}
+"""By the part's name."""

@@ -1,0 +1,1 @@
+"""Pictures of solids: shaded, exploded, cut open, drawn with dimensions."""

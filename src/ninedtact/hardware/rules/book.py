@@ -1,0 +1,47 @@
+"""All rules, asked of a design before anything is built."""
+
+from collections.abc import Callable, Iterator
+
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.rules.moulding import (
+    gel_has_no_seat,
+    mould_too_thin_for_the_screws,
+    screws_do_not_hold,
+    tray_does_not_pass,
+)
+from ninedtact.hardware.rules.room import bosses_collide, parts_touch, usb_slot_misplaced
+from ninedtact.hardware.rules.rule import Broken, RulesBroken
+from ninedtact.hardware.rules.view import (
+    lens_does_not_see_the_corner,
+    pins_out_of_view,
+    pins_too_close,
+    window_cuts_the_view,
+)
+from ninedtact.hardware.rules.walls import walls_too_thin
+
+Rule = Callable[[HardwareDesign], Iterator[Broken]]
+RULES: tuple[Rule, ...] = (
+    walls_too_thin,
+    parts_touch,
+    bosses_collide,
+    usb_slot_misplaced,
+    lens_does_not_see_the_corner,
+    window_cuts_the_view,
+    pins_out_of_view,
+    pins_too_close,
+    mould_too_thin_for_the_screws,
+    screws_do_not_hold,
+    gel_has_no_seat,
+    tray_does_not_pass,
+)
+
+
+def broken_rules(design: HardwareDesign) -> list[Broken]:
+    """Every rule that it breaks; none if it can be built."""
+    return [broken for rule in RULES for broken in rule(design)]
+
+
+def require_buildable(design: HardwareDesign) -> None:
+    """Refuse a design that cannot be built; raises `RulesBroken`."""
+    if broken := broken_rules(design):
+        raise RulesBroken(broken)

@@ -1,0 +1,141 @@
+"""What a board house gets is the board: read back by gerbonara."""
+
+import csv
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+from gerbonara import LayerStack
+from read_back import edge_of, hits_of, shape_of, slots_of
+from shapely import union_all
+
+from ninedtact.hardware.led_board.check import pieces
+from ninedtact.hardware.led_board.copper import bare_board, hole_polygon, pad_polygon
+from ninedtact.hardware.led_board.design import LedBoard
+from ninedtact.hardware.led_board.export import contents, write_led_board
+from ninedtact.hardware.led_board.layout import Layout
+from ninedtact.hardware.led_board.outline import BoardOutline
+from ninedtact.hardware.led_board.placement import Side
+from ninedtact.hardware.led_board.refusal import BoardImpossible
+
+PUBLISHED_AREA_MM2 = 551.23
+"""Of the outline, lens hole not taken out."""
+SIDES: list[tuple[Side, str]] = [("top", "F"), ("bottom", "B")]
+
+
+def gerber(folder: Path, name: str) -> Path:
+    return folder / "gerbers" / f"led_board-{name}"
+
+
+def test_the_outline_read_back_is_the_boards(folder: Path, improved: Layout) -> None:
+    read, meant = edge_of(gerber(folder, "Edge_Cuts.gbr")), bare_board(improved.board.outline)
+    assert read.bounds == pytest.approx((-14, -10.5, 14, 10.5), abs=1e-5)
+    assert read.symmetric_difference(meant).area < 0.05
+    lens = 3.14159265 * 5.1**2
+    assert read.area + lens == pytest.approx(PUBLISHED_AREA_MM2, abs=0.02)
+
+
+@pytest.mark.parametrize("outline", [BoardOutline(40, 30), BoardOutline(64, 48, notch_radius_mm=3.5)])
+def test_other_outlines_read_back(outline: BoardOutline, tmp_path: Path) -> None:
+    from ninedtact.hardware.led_board.edge import edges
+    from ninedtact.hardware.led_board.gerber import outlined
+
+    (tmp_path / "edge.gbr").write_text(outlined(edges(outline)))
+    assert edge_of(tmp_path / "edge.gbr").symmetric_difference(bare_board(outline)).area < 0.08
+
+
+def test_the_originals_board_has_the_published_volume(original: Layout) -> None:
+    """Small drills left in, as the published volume has it."""
+    outline = original.board.outline
+    holes = sum(hole_polygon(hole).area for hole in original.holes if not hole.plated and hole.width_mm > 1)
+    assert (bare_board(outline).area - holes) * outline.thickness_mm == pytest.approx(372.50, rel=1e-3)
+
+
+@pytest.mark.parametrize(("side", "letter"), SIDES)
+def test_copper_read_back_is_the_boards(folder: Path, improved: Layout, side: Side, letter: str) -> None:
+    meant = union_all([piece.shape for piece in pieces(improved) if side in piece.sides])
+    read = shape_of(gerber(folder, f"{letter}_Cu.gbr"))
+    assert read.symmetric_difference(meant).area < 0.001 * meant.area
+
+
+@pytest.mark.parametrize(("side", "letter"), SIDES)
+def test_every_pad_is_open_in_the_mask(folder: Path, improved: Layout, side: Side, letter: str) -> None:
+    mask = shape_of(gerber(folder, f"{letter}_Mask.gbr"))
+    bare = union_all([pad_polygon(pad) for pad in improved.pads if side in pad.sides])
+    assert mask.buffer(1e-4).contains(bare)
+    assert mask.area < bare.buffer(0.0501, join_style="mitre").area
+
+
+def test_paste_stays_on_pads(folder: Path, improved: Layout) -> None:
+    for side, letter in SIDES:
+        pads = union_all([pad_polygon(pad) for pad in improved.pads if pad.sides == (side,)])
+        assert pads.buffer(1e-4).contains(shape_of(gerber(folder, f"{letter}_Paste.gbr")))
+
+
+def test_marks_keep_off_pads_and_edges(folder: Path, improved: Layout) -> None:
+    for _, letter in SIDES:
+        marks = shape_of(gerber(folder, f"{letter}_Silkscreen.gbr"))
+        assert marks.area > 0
+        assert marks.distance(shape_of(gerber(folder, f"{letter}_Mask.gbr"))) > 0.05
+        assert marks.distance(bare_board(improved.board.outline).boundary) > 0.1
+
+
+def test_hits_are_the_holes(folder: Path, improved: Layout) -> None:
+    for plated, name in ((True, "PTH.drl"), (False, "NPTH.drl")):
+        drilled = [hole for hole in improved.holes if hole.plated == plated and hole.start_mm == hole.end_mm]
+        meant = sorted((round(hole.start_mm[0], 4), round(hole.start_mm[1], 4), hole.width_mm) for hole in drilled)
+        assert hits_of(gerber(folder, name)) == meant
+
+
+def test_slots_are_the_connectors(folder: Path) -> None:
+    assert slots_of(gerber(folder, "NPTH.drl")) == []
+    slots = slots_of(gerber(folder, "PTH.drl"))
+    assert [(x, width) for x, _, _, _, width in slots] == [(-2.825, 0.61), (2.825, 0.61)]
+    assert [abs(y2 - y1) for _, y1, _, y2, _ in slots] == pytest.approx([0.99, 0.99])
+
+
+def test_a_strangers_program_knows_every_layer(folder: Path) -> None:
+    stack = LayerStack.open(folder / "gerbers")
+    names = {f"{side} {use}" for side in ("top", "bottom") for use in ("copper", "mask", "silk", "paste")}
+    assert names <= {" ".join(name) for name in stack.graphic_layers}
+    assert stack.outline is not None and len(list(stack.drill_layers)) == 2
+
+
+def test_the_archive_holds_the_gerbers(folder: Path) -> None:
+    with ZipFile(folder / "led_board_gerbers.zip") as archive:
+        names = set(archive.namelist())
+    assert names == {file.name for file in (folder / "gerbers").iterdir()} | {"led_board_notes.txt"}
+
+
+def test_lists_name_every_part_once(folder: Path, improved: Layout) -> None:
+    bom = list(csv.DictReader((folder / "led_board_bom.csv").open()))
+    places = list(csv.DictReader((folder / "led_board_placement.csv").open()))
+    references = {part.reference for part in improved.parts}
+    assert {name for row in bom for name in row["Designator"].split(",")} == references
+    assert {row["Designator"] for row in places} == references and len(places) == len(references)
+    led, resistor = (next(row for row in bom if name in row["Designator"]) for name in ("LED1", "R1"))
+    assert led["Quantity"] == "8" and resistor["LCSC Part #"] == "C706298"
+    first = next(row for row in places if row["Designator"] == "LED1")
+    assert (first["Mid X"], first["Mid Y"], first["Layer"]) == ("5.200mm", "18.000mm", "Top")
+
+
+def test_notes_tell_the_thickness(folder: Path) -> None:
+    notes = (folder / "led_board_notes.txt").read_text()
+    assert "Thickness: 0.8 mm" in notes and "DO NOT ORDER" not in notes
+
+
+def test_the_original_is_written_with_a_warning(tmp_path: Path) -> None:
+    write_led_board(LedBoard.original(), tmp_path)
+    assert "DO NOT ORDER" in (tmp_path / "led_board_notes.txt").read_text()
+
+
+def test_a_faulty_board_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(BoardImpossible):
+        write_led_board(LedBoard(usb_contact_mm=1.5), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_same_board_gives_the_same_files(improved: Layout, folder: Path) -> None:
+    for name, content in contents(improved).items():
+        if not name.endswith((".svg", ".png")):
+            assert (folder / name).read_bytes() == content, name

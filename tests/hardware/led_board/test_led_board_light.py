@@ -1,0 +1,48 @@
+"""Resistor → current → brightness."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ninedtact.hardware.led_board.current import led_light, resistor_for
+from ninedtact.hardware.led_board.refusal import BoardImpossible
+
+
+@pytest.mark.parametrize(("ohm", "total_ma", "led_ma", "watt"), [(20_000, 90, 11.25, 0.18), (3_750, 480, 60, 0.96)])
+def test_the_two_resistors_of_the_published_board(ohm: float, total_ma: float, led_ma: float, watt: float) -> None:
+    light = led_light(ohm)
+    assert (light.total_ma, light.led_ma, light.driver_w) == pytest.approx((total_ma, led_ma, watt))
+
+
+def test_the_usual_resistor_is_brightness_one() -> None:
+    assert led_light(20_000).relative_brightness == 1
+    assert led_light(10_000).relative_brightness == 2
+
+
+@given(ohm=st.floats(3_750, 30_000))
+def test_brightness_and_resistor_are_inverse(ohm: float) -> None:
+    light = led_light(ohm)
+    assert resistor_for(light.relative_brightness) == pytest.approx(ohm)
+    assert light.needs_asking == (light.total_ma > 100)
+
+
+@pytest.mark.parametrize(
+    ("ohm", "leds", "word"),
+    [
+        (1_000, 8, "1200 to 30000"),
+        (40_000, 8, "1200 to 30000"),
+        (float("nan"), 8, "1200 to 30000"),
+        (3_000, 16, "USB"),
+        (3_700, 8, "each LED"),
+        (10_000, 2, "each LED"),
+    ],
+)
+def test_limits_are_named(ohm: float, leds: int, word: str) -> None:
+    with pytest.raises(BoardImpossible, match=rf"expected .*{word}.*, got .*; "):
+        led_light(ohm, leds)
+
+
+@pytest.mark.parametrize("brightness", [0, -1, float("nan"), 100, 0.1])
+def test_brightness_out_of_reach_is_refused(brightness: float) -> None:
+    with pytest.raises(BoardImpossible):
+        resistor_for(brightness)

@@ -1,0 +1,143 @@
+"""The board's own check: sound boards pass it, every damage is found."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import LineString
+
+from ninedtact.design import DesignImpossible
+from ninedtact.hardware.led_board.check import problems, require_sound
+from ninedtact.hardware.led_board.design import LedBoard
+from ninedtact.hardware.led_board.layout import Layout, lay_out
+from ninedtact.hardware.led_board.manufacture import Copper, Rules
+from ninedtact.hardware.led_board.outline import BoardOutline
+from ninedtact.hardware.led_board.refusal import BoardImpossible
+from ninedtact.hardware.led_board.tracks import Routes, Track
+
+
+def rules_broken(layout: Layout) -> set[str]:
+    return {problem.rule for problem in problems(layout)}
+
+
+def test_the_improved_board_breaks_no_rule(improved: Layout) -> None:
+    assert problems(improved) == ()
+
+
+def test_the_improved_board_holds_together_without_its_pour() -> None:
+    assert problems(lay_out(LedBoard(copper=Copper(pour=False)))) == ()
+
+
+def test_the_originals_faults_are_named(original: Layout) -> None:
+    found = {str(problem).rsplit(" ", 3)[0].removesuffix(":") for problem in problems(original)}
+    assert rules_broken(original) == {"clearance", "copper to edge", "copper to hole"}
+    assert any("LED7.1" in line for line in found) and any("LED1.2" in line for line in found)
+    require_sound(original)
+
+
+def without_track(layout: Layout, number: int) -> Layout:
+    tracks = layout.routes.tracks
+    return replace(layout, routes=Routes(tracks[:number] + tracks[number + 1 :], layout.routes.vias))
+
+
+def spared(layout: Layout) -> list[Track]:
+    """Tracks that may be taken away one by one, and every net is still one piece."""
+    tracks = layout.routes.tracks
+    return [
+        track
+        for number, track in enumerate(tracks)
+        if "pieces of net" not in rules_broken(without_track(layout, number))
+    ]
+
+
+def test_every_track_of_the_original_is_needed(original: Layout) -> None:
+    """But two stubs, which lie wholly on a pad or a via of the line that they lead to."""
+    assert all(LineString(track.points).length < 0.2 for track in spared(original))
+
+
+def test_every_track_of_the_improved_board_is_needed_where_ground_has_not_several_ways(improved: Layout) -> None:
+    """LED+ goes from one via to its twin on both sides; all else that carries 5 V or a setting has one way."""
+    assert [track.net for track in spared(improved) if track.net != "GND"] == ["LED+", "LED+"]
+
+
+def test_a_via_less_is_found(original: Layout) -> None:
+    routes = original.routes
+    kept = tuple(via for via in routes.vias if via.net != "LED+")
+    assert "LED+" in {p.where for p in problems(replace(original, routes=Routes(routes.tracks, kept)))}
+
+
+def test_a_short_is_found(improved: Layout) -> None:
+    bridge = Track("LED+", "top", 0.3, ((-8.8, 7.5), (-7.8, 7.5)))
+    routes = improved.routes + Routes((bridge,))
+    assert "clearance" in rules_broken(replace(improved, routes=routes))
+
+
+def test_an_open_pin_is_a_net_of_its_own(improved: Layout) -> None:
+    places = {pad.pin: pad.at_mm for pad in improved.pads}
+    bridge = Track("VCC", "bottom", 0.2, (places["USB3.1"], places["USB3.2"]))
+    assert "clearance" in rules_broken(replace(improved, routes=improved.routes + Routes((bridge,))))
+
+
+def test_copper_over_the_edge_is_found(improved: Layout) -> None:
+    stray = Track("GND", "top", 0.3, ((9.8, 9.9), (9.8, 10.4)))
+    assert "copper to edge" in rules_broken(replace(improved, routes=improved.routes + Routes((stray,))))
+
+
+def test_a_part_over_a_boss_is_found() -> None:
+    low = LedBoard(outline=BoardOutline(boss_at_mm=(5.0, 7.75)))
+    assert "height over a boss" in rules_broken(lay_out(low))
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    width=st.floats(20, 70),
+    height=st.floats(16, 56),
+    columns=st.integers(2, 7),
+    rows=st.integers(2, 6),
+)
+def test_any_size_is_sound_or_refused(width: float, height: float, columns: int, rows: int) -> None:
+    try:
+        layout = lay_out(LedBoard.for_size(width, height, columns, rows))
+        require_sound(layout)
+    except DesignImpossible as refusal:
+        assert "expected" in str(refusal) and "got" in str(refusal) and ";" in str(refusal)
+        return
+    assert len(layout.nets) == 4
+
+
+@settings(deadline=None, max_examples=40)
+@given(width=st.floats(28, 70), height=st.floats(21, 56))
+def test_eight_leds_fit_every_larger_board(width: float, height: float) -> None:
+    require_sound(lay_out(LedBoard.for_size(width, height)))
+
+
+@settings(deadline=None, max_examples=30)
+@given(led=st.floats(0.2, 0.6), ground=st.floats(0.2, 0.6), supply=st.floats(0.34, 0.8), neck=st.floats(0.15, 0.34))
+def test_narrower_tracks_are_sound(led: float, ground: float, supply: float, neck: float) -> None:
+    require_sound(lay_out(LedBoard(copper=Copper(led, ground, supply, neck))))
+
+
+@pytest.mark.parametrize(
+    "refused",
+    [
+        lambda: LedBoard.for_size(20, 21),
+        lambda: LedBoard.for_size(28, 21, columns=9),
+        lambda: BoardOutline(lens_hole_mm=11),
+        lambda: BoardOutline(thickness_mm=1.6),
+        lambda: BoardOutline(notch_radius_mm=0.5),
+        lambda: LedBoard(resistor_ohm=1000),
+        lambda: LedBoard(resistor_ohm=float("nan")),
+        lambda: LedBoard(usb_contact_mm=0.5),
+        lambda: Rules(clearance_mm=0.01),
+        lambda: require_sound(lay_out(LedBoard.for_size(28, 20.2))),
+        lambda: require_sound(lay_out(LedBoard(usb_contact_mm=1.5))),
+    ],
+)
+def test_impossible_boards_are_refused(refused: object) -> None:
+    with pytest.raises(DesignImpossible, match=r"expected .*, got .*; "):
+        refused()  # type: ignore[operator]
+
+
+def test_refusals_are_of_this_room() -> None:
+    assert issubclass(BoardImpossible, DesignImpossible)

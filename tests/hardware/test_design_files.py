@@ -1,0 +1,148 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ninedtact.cli import main
+from ninedtact.cli.calibrate import Calibrate
+from ninedtact.cli.demo import Demo
+from ninedtact.cli.options import TwoDesigns
+from ninedtact.design import DesignImpossible, Gel, SensingArea, SensorDesign, shear_modulus_of_shore_a
+from ninedtact.design_file import DesignFileUnreadable, design_toml, read_design
+from ninedtact.hardware.design import Variant, default_hardware, hardware_for, original_hardware
+from ninedtact.hardware.design_file import hardware_toml, read_hardware
+from ninedtact.hardware.mounted_board import led_board_of
+from ninedtact.hardware.rules.book import broken_rules
+from ninedtact.simulation.designed import designed_light, designed_twin
+from ninedtact.simulation.light import Light
+from ninedtact.simulation.twin import default_twin
+
+OURS = SensorDesign(gel=Gel(2.0), sensing_area=SensingArea(20, 15))
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "sensor.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_design_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    assert read_design(written(tmp_path, design_toml(OURS))) == OURS
+    assert read_design(written(tmp_path, "")) == SensorDesign()
+    assert read_design(written(tmp_path, "[gel]\nthickness_mm = 2\n[sensing_area]\nwidth_mm=20\nheight_mm=15")) == OURS
+
+
+@pytest.mark.parametrize("hardware", [default_hardware(OURS), original_hardware()], ids=["default", "original"])
+def test_hardware_comes_back_too(tmp_path: Path, hardware: object) -> None:
+    path = written(tmp_path, hardware_toml(hardware))
+    assert read_hardware(path, hardware.variant) == hardware
+    assert read_design(path) == hardware.sensor
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("gel = ", "TOML"),
+        ("[gel]\nthicknes_mm = 2", "'thicknes_mm'"),
+        ("[gell]\nthickness_mm = 2", "'gell'"),
+        ('[gel]\nthickness_mm = "thick"', "thickness_mm"),
+        ("[sensing_area]\nmargin_mm = [1.0]", "margin_mm"),
+        ("gel = 3", "gel"),
+    ],
+)
+def test_a_file_that_is_no_design_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(DesignFileUnreadable, match=words):
+        read_design(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[hardware.lid]\nwall_mm = 2", "'lid'"),
+        ("[hardware.shell]\nwal_mm = 2", "'wal_mm'"),
+        ("[hardware]\nshell = 3", "tables"),
+        ('[hardware.shell]\nwall_mm = "thick"', "wall_mm"),
+    ],
+)
+def test_hardware_that_no_sensor_has_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(DesignFileUnreadable, match=words):
+        read_hardware(written(tmp_path, text), "default")
+
+
+def test_impossible_dimensions_are_refused_as_anywhere_else(tmp_path: Path) -> None:
+    with pytest.raises(DesignImpossible, match=r"gel\.thickness_mm"):
+        read_design(written(tmp_path, "[gel]\nthickness_mm = -1"))
+    with pytest.raises(DesignImpossible, match=r"shell\.led_cavity_mm"):
+        read_hardware(written(tmp_path, "[hardware.shell]\nled_cavity_mm = 1.0"), "default")
+
+
+def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["hardware", "check", "--design", "nowhere.toml"]) == 1
+    assert capsys.readouterr().err.startswith("ninedtact: expected a design in TOML, got nowhere.toml")
+
+
+def test_hardness() -> None:
+    """Gent 1958; the published gel's modulus is that of Shore A 5."""
+    assert shear_modulus_of_shore_a(5) == pytest.approx(Gel().shear_modulus_mpa, rel=0.01)
+    with pytest.raises(DesignImpossible):
+        shear_modulus_of_shore_a(100)
+
+
+def test_the_published_design_has_the_default_twin() -> None:
+    ours, default = designed_twin(SensorDesign()), default_twin()
+    assert (ours.renderer.untouched == default.renderer.untouched).all()
+    assert ours.renderer.light == default.renderer.light
+    assert (ours.area_mm, ours.gel_mm, ours.name) == (default.area_mm, default.gel_mm, default.name)
+
+
+def test_a_thinner_gel_darkens_sooner_and_scatters_less() -> None:
+    thin = designed_light(SensorDesign(gel=Gel(1.5)))
+    assert thin.dark_per_mm > Light().dark_per_mm
+    assert thin.scattering_mm < Light().scattering_mm
+    assert thin.change(np.array([-1.5])).item() > -1
+
+
+def test_a_press_of_a_designed_sensor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = written(tmp_path, design_toml(OURS))
+    press = ["simulate", "press", "--object", "ball:4", "--depth-mm", "1", "--json", "--out", str(tmp_path / "press")]
+    forces = []
+    for options in ([], ["--design", str(path)]):
+        assert main([*press, *options]) == 0
+        forces.append(json.loads(capsys.readouterr().out)["wrench"]["force_n"][2])
+    assert forces[1] < 1.1 * forces[0] < 0, "a thinner gel resists more"
+    assert main([*press, "--design", str(path), "--sensor", "mine"]) == 1
+    assert "--sensor or --design" in capsys.readouterr().err
+
+
+def test_the_example_of_the_docs_can_be_built(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "hardware.md").read_text(encoding="utf-8")
+    design = read_hardware(written(tmp_path, page.split("```toml\n")[1].split("```")[0]), "default")
+    assert (design.shell.wall_mm, design.sensor.gel.thickness_mm) == (2.4, 2.0)
+    assert broken_rules(design) == []
+
+
+@pytest.mark.parametrize("variant", ["default", "original"])
+def test_the_circuit_board_is_that_of_the_design(tmp_path: Path, variant: Variant) -> None:
+    for width, height in ((24, 18), (36, 27)):
+        design = hardware_for(SensorDesign(sensing_area=SensingArea(width, height)), variant)
+        outline = led_board_of(design).outline
+        assert (outline.width_mm, outline.height_mm) == pytest.approx(design.plan.circuit)
+        assert outline.lens_hole_mm == design.board.lens_hole_mm
+        leds = led_board_of(design).leds.places
+        for ours, theirs, within_mm in (
+            (design.plan.mount_inserts, outline.bosses, 1e-9),
+            (design.plan.posts, outline.locating_holes, 1e-9),
+            (design.plan.shell_screws, outline.notches, 1e-9),
+            (design.plan.leds, leds, 0.15),
+        ):
+            assert np.abs(np.array(sorted(ours)) - np.array(sorted(theirs))).max() <= within_mm
+
+
+def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:
+    path = written(tmp_path, design_toml(OURS) + "\n[hardware.shell]\nwall_mm = 2.4\n")
+    assert Calibrate(out=tmp_path, design_file=path).resolved_design == OURS
+    assert Calibrate(out=tmp_path, design_file=path, ball_radius_mm=3.0).resolved_design.ball.radius_mm == 3.0
+    with pytest.raises(TwoDesigns):
+        _ = Calibrate(out=tmp_path, design_file=path, design=SensorDesign(gel=Gel(3.0))).resolved_design
+    assert Demo(design_file=path).twin.thickness_mm == OURS.gel.thickness_mm

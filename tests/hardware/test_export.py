@@ -1,0 +1,129 @@
+"""The folder from which a print shop, a laser cutter and a board house work."""
+
+import csv
+import json
+import math
+import time
+from pathlib import Path
+
+import cv2
+import ezdxf
+import pytest
+from build123d import import_step
+
+from ninedtact.cli import main
+from ninedtact.hardware.export.cutting import dxf
+from ninedtact.hardware.export.solid_files import step
+from ninedtact.hardware.report import BuiltSensor
+
+NET_AREA_MM2 = {"base_board": 2802.15, "first_mould": 2153.12, "second_mould": 2069.28, "acrylic_window": 196.0}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As the command writes it."""
+    out = tmp_path_factory.mktemp("hardware") / "parts"
+    began = time.monotonic()
+    assert main(["hardware", "export", "--out", str(out)]) == 0
+    assert time.monotonic() - began < 120, (
+        "a minute alone; the checks of the tests and their neighbours take their share"
+    )
+    return out
+
+
+def test_everything_is_there(folder: Path) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    found = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    assert sorted(manifest["files"]) == found
+    for name, part in manifest["parts"].items():
+        assert f"{part['way']}/{name}.step" in found and f"pictures/{name}.png" in found
+        assert (f"printed/{name}.stl" in found) == (part["way"] == "printed")
+        assert (f"cut/{name}.dxf" in found) == (part["way"] == "cut")
+        assert (f"drawings/{name}.pdf" in found) == (part["way"] in ("printed", "cut"))
+    assert {"bom.csv", "bom.html", "check.txt", "design.toml", "assembly/sensor.step"} <= set(found)
+    assert any(name.startswith("led_board/") and name.endswith(".zip") for name in found)
+
+
+def test_step_read_back_equals_the_model(folder: Path, default: BuiltSensor) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert len(import_step(folder / "assembly" / "sensor.step").solids()) == 21
+    for name, told in manifest["parts"].items():
+        read = import_step(folder / told["way"] / f"{name}.step")
+        size = read.bounding_box().size
+        assert len(read.solids()) == 1
+        assert read.volume == pytest.approx(default.parts[name].volume_mm3, rel=1e-6)
+        assert pytest.approx(default.parts[name].size_mm, abs=1e-4) == (size.X, size.Y, size.Z)
+        assert told["volume_mm3"] == pytest.approx(read.volume, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", NET_AREA_MM2)
+def test_dxf_is_closed_at_scale_and_without_duplicates(original: BuiltSensor, tmp_path: Path, name: str) -> None:
+    path = tmp_path / "part.dxf"
+    path.write_bytes(dxf(original.parts[name].solid))
+    drawing = ezdxf.readfile(path)
+    assert drawing.units == ezdxf.units.MM and not drawing.audit().errors
+    entities = list(drawing.modelspace())
+    assert {entity.dxftype() for entity in entities} <= {"LWPOLYLINE", "CIRCLE"}
+    assert all(entity.closed for entity in entities if entity.dxftype() == "LWPOLYLINE")
+    keys = [outline_key(entity) for entity in entities]
+    assert len(keys) == len(set(keys))
+    areas = [enclosed_mm2(entity) for entity in entities]
+    assert max(areas) - (sum(areas) - max(areas)) == pytest.approx(NET_AREA_MM2[name], abs=0.01)
+    assert [entity.dxf.layer for entity in entities].count("outside") == 1
+
+
+def outline_key(entity: ezdxf.entities.DXFGraphic) -> tuple:
+    if entity.dxftype() == "CIRCLE":
+        return tuple(round(value, 3) for value in (*entity.dxf.center, entity.dxf.radius))
+    return tuple(sorted((round(x, 3), round(y, 3)) for x, y in entity.get_points("xy")))
+
+
+def enclosed_mm2(entity: ezdxf.entities.DXFGraphic) -> float:
+    """Shoelace, and the segment of a circle over every bulged side."""
+    if entity.dxftype() == "CIRCLE":
+        return math.pi * entity.dxf.radius**2
+    points = list(entity.get_points("xyb"))
+    area = 0.0
+    for (x, y, bulge), (to_x, to_y, _) in zip(points, [*points[1:], points[0]], strict=True):
+        area += (x * to_y - y * to_x) / 2
+        if bulge:
+            angle = 4 * math.atan(bulge)
+            radius = math.dist((x, y), (to_x, to_y)) / 2 / math.sin(angle / 2)
+            area += radius**2 * (angle - math.sin(angle)) / 2
+    return abs(area)
+
+
+def test_the_same_design_gives_the_same_bytes(default: BuiltSensor) -> None:
+    part = default.parts["first_mould"]
+    assert dxf(part.solid) == dxf(part.solid)
+    assert step(part.name, part.solid) == step(part.name, part.solid)
+
+
+def test_drawings_and_pictures_open(folder: Path) -> None:
+    for path in (folder / "pictures").glob("*.png"):
+        picture = cv2.imread(str(path))
+        assert picture.std() > 10 and (picture[0, 0] == 255).all(), path.name
+    for path in (folder / "drawings").glob("*.svg"):
+        assert "mm" in path.read_text() and path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    base = (folder / "drawings" / "sensor_base.svg").read_text()
+    for text in ("sensor base", "32.50", "25.50", "4 x ⌀2.82", "base.pocket_wide_mm"):
+        assert text in base
+
+
+def test_the_bill_counts(folder: Path) -> None:
+    rows = list(csv.DictReader((folder / "bom.csv").read_text().splitlines()))
+    counts = {row["name"]: int(row["count"]) for row in rows}
+    assert (counts["insert"], counts["screw"], counts["clamp screw and nut"]) == (8, 4, 8)
+    page = (folder / "bom.html").read_text()
+    assert "M3 x 30" in page and "http" not in page
+
+
+def test_an_older_export_is_replaced_and_nothing_else(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "mine.txt").write_text("keep")
+    assert main(["hardware", "export", "--out", str(tmp_path / "letters")]) == 1
+    assert "choose another name" in capsys.readouterr().err
+    assert (tmp_path / "letters" / "mine.txt").read_text() == "keep"
+    assert not list(folder.parent.glob(".*partial"))

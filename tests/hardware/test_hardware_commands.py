@@ -1,0 +1,86 @@
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+
+from ninedtact.cli import main
+from ninedtact.hardware.guide.pages import guide_text
+from ninedtact.hardware.report import BuiltSensor
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict]:
+    code = main(["hardware", *arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_check(capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "check")
+    assert (code, found["broken"], found["interferences"]) == (0, [], [])
+    code, found = told(capsys, "check", "--variant", "original")
+    assert code == 1 and [pair["second"] for pair in found["interferences"]] == ["camera"]
+
+
+def test_check_names_the_broken_rule(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "thin.toml"
+    path.write_text("[hardware.shell]\nwall_mm = 0.5\n")
+    code, found = told(capsys, "check", "--design", str(path))
+    assert code == 1 and found["broken"][0]["rule"] == "wall_too_thin"
+    assert main(["hardware", "export", "--design", str(path), "--out", str(tmp_path / "parts")]) == 1
+    assert "(rule wall_too_thin)" in capsys.readouterr().err and not (tmp_path / "parts").exists()
+
+
+def test_bom(capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "bom")
+    assert code == 0 and found["sensor_usd_estimated"] == pytest.approx(
+        sum(item["count"] * item["each_usd"] for item in found["items"] if item["kind"] == "sensor")
+    )
+    assert main(["hardware", "bom"]) == 0
+    assert "the paper says about 15 $" in capsys.readouterr().out
+
+
+def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "explored"
+    code, found = told(capsys, "explore", "--gel-mm", "1", "1.5", "4", "--shore-a", "5", "--out", str(out))
+    assert code == 0
+    refused, thin, thick = found["designs"]
+    assert "mould_too_thin_for_the_screws" in refused["refusal"]
+    assert thin["signal_per_n"] > thick["signal_per_n"] > 0
+    assert thin["depth_noise_mm"] < thick["depth_noise_mm"]
+    assert thin["depth_range_mm"] < thick["depth_range_mm"] and thin["depth_at_1n_mm"] < thick["depth_at_1n_mm"]
+    assert cv2.imread(str(out / "explore.png")) is not None
+    assert len((out / "explore.csv").read_text().splitlines()) == 4
+
+
+def test_a_wider_area_takes_a_taller_sensor(capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "explore", "--area-mm", "24x18", "36x27")
+    narrow, wide = found["designs"]
+    assert code == 0 and wide["size_mm"][2] > narrow["size_mm"][2] and wide["mm_per_px"] > narrow["mm_per_px"]
+    assert wide["view_radius_mm"] > 22.5 and wide["cost_usd"] > narrow["cost_usd"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["--area-mm", "wide"], "24x18"), (["--shore-a", "120"], "Shore A"), (["--gel-mm", *map(str, range(201))], "200")],
+)
+def test_explore_refuses_in_one_sentence(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["hardware", "explore", *arguments]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "expected" in said and words in said
+
+
+def test_the_guide_in_the_docs_is_that_of_the_default(default: BuiltSensor) -> None:
+    """`ninedtact hardware guide --out docs` makes it again."""
+    text = guide_text(default)
+    assert (DOCS / "fabrication.md").read_text(encoding="utf-8") == text
+    for line in text.splitlines():
+        if line.startswith("!["):
+            assert (DOCS / line.split("(")[1].rstrip(")")).is_file()
+
+
+def test_the_guide_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "guide", "--variant", "original", "--out", str(tmp_path))
+    assert code == 0 and len(found["files"]) == 13
+    assert "original design" in (tmp_path / "fabrication.md").read_text(encoding="utf-8")

@@ -1,0 +1,76 @@
+"""The original's parts against what was measured on its files: volumes, boxes, areas, sections."""
+
+import pytest
+from build123d import Plane
+
+from ninedtact.hardware.parts.catalogue import CATALOGUE
+from ninedtact.hardware.report import BuiltSensor
+
+REFERENCE = {
+    "sensor_base": ((32.5, 25.5, 8.5), 2419.59, 2748.67),
+    "sensor_shell": ((32.5, 25.5, 19.5), 5224.23, 5610.74),
+    "isolation_ring": ((11.9, 11.9, 2.8), 158.56, 329.43),
+    "calibration_board": ((37.0, 30.0, 11.0), 4887.73, 4849.81),
+    "base_board": ((60.0, 50.0, 3.0), 8406.46, None),
+    "first_mould": ((60.0, 50.0, 2.5), 5382.79, None),
+    "second_mould": ((60.0, 50.0, 2.8), 5793.98, None),
+    "acrylic_window": ((14.0, 14.0, 2.0), 392.0, None),
+    "transparent_gel": ((28.5, 21.5, 11.2), 6418.27, None),
+    "translucent_gel": ((29.5, 22.5, 2.5), 1657.23, None),
+    "black_gel": ((31.1, 24.1, 2.8), 433.61, None),
+    "camera": ((10.0, 17.65, 9.95), None, None),
+    "led_board": ((28.0, 21.34, 4.17), None, None),
+}
+"""Box, volume, surface; the LED board is as deep as its receptacle's mouth stands out."""
+
+RIM = 22.5
+SECTIONS = {
+    "sensor_base": (
+        *((0.05, 761.20), (1.05, 670.99), (1.55, 664.59), (2.05, 659.59), (2.55, 654.21)),
+        *((3.05, 87.89), (6.45, 87.89), (6.55, 24.63), (7.55, 6.61)),
+    ),
+    "sensor_shell": (
+        *((RIM - 0.05, 213.42), (RIM - 10.05, 213.42), (RIM - 10.55, 261.42), (RIM - 11.55, 681.32)),
+        *((RIM - 13.05, 681.32), (RIM - 13.55, 273.95), (RIM - 14.55, 228.19), (RIM - 15.05, 215.19)),
+        *((RIM - 16.05, 212.19), (RIM - 18.05, 228.19)),
+    ),
+    "calibration_board": ((1.0, 1096.27), (3.0, 312.95), (3.55, 308.50), (6.0, 241.70)),
+}
+"""mm² at these heights, mm; of the shell below its rim."""
+
+
+def test_the_reference_covers_every_part() -> None:
+    assert {made.name for made in CATALOGUE} == set(REFERENCE)
+
+
+@pytest.mark.parametrize("name", REFERENCE)
+def test_original_agrees_with_its_files(original: BuiltSensor, name: str) -> None:
+    box_mm, volume_mm3, surface_mm2 = REFERENCE[name]
+    part = original.parts[name]
+    assert part.size_mm == pytest.approx(box_mm, abs=0.01)
+    if volume_mm3 is not None:
+        assert part.volume_mm3 == pytest.approx(volume_mm3, rel=1e-4)
+    if surface_mm2 is not None:
+        assert part.solid.area == pytest.approx(surface_mm2, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_original_agrees_section_by_section(original: BuiltSensor, name: str) -> None:
+    solid = original.parts[name].solid
+    for z_mm, area_mm2 in SECTIONS[name]:
+        cut = solid.intersect(Plane.XY.offset(z_mm))
+        faces = cut if isinstance(cut, list) else [cut]
+        assert sum(face.area for face in faces) == pytest.approx(area_mm2, rel=2e-4, abs=0.006), f"{name} at z {z_mm}"
+
+
+@pytest.mark.parametrize("name", REFERENCE)
+def test_every_part_is_one_valid_solid(original: BuiltSensor, default: BuiltSensor, name: str) -> None:
+    for sensor in (original, default):
+        solid = sensor.parts[name].solid
+        assert len(solid.solids()) == 1 and solid.is_valid
+
+
+def test_centres_of_mass(original: BuiltSensor) -> None:
+    base, shell = original.parts["sensor_base"].solid.center(), original.parts["sensor_shell"].solid.center()
+    assert tuple(base) == pytest.approx((0, 0.33, 1.94), abs=0.01)
+    assert tuple(shell) == pytest.approx((0, 0.10, 12.21), abs=0.01)

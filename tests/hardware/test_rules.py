@@ -1,0 +1,145 @@
+"""Any design is either built as a valid assembly or refused by the name of the rule that it breaks."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ninedtact.design import DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
+from ninedtact.hardware.design import HardwareDesign, default_hardware, original_hardware
+from ninedtact.hardware.dimensions.base import Base
+from ninedtact.hardware.dimensions.bought import Board
+from ninedtact.hardware.dimensions.gels import Gels, Moulds
+from ninedtact.hardware.dimensions.pin_frame import PinFrame
+from ninedtact.hardware.dimensions.ring import Ring, Window
+from ninedtact.hardware.dimensions.shell import Shell
+from ninedtact.hardware.explore.sweep import Choice
+from ninedtact.hardware.optics import distance_to_see_mm, reach_mm
+from ninedtact.hardware.report import BuiltSensor
+from ninedtact.hardware.rules.book import RULES, broken_rules, require_buildable
+from ninedtact.hardware.rules.rule import RulesBroken
+
+
+def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 9, rows: int = 7) -> SensorDesign:
+    return SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height), pin_board=PinBoard(rows, cols))
+
+
+def names(design: HardwareDesign) -> set[str]:
+    return {each.rule for each in broken_rules(design)}
+
+
+@pytest.mark.parametrize("design", [default_hardware(), original_hardware()], ids=lambda design: design.variant)
+def test_both_variants_keep_all_rules(design: HardwareDesign) -> None:
+    assert broken_rules(design) == []
+
+
+BREAKING = {
+    "wall_too_thin": replace(default_hardware(), shell=Shell(wall_mm=0.7)),
+    "led_touches_shell": replace(default_hardware(), board=Board(thick_mm=1.6)),
+    "lens_does_not_see_the_corner": default_hardware(sensor(30, 22)),
+    "mould_too_thin_for_the_screws": default_hardware(sensor(gel=1.2)),
+    "pins_out_of_view": default_hardware(sensor(cols=15, rows=11)),
+    "pins_too_close": default_hardware(SensorDesign(pin_board=PinBoard(pitch_mm=1.5))),
+    "pin_too_short": default_hardware(SensorDesign(pin_board=PinBoard(3, 3, 5.0, 3.2))),
+    "screws_do_not_hold": replace(default_hardware(), moulds=Moulds(base_mm=5.0)),
+    "gel_beyond_the_shell": replace(default_hardware(), gels=Gels(black_side_mm=2.0)),
+    "tray_does_not_pass": replace(default_hardware(), pin_frame=PinFrame(corner_radius_mm=8.0)),
+    "parts_touch": replace(default_hardware(), ring=Ring(above_board_mm=0.0), base=Base(pocket_wide_mm=8.0)),
+    "bosses_collide": replace(default_hardware(), base=Base(mount_inset_mm=(3.25, 3.0))),
+    "mount_in_pocket": replace(default_hardware(), base=Base(mount_inset_mm=(9.0, 3.0))),
+    "mount_in_wall": replace(default_hardware(), base=Base(mount_inset_mm=(5.75, 2.0))),
+    "usb_slot": replace(default_hardware(), shell=Shell(slot_to_mm=4.0)),
+    "window_cuts_the_view": replace(
+        default_hardware(), window=Window(9.0, 5.0), shell=Shell(hole_mm=8.0), ring=Ring(bore_mm=10.0)
+    ),
+}
+
+
+@pytest.mark.parametrize("rule", BREAKING)
+def test_an_impossible_design_is_refused_by_its_rule(rule: str) -> None:
+    assert rule in names(BREAKING[rule])
+    with pytest.raises(RulesBroken, match=f"rule {rule}") as refused:
+        require_buildable(BREAKING[rule])
+    assert "expected" in str(refused.value) and "got" in str(refused.value)
+
+
+def test_every_rule_has_a_design_that_breaks_it() -> None:
+    for rule in RULES:
+        assert any([*rule(design)] for design in BREAKING.values()), f"nothing breaks {rule.__name__}"
+
+
+def test_the_remedy_for_a_lens_that_sees_too_little_works() -> None:
+    wide = default_hardware(sensor(40, 30, cols=15, rows=11))
+    assert names(wide) == {"lens_does_not_see_the_corner"}
+    camera = replace(wide.sensor.camera, distance_mm=distance_to_see_mm(wide) + 0.05)
+    assert broken_rules(default_hardware(replace(wide.sensor, camera=camera))) == []
+
+
+def test_what_the_lens_reaches() -> None:
+    """By hand: 0.35 of air, 2 of acrylic, 9.2 and 11.7 of silicone at 80° in air."""
+    design = default_hardware()
+    assert reach_mm(design, design.levels.rim) == pytest.approx(12.7, abs=0.05)
+    assert reach_mm(design) == pytest.approx(15.2, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("part", "field", "value"),
+    [(Shell, "led_cavity_mm", 2.0), (Base, "plate_mm", float("nan")), (Base, "mount_inset_mm", (5.75, 200.0))],
+)
+def test_a_dimension_out_of_its_range_is_refused(part: type, field: str, value: object) -> None:
+    with pytest.raises(DesignImpossible, match=f"{part.__name__.lower()}.{field}"):
+        part(**{field: value})
+
+
+swept = st.builds(
+    sensor,
+    width=st.floats(10, 60),
+    height=st.floats(10, 45),
+    gel=st.floats(1, 5),
+    cols=st.integers(5, 15),
+    rows=st.integers(5, 11),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(swept, st.booleans())
+def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
+    hardware = Choice(default_hardware(design)).hardware if far else default_hardware(design)
+    for broken in broken_rules(hardware):
+        assert broken.rule and broken.sentence.startswith("expected") and "got" in broken.sentence
+    if far:
+        assert not names(hardware) - {"pins_out_of_view", "mould_too_thin_for_the_screws"}
+
+
+def built_or_refused(design: HardwareDesign) -> None:
+    try:
+        sensor = BuiltSensor(design)
+    except RulesBroken as refused:
+        assert refused.broken
+        return
+    assert all(len(part.solid.solids()) == 1 and part.solid.is_valid for part in sensor.parts.values())
+    assert sensor.interferences == []
+
+
+@settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(swept)
+def test_any_design_is_a_valid_assembly_or_refused(design: SensorDesign) -> None:
+    far = Choice(default_hardware(design)).hardware
+    area = far.sensor.sensing_area
+    pins = far.sensor.pin_board
+    pitch = min((area.width_mm - 1.2) / (pins.cols - 1), (area.height_mm - 1.2) / (pins.rows - 1), 2.5)
+    fitting = replace(far.sensor, pin_board=replace(pins, pitch_mm=max(round(pitch - 0.005, 2), 0.1)))
+    built_or_refused(replace(far, sensor=fitting))
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "gel", "cols", "rows"),
+    [(10, 10, 1.5, 5, 5), (60, 45, 5, 15, 11), (60, 10, 2.5, 15, 5), (10, 45, 5, 5, 11)],
+)
+def test_the_corners_of_the_sweep_are_built(width: float, height: float, gel: float, cols: int, rows: int) -> None:
+    pitch = min(2.5, (width - 1.2) / (cols - 1), (height - 1.2) / (rows - 1))
+    design = replace(sensor(width, height, gel), pin_board=PinBoard(rows, cols, pitch))
+    far = Choice(default_hardware(design)).hardware
+    assert broken_rules(far) == []
+    built_or_refused(far)
