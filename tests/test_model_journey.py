@@ -8,6 +8,7 @@ import pytest
 from ninedtact.cli import main
 from ninedtact.cli.force.model import recipe
 from ninedtact.force.model_file import read_model
+from ninedtact.force.shipped import SHIPPED
 
 SMALLEST = recipe.Recipe(80, 1, 2, 24, 1, held_out="standard", pitch_mm=0.4, judged_pitch_mm=0.4)
 
@@ -52,3 +53,12 @@ def test_a_card_is_printed(made: Path, capsys: pytest.CaptureFixture[str]) -> No
 def test_physics_has_no_gate_to_lift(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "--data", str(made / "judge"), "--ungated"]) == 1
     assert "drop --ungated" in capsys.readouterr().err
+
+
+def test_the_model_that_ships_is_small_and_its_page_is_in_the_docs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert SHIPPED.stat().st_size < 10e6
+    assert main(["model", "card"]) == 0
+    page = (Path(__file__).parents[1] / "docs" / "model_card.md").read_text()
+    assert page.strip() == capsys.readouterr().out.strip()
+    judged = read_model(SHIPPED).card.evaluation
+    assert judged["all"]["pairs"] >= 10_000 and judged["all"]["untouched"]["largest_force_n"] == 0

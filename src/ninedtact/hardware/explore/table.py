@@ -1,9 +1,9 @@
 """The sweep as lines, as CSV and as a plot."""
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO, StringIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ninedtact.hardware.explore.explored import Explored
 
@@ -46,13 +46,20 @@ def figure(value: float) -> str:
 
 def sweep_csv(found: Sequence[Explored]) -> bytes:
     """All fields of all designs."""
-    rows = [each.as_table() for each in found]
+    rows = [flat(each.as_table()) for each in found]
     names = list(dict.fromkeys(name for row in rows for name in row))
     text = StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue().encode()
+
+
+def flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """One number a column: size_mm of three becomes size_mm_1, size_mm_2, size_mm_3."""
+    several = {name: value for name, value in row.items() if isinstance(value, tuple | list)}
+    split = {f"{name}_{number}": one for name, value in several.items() for number, one in enumerate(value, 1)}
+    return {name: value for name, value in row.items() if name not in several} | split
 
 
 def sweep_png(found: Sequence[Explored]) -> bytes:
