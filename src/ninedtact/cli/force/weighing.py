@@ -14,15 +14,20 @@ RADIUS_MM, DEPTH_MM = 5.0, 0.8
 """Of the ball; where the search for its weight begins."""
 PRESSES = ((0.0, 0.0, 1.0), (2.5, 1.5, 1.0), (0.0, 0.0, 2.5), (-2.5, -1.5, 5.0), (2.0, -1.5, 5.0))
 """x and y in mm, and newtons: 100 to 500 g."""
+PITCH_MM = 0.3
+"""Of the grid on which they are solved: a ball is smooth."""
 UNTOUCHED = 8
 """Pictures averaged."""
 
 
 def weighed(estimator: "ForceEstimator", member: "SensorMember", shape: "CalibratedShape") -> "ForceEstimator":
-    """The estimator adapted by these presses, as `ninedtact adapt` does it."""
-    from ninedtact.force.adaptation import Adapted, adapted
+    """The estimator adapted by these presses, as `ninedtact adapt` does it; as it is where it reads one of them as no press."""
+    from ninedtact.force.adaptation import AdaptationImpossible, Adapted, adapted
 
-    return Adapted(estimator, adapted(list(presses(estimator, member, shape))).adaptation)
+    try:
+        return Adapted(estimator, adapted(list(presses(estimator, member, shape))).adaptation)
+    except AdaptationImpossible:
+        return estimator
 
 
 def presses(estimator: "ForceEstimator", member: "SensorMember", shape: "CalibratedShape") -> "Iterator[WeighedPress]":
@@ -40,7 +45,7 @@ def readings(member: "SensorMember", shape: "CalibratedShape") -> "Iterator[tupl
     from ninedtact.mechanics.pose import Pose
     from ninedtact.quantities import Frame, Reading
 
-    twin = member.twin()
+    twin = member.twin(PITCH_MM)
     depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-UNTOUCHED, 0)))
     for number, (x, y, load_n) in enumerate(PRESSES):
         contact = twin.felt(twin.step(twin.model.untouched(), Ball(RADIUS_MM), Pose(x, y, DEPTH_MM), load_n))

@@ -71,8 +71,9 @@ def judged(model: Path, data: Path, workers: int, progress: bool) -> Judgement:
     """The model on a data set of twins, each of which calibrates itself and is weighed with five presses."""
     from ninedtact.cli.force.own_sensors import members_of
 
-    network, ungated, together = (
-        JudgedData(data, force, modulus="weighed", workers=workers, progress=progress, gate=gate).predictions()
-        for force, gate in ((str(model), True), (str(model), False), (f"{BOTH}:{model}", True))
+    network, together = (
+        JudgedData(data, force, modulus="weighed", workers=workers, progress=progress).predictions()
+        for force in (str(model), f"{BOTH}:{model}")
     )
+    ungated = JudgedData(data, str(model), workers=workers, progress=progress, gate=False).predictions()
     return Judgement(network, ungated, together, {name: member.kind for name, member in members_of(data).items()})
