@@ -25,7 +25,12 @@ def read_design(path: Path | str) -> SensorDesign:
 
     Raises `DesignFileUnreadable`, and `DesignImpossible` for dimensions that no sensor can have.
     """
-    return design_from({name: part for name, part in read_tables(path).items() if name != HARDWARE}, SensorDesign, path)
+    return sensor_from(read_tables(path), path)
+
+
+def sensor_from(tables: dict[str, Any], path: Path | str) -> SensorDesign:
+    """A file's tables → the design, its hardware left alone; raises as `read_design` does."""
+    return design_from({name: part for name, part in tables.items() if name != HARDWARE}, SensorDesign, path)
 
 
 def read_tables(path: Path | str) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 import json
+import os
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -146,3 +148,14 @@ def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:
     with pytest.raises(TwoDesigns):
         _ = Calibrate(out=tmp_path, design_file=path, design=SensorDesign(gel=Gel(3.0))).resolved_design
     assert Demo(design_file=path).twin.thickness_mm == OURS.gel.thickness_mm
+
+
+def test_a_design_may_come_through_a_pipe(tmp_path: Path) -> None:
+    """It is read once: a pipe has nothing to give a second time."""
+    pipe = tmp_path / "design.toml"
+    os.mkfifo(pipe)
+    writer = Thread(target=pipe.write_text, args=("[gel]\nthickness_mm = 2.0\n[hardware.shell]\nwall_mm = 2.4\n",))
+    writer.start()
+    found = read_hardware(pipe, "default")
+    writer.join()
+    assert (found.sensor.gel.thickness_mm, found.shell.wall_mm) == (2.0, 2.4)

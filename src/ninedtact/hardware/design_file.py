@@ -8,7 +8,7 @@ from typing import Any
 import tomli_w
 
 from ninedtact.design import SensorDesign
-from ninedtact.design_file import HARDWARE, DesignFileUnreadable, design_from, design_toml, read_design, read_tables
+from ninedtact.design_file import HARDWARE, DesignFileUnreadable, design_from, design_toml, read_tables, sensor_from
 from ninedtact.hardware.design import HardwareDesign, Variant, hardware_for
 
 PARTS = tuple(field.name for field in fields(HardwareDesign) if field.name not in ("sensor", "variant"))
@@ -21,8 +21,8 @@ def read_hardware(path: Path | str | None, variant: Variant) -> HardwareDesign:
     """
     if path is None:
         return hardware_for(SensorDesign(), variant)
-    tables = read_tables(path).get(HARDWARE, {})
-    return altered(hardware_for(read_design(path), variant), tables, path)
+    tables = read_tables(path)
+    return altered(hardware_for(sensor_from(tables, path), variant), tables.get(HARDWARE, {}), path)
 
 
 def altered(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
