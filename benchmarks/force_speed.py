@@ -58,7 +58,7 @@ def tasks(path: Path, reading: str) -> Tasks:
     six = estimator.model(shown[0][None]).wrench[0]
     return {
         ESTIMATE: lambda call: estimator.estimate(readings[call % 3]),
-        "of it: gate": lambda call: estimator.touching(readings[call % 3].height),
+        "of it: gate": lambda call: estimator.touching(readings[call % 3]),
         "of it: input": lambda call: estimator.input(readings[call % 3]),
         "of it: network": lambda call: estimator.model(shown[call % 3][None]),
         "of it: doubts": lambda call: list(doubts_about(shown[call % 3], six, estimator.model.card)),

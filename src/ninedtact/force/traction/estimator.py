@@ -7,6 +7,8 @@ object applies. Nothing here was trained; what is known of presses beforehand is
 """
 
 from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool
@@ -27,6 +29,9 @@ from ninedtact.force.traction.prior import Prior
 from ninedtact.force.traction.refusals import required_gel
 from ninedtact.quantities import Doubt, HeightMap, Reading, Traction, WrenchEstimate
 from ninedtact.shape.calibrated import CalibratedShape
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 NOTHING = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
 """Error of saying that nothing touches: half of all touches of 0.05 N show (docs/force_physics.md)."""
@@ -55,6 +60,11 @@ class TractionForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """The wrench about the skin's centre; raises `TractionImpossible` for a reading that cannot be used."""
+        with blas().limit(limits=1, user_api="blas"):  # its matrices are small: threads would wait for each other
+            return self.read(reading)
+
+    def read(self, reading: Reading) -> WrenchEstimate:
+        """The same, on as many threads as there are."""
         inversion = self.inversion_for(reading.height)
         seen = self.evidence.observed(reading, inversion.forward.cells)
         touched = self.gate.touched(seen)
@@ -106,6 +116,15 @@ class TractionForce(ForceEstimator):
     def forget(self) -> None:
         """Begin the next from its own picture."""
         self.last = None
+
+
+@cache
+def blas() -> "ThreadpoolController":
+    """The linear algebra that is loaded; looking for it takes longer than an estimate, so it is done once."""
+    import scipy.linalg  # noqa: F401  (SciPy brings its own, which is not found before it is loaded)
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def traction_force(calibrated: CalibratedShape, gel: Gel | None) -> TractionForce:
