@@ -12,7 +12,7 @@ import ninedtact
 PACKAGE = Path(ninedtact.__file__).parent
 
 LAYERS = [
-    {"errors", "whole_file"},
+    {"errors", "whole_file", "whole_folder"},
     {"quantities", "design", "design_file"},
     {"mechanics", "capture", "shape"},
     {"force", "simulation"},

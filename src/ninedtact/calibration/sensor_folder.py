@@ -1,6 +1,5 @@
 """A calibrated sensor on disk: `sensor.toml`, `pictures/`, `certificate.html`."""
 
-import shutil
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from secrets import token_hex
 
 import msgspec
 import numpy as np
@@ -22,6 +20,7 @@ from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.lens import LensModel, Projection
 from ninedtact.shape.pin_map import PinMap
 from ninedtact.shape.rectification import Rectification, rectification
+from ninedtact.whole_folder import is_free, whole_folder
 
 RECORD = "sensor.toml"
 FARTHEST_PER_MM = 1e-4
@@ -177,36 +176,13 @@ def new_sensor_folder(out: Path | str) -> Iterator[Path]:
     """A folder to fill, which takes the place of `out` when the block ends well; a sensor that was there is replaced."""
     final = Path(out)
     require_replaceable(final)
-    final.parent.mkdir(parents=True, exist_ok=True)
-    partial = final.with_name(f".{final.name}.{token_hex(4)}.partial")
-    partial.mkdir()
-    try:
+    with whole_folder(final) as partial:
         yield partial
-        swap(partial, final)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def swap(partial: Path, final: Path) -> None:
-    """Move the finished folder into place; what was there is removed only then."""
-    if not final.exists():
-        partial.rename(final)
-        return
-    previous = partial.with_suffix(".previous")
-    final.rename(previous)
-    try:
-        partial.rename(final)
-    except BaseException:
-        previous.rename(final)
-        raise
-    shutil.rmtree(previous, ignore_errors=True)
 
 
 def require_replaceable(final: Path) -> None:
     """Only an empty folder or a sensor is replaced."""
-    if final.is_dir() and (not any(final.iterdir()) or (final / RECORD).is_file()):
-        return
-    if final.exists():
+    if not is_free(final, RECORD):
         raise SensorFolderRefused(
             f"expected --out to be new, empty or a sensor folder, got {final} with other content; choose another name"
         )

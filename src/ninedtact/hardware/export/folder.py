@@ -1,12 +1,11 @@
-"""A folder that appears whole or not at all; an older one of its kind is replaced."""
+"""The folder of a sensor's parts: it appears whole or not at all, and replaces nothing but an older one of its kind."""
 
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from secrets import token_hex
 
 from ninedtact.errors import NinedtactError
+from ninedtact.whole_folder import is_free, whole_folder
 
 MANIFEST = "manifest.json"
 
@@ -16,39 +15,16 @@ class FolderRefused(NinedtactError):
 
 
 @contextmanager
-def whole_folder(out: Path) -> Iterator[Path]:
+def new_parts_folder(out: Path) -> Iterator[Path]:
     """A folder to fill, which takes the place of `out` when the block ends well; raises `FolderRefused`."""
     require_replaceable(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    partial = out.with_name(f".{out.name}.{token_hex(4)}.partial")
-    partial.mkdir()
-    try:
+    with whole_folder(out) as partial:
         yield partial
-        swap(partial, out)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def swap(partial: Path, final: Path) -> None:
-    """Move the finished folder into place; what was there is removed only then."""
-    if not final.exists():
-        partial.rename(final)
-        return
-    previous = partial.with_suffix(".previous")
-    final.rename(previous)
-    try:
-        partial.rename(final)
-    except BaseException:
-        previous.rename(final)
-        raise
-    shutil.rmtree(previous, ignore_errors=True)
 
 
 def require_replaceable(out: Path) -> None:
-    """Only nothing, an empty folder, or parts exported before are replaced."""
-    if out.is_dir() and (not any(out.iterdir()) or (out / MANIFEST).is_file()):
-        return
-    if out.exists():
+    """Only nothing, an empty folder, or parts exported before are replaced; raises `FolderRefused`."""
+    if not is_free(out, MANIFEST):
         raise FolderRefused(
             f"expected --out to be new, empty or written by this command, got {out} with other content; choose another name"
         )

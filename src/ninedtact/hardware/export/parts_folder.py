@@ -11,7 +11,7 @@ from ninedtact.hardware.design_file import hardware_toml
 from ninedtact.hardware.export.bill_files import bill_csv, bill_html
 from ninedtact.hardware.export.cutting import dxf
 from ninedtact.hardware.export.drawing import Sheet
-from ninedtact.hardware.export.folder import MANIFEST, whole_folder
+from ninedtact.hardware.export.folder import MANIFEST, new_parts_folder
 from ninedtact.hardware.export.notes import notes
 from ninedtact.hardware.export.solid_files import assembly_step, step, stl
 from ninedtact.hardware.materials import MADE_OF
@@ -35,7 +35,7 @@ def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = quiet) -> dict
 
     tell: called with what is being written. Raises `FolderRefused`, and `FileNotWritten` from the disk.
     """
-    with whole_folder(out) as folder:
+    with new_parts_folder(out) as folder:
         for path, content in files(sensor):
             tell(path)
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
