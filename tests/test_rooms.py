@@ -36,6 +36,7 @@ HEAVY = {
         "hardware.parts",
         "hardware.assembly",
         "hardware.pictures",
+        "hardware.drawings",
         "hardware.guide",
         "hardware.export",
     },

@@ -10,7 +10,8 @@ from ninedtact.hardware.assembly.pairs import Meeting, meetings
 from ninedtact.hardware.bom import Item, bill, cost_usd
 from ninedtact.hardware.clearances import Clearance, clearances
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.figures import DISAGREEMENTS, PAPER, SensorFigures, sensor_figures, table_one
+from ninedtact.hardware.disagreements import DISAGREEMENTS
+from ninedtact.hardware.figures import DIGIT, PAPER, SensorFigures, sensor_figures, table_one
 from ninedtact.hardware.optics import corner_mm, reach_mm
 from ninedtact.hardware.parts.catalogue import BuiltPart, built
 from ninedtact.hardware.rules.book import require_buildable
@@ -66,6 +67,7 @@ class BuiltSensor:
             "variant": self.design.variant,
             "figures": {**asdict(self.figures), "ratio_mm": self.figures.ratio_mm},
             "paper": {**asdict(PAPER), "ratio_mm": PAPER.ratio_mm},
+            "others": [{**asdict(DIGIT), "ratio_mm": DIGIT.ratio_mm}],
             "lens_reach_mm": reach_mm(self.design),
             "corner_mm": corner_mm(self.design),
             "interferences": [asdict(meeting) for meeting in self.interferences],
@@ -81,8 +83,8 @@ class BuiltSensor:
         yield from interference_lines(self)
         yield from clearance_lines(self.clearances)
         yield f"the lens reaches {reach_mm(self.design):.2f} mm, the sensing area's corner is at {corner_mm(self.design):.2f} mm"
-        yield "beside the paper (masses by assumed densities, costs by estimated prices):"
-        yield from ("  " + line for line in table_one((PAPER, self.figures)))
+        yield "beside the paper and others (masses of this design by assumed densities, its cost by estimated prices):"
+        yield from ("  " + line for line in table_one((PAPER, self.figures, DIGIT)))
         yield "where the paper and its files disagree:"
         for each in DISAGREEMENTS:
             yield f"  {each.thing}: paper {each.paper or 'says nothing'}; files {each.files}; here {each.here}"

@@ -8,11 +8,11 @@ from typing import Any
 import cv2
 
 from ninedtact.hardware.design_file import hardware_toml
+from ninedtact.hardware.drawings.sheet import Sheet
+from ninedtact.hardware.drawings.table import table
 from ninedtact.hardware.export.bill_files import bill_csv, bill_html
 from ninedtact.hardware.export.cutting import dxf
-from ninedtact.hardware.export.drawing import Sheet
 from ninedtact.hardware.export.folder import MANIFEST, new_parts_folder
-from ninedtact.hardware.export.notes import notes
 from ninedtact.hardware.export.solid_files import assembly_step, step, stl
 from ninedtact.hardware.materials import MADE_OF
 from ninedtact.hardware.parts.catalogue import TO_MAKE, BuiltPart
@@ -68,8 +68,8 @@ def part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
         yield f"{part.way}/{part.name}.dxf", dxf(part.solid)
     yield f"pictures/{part.name}.png", encoded(part_picture(part))
     if part.way in TO_MAKE:
-        sheet = Sheet(part, MADE_OF[part.name].name, notes(sensor.design, part.name))
-        yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.files().items())
+        sheet = Sheet(part, table(sensor.design, part))
+        yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.files())
 
 
 def assembly_files(sensor: BuiltSensor) -> Iterator[File]:

@@ -1,10 +1,10 @@
-"""Three views of a part as polylines, hidden edges apart, and the round holes and heights that a drawing tells."""
+"""A part as polylines: from a side, hidden edges apart, or cut open; and the round holes and heights that a drawing tells."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from build123d import Axis, Edge, Face, GeomType, Part
+from build123d import Axis, Edge, Face, GeomType, Keep, Part, Plane, Vector, Wire, section, split
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -18,7 +18,7 @@ SIDES = {
     "right": ((FAR_MM, 0.0, 0.0), (0.0, 0.0, 1.0)),
 }
 """Where the eye stands, and what is up."""
-POINTS = 25
+POINTS_PER_MM, FEWEST, MOST = 8, 9, 97
 """Of a curve."""
 
 
@@ -28,12 +28,14 @@ class View:
 
     visible: tuple[Line, ...]
     hidden: tuple[Line, ...]
+    cut: tuple[tuple[Line, ...], ...] = ()
+    """Faces that a cut lays bare, each as its outline and its holes."""
 
     @property
     def box(self) -> tuple[Pair, Pair]:
         """Lowest and highest x and y."""
-        places = np.concatenate(self.visible)
-        low, high = places.min(axis=0), places.max(axis=0)
+        points = np.concatenate(self.visible)
+        low, high = points.min(axis=0), points.max(axis=0)
         return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
 
 
@@ -44,11 +46,29 @@ def view(part: Part, side: str) -> View:
     return View(tuple(map(line, visible)), tuple(map(line, hidden)))
 
 
+def cut_open(part: Part) -> View:
+    """The half at −x, seen from the right: what the plane x = 0 lays bare, and the edges behind it."""
+    behind = split(part, bisect_by=Plane.YZ, keep=Keep.BOTTOM)
+    faces = section(part, section_by=Plane.YZ).faces()
+    bare = tuple(tuple(outline(wire) for wire in (face.outer_wire(), *face.inner_wires())) for face in faces)
+    return View(view(Part() + behind, "right").visible, (), bare)
+
+
+def outline(wire: Wire) -> Line:
+    """A closed run of edges in the plane x = 0, as points (y, z)."""
+    edges = wire.order_edges()
+    return np.array([(place.Y, place.Z) for edge in edges for place in places(edge)])
+
+
 def line(edge: Edge) -> Line:
-    """An edge as points."""
-    many = 2 if edge.geom_type == GeomType.LINE else POINTS
-    places = (edge @ part for part in np.linspace(0, 1, many))
-    return np.array([(place.X, place.Y) for place in places])
+    """A projected edge as points."""
+    return np.array([(place.X, place.Y) for place in places(edge)])
+
+
+def places(edge: Edge) -> Iterator[Vector]:
+    """Points along it: its ends, or many of a curve."""
+    many = 2 if edge.geom_type == GeomType.LINE else min(max(round(POINTS_PER_MM * edge.length), FEWEST), MOST)
+    yield from (edge @ part for part in np.linspace(0, 1, many))
 
 
 @dataclass(frozen=True)

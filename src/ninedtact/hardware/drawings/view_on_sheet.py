@@ -1,0 +1,134 @@
+"""One view on the sheet, with its dimensions. One unit of the axes is one mm of paper."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ninedtact.hardware.drawings.views import Line, Rounds, View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+INK, HIDDEN, NOTE, BARE = "#111111", "#999999", "#1f4e9e", "#e4e4e4"
+TEXT_MM = 2.6
+"""From one number to the next."""
+TITLE_MM = 15.0
+"""Above a view, clear of its width."""
+CUT_MM = 5.0
+"""How far the line of a cut stands out."""
+
+
+@dataclass(frozen=True)
+class ViewOnSheet:
+    """One view: the corner of its box is put at `at`, paper mm."""
+
+    axes: "Axes"
+    view: View
+    scale: float
+    at: tuple[float, float]
+
+    def paper(self, x: float, y: float) -> tuple[float, float]:
+        """Where a point of the part lies on the sheet."""
+        low = self.view.box[0]
+        return self.at[0] + (x - low[0]) * self.scale, self.at[1] + (y - low[1]) * self.scale
+
+    def lines(self) -> "ViewOnSheet":
+        """Faces that were cut hatched, hidden edges dashed, visible ones above them."""
+        from matplotlib.collections import LineCollection
+
+        self.bare_faces()
+        for lines, colour, width, style in (
+            (self.view.hidden, HIDDEN, 0.35, (0, (5, 3))),
+            (self.view.visible, INK, 0.8, "-"),
+        ):
+            on_paper = [[self.paper(x, y) for x, y in line.tolist()] for line in lines]
+            self.axes.add_collection(LineCollection(on_paper, colors=colour, linewidths=width, linestyles=style))
+        return self
+
+    def bare_faces(self) -> None:
+        """Each with its holes left open."""
+        from matplotlib.patches import PathPatch
+        from matplotlib.path import Path
+
+        for face in self.view.cut:
+            path = Path.make_compound_path(*(Path([self.paper(*place) for place in closed(line)]) for line in face))
+            self.axes.add_patch(PathPatch(path, facecolor=BARE, edgecolor=HIDDEN, hatch="////", linewidth=0))
+            self.axes.add_patch(PathPatch(path, facecolor="none", edgecolor=INK, linewidth=0.8))
+
+    def titled(self, title: str) -> "ViewOnSheet":
+        """What is shown, above it."""
+        (left, _), (right, high) = self.view.box
+        x, y = self.paper((left + right) / 2, high)
+        self.axes.text(x, y + TITLE_MM, title, fontsize=8, color=INK, ha="center", weight="bold")
+        return self
+
+    def cut_at_zero(self, name: str) -> "ViewOnSheet":
+        """The line x = 0 along which another view is cut, with its name at both ends."""
+        (_, low), (_, high) = self.view.box
+        (x, bottom), (_, top) = self.paper(0, low), self.paper(0, high)
+        ends = bottom - CUT_MM, top + CUT_MM
+        self.axes.plot([x, x], ends, color=INK, linewidth=0.5, linestyle=(0, (12, 3, 2, 3)))
+        for end in ends:
+            self.axes.text(x - 1.5, end, name, fontsize=8, color=INK, ha="right", va="center", weight="bold")
+        return self
+
+    def box(self) -> "ViewOnSheet":
+        """Width above, height at the right."""
+        (left, low), (right, high) = self.view.box
+        (x0, y0), (x1, y1) = self.paper(left, low), self.paper(right, high)
+        self.arrow((x0, y1 + 8), (x1, y1 + 8), f"{right - left:.2f}", 0)
+        self.arrow((x1 + 8, y0), (x1 + 8, y1), f"{high - low:.2f}", 90)
+        return self
+
+    def arrow(self, start: tuple[float, float], end: tuple[float, float], text: str, turned: int) -> None:
+        """A dimension line with its number."""
+        style = {"arrowstyle": "<->", "color": NOTE, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
+        self.axes.annotate("", end, start, arrowprops=style)
+        middle = (start[0] + end[0]) / 2 - (1.2 if turned else 0), (start[1] + end[1]) / 2 + (0 if turned else 1.2)
+        anchor = ("right", "center") if turned else ("center", "bottom")
+        self.axes.text(*middle, text, fontsize=7, color=NOTE, rotation=turned, ha=anchor[0], va=anchor[1])
+
+    def rounds(self, found: Sequence[Rounds]) -> "ViewOnSheet":
+        """One leader per diameter, in the order of their places so that they do not cross."""
+        (_, low), (right, high) = self.view.box
+        x = self.paper(right, low)[0] + 16
+        style = {"arrowstyle": "-|>", "color": NOTE, "linewidth": 0.5, "shrinkB": 0}
+        highest_first = sorted(found, key=lambda each: (-max(each.places)[1], -max(each.places)[0]))
+        for number, each in enumerate(highest_first):
+            y = self.paper(right, high)[1] - 3 - 6 * number
+            text, place = f"{len(each.places)} x ⌀{each.diameter_mm:.2f}", self.paper(*max(each.places))
+            self.axes.annotate(text, place, (x, y), fontsize=7, color=NOTE, arrowprops=style, va="center")
+        return self
+
+    def upwards(self, places: Sequence[float], name: str, zero: float = 0.0) -> "ViewOnSheet":
+        """Beside the view, the place of every flat face across the sheet's upward axis."""
+        x = self.paper(*self.view.box[0])[0]
+        for place, text_y in spread((place, self.paper(0, place)[1]) for place in places):
+            y = self.paper(0, place)[1]
+            self.axes.plot([x - 1, x - 4, x - 7], [y, y, text_y], color=NOTE, linewidth=0.4)
+            text = f"{name} {place - zero:.2f}"
+            self.axes.text(x - 7.5, text_y, text, fontsize=6, color=NOTE, ha="right", va="center")
+        return self
+
+    def across(self, places: Sequence[float], name: str) -> "ViewOnSheet":
+        """Below the view, the same of its other axis."""
+        y = self.paper(*self.view.box[0])[1]
+        for place, text_x in spread((place, self.paper(place, 0)[0]) for place in places):
+            x = self.paper(place, 0)[0]
+            self.axes.plot([x, x, text_x], [y - 1, y - 3, y - 5], color=NOTE, linewidth=0.4)
+            text = f"{name} {place:.2f}"
+            self.axes.text(text_x, y - 5.5, text, fontsize=6, color=NOTE, ha="center", va="top", rotation=90)
+        return self
+
+
+def closed(line: Line) -> list[tuple[float, float]]:
+    """Its points, the first again at the end."""
+    return [(float(x), float(y)) for x, y in (*line, line[0])]
+
+
+def spread(wanted: Iterable[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+    """Places with where their text goes: where it is wanted, or beside its neighbour."""
+    last = float("-inf")
+    for place, text in wanted:
+        last = max(text, last + TEXT_MM)
+        yield place, last
