@@ -108,6 +108,11 @@ class SensingArea:
         return self.width_mm * self.height_mm
 
     @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height."""
+        return self.width_mm, self.height_mm
+
+    @property
     def opening_mm(self) -> tuple[float, float]:
         """Width and height of the opening that the gel fills."""
         return self.width_mm + 2 * self.margin_mm[0], self.height_mm + 2 * self.margin_mm[1]

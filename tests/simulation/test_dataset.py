@@ -26,7 +26,7 @@ from ninedtact.simulation.dataset.settings import DatasetImpossible, DatasetSett
 from ninedtact.simulation.dataset.table import schema
 from ninedtact.simulation.dataset.touch import Touch
 from ninedtact.simulation.objects.generated import ObjectUnknown
-from ninedtact.simulation.population.member import member
+from ninedtact.simulation.population.member import member, member_from
 from ninedtact.simulation.population.parts import Kinds
 
 SMALL = DatasetSettings(
@@ -258,6 +258,18 @@ def test_the_command_takes_its_options_and_answers_in_json(tmp_path: Path, capsy
     assert len(told["percentiles"]["Fz"]) == 3
     with pytest.raises(DatasetImpossible, match="pairs of at least 1"):
         tyro.cli(Dataset, args=["--out", str(tmp_path), "--pairs", "-3"]).run()
+
+
+def test_a_design_of_its_own_is_pressed_seen_and_written_down(tmp_path: Path) -> None:
+    (tmp_path / "wide.toml").write_text("[sensing_area]\nwidth_mm = 36\nheight_mm = 27\n[camera]\ndistance_mm = 21\n")
+    options = "--pairs 4 --sensors 1 --size 36 27 --names ball:4 --pitch-mm 0.5 --workers 1 --json"
+    folder = ["--out", str(tmp_path / "wide"), "--design", str(tmp_path / "wide.toml")]
+    assert tyro.cli(Dataset, args=[*folder, *options.split()]).run() == 0
+    rows = pq.read_table(next((tmp_path / "wide" / "data").iterdir())).to_pylist()
+    assert {round(row["mm_per_px"], 2) for row in rows} == {1.0}
+    assert "36 mm across" in (tmp_path / "wide" / "README.md").read_text()
+    (sensor,) = json.loads((tmp_path / "wide" / "members" / "sensors.json").read_text())
+    assert member_from(sensor).design.sensing_area.width_mm == 36
 
 
 def test_torques_move_to_the_paper_s_sensor() -> None:

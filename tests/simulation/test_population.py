@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
+from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.population.mechanics import finite_strain
 from ninedtact.simulation.population.member import SensorMember, member, member_from, population
 from ninedtact.simulation.population.parts import Kinds, Misreading, PopulationImpossible
 from ninedtact.simulation.population.spread import FITTED
-from ninedtact.simulation.rectified import grey_eye, raw_places, read_places
+from ninedtact.simulation.rectified import grey_eye, mm_per_px, raw_places, read_places
 
 MANY = 300
 ALL_BONDED, ALL_BASED = Kinds(0, 0), Kinds(1, 0)
@@ -89,13 +90,30 @@ def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
     assert finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
 
 
+def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(members: list[SensorMember]) -> None:
+    wide = SensorDesign(gel=Gel(1.25, 0.2), sensing_area=SensingArea(36, 27))
+    for number, usual in enumerate(members[:6]):
+        ours = member(number, design=wide)
+        assert ours.gel.thickness_mm == pytest.approx(usual.gel.thickness_mm / 2)
+        assert ours.gel.shear_modulus_mpa / wide.gel.shear_modulus_mpa == pytest.approx(
+            usual.gel.shear_modulus_mpa / Gel().shear_modulus_mpa
+        )
+        assert (ours.kind, ours.friction, ours.misreading) == (usual.kind, usual.friction, usual.misreading)
+        deep = np.array([-0.4])
+        assert ours.light.change(deep)[0] < 1.2 * usual.light.change(deep)[0] < 0, "thinner gel darkens sooner"
+        twin = ours.twin()
+        assert (twin.area_mm, twin.gel_mm) == ((36.0, 27.0), wide.sensing_area.gel_mm)
+        x_mm = grey_eye(ours, (92, 69)).renderer.view.plane_mm[34, :, 0]
+        assert x_mm[-1] - x_mm[0] == pytest.approx(36 * 91 / 92, rel=0.01)
+
+
 def test_the_rectified_picture_is_that_of_the_raw_one_rectified() -> None:
     one = replace(member(2, kinds=ALL_BONDED), misreading=Misreading(), noise_grey_levels=1e-6)
     twin, eye = one.twin(), grey_eye(one, (460, 345))
     contact = twin.step(twin.model.untouched(), Ball(), Pose(2.0, -1.0, 1.2))
     seen = eye.picture(contact, np.random.default_rng(0)).astype(float)
     raw = cv2.cvtColor(twin.renderer.shone_on(contact), cv2.COLOR_BGR2GRAY)
-    at = raw_places(one.view, read_places((460, 345), Misreading()))
+    at = raw_places(one.view, read_places((460, 345), mm_per_px((460, 345)), Misreading()))
     rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
     assert np.ptp(seen - eye.untouched) > 12
     assert np.abs(seen - rectified).mean() < 0.4
@@ -103,7 +121,7 @@ def test_the_rectified_picture_is_that_of_the_raw_one_rectified() -> None:
 
 
 def test_a_view_read_backwards_finds_its_pixels() -> None:
-    view, wanted = member(4).view, read_places((92, 69), Misreading(1.01, 0.01, (0.2, -0.1)))
+    view, wanted = member(4).view, read_places((92, 69), mm_per_px((92, 69)), Misreading(1.01, 0.01, (0.2, -0.1)))
     px = raw_places(view, wanted)
     place = cv2.remap(view.plane_mm, px[..., 0].copy(), px[..., 1].copy(), cv2.INTER_LINEAR)
     assert np.abs(place - wanted).max() < 3e-3, "OpenCV looks up to a 32nd of a pixel"

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from ninedtact.design import Gel, SensorDesign
+from ninedtact.design import SensorDesign
 from ninedtact.mechanics.gel import bonded_layer
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
@@ -38,17 +38,23 @@ def designed_twin(design: SensorDesign, seed: int = 0) -> Twin:
         "default" if design == AVERAGE else "designed",
         partial(bonded_layer, gel=design.gel),
         renderer,
-        area_mm=(area.width_mm, area.height_mm),
+        area_mm=area.size_mm,
         thickness_mm=design.gel.thickness_mm,
         gel_mm=area.gel_mm,
     )
 
 
 def designed_light(design: SensorDesign) -> Light:
-    """The average light through a gel of this thickness, seen from this distance."""
-    light, gel = Light(), design.gel
-    thicker = gel.thickness_mm / AVERAGE.gel.thickness_mm
-    steeper = slope_per_mm(gel, light) / slope_per_mm(AVERAGE.gel, light)
+    """The average light, carried to this design."""
+    return carried_light(Light(), design)
+
+
+def carried_light(light: Light, design: SensorDesign) -> Light:
+    """The light of a sensor of the published design → that through the gel of another, seen from its distance."""
+    if design.gel.thickness_mm == AVERAGE.gel.thickness_mm and design.camera.distance_mm == AVERAGE.camera.distance_mm:
+        return light
+    thicker = design.gel.thickness_mm / AVERAGE.gel.thickness_mm
+    steeper = slope_per_mm(design.gel.thickness_mm, light) / slope_per_mm(AVERAGE.gel.thickness_mm, light)
     return replace(
         light,
         dark_per_mm=light.dark_per_mm * steeper,
@@ -56,14 +62,14 @@ def designed_light(design: SensorDesign) -> Light:
         saturation=light.saturation * thicker,
         scattering_mm=light.scattering_mm * thicker,
         nearness_per_mm=light.nearness_per_mm * (AVERAGE.camera.distance_mm / design.camera.distance_mm),
-        thickness_mm=gel.thickness_mm,
+        thickness_mm=light.thickness_mm * thicker,
     )
 
 
-def slope_per_mm(gel: Gel, average: Light) -> float:
+def slope_per_mm(thickness_mm: float, light: Light) -> float:
     """Relative change of the reflectance St/(1 + St) with t."""
-    scattered = average.saturation / average.thickness_mm * gel.thickness_mm
-    return 1 / (gel.thickness_mm * (1 + scattered))
+    scattered = light.saturation / light.thickness_mm * thickness_mm
+    return 1 / (thickness_mm * (1 + scattered))
 
 
 def designed_lens(design: SensorDesign) -> WideLens:

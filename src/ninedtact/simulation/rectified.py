@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.mechanics.contact import Contact
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.simulation.noise import Noise
@@ -17,7 +18,7 @@ from ninedtact.simulation.population.parts import Misreading
 from ninedtact.simulation.view import View
 
 FULL_COLS, FULL_MM_PER_PX = 460, 0.0522
-"""The published rectified picture; smaller ones show the same skin with larger pixels."""
+"""The published rectified picture of 24 mm; smaller ones show the same skin with larger pixels, wider skin has larger ones too."""
 STEPS = 12
 """Of the search for a place in the raw picture; each leaves a fifth of the error of the one before."""
 
@@ -52,15 +53,15 @@ class GreyEye:
         return np.asarray(cv2.add(clean, noise, dtype=cv2.CV_8U))
 
 
-def mm_per_px(size: tuple[int, int]) -> float:
-    """Of rectified pictures of this size (cols, rows)."""
-    return FULL_MM_PER_PX * FULL_COLS / size[0]
+def mm_per_px(size: tuple[int, int], design: SensorDesign = SensorDesign()) -> float:
+    """Of rectified pictures of this size (cols, rows), as wide as the sensing area."""
+    return FULL_MM_PER_PX * FULL_COLS / size[0] * (design.sensing_area.width_mm / SensingArea().width_mm)
 
 
 def grey_eye(member: SensorMember, size: tuple[int, int]) -> GreyEye:
     """The eye of a member, for pictures of (cols, rows). Small pictures are means over pixels, with less noise."""
     raw = member.renderer()
-    plane = read_places(size, member.misreading)
+    plane = read_places(size, mm_per_px(size, member.design), member.misreading)
     untouched = looked_up(raw.untouched, raw_places(raw.view, plane))
     calmer = member.noise_grey_levels * min(1.0, size[0] / FULL_COLS)
     rows, cols = plane.shape[:2]
@@ -68,9 +69,9 @@ def grey_eye(member: SensorMember, size: tuple[int, int]) -> GreyEye:
     return GreyEye(Renderer(View(plane), untouched, raw.light, noise))
 
 
-def read_places(size: tuple[int, int], misreading: Misreading) -> Plane:
+def read_places(size: tuple[int, int], mm_per_px: float, misreading: Misreading) -> Plane:
     """Where on the skin the pixels of the rectified picture truly lie."""
-    x, y = np.meshgrid(*(centred_axis_mm(side, mm_per_px(size)) for side in size))
+    x, y = np.meshgrid(*(centred_axis_mm(side, mm_per_px) for side in size))
     cos, sin = np.cos(misreading.turn_rad), np.sin(misreading.turn_rad)
     turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
     return (misreading.scale * turned + misreading.offset_mm).astype(np.float32)

@@ -98,9 +98,9 @@ def calibrate_twin(member: "SensorMember", out: Path) -> None:
     from ninedtact.calibration.written import write_sensor
     from ninedtact.simulation.gauges import gauge_pictures
 
-    pictures = gauge_pictures(member.twin(), board_depth_mm=BOARD_MM, frames=FRAMES)
+    pictures = gauge_pictures(member.twin(), member.design, board_depth_mm=BOARD_MM, frames=FRAMES)
     try:
-        made = calibrate(CalibrationPictures(**vars(pictures)), sensor_id=member.name)
+        made = calibrate(CalibrationPictures(**vars(pictures)), member.design, sensor_id=member.name)
     except NinedtactError as refusal:
         out.mkdir(parents=True, exist_ok=True)
         write_whole(out / REFUSED, str(refusal).encode())

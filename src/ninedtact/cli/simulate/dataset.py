@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ninedtact.cli.answer import answer
+from ninedtact.cli.options import DesignFile, design_or_published
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class Dataset:
     pairs: int = 10_000
     """How many pictures with their wrenches."""
     size: tuple[int, int] = (460, 345)
-    """Columns and rows of the pictures; all sizes show the same 24 mm across."""
+    """Columns and rows of the pictures; all sizes show the width of the sensing area, 24 mm."""
     sensors: int = 20
     """How many different sensors take turns."""
     objects: int = 175
@@ -58,6 +59,8 @@ class Dataset:
     """Share of sensors whose gel lies on a base that yields."""
     finite_strain: float = 0.3
     """Share of sensors whose gel stiffens as it thins."""
+    design_file: DesignFile = None
+    """Design file (TOML) that all sensors were meant to follow; the published one if not given."""
     pitch_mm: float = 0.2
     """Of the grid on which contacts are solved: coarser is quicker."""
     json: bool = False
@@ -85,7 +88,7 @@ class Dataset:
 
     @property
     def settings(self) -> "DatasetSettings":
-        """The same as the simulation names it; raises `DatasetImpossible`, `PopulationImpossible`."""
+        """As the simulation names it; raises `DatasetImpossible`, `PopulationImpossible`, and what `read_design` raises."""
         from ninedtact.simulation.dataset.settings import DatasetSettings, Shares
         from ninedtact.simulation.population.parts import Kinds
 
@@ -99,6 +102,7 @@ class Dataset:
             objects_seed=self.objects_seed,
             shares=Shares(self.no_contact, self.light_touch),
             kinds=Kinds(self.compliant_base, self.finite_strain),
+            design=design_or_published(self.design_file),
             pitch_mm=self.pitch_mm,
         )
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from ninedtact.simulation.dataset.settings import DatasetSettings
-from ninedtact.simulation.population.member import SensorMember, member
+from ninedtact.simulation.population.member import SensorMember
 from ninedtact.simulation.rectified import GreyEye, grey_eye
 from ninedtact.simulation.twin import Twin
 
@@ -20,7 +20,7 @@ class Bench:
 
 def set_up(number: int, settings: DatasetSettings) -> Bench:
     """The sensor of this number."""
-    sensor = member(number, settings.seed, settings.kinds)
+    sensor = settings.member(number)
     return Bench(sensor, sensor.twin(settings.pitch_mm), grey_eye(sensor, settings.size))
 
 

@@ -28,6 +28,7 @@ def card(
     """The whole text. sizes: pairs of each kind."""
     machine = "the same machine" if device == "cpu" else f"the same machine with `--device {device}`"
     counted = ", ".join(f"{count} {kind}" for kind, count in sizes.items())
+    width_mm = settings.design.sensing_area.width_mm
     table = "\n".join(f"    {line}".rstrip() for line in percentiles)
     return f"""{HEAD}
 # Pictures and wrenches of simulated 9DTact sensors
@@ -37,7 +38,8 @@ Made by `ninedtact simulate dataset` {version}: {settings.pairs} pairs ({counted
 
 | column | what |
 |---|---|
-| picture | the rectified sensor picture, grey, {settings.size[0]} x {settings.size[1]}, 24 mm across |
+| picture | the rectified sensor picture, grey, {settings.size[0]} x {settings.size[1]}, {width_mm:g} mm across |
+| mm_per_px | its scale |
 | reference | id of the untouched picture of the same sensor, in config `references` |
 | wrench | Fx Fy Fz in N, Tx Ty Tz in N·m, of the object on the skin: pressing gives Fz < 0 |
 | object | what touches; `none` where nothing does |

@@ -13,7 +13,6 @@ from ninedtact.simulation.dataset.deck import object_of
 from ninedtact.simulation.dataset.pair import png
 from ninedtact.simulation.dataset.settings import DatasetImpossible, DatasetSettings
 from ninedtact.simulation.dataset.table import write_references
-from ninedtact.simulation.population.member import member
 from ninedtact.whole_file import FileNotWritten, write_whole
 
 PROCESSOR = "cpu"
@@ -37,7 +36,7 @@ def begin(folder: Path, settings: DatasetSettings, device: str = PROCESSOR) -> N
         write_whole(folder / SETTINGS, as_json(resolved))
     clear_halves(folder)
     if not (folder / MEMBERS).is_file():
-        sensors = [member(number, settings.seed, settings.kinds).as_table() for number in range(settings.sensors)]
+        sensors = [settings.member(number).as_table() for number in range(settings.sensors)]
         write_whole(folder / MEMBERS, as_json(sensors))
     if not (folder / REFERENCES).is_file():
         write_references(folder / REFERENCES, references(settings))

@@ -10,8 +10,11 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
+from ninedtact.design import SensingArea
+
 Pair = tuple[float, float]
 Random = np.random.Generator
+PUBLISHED_MM = SensingArea().size_mm
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class Hand:
     tilt_deg: float = 3.0
     most_tilt_deg: float = 10.0
     place_mm: Pair = (4.5, 3.2)
-    """Of the object's middle from the sensor's."""
+    """Of the object's middle from the sensor's, on the published sensing area; as much wider on a wider one."""
     stations: tuple[int, int] = (4, 8)
     """Fewest and most in one touch."""
     steps: int = 2
@@ -55,7 +58,8 @@ class Hand:
         angles = np.clip(rng.normal(0, (self.twist_deg, self.tilt_deg, self.tilt_deg)), -most, most)
         return Aim(load, shear, float(np.radians(angles[0])), np.radians(angles[1:]))
 
-    def place(self, rng: Random, room_mm: Float64[Array, "2"]) -> tuple[float, float]:
-        """Where the object comes down, at most this far from the middle."""
-        x, y = np.clip(rng.normal(0, self.place_mm), -room_mm, room_mm).tolist()
+    def place(self, rng: Random, room_mm: Float64[Array, "2"], area_mm: Pair = PUBLISHED_MM) -> tuple[float, float]:
+        """Where the object comes down on an area of this size, at most so far from the middle as there is room."""
+        wider = np.divide(area_mm, PUBLISHED_MM)
+        x, y = np.clip(rng.normal(0, self.place_mm * wider), -room_mm, room_mm).tolist()
         return x, y

@@ -28,6 +28,7 @@ class Pair:
     time_ns: int
     sensor: str
     kind: Kind
+    mm_per_px: float
 
 
 def quotas(number: int, settings: DatasetSettings) -> dict[str, int]:

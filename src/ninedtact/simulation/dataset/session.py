@@ -11,6 +11,7 @@ from ninedtact.simulation.dataset.deck import dealt, object_of
 from ninedtact.simulation.dataset.pair import Kind, Pair, png, quotas
 from ninedtact.simulation.dataset.settings import DatasetImpossible, DatasetSettings
 from ninedtact.simulation.dataset.touch import Touch
+from ninedtact.simulation.rectified import mm_per_px
 
 STEP_NS = 100_000_000
 """Between two steps of a touch: ten a second."""
@@ -96,5 +97,6 @@ class Session:
             png(self.bench.eye.shot(factor, self.rng)),
             *(sensor, six.astype(np.float32), name, f"{self.number:05d}-{self.touches:03d}"),
             *(self.steps, self.steps * STEP_NS, sensor, kind),
+            mm_per_px(self.settings.size, self.settings.design),
         )
         self.made.append(pair)

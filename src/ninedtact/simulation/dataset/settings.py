@@ -4,9 +4,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from ninedtact.capture.sampling_rule import RuleSettings
+from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.dataset.hand import Hand
 from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
+from ninedtact.simulation.population.member import SensorMember, member
 from ninedtact.simulation.population.parts import Kinds
 from ninedtact.simulation.twin import PITCH_MM
 
@@ -40,7 +42,7 @@ class DatasetSettings:
 
     pairs: int = 10_000
     size: tuple[int, int] = (460, 345)
-    """Columns and rows of the rectified pictures; all sizes show the same 24 mm across."""
+    """Columns and rows of the rectified pictures; all sizes show the width of the sensing area."""
     sensors: int = 20
     objects: int = PAPER_COUNT
     """The first so many generated objects; ignored where names are given."""
@@ -58,6 +60,8 @@ class DatasetSettings:
     session_pairs: int = 50
     """With one sensor, before the next one's turn; fewer where not all sensors would have one."""
     sessions_per_file: int = 5
+    design: SensorDesign = SensorDesign()
+    """What all sensors were meant to be."""
     rule: RuleSettings = RuleSettings()
     hand: Hand = field(default_factory=Hand)
 
@@ -102,6 +106,10 @@ class DatasetSettings:
     def sessions(self) -> int:
         """How many, the last one perhaps shorter."""
         return -(-self.pairs // self.pairs_per_session)
+
+    def member(self, number: int) -> SensorMember:
+        """The sensor of this number."""
+        return member(number, self.seed, self.kinds, self.design)
 
     def sessions_of(self, file: int) -> range:
         """Numbers of the sessions whose pairs are in this file."""

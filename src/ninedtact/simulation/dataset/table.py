@@ -38,6 +38,7 @@ COLUMNS: dict[str, tuple[pa.DataType, dict[str, Any]]] = {
     "time_ns": (pa.int64(), {"dtype": "int64", "_type": "Value"}),
     "sensor": (pa.string(), {"dtype": "string", "_type": "Value"}),
     "kind": (pa.string(), {"dtype": "string", "_type": "Value"}),
+    "mm_per_px": (pa.float32(), {"dtype": "float32", "_type": "Value"}),
 }
 """Arrow type and Hugging Face feature of every column, in the order of `Pair`."""
 REFERENCE_COLUMNS = {name: COLUMNS[name] for name in ("reference", "picture", "sensor")}

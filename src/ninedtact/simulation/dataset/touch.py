@@ -47,8 +47,8 @@ class Touch:
 
     def __post_init__(self) -> None:
         self.turn_rad = float(self.rng.uniform(-np.pi, np.pi))
-        room = room_mm(self.indenter, self.turn_rad, self.bench.twin.area_mm)
-        x, y = self.hand.place(self.rng, room)
+        area = self.bench.twin.area_mm
+        x, y = self.hand.place(self.rng, room_mm(self.indenter, self.turn_rad, area), area)
         self.pose = Pose(x, y, 0.0, self.turn_rad)
 
     def aims(self) -> Iterator[Aim]:

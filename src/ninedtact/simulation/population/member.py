@@ -7,8 +7,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from ninedtact.design import Gel
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.mechanics.contact import Contact
+from ninedtact.simulation.designed import lit_alike
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
 from ninedtact.simulation.picture import Renderer
@@ -46,6 +47,8 @@ class SensorMember:
     noise_grey_levels: float
     untouched: Untouched
     misreading: Misreading = field(default_factory=Misreading)
+    design: SensorDesign = SensorDesign()
+    """What it was meant to be."""
 
     @property
     def view(self) -> View:
@@ -57,7 +60,7 @@ class SensorMember:
         view = self.view
         return Renderer(
             view,
-            untouched_picture(view, **asdict(self.untouched)),
+            untouched_picture(lit_alike(view, self.design), **asdict(self.untouched)),
             self.light,
             Noise(self.noise_grey_levels, RAW_SHAPE),
         )
@@ -71,7 +74,9 @@ class SensorMember:
             self.renderer(),
             self.friction,
             pitch_mm,
+            area_mm=self.design.sensing_area.size_mm,
             thickness_mm=yields,
+            gel_mm=self.design.sensing_area.gel_mm,
             felt=self.felt,
         )
 
@@ -89,13 +94,13 @@ def member_from(table: dict[str, Any]) -> SensorMember:
     return msgspec.convert(table, SensorMember)
 
 
-def member(number: int, seed: int = 0, kinds: Kinds = Kinds()) -> SensorMember:
-    """Draw one sensor; raises `PopulationImpossible` for numbers below zero."""
+def member(number: int, seed: int = 0, kinds: Kinds = Kinds(), design: SensorDesign = SensorDesign()) -> SensorMember:
+    """Draw one sensor of this design; raises `PopulationImpossible` for numbers below zero."""
     if number < 0 or seed < 0:
         raise PopulationImpossible(f"expected number and seed of zero or more, got {number} and {seed}; correct them")
     rng = np.random.default_rng([seed, number])
     kind = kinds.at((0.5 + GOLDEN * number) % 1)
-    gel = drawn_gel(rng)
+    gel = drawn_gel(rng, design.gel)
     base = drawn_base(rng, gel)
     return SensorMember(
         name=f"twin_{seed}_{number:03d}",
@@ -103,11 +108,12 @@ def member(number: int, seed: int = 0, kinds: Kinds = Kinds()) -> SensorMember:
         gel=gel,
         base=base if kind == "compliant_base" else None,
         friction=float(rng.uniform(0.5, 1.2)),
-        light=drawn_light(rng, gel.thickness_mm),
-        lens=drawn_lens(rng),
+        light=drawn_light(rng, gel.thickness_mm, design),
+        lens=drawn_lens(rng, design),
         noise_grey_levels=float(rng.uniform(0.5, 1.0)),
         untouched=drawn_untouched(rng),
         misreading=drawn_misreading(rng),
+        design=design,
     )
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.design import Gel
+from ninedtact.design import Gel, SensorDesign
+from ninedtact.simulation.designed import AVERAGE, carried_light, designed_lens
 from ninedtact.simulation.light import Light, saturating
 from ninedtact.simulation.view import WideLens
 
@@ -49,8 +50,14 @@ def within_reach(rng: Random, count: int) -> Float[Array, " count"]:
     return np.clip(rng.standard_normal(count), -REACH, REACH)
 
 
-def drawn_light(rng: Random, thickness_mm: float) -> Light:
-    """The light of one sensor."""
+def drawn_light(rng: Random, thickness_mm: float, design: SensorDesign = AVERAGE) -> Light:
+    """The light of one sensor with this gel, as of a published one with as much too thick a gel, carried to the design."""
+    usual_mm = thickness_mm * (AVERAGE.gel.thickness_mm / design.gel.thickness_mm)
+    return carried_light(usual_light(rng, usual_mm), design)
+
+
+def usual_light(rng: Random, thickness_mm: float) -> Light:
+    """The light of one published sensor."""
     secant, bright, scattering, lost = fitted_light(rng).tolist()
     saturation = float(np.exp(rng.uniform(np.log(0.2), np.log(3.5))))
     depth = np.array([-min(FITTED_AT_MM, 0.9 * thickness_mm)])
@@ -59,16 +66,16 @@ def drawn_light(rng: Random, thickness_mm: float) -> Light:
     return Light(secant / bend, saturation, bright, scattering, lost / MEAN_DARKENING, nearness, thickness_mm)
 
 
-def drawn_gel(rng: Random) -> Gel:
-    """Moulded to 2.5 ± 0.2 mm, Shore A 5 within a quarter of its modulus, keeping its volume or nearly so."""
-    thickness = 2.5 + 0.2 * within_reach(rng, 1)[0]
-    modulus = Gel().shear_modulus_mpa * rng.uniform(0.75, 1.25)
-    return Gel(float(thickness), float(modulus), 0.5 - min(0.02, float(rng.exponential(0.004))))
+def drawn_gel(rng: Random, meant: Gel = AVERAGE.gel) -> Gel:
+    """Moulded to 2.5 ± 0.2 mm, or as exactly for its thickness; within a quarter of its modulus; keeping its volume or nearly."""
+    thickness = meant.thickness_mm + 0.2 * (meant.thickness_mm / AVERAGE.gel.thickness_mm) * within_reach(rng, 1)[0]
+    modulus = meant.shear_modulus_mpa * rng.uniform(0.75, 1.25)
+    return Gel(float(thickness), float(modulus), meant.poisson_ratio - min(0.02, float(rng.exponential(0.004))))
 
 
-def drawn_lens(rng: Random) -> WideLens:
+def drawn_lens(rng: Random, design: SensorDesign = AVERAGE) -> WideLens:
     """A lens of the same make, and a skin mounted a little off its axis, turned and tilted."""
-    bent, mean = 1 + 0.06 * within_reach(rng, 1)[0], WideLens()
+    bent, mean = 1 + 0.06 * within_reach(rng, 1)[0], designed_lens(design)
     pairs = iter((within_reach(rng, 6).reshape(3, 2) * np.array([[0.015], [0.008], [0.2]])).tolist())
     centre, tilt, offset = ((float(x), float(y)) for x, y in pairs)
     return replace(
