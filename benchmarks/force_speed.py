@@ -16,9 +16,12 @@ from real_sensor import real_sensor
 from turns import Tasks, Times, in_turns
 
 from ninedtact import Frame
+from ninedtact.cli.force.estimators import on_sensor
+from ninedtact.design import Gel
 from ninedtact.force.model_file import read_model
 from ninedtact.force.network_force import NetworkForce, doubts_about
 from ninedtact.quantities import Reading
+from ninedtact.shape.calibrated import CalibratedShape
 
 ESTIMATE, BOTH = "height → wrench", "frame → height and wrench"
 REQUIRED_MS = {ESTIMATE: 5.0, BOTH: 8.0}
@@ -64,7 +67,14 @@ def tasks(path: Path, reading: str) -> Tasks:
         "of it: doubts": lambda call: list(doubts_about(shown[call % 3], six, estimator.model.card)),
         "frame → height": lambda call: read(frames[call % 3]),
         BOTH: lambda call: estimator.estimate(read(frames[call % 3])),
+        **(by_both(shape, readings[0]) if reading == "fine" else {}),
     }
+
+
+def by_both(shape: CalibratedShape, held: Reading) -> Tasks:
+    """Network and physics on a ball that is held; physics undoes the light itself, so it has no fast reading."""
+    together = on_sensor("both", shape, Gel())
+    return {"height → wrench by network and physics": lambda _: together.estimate(held)}
 
 
 def trained_for_a_moment(folder: Path) -> Path:
