@@ -17,6 +17,7 @@ from ninedtact.hardware.design_file import hardware_toml, read_hardware
 from ninedtact.hardware.mounted_board import led_board_of
 from ninedtact.hardware.rules.book import broken_rules
 from ninedtact.simulation.designed import designed_light, designed_twin
+from ninedtact.simulation.gauges import GaugePictures, gauge_pictures
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.twin import default_twin
 
@@ -103,6 +104,17 @@ def test_a_thinner_gel_darkens_sooner_and_scatters_less() -> None:
     assert thin.dark_per_mm > Light().dark_per_mm
     assert thin.scattering_mm < Light().scattering_mm
     assert thin.change(np.array([-1.5])).item() > -1
+
+
+def test_a_thin_gel_is_calibrated_by_presses_that_it_bears() -> None:
+    thin = SensorDesign(gel=Gel(1.2))
+    pictures = gauge_pictures(designed_twin(thin), thin)
+    darkest = [(after.astype(float) - before).min() for before, after in pressed(pictures)]
+    assert max(darkest) < -10, "both presses are seen"
+
+
+def pressed(pictures: GaugePictures) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [(pictures.board_reference, pictures.board), (pictures.ball_reference, pictures.ball)]
 
 
 def test_a_press_of_a_designed_sensor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -45,10 +45,11 @@ def gauge_pictures(
     frames: int = 1,
 ) -> GaugePictures:
     """The twin's own calibration pictures; `first_number` picks their noise. frames: how many are averaged for each, as a
-    guided calibration averages eight."""
+    guided calibration averages eight. Gel that is thinner than the published one is pressed as much less deep."""
     finer = replace(twin, pitch_mm=design.pin_board.pitch_mm / PINS_PER_CELL)
-    board = Press(board_depth_mm).on(finer, pin_board(design.pin_board), ENOUGH)
-    ball = Press(BALL_DEPTH_MM, drag_mm=BALL_DRAG_MM).on(twin, Ball(design.ball.radius_mm), ENOUGH)
+    thinner = min(1.0, design.gel.thickness_mm / SensorDesign().gel.thickness_mm)
+    board = Press(board_depth_mm * thinner).on(finer, pin_board(design.pin_board), ENOUGH)
+    ball = Press(BALL_DEPTH_MM * thinner, drag_mm=BALL_DRAG_MM).on(twin, Ball(design.ball.radius_mm), ENOUGH)
     contacts = None, board, None, ball
     numbers = [range(first_number + n * frames, first_number + (n + 1) * frames) for n in range(len(contacts))]
     return GaugePictures(

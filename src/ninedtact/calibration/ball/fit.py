@@ -21,7 +21,13 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.contact_circle import find_contact_circle
-from ninedtact.calibration.ball.judgement import cap_height_mm, require_depth, require_like_ball, warnings
+from ninedtact.calibration.ball.judgement import (
+    WIDEST_BY_PHYSICS,
+    cap_height_mm,
+    require_depth,
+    require_like_ball,
+    warnings,
+)
 from ninedtact.calibration.ball.physics import PhysicalBall
 from ninedtact.calibration.ball.press import BallPress, centred
 from ninedtact.calibration.brightness import (
@@ -115,7 +121,7 @@ def fit_ball(
     require_usable("ball picture", press)
     before, after = rectify(Frame(reference)), rectify(Frame(press))
     circle = find_contact_circle(uniform_change(before, after))
-    require_depth(design.ball, circle, rectify.mm_per_px)
+    require_depth(design.ball, circle, rectify.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
     seen = BallPress(before, after, circle, design.ball, design.camera, smoothing)
     fit = fit_physics(seen, design, beliefs, near) if method == "physics" else fit_curve(centred(seen), method)
     # Two pictures' noise is in their difference; a reading against an averaged reference has one picture's.

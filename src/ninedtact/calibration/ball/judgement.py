@@ -6,6 +6,8 @@ from ninedtact.calibration.ball.contact_circle import BallRefused, ContactCircle
 from ninedtact.calibration.brightness import Image
 from ninedtact.design import BallGauge
 
+WIDEST_BY_PHYSICS = 1.06
+"""Of the ball's radius. Skin dips beside the ball too, the wider the thicker the gel; mechanics know that, the edge's rule not."""
 SHALLOWEST_MM = 0.4
 """A press below this covers too little of the range to calibrate it."""
 UNEVEN = 0.08
@@ -16,15 +18,15 @@ REFERENCE_DRIFT = 3.0
 """Grey levels of change between two untouched pictures that deserve a word."""
 
 
-def require_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float) -> None:
-    """Refuse a disc wider than the ball, or too shallow a press."""
+def require_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float, widest: float = 1.0) -> None:
+    """Refuse a disc wider than the ball (or than `widest` of it), or too shallow a press."""
     radius_mm = circle.radius_px * mm_per_px
-    if radius_mm >= ball.radius_mm:
+    if radius_mm >= widest * ball.radius_mm:
         raise BallRefused(
             f"expected a disc smaller than the ball (radius {ball.radius_mm:g} mm), got one of {radius_mm:.2f} mm; "
             "check the ball's radius, or press less deep"
         )
-    depth_mm = cap_height_mm(ball.radius_mm, radius_mm)
+    depth_mm = cap_height_mm(ball.radius_mm, min(radius_mm, ball.radius_mm))
     if depth_mm < SHALLOWEST_MM:
         raise BallRefused(
             f"expected a press at least {SHALLOWEST_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
