@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
+from operator import attrgetter
 from typing import Literal
 
 from ninedtact.errors import NinedtactError
@@ -175,6 +176,25 @@ class ForceTorqueMount:
                 )
 
 
+RANGES = {
+    "gel.thickness_mm": (0.3, 15.0),
+    "gel.shear_modulus_mpa": (0.003, 3.0),
+    "sensing_area.width_mm": (4.0, 200.0),
+    "sensing_area.height_mm": (4.0, 200.0),
+    "camera.distance_mm": (2.0, 200.0),
+    "field_of_view.rows": (16, 4000),
+    "field_of_view.cols": (16, 4000),
+    "field_of_view.raw_long_side_px": (64, 10_000),
+    "pin_board.rows": (3, 60),
+    "pin_board.cols": (3, 60),
+    "pin_board.pitch_mm": (0.5, 30.0),
+    "pin_board.pin_diameter_mm": (0.2, 15.0),
+    "ball.radius_mm": (0.5, 60.0),
+}
+"""Least and most of a sensor's dimensions: what moulds, silicones, lenses, printers and a computer's memory can do. Gels that are
+no sensor's, as those of closed forms, are free."""
+
+
 @dataclass(frozen=True)
 class SensorDesign:
     """One sensor's design. The calibration searches for it, the twin simulates it, the hardware draws it."""
@@ -186,3 +206,9 @@ class SensorDesign:
     pin_board: PinBoard = PinBoard()
     ball: BallGauge = BallGauge()
     force_torque: ForceTorqueMount = ForceTorqueMount()
+
+    def __post_init__(self) -> None:
+        for name, (least, most) in RANGES.items():
+            value = attrgetter(name)(self)
+            if not least <= value <= most:
+                raise DesignImpossible(f"expected {name} from {least:g} to {most:g}, got {value:g}; correct the design")

@@ -1,7 +1,7 @@
 """A folder that appears whole or not at all: filled under a temporary name beside it, then moved into place."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
@@ -20,9 +20,13 @@ def whole_folder(final: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def is_free(folder: Path, mark: str) -> bool:
-    """Whether nothing would be lost: nothing is there, an empty folder, or one of the kind that holds a file of this name."""
-    return not folder.exists() or (folder.is_dir() and (not any(folder.iterdir()) or (folder / mark).is_file()))
+def foreign(folder: Path, belongs: Callable[[str], bool]) -> list[str]:
+    """What would be lost if the folder were replaced: its files whose path within it (with /) does not belong; none where nothing
+    is there, its own name where it is a file."""
+    if not folder.is_dir():
+        return [folder.name] if folder.exists() else []
+    files = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
+    return sorted(file for file in files if not belongs(file))
 
 
 def swap(partial: Path, final: Path) -> None:

@@ -108,10 +108,12 @@ def test_any_damage_to_the_record_is_refused_or_harmless(calibrated_a: Calibrati
         assert "expected" in str(refusal)
 
 
-def test_something_else_is_never_overwritten(calibrated_a: Calibration, tmp_path: Path) -> None:
+@pytest.mark.parametrize("beside", ["plan.txt", "sensor.toml"])
+def test_something_else_is_never_overwritten(calibrated_a: Calibration, tmp_path: Path, beside: str) -> None:
     (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / beside).write_text("")
     (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
-    with pytest.raises(SensorFolderRefused):
+    with pytest.raises(SensorFolderRefused, match=r"chapter\.tex"):
         write_sensor(tmp_path / "thesis", calibrated_a)
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
 

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 from pathlib import Path
 from threading import Thread
 
@@ -10,7 +11,7 @@ from ninedtact.cli import main
 from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.options import TwoDesigns
-from ninedtact.design import DesignImpossible, Gel, SensingArea, SensorDesign, shear_modulus_of_shore_a
+from ninedtact.design import RANGES, DesignImpossible, Gel, SensingArea, SensorDesign, shear_modulus_of_shore_a
 from ninedtact.design_file import DesignFileUnreadable, design_toml, read_design
 from ninedtact.hardware.design import Variant, default_hardware, hardware_for, original_hardware
 from ninedtact.hardware.design_file import hardware_toml, read_hardware
@@ -71,6 +72,16 @@ def test_a_file_that_is_no_design_is_refused(tmp_path: Path, text: str, words: s
 def test_hardware_that_no_sensor_has_is_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(DesignFileUnreadable, match=words):
         read_hardware(written(tmp_path, text), "default")
+
+
+@pytest.mark.parametrize("name", RANGES)
+@pytest.mark.parametrize("value", ["inf", "nan", "1e12", "1e-12"])
+def test_dimensions_beyond_what_can_be_made_are_refused_by_name(tmp_path: Path, name: str, value: str) -> None:
+    part, field = name.split(".")
+    if field in ("rows", "cols", "raw_long_side_px"):
+        value = {"inf": "1000000000000", "nan": "-1", "1e12": "100000", "1e-12": "0"}[value]
+    with pytest.raises(DesignImpossible, match=f"{re.escape(name)}|pin board of at least"):
+        read_design(written(tmp_path, f"[{part}]\n{field} = {value}"))
 
 
 def test_impossible_dimensions_are_refused_as_anywhere_else(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from build123d import import_step
 
 from ninedtact.cli import main
 from ninedtact.hardware.export.cutting import dxf
+from ninedtact.hardware.export.folder import require_replaceable
 from ninedtact.hardware.export.solid_files import step
 from ninedtact.hardware.report import BuiltSensor
 
@@ -118,12 +119,21 @@ def test_the_bill_counts(folder: Path) -> None:
     assert "M3 x 30" in page and "http" not in page
 
 
-def test_an_older_export_is_replaced_and_nothing_else(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    "manifest", [None, '{"name": "another program\'s"}', '{"variant": "default", "files": ["mine.txt.bak"]}', "["]
+)
+def test_a_folder_with_anything_of_ones_own_is_left_alone(
+    manifest: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "letters").mkdir()
-    (tmp_path / "letters" / "mine.txt").write_text("keep")
+    (tmp_path / "letters" / "src").mkdir(parents=True)
+    (tmp_path / "letters" / "src" / "mine.txt").write_text("keep")
+    if manifest is not None:
+        (tmp_path / "letters" / "manifest.json").write_text(manifest)
     assert main(["hardware", "export", "--out", str(tmp_path / "letters")]) == 1
     assert "choose another name" in capsys.readouterr().err
-    assert (tmp_path / "letters" / "mine.txt").read_text() == "keep"
+    assert (tmp_path / "letters" / "src" / "mine.txt").read_text() == "keep"
+
+
+def test_an_older_export_may_be_replaced_and_leaves_nothing_behind(folder: Path) -> None:
+    require_replaceable(folder)
     assert not list(folder.parent.glob(".*partial"))

@@ -20,9 +20,12 @@ from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.lens import LensModel, Projection
 from ninedtact.shape.pin_map import PinMap
 from ninedtact.shape.rectification import Rectification, rectification
-from ninedtact.whole_folder import is_free, whole_folder
+from ninedtact.whole_folder import foreign, whole_folder
 
 RECORD = "sensor.toml"
+FILES, FOLDERS = (RECORD, "certificate.html", "rectification.npy", "force.toml"), ("pictures/", "upstream/")
+"""All that a sensor folder holds: this, its page, the map of one that was imported, what weighed presses told; the pictures, and
+what was imported as it was."""
 FARTHEST_PER_MM = 1e-4
 """Inverse distance below which lines of sight count as parallel."""
 
@@ -181,8 +184,15 @@ def new_sensor_folder(out: Path | str) -> Iterator[Path]:
 
 
 def require_replaceable(final: Path) -> None:
-    """Only an empty folder or a sensor is replaced."""
-    if not is_free(final, RECORD):
+    """Only an empty folder, or a sensor with nothing else in it, is replaced."""
+    is_sensor = (final / RECORD).is_file()
+    if strange := foreign(final, lambda file: is_sensor and belongs(file)):
         raise SensorFolderRefused(
-            f"expected --out to be new, empty or a sensor folder, got {final} with other content; choose another name"
+            f"expected --out to be new, empty or a sensor folder, got {final} with other content ({strange[0]}); choose another "
+            "name"
         )
+
+
+def belongs(file: str) -> bool:
+    """Whether a sensor folder's file is one that this program writes there."""
+    return file in FILES or file.startswith(FOLDERS)

@@ -43,6 +43,7 @@ class Explore:
 
     def run(self) -> int:
         """Build, press, and put side by side."""
+        require_solids()
         from tqdm import tqdm
 
         from ninedtact.hardware.explore.explored import explored
@@ -50,7 +51,6 @@ class Explore:
 
         basis = self.described.hardware()
         choices = [*self.sweep.designs(basis)]
-        require_solids()
         found = list(tqdm(explored(choices), total=len(choices), unit="design", disable=None, leave=False))
         table: dict[str, Any] = {"designs": [each.as_table() for each in found], "files": self.written(found)}
         return answer(self.json, table, lines(found))

@@ -1,11 +1,12 @@
 """The folder of a sensor's parts: it appears whole or not at all, and replaces nothing but an older one of its kind."""
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from ninedtact.errors import NinedtactError
-from ninedtact.whole_folder import is_free, whole_folder
+from ninedtact.whole_folder import foreign, whole_folder
 
 MANIFEST = "manifest.json"
 
@@ -23,8 +24,20 @@ def new_parts_folder(out: Path) -> Iterator[Path]:
 
 
 def require_replaceable(out: Path) -> None:
-    """Only nothing, an empty folder, or parts exported before are replaced; raises `FolderRefused`."""
-    if not is_free(out, MANIFEST):
+    """Only nothing, an empty folder, or parts exported before and nothing else are replaced; raises `FolderRefused`."""
+    ours = exported(out / MANIFEST)
+    if strange := foreign(out, ours.__contains__):
         raise FolderRefused(
-            f"expected --out to be new, empty or written by this command, got {out} with other content; choose another name"
+            f"expected --out to be new, empty or written by this command, got {out} with other content ({strange[0]}); choose "
+            "another name"
         )
+
+
+def exported(manifest: Path) -> frozenset[str]:
+    """The files that an earlier export lists; none where this is no manifest of ours."""
+    try:
+        told = json.loads(manifest.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return frozenset()
+    listed = told.get("files") if isinstance(told, dict) and "variant" in told else None
+    return frozenset(map(str, listed)) if isinstance(listed, list) else frozenset()
