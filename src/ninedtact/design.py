@@ -7,6 +7,9 @@ from typing import Literal
 
 from ninedtact.errors import NinedtactError
 
+ACRYLIC, SILICONE = 1.49, 1.41
+"""Refractive indices of window and gel, of the handbooks; no maker states those of these sheets and silicones."""
+
 
 class DesignImpossible(NinedtactError):
     """A dimension that no sensor can have."""

@@ -1,13 +1,21 @@
-import pytest
+import math
+from dataclasses import replace
 
-from ninedtact.hardware.assembly.pairs import met
+import pytest
+from told_and_measured import LED_AND_RING, NEAREST, require_agreement
+
 from ninedtact.hardware.clearances import clearances
+from ninedtact.hardware.design import HardwareDesign, default_hardware
+from ninedtact.hardware.dimensions.base import Base
+from ninedtact.hardware.dimensions.shell import Shell
 from ninedtact.hardware.figures import PAPER
 from ninedtact.hardware.report import BuiltSensor
+from ninedtact.hardware.rules.book import broken_rules
 
 TIGHT_IN_THE_ORIGINAL = {
     "lens head, hole of the LED board",
     "camera body, pocket of the base",
+    "camera body, wall of the pocket at +y",
     "camera stiffener, shoulder of the pocket",
     "screw shank, hole of the base",
     "bolt of the robot, hole of the base",
@@ -58,18 +66,28 @@ def test_the_original_overlaps_where_its_files_do(original: BuiltSensor) -> None
 
 
 def test_clearances_told_are_clearances_of_the_solids(default: BuiltSensor) -> None:
-    bodies = {body.name: body for body in default.bodies}
-    told = {room.between: room.mm for room in clearances(default.design)}
-    for first, second, between in (
-        ("camera", "isolation_ring", "lens head, bore of the ring"),
-        ("camera", "led_board", "lens head, hole of the LED board"),
-        ("camera", "acrylic_window", "lens front, window"),
-        ("led_board", "isolation_ring", "LED, isolation ring"),
-        ("led_board", "sensor_shell", "notch of the LED board, screw boss of the shell"),
-        ("isolation_ring", "sensor_shell", "isolation ring, window hole of the shell"),
-    ):
-        # Bodies may be nearest elsewhere, a cable beside a rim: never farther than told, and about as near.
-        assert met(bodies[first], bodies[second]).apart_mm == pytest.approx(told[between], abs=0.02)
+    require_agreement(default, (*NEAREST, LED_AND_RING))
+
+
+@pytest.mark.parametrize(
+    ("design", "between", "mm"),
+    [
+        # The ring's half side is 9.95; the nearest faces of the upper row's LEDs stand at y 7.5 − 1.4.
+        (replace(default_hardware(), shell=Shell(hole_mm=20.0)), "LED, isolation ring", 6.1 - 9.95),
+        # The fillet begins 0.5 below the board's upper edge, the boss 0.1 beside it.
+        (
+            replace(default_hardware(), shell=Shell(fillet_mm=1.5)),
+            "LED board, rounded ceiling of the shell",
+            1.5 - math.hypot(1.4, 0.5),
+        ),
+        (replace(default_hardware(), base=Base(pocket_front_mm=4.0)), "camera body, wall of the pocket at +y", -0.35),
+    ],
+)
+def test_what_overlaps_is_told_and_refused(design: HardwareDesign, between: str, mm: float) -> None:
+    (room,) = (room for room in clearances(design) if room.between == between)
+    assert room.mm == pytest.approx(mm, abs=1e-9)
+    assert room.impossible == (mm < 0) and room.tight
+    assert any(between in broken.sentence for broken in broken_rules(design)) == (mm < 0)
 
 
 def test_figures_beside_the_paper(default: BuiltSensor) -> None:
@@ -85,6 +103,7 @@ def test_the_report_says_all(default: BuiltSensor) -> None:
     text = "\n".join(default.lines())
     for each in (
         "0 pairs interfere",
+        "the LED board breaks 0 of its own rules",
         "9DTact, as published",
         "this design (default)",
         "disagree",

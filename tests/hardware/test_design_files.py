@@ -1,6 +1,7 @@
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -15,6 +16,8 @@ from ninedtact.design import RANGES, DesignImpossible, Gel, SensingArea, SensorD
 from ninedtact.design_file import DesignFileUnreadable, design_toml, read_design
 from ninedtact.hardware.design import Variant, default_hardware, hardware_for, original_hardware
 from ninedtact.hardware.design_file import hardware_toml, read_hardware
+from ninedtact.hardware.led_board.design import LedBoard
+from ninedtact.hardware.led_board.refusal import BoardImpossible
 from ninedtact.hardware.mounted_board import led_board_of
 from ninedtact.hardware.rules.book import broken_rules
 from ninedtact.simulation.designed import designed_light, designed_twin
@@ -157,11 +160,40 @@ def test_the_circuit_board_is_that_of_the_design(tmp_path: Path, variant: Varian
         leds = led_board_of(design).leds.places
         for ours, theirs, within_mm in (
             (design.plan.mount_inserts, outline.bosses, 1e-9),
+            (design.plan.mount_inserts, LedBoard.for_size(*design.plan.circuit).outline.bosses, 1e-9),
             (design.plan.posts, outline.locating_holes, 1e-9),
             (design.plan.shell_screws, outline.notches, 1e-9),
             (design.plan.leds, leds, 0.15),
         ):
             assert np.abs(np.array(sorted(ours)) - np.array(sorted(theirs))).max() <= within_mm
+
+
+@pytest.mark.parametrize("variant", ["default", "original"])
+def test_the_circuit_board_takes_what_the_design_says_of_it(variant: Variant) -> None:
+    design = hardware_for(SensorDesign(), variant)
+    board = replace(
+        design.board,
+        thick_mm=1.0,
+        led_inset_mm=(5.4, 3.1),
+        driver_at_mm=(3.6, -2.7),
+        usb_beyond_mm=0.2,
+        led_mm=(3.5, 2.8, 0.7),
+    )
+    made = led_board_of(replace(design, board=board))
+    assert made.outline.thickness_mm == 1.0
+    assert np.array(made.leds.places) == pytest.approx(np.array([*replace(design, board=board).plan.leds]))
+    assert (made.driver_x_mm, made.driver_inset_mm) == (3.6, 2.7)
+    assert made.usb_inset_mm == pytest.approx(3.2 + 0.14)
+    assert led_board_of(design).usb_inset_mm == pytest.approx(LedBoard().usb_inset_mm)
+
+
+@pytest.mark.parametrize("name", ["led_mm", "usb_mm", "driver_mm"])
+def test_a_part_that_the_circuit_board_has_no_pads_for_is_refused(name: str) -> None:
+    design = default_hardware()
+    size = getattr(design.board, name)
+    other = replace(design, board=replace(design.board, **{name: (size[0] - 0.2, *size[1:])}))
+    with pytest.raises(BoardImpossible, match=rf"expected board\.{name} .*, got .*; "):
+        led_board_of(other)
 
 
 def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:

@@ -1,10 +1,12 @@
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
 import pytest
 
 from ninedtact.cli import main
+from ninedtact.cli.hardware.bom import lines
 from ninedtact.hardware.guide.pages import guide_text
 from ninedtact.hardware.report import BuiltSensor
 
@@ -32,13 +34,13 @@ def test_check_names_the_broken_rule(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "(rule wall_too_thin)" in capsys.readouterr().err and not (tmp_path / "parts").exists()
 
 
-def test_bom(capsys: pytest.CaptureFixture[str]) -> None:
+def test_bom(default: BuiltSensor, capsys: pytest.CaptureFixture[str]) -> None:
     code, found = told(capsys, "bom")
     assert code == 0 and found["sensor_usd_estimated"] == pytest.approx(
         sum(item["count"] * item["each_usd"] for item in found["items"] if item["kind"] == "sensor")
     )
-    assert main(["hardware", "bom"]) == 0
-    assert "the paper says about 15 $" in capsys.readouterr().out
+    assert found["items"] == [asdict(item) for item in default.bill]
+    assert "the paper says about 15 $" in "\n".join(lines(default.bill))
 
 
 def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,20 +1,25 @@
 """Any design is either built as a valid assembly or refused by the name of the rule that it breaks."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import get_type_hints
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from told_and_measured import require_agreement
 
 from ninedtact.design import DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
 from ninedtact.hardware.design import HardwareDesign, default_hardware, original_hardware
+from ninedtact.hardware.design_file import PARTS
 from ninedtact.hardware.dimensions.base import Base
-from ninedtact.hardware.dimensions.bought import Board
+from ninedtact.hardware.dimensions.bought import Board, CameraBody
 from ninedtact.hardware.dimensions.gels import Gels, Moulds
 from ninedtact.hardware.dimensions.pin_frame import PinFrame
 from ninedtact.hardware.dimensions.ring import Ring, Window
 from ninedtact.hardware.dimensions.shell import Shell
 from ninedtact.hardware.explore.sweep import Choice
+from ninedtact.hardware.led_board.check import problems
+from ninedtact.hardware.led_board.refusal import BoardImpossible
 from ninedtact.hardware.optics import distance_to_see_mm, reach_mm
 from ninedtact.hardware.report import BuiltSensor
 from ninedtact.hardware.rules.book import RULES, broken_rules, require_buildable
@@ -49,6 +54,12 @@ BREAKING = {
     "bosses_collide": replace(default_hardware(), base=Base(mount_inset_mm=(3.25, 3.0))),
     "mount_in_pocket": replace(default_hardware(), base=Base(mount_inset_mm=(9.0, 3.0))),
     "mount_in_wall": replace(default_hardware(), base=Base(mount_inset_mm=(5.75, 2.0))),
+    "pocket_in_ramp": replace(default_hardware(), base=Base(pocket_back_mm=9.5)),
+    "ramp_too_short": replace(default_hardware(), base=Base(ramp_foot_mm=1.0)),
+    "clamps_in_the_shell": replace(default_hardware(), moulds=Moulds(beyond_mm=(8.0, 8.0))),
+    "post_in_wall": replace(default_hardware(), board=Board(locating_inset_mm=(1.0, 5.0))),
+    "post_in_pocket": replace(default_hardware(), board=Board(locating_inset_mm=(10.0, 5.0))),
+    "ring_has_no_mouth": replace(default_hardware(), ring=Ring(land_mm=1.0)),
     "usb_slot": replace(default_hardware(), shell=Shell(slot_to_mm=4.0)),
     "window_cuts_the_view": replace(
         default_hardware(), window=Window(9.0, 5.0), shell=Shell(hole_mm=8.0), ring=Ring(bore_mm=10.0)
@@ -62,6 +73,12 @@ def test_an_impossible_design_is_refused_by_its_rule(rule: str) -> None:
     with pytest.raises(RulesBroken, match=f"rule {rule}") as refused:
         require_buildable(BREAKING[rule])
     assert "expected" in str(refused.value) and "got" in str(refused.value)
+
+
+def test_a_design_without_a_circuit_board_is_refused() -> None:
+    beyond_the_edge = replace(default_hardware(), board=Board(driver_at_mm=(3.49, 8.0)))
+    with pytest.raises(BoardImpossible, match=r"expected .*, got .*; "):
+        BuiltSensor(beyond_the_edge)
 
 
 def test_every_rule_has_a_design_that_breaks_it() -> None:
@@ -92,6 +109,11 @@ def test_a_dimension_out_of_its_range_is_refused(part: type, field: str, value: 
         part(**{field: value})
 
 
+def test_a_camera_whose_lens_steps_down_is_refused() -> None:
+    with pytest.raises(DesignImpossible, match="one above the other"):
+        CameraBody(collar_mm=(8.0, 9.0))
+
+
 swept = st.builds(
     sensor,
     width=st.floats(10, 60),
@@ -112,11 +134,52 @@ def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
         assert not names(hardware) - {"pins_out_of_view", "mould_too_thin_for_the_screws"}
 
 
+@given(st.floats(10, 60), st.floats(10, 45))
+def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float) -> None:
+    choice = Choice(default_hardware(), area_mm=(width, height))
+    pins = choice.sensor.pin_board
+    assert "pins_out_of_view" not in names(choice.hardware)
+    for more in (replace(pins, cols=pins.cols + 1), replace(pins, rows=pins.rows + 1)):
+        assert "pins_out_of_view" in names(default_hardware(replace(choice.sensor, pin_board=more)))
+
+
 def built_or_refused(design: HardwareDesign) -> None:
     try:
         sensor = BuiltSensor(design)
     except RulesBroken as refused:
         assert refused.broken
+        return
+    assert all(len(part.solid.solids()) == 1 and part.solid.is_valid for part in sensor.parts.values())
+    assert sensor.interferences == []
+    assert problems(sensor.circuit) == ()
+    require_agreement(sensor)
+
+
+def ends_of_ranges() -> list[tuple[str, str, object]]:
+    """Part, dimension and the end of its range; of several numbers, one after the other at its end."""
+    found: list[tuple[str, str, object]] = []
+    for name in PARTS:
+        part = getattr(default_hardware(), name)
+        hints = get_type_hints(type(part), include_extras=True)
+        for field in fields(part):
+            (limits,), value = hints[field.name].__metadata__, getattr(part, field.name)
+            for end in (limits.smallest, limits.largest):
+                several = value if isinstance(value, tuple) else (value,)
+                ends = [(*several[:at], end, *several[at + 1 :]) for at in range(len(several))]
+                found += [(name, field.name, each if isinstance(value, tuple) else end) for each in ends]
+    return found
+
+
+@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.sampled_from(ends_of_ranges()))
+def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str, str, object]) -> None:
+    """Six of some two hundred in each run."""
+    part, field, value = end
+    design = default_hardware()
+    try:
+        sensor = BuiltSensor(replace(design, **{part: replace(getattr(design, part), **{field: value})}))
+    except DesignImpossible as refused:
+        assert "expected" in str(refused) and "got" in str(refused)
         return
     assert all(len(part.solid.solids()) == 1 and part.solid.is_valid for part in sensor.parts.values())
     assert sensor.interferences == []

@@ -10,15 +10,20 @@ from typing import Literal
 
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.materials import MADE_OF
+from ninedtact.hardware.silicones import SILICONES
 
 Kind = Literal["sensor", "tool"]
 SENSOR_USD_PER_CM3 = {"sensor_base": 0.35, "sensor_shell": 0.45, "isolation_ring": 0.35}
 """Of prints: resin, and nylon laser-sintered."""
-SILICONE_USD_PER_G = {"transparent_gel": 0.05, "translucent_gel": 0.05, "black_gel": 0.05}
-WASTE = 1.5
-"""Silicone stays in cups and overflows moulds."""
+TRAY_USD_PER_CM3 = SENSOR_USD_PER_CM3["sensor_shell"]
+"""The calibration board is of the shell's nylon."""
+SILICONE_USD_PER_G = 0.05
 ACRYLIC_USD_PER_CM3 = 0.05
 CAMERA_USD, BOARD_USD, CUT_USD = 6.0, 2.5, 0.2
+PUBLISHED_BOARD_MM2 = 28.0 * 21.0
+"""That `BOARD_USD` is for; a larger circuit board costs as much more, a smaller one as much."""
+NUT_MM = 2.4
+"""Height of an M3 nut (ISO 4032)."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,7 @@ class Item:
 def bill(design: HardwareDesign, volumes_mm3: Mapping[str, float]) -> list[Item]:
     """Every line. volumes_mm3: of the parts that are made, by name."""
     cm3 = {name: volume / 1000 for name, volume in volumes_mm3.items()}
-    return [*printed(cm3), *cut(design, cm3), *gels(cm3), *bought(design), *tools(design, cm3)]
+    return [*printed(cm3), *cut(design, cm3), *gels(volumes_mm3), *bought(design), *tools(design, cm3)]
 
 
 def printed(cm3: Mapping[str, float]) -> Iterator[Item]:
@@ -59,16 +64,12 @@ def cut(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Item]:
     yield Item("sensor", "acrylic_window", 1, f"clear acrylic, {thick:g} mm, laser-cut", price)
 
 
-def gels(cm3: Mapping[str, float]) -> Iterator[Item]:
+def gels(volumes_mm3: Mapping[str, float]) -> Iterator[Item]:
     """Weighed in, with what is wasted."""
-    recipes = {
-        "transparent_gel": "Hongye Jie 9345, A : B = 1 : 1 (Shore A 45)",
-        "translucent_gel": "Posilicone DRSGJ02, A : B = 1 : 1 (Shore A 5)",
-        "black_gel": "Ecoflex 00-30, A : B = 1 : 1, with black silicone pigment",
-    }
-    for name, recipe in recipes.items():
-        grams = cm3[name] * MADE_OF[name].g_per_cm3 * WASTE
-        yield Item("sensor", name, 1, f"{recipe}; mix {grams:.1f} g", grams * SILICONE_USD_PER_G[name])
+    for silicone in SILICONES:
+        grams = silicone.grams(volumes_mm3[silicone.part])
+        what = f"{silicone.product}, A : B = {silicone.ratio}; mix {grams:.1f} g"
+        yield Item("sensor", silicone.part, 1, what, grams * SILICONE_USD_PER_G)
 
 
 def bought(design: HardwareDesign) -> Iterator[Item]:
@@ -77,7 +78,7 @@ def bought(design: HardwareDesign) -> Iterator[Item]:
     diameter, long = design.fasteners.insert_mm
     yield Item("sensor", "camera", 1, "Frank-S15-V1.0-160 (OV5647, 160°), with its flat cable", CAMERA_USD)
     outline = f"{wide:g} x {deep:g} mm, FR4 {design.board.thick_mm:.2f} mm thick, two layers; see led_board/"
-    yield Item("sensor", "led_board", 1, outline, BOARD_USD * max(1.0, wide * deep / 588))
+    yield Item("sensor", "led_board", 1, outline, BOARD_USD * max(1.0, wide * deep / PUBLISHED_BOARD_MM2))
     yield Item("sensor", "insert", 8, f"M2 heat-set insert, about d{diameter:g} x {long:g} mm (M2-3-5)", 0.04)
     yield Item(
         "sensor", "screw", 4, f"M2 x {design.fasteners.screw_mm:g}, pan head d{design.fasteners.head_mm[0]:g}", 0.02
@@ -86,27 +87,24 @@ def bought(design: HardwareDesign) -> Iterator[Item]:
 
 def tools(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Item]:
     """Needed once, for many sensors."""
-    gel, base = design.sensor.gel.thickness_mm, design.moulds.base_mm
     for name, thick in (
-        ("base_board", base),
-        ("first_mould", gel),
-        ("second_mould", gel + design.gels.black_top_mm),
+        ("base_board", design.moulds.base_mm),
+        ("first_mould", design.levels.first_mould),
+        ("second_mould", design.levels.second_mould),
     ):
         price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3[name]
         yield Item("tool", name, 1, f"clear acrylic, {thick:.2f} mm, laser-cut", price)
-    yield Item("tool", "calibration_board", 1, f"{MADE_OF['calibration_board'].name}", 0.45 * cm3["calibration_board"])
+    yield Item(
+        "tool", "calibration_board", 1, MADE_OF["calibration_board"].name, TRAY_USD_PER_CM3 * cm3["calibration_board"]
+    )
     yield Item("tool", "clamp screw and nut", 8, f"M3 x {clamp_long_mm(design)}, with nut", 0.05)
 
 
 def clamp_long_mm(design: HardwareDesign) -> int:
     """Length of the M3 screws: through base board, shell and the thicker mould, and a nut; sold every 5 mm."""
     shell = design.levels.rim - design.levels.plate_top
-    stack = design.moulds.base_mm + shell + design.sensor.gel.thickness_mm + design.gels.black_top_mm
+    stack = design.moulds.base_mm + shell + design.levels.second_mould
     return 5 * ceil((stack + NUT_MM) / 5)
-
-
-NUT_MM = 2.4
-"""Height of an M3 nut (ISO 4032)."""
 
 
 def cost_usd(items: list[Item]) -> float:

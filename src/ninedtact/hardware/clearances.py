@@ -2,13 +2,27 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import hypot
 
 from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.dimensions.bought import M2_MM
+from ninedtact.hardware.gaps import (
+    board_to_ceiling,
+    led_to_ring,
+    led_to_side,
+    lens_to_parts_below,
+    lens_wide_mm,
+    plug_stopped_mm,
+)
 
 BASE, SHELL, RING, WINDOW, TRAY = (
     (name,) for name in ("sensor_base", "sensor_shell", "isolation_ring", "acrylic_window", "calibration_board")
 )
+
+PLUG_FORGIVES_MM = 1.0
+"""How far a plug may stop before it is home and still make contact; assumed, no cable was measured."""
+STIFFENER_FORGIVES_MM = -0.1
+"""The camera's stiffener in the original's pocket: it was built so, the corner gives way."""
+ROUNDING_MM = 1e-9
 
 
 @dataclass(frozen=True)
@@ -21,11 +35,20 @@ class Clearance:
     """What printing, cutting or moulding needs."""
     held_by: tuple[str, ...] = ()
     """Parts to be made on whose accuracy it rests, where that matters; their drawings list it."""
+    impossible_below_mm: float | None = 0.0
+    """With less than that no sensor can be built; none: it can, whatever this is."""
+    rule: str = "parts_touch"
+    """Broken by less than that."""
 
     @property
     def tight(self) -> bool:
         """Less than is needed."""
-        return self.mm < self.least_mm - 1e-9
+        return self.mm < self.least_mm - ROUNDING_MM
+
+    @property
+    def impossible(self) -> bool:
+        """No sensor can be built so."""
+        return self.impossible_below_mm is not None and self.mm < self.impossible_below_mm - ROUNDING_MM
 
 
 def clearances(design: HardwareDesign) -> Iterator[Clearance]:
@@ -42,11 +65,18 @@ def round_the_board(design: HardwareDesign) -> Iterator[Clearance]:
     board, shell, base, levels = design.board, design.shell, design.base, design.levels
     yield Clearance("LED board, shell cavity", board.gap_mm, 0.15, SHELL)
     yield Clearance("notch of the LED board, screw boss of the shell", board.notch_mm - shell.boss_mm / 2, 0.05, SHELL)
+    yield Clearance("LED board, rounded ceiling of the shell", board_to_ceiling(design), 0.05, (*SHELL, *BASE))
     yield Clearance("hole of the LED board, locating pin", (board.locating_mm - base.pin_mm) / 2, 0.02, BASE)
-    yield Clearance("LED top, underside of the shell's floor", levels.ceiling - levels.led_top, 0.1, (*SHELL, *BASE))
+    under_floor = levels.ceiling - levels.led_top
+    yield Clearance(
+        "LED top, underside of the shell's floor", under_floor, 0.1, (*SHELL, *BASE), rule="led_touches_shell"
+    )
     yield Clearance("insert boss of the base, LED board", levels.board_bottom - levels.boss_top, 0.5)
     yield Clearance("micro-USB receptacle, base plate", levels.usb_bottom - levels.plate_top, 0.3)
+    driver_bottom = levels.board_bottom - board.driver_mm[2]
+    yield Clearance("LED driver, base plate", driver_bottom - levels.plate_top, 0.3)
     yield Clearance("LED, isolation ring", led_to_ring(design), 0.1)
+    yield Clearance("LED, side of the shell's lower cavity", led_to_side(design), 0.1)
 
 
 def round_the_window(design: HardwareDesign) -> Iterator[Clearance]:
@@ -62,11 +92,21 @@ def round_the_window(design: HardwareDesign) -> Iterator[Clearance]:
 
 def round_the_camera(design: HardwareDesign) -> Iterator[Clearance]:
     """Camera in base, board and ring."""
-    camera, base = design.camera, design.base
-    yield Clearance("lens head, hole of the LED board", (design.board.lens_hole_mm - camera.head_mm[0]) / 2, 0.1)
-    yield Clearance("lens head, bore of the ring", (design.ring.bore_mm - camera.head_mm[0]) / 2, 0.05, RING)
+    camera, base, levels = design.camera, design.base, design.levels
+    yield Clearance("lens, parts below the LED board", lens_to_parts_below(design), 0.3)
+    yield Clearance("camera body, LED board", levels.board_bottom - (base.floor_mm + camera.tall_mm), 0.3)
+    yield Clearance(
+        "lens head, hole of the LED board",
+        (design.board.lens_hole_mm - lens_wide_mm(design, levels.board_bottom)) / 2,
+        0.1,
+    )
+    yield Clearance(
+        "lens head, bore of the ring", (design.ring.bore_mm - lens_wide_mm(design, levels.ring_bottom)) / 2, 0.05, RING
+    )
     yield Clearance("camera body, pocket of the base", (base.pocket_wide_mm - camera.side_mm) / 2, 0.1, BASE)
-    yield Clearance("camera stiffener, shoulder of the pocket", base.pocket_back_mm - camera.stiffener_mm, 0.1, BASE)
+    yield Clearance("camera body, wall of the pocket at +y", base.pocket_front_mm - camera.side_mm / 2, 0.1, BASE)
+    behind = base.pocket_back_mm - camera.stiffener_mm
+    yield Clearance("camera stiffener, shoulder of the pocket", behind, 0.1, BASE, STIFFENER_FORGIVES_MM)
     yield Clearance("flat cable, channel", (base.channel_wide_mm - camera.cable_mm[0]) / 2, 0.15, BASE)
     yield Clearance("flat cable, gap under the shell's rim", base.ramp_gap_mm - camera.cable_mm[1], 0.0)
 
@@ -75,8 +115,8 @@ def round_the_screws(design: HardwareDesign) -> Iterator[Clearance]:
     """Screws, inserts and the USB plug."""
     base, fasteners = design.base, design.fasteners
     head, tall = fasteners.head_mm
-    yield Clearance("screw shank, hole of the base", (base.shell_screw_mm - 2.0) / 2, 0.1, BASE)
-    yield Clearance("bolt of the robot, hole of the base", (base.bolt_mm - 2.0) / 2, 0.1, BASE)
+    yield Clearance("screw shank, hole of the base", (base.shell_screw_mm - M2_MM) / 2, 0.1, BASE)
+    yield Clearance("bolt of the robot, hole of the base", (base.bolt_mm - M2_MM) / 2, 0.1, BASE)
     yield Clearance("screw head, counterbore", (base.counterbore_mm - head) / 2, 0.05, BASE)
     yield Clearance("screw head below the base's face", base.counterbore_deep_mm - tall, 0.0)
     yield Clearance("insert, floor of the shell's bore", design.shell.bore_deep_mm - fasteners.insert_mm[1], 0.2, SHELL)
@@ -87,19 +127,5 @@ def outside(design: HardwareDesign) -> Iterator[Clearance]:
     slot_bottom = design.levels.plate_top + design.shell.slot_from_mm
     yield Clearance("calibration board, shell", design.pin_frame.gap_mm, 0.1, (*TRAY, *SHELL))
     yield Clearance("micro-USB receptacle, slot of the shell", design.levels.usb_bottom - slot_bottom, 0.0, SHELL)
-    yield Clearance("plug's overmould, mouth of the receptacle", 1.0 - plug_stopped_mm(design), 0.0)
-
-
-def led_to_ring(design: HardwareDesign) -> float:
-    """Nearest LED edge to the ring's square, seen from above."""
-    half = (design.shell.hole_mm - 2 * design.ring.gap_mm) / 2
-    wide, deep, _ = design.board.led_mm
-    return min(
-        hypot(max(abs(x) - wide / 2 - half, 0.0), max(abs(y) - deep / 2 - half, 0.0)) for x, y in design.plan.leds
-    )
-
-
-def plug_stopped_mm(design: HardwareDesign) -> float:
-    """How far behind the face that stops a plug's overmould the receptacle's mouth is; a plug forgives about 1.0."""
-    shell, face = design.shell, design.plan.outer[1] / 2
-    return face - (shell.relief_deep_mm if shell.relief_wide_mm else 0.0) - design.plan.usb_mouth
+    spare = PLUG_FORGIVES_MM - plug_stopped_mm(design)
+    yield Clearance("plug's overmould, mouth of the receptacle", spare, 0.0, impossible_below_mm=None)

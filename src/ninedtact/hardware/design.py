@@ -4,7 +4,7 @@ Assembly frame: x along the long side, y along the short side, z towards the ski
 outer bottom face; the optical axis is z; cable and USB leave at -y.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -42,17 +42,19 @@ class HardwareDesign:
     gels: Gels = Gels()
     moulds: Moulds = Moulds()
     pin_frame: PinFrame = PinFrame()
-    fasteners: Fasteners = field(default_factory=Fasteners)
+    fasteners: Fasteners = Fasteners()
 
     @cached_property
     def plan(self) -> Plan:
         """Widths and places in x and y."""
-        return Plan(self.sensor, self.base, self.shell, self.window, self.board, self.gels, self.moulds, self.pin_frame)
+        around = self.base, self.shell, self.ring, self.window, self.board
+        return Plan(self.sensor, *around, self.gels, self.moulds, self.pin_frame)
 
     @cached_property
     def levels(self) -> Levels:
         """Heights."""
-        return Levels(*(self.sensor, self.base, self.shell, self.ring, self.window, self.board, self.camera, self.gels))
+        around = self.base, self.shell, self.ring, self.window, self.board
+        return Levels(self.sensor, *around, self.camera, self.gels)
 
 
 def default_hardware(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:

@@ -1,16 +1,17 @@
-"""Where the published paper and its files disagree, and what is done here."""
+"""Where the published paper and its files disagree, and what the default design of the published size takes."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """One thing that the paper and its files say differently, and what is done here."""
+    """One thing that the paper and its files say differently."""
 
     thing: str
     paper: str
     files: str
     here: str
+    """What the default design takes."""
 
 
 DISAGREEMENTS = (

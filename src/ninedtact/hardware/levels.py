@@ -1,4 +1,4 @@
-"""The z levels of the assembly, from the base's outer face up. Lengths in mm."""
+"""The z levels of the assembly, from the base's outer face up, and the thicknesses that follow. Lengths in mm."""
 
 from dataclasses import dataclass
 
@@ -92,6 +92,16 @@ class Levels:
     def rim(self) -> float:
         """Of the shell; the translucent gel lies on it."""
         return self.skin - self.sensor.gel.thickness_mm
+
+    @property
+    def first_mould(self) -> float:
+        """Thickness of the first mould: the translucent gel's."""
+        return self.sensor.gel.thickness_mm
+
+    @property
+    def second_mould(self) -> float:
+        """Thickness of the second: of both layers above the rim."""
+        return self.first_mould + self.gels.black_top_mm
 
     @property
     def top(self) -> float:

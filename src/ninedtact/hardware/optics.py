@@ -2,10 +2,8 @@
 
 from math import asin, hypot, radians, sin, tan
 
+from ninedtact.design import ACRYLIC, SILICONE
 from ninedtact.hardware.design import HardwareDesign
-
-ACRYLIC, SILICONE = 1.49, 1.41
-"""Refractive indices, of the handbooks; no maker states those of these sheets and gels."""
 
 
 def reach_mm(design: HardwareDesign, height_mm: float | None = None) -> float:

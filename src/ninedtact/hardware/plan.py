@@ -2,18 +2,22 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 from ninedtact.design import SensorDesign
 from ninedtact.hardware.dimensions.base import Base
 from ninedtact.hardware.dimensions.bought import Board
 from ninedtact.hardware.dimensions.gels import Gels, Moulds
 from ninedtact.hardware.dimensions.pin_frame import PinFrame
-from ninedtact.hardware.dimensions.ring import Window
+from ninedtact.hardware.dimensions.ring import Ring, Window
 from ninedtact.hardware.dimensions.shell import Shell
 
 Pair = tuple[float, float]
 FRAME_ROOM_MM = 1.0
 """Between the window's frame and the gel cavity's wall, where the sensing area is smaller than the window."""
+RIM_BESIDE_GEL_MM = 3.0
+"""By how much the shell is wider than the translucent layer in the published size; the moulds' plates, told from the layer,
+grow with the shell where that is wider still."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,7 @@ class Plan:
     sensor: SensorDesign
     base: Base
     shell: Shell
+    ring: Ring
     window: Window
     board: Board
     gels: Gels
@@ -38,6 +43,11 @@ class Plan:
     def frame_outside(self) -> float:
         """Side of the frame round it."""
         return self.frame_inside + 2 * self.shell.frame_wall_mm
+
+    @property
+    def ring_side(self) -> float:
+        """Of the square isolation ring, in the shell's hole."""
+        return self.shell.hole_mm - 2 * self.ring.gap_mm
 
     @property
     def opening(self) -> Pair:
@@ -91,15 +101,23 @@ class Plan:
         return corners(self.circuit[0] / 2 - x, self.circuit[1] / 2 - y)
 
     @property
+    def led_columns(self) -> tuple[float, float, float]:
+        """x of the LEDs."""
+        left, middle, right = self.board.led_shift_mm
+        x = self.circuit[0] / 2 - self.board.led_inset_mm[0]
+        return -x + left, middle, x + right
+
+    @property
+    def led_rows(self) -> tuple[float, float, float]:
+        """y of the LEDs."""
+        y = self.circuit[1] / 2 - self.board.led_inset_mm[1]
+        return y, 0.0, -y
+
+    @property
     def leds(self) -> Iterator[Pair]:
         """Middles of the eight LEDs: a rectangle without its middle."""
-        left, middle, right = self.board.led_shift_mm
-        x, y = self.circuit[0] / 2 - self.board.led_inset_mm[0], self.circuit[1] / 2 - self.board.led_inset_mm[1]
-        for row in (y, 0.0, -y):
-            yield -x + left, row
-            if row:
-                yield middle, row
-            yield x + right, row
+        middle = self.led_columns[1], self.led_rows[1]
+        yield from ((x, y) for y, x in product(self.led_rows, self.led_columns) if (x, y) != middle)
 
     @property
     def usb_mouth(self) -> float:
@@ -110,7 +128,7 @@ class Plan:
     def plate(self) -> Pair:
         """Of the moulds."""
         (x, y), (more_x, more_y) = self.translucent, self.moulds.beyond_mm
-        return max(x, self.outer[0] - 3.0) + more_x, max(y, self.outer[1] - 3.0) + more_y
+        return max(x, self.outer[0] - RIM_BESIDE_GEL_MM) + more_x, max(y, self.outer[1] - RIM_BESIDE_GEL_MM) + more_y
 
     @property
     def clamps(self) -> Iterator[Pair]:
@@ -127,8 +145,8 @@ class Plan:
     @property
     def tray_tall(self) -> float:
         """Of the calibration board: floor, pins, the gel above the shell's rim, and its guide."""
-        frame, gel = self.pin_frame, self.sensor.gel.thickness_mm + self.gels.black_top_mm
-        return frame.floor_mm + frame.pin_tall_mm + gel + frame.guided_mm
+        frame, above_rim = self.pin_frame, self.sensor.gel.thickness_mm + self.gels.black_top_mm
+        return frame.floor_mm + frame.pin_tall_mm + above_rim + frame.guided_mm
 
     @property
     def pins(self) -> Iterator[Pair]:

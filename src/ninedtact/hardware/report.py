@@ -12,6 +12,9 @@ from ninedtact.hardware.clearances import Clearance, clearances
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.disagreements import DISAGREEMENTS
 from ninedtact.hardware.figures import DIGIT, PAPER, SensorFigures, sensor_figures, table_one
+from ninedtact.hardware.led_board.check import problems, sound_layout
+from ninedtact.hardware.led_board.layout import Layout
+from ninedtact.hardware.mounted_board import led_board_of
 from ninedtact.hardware.optics import corner_mm, reach_mm
 from ninedtact.hardware.parts.catalogue import BuiltPart, built
 from ninedtact.hardware.rules.book import require_buildable
@@ -19,12 +22,16 @@ from ninedtact.hardware.rules.book import require_buildable
 
 @dataclass(frozen=True)
 class BuiltSensor:
-    """A design that keeps all rules; its solids are built when they are first asked for."""
+    """A design that keeps all rules and for which there is a LED board; its solids are built when they are first asked for.
+
+    Raises `RulesBroken`, `BoardImpossible`.
+    """
 
     design: HardwareDesign
 
     def __post_init__(self) -> None:
         require_buildable(self.design)
+        _ = self.circuit
 
     @cached_property
     def parts(self) -> dict[str, BuiltPart]:
@@ -52,6 +59,11 @@ class BuiltSensor:
         return [*clearances(self.design)]
 
     @cached_property
+    def circuit(self) -> Layout:
+        """The LED board that fits."""
+        return sound_layout(led_board_of(self.design))
+
+    @cached_property
     def bill(self) -> list[Item]:
         """Of materials."""
         return bill(self.design, {name: part.volume_mm3 for name, part in self.parts.items()})
@@ -72,6 +84,7 @@ class BuiltSensor:
             "corner_mm": corner_mm(self.design),
             "interferences": [asdict(meeting) for meeting in self.interferences],
             "meetings": [asdict(meeting) for meeting in self.meetings],
+            "led_board_faults": [*map(str, problems(self.circuit))],
             "clearances": [{**asdict(room), "tight": room.tight} for room in self.clearances],
             "masses_g": {body.name: body.mass_g for body in self.bodies},
             "disagreements": [asdict(each) for each in DISAGREEMENTS],
@@ -81,11 +94,13 @@ class BuiltSensor:
         """For a person."""
         yield f"design {self.design.variant}: all rules kept, {len(self.bodies)} bodies"
         yield from interference_lines(self)
+        faults = problems(self.circuit)
+        yield f"  the LED board breaks {len(faults)} of its own rules{f', the first {faults[0]}' if faults else ''}"
         yield from clearance_lines(self.clearances)
         yield f"the lens reaches {reach_mm(self.design):.2f} mm, the sensing area's corner is at {corner_mm(self.design):.2f} mm"
         yield "beside the paper and others (masses of this design by assumed densities, its cost by estimated prices):"
         yield from ("  " + line for line in table_one((PAPER, self.figures, DIGIT)))
-        yield "where the paper and its files disagree:"
+        yield "where the paper and its files disagree (here: the published size):"
         for each in DISAGREEMENTS:
             yield f"  {each.thing}: paper {each.paper or 'says nothing'}; files {each.files}; here {each.here}"
 

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from ninedtact.design import SensorDesign
+from ninedtact.design import ACRYLIC, SILICONE, SensorDesign
 from ninedtact.mechanics.gel import bonded_layer
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
@@ -24,8 +24,6 @@ AVERAGE = SensorDesign()
 """The design of the sensors that the defaults of light and lens come from."""
 AIR_MM, ACRYLIC_MM = 0.35, 2.0
 """Between lens front and gel in the published sensor; the rest is silicone."""
-ACRYLIC, SILICONE = 1.49, 1.41
-"""Refractive indices of the handbooks."""
 
 
 def designed_twin(design: SensorDesign, seed: int = 0) -> Twin:

@@ -32,7 +32,7 @@ class Described:
         return read_hardware(self.design, self.variant)
 
     def built(self) -> "BuiltSensor":
-        """Ready to be measured; raises `RulesBroken`, `SolidsMissing`."""
+        """Ready to be measured; raises `RulesBroken`, `BoardImpossible`, `SolidsMissing`."""
         design = self.hardware()
         require_solids()
         from ninedtact.hardware.report import BuiltSensor

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from ninedtact.design import DesignImpossible
 from ninedtact.hardware.dimensions.between import Between, require_between
 
 
@@ -31,6 +32,17 @@ class CameraBody:
 
     def __post_init__(self) -> None:
         require_between(self)
+        tops = [self.tall_mm, *(top for _, top in self.lens_mm)]
+        if tops != sorted(tops):
+            raise DesignImpossible(
+                f"expected the tops of camera body, collar, barrel, neck and head one above the other, got {tops} mm; correct "
+                "the design"
+            )
+
+    @property
+    def lens_mm(self) -> tuple[tuple[float, float], ...]:
+        """Its steps from below: diameter, and height of the top."""
+        return self.collar_mm, self.barrel_mm, self.neck_mm, self.head_mm
 
 
 @dataclass(frozen=True)
@@ -68,8 +80,12 @@ class Board:
         require_between(self)
 
 
-ORIGINAL_BOARD = Board(lens_hole_mm=10.0, led_shift_mm=(0.03, 0.13, 0.03))
+ORIGINAL_BOARD = Board(lens_hole_mm=10.0, led_shift_mm=(0.031, 0.131, 0.031))
 """LEDs a little off their rectangle; no clearance round the lens."""
+
+
+M2_MM = 2.0
+"""Diameter of all screws of the sensor."""
 
 
 @dataclass(frozen=True)

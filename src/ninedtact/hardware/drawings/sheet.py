@@ -28,7 +28,9 @@ GAP_MM = 32.0
 """Between views, for dimensions."""
 EDGES_MM = 36.0
 """Beside the outer views, for the same."""
-TABLE_X, TABLE_TOP, ROW_MM = 318.0, 276.0, 4.2
+TABLE_X, TABLE_TOP, TABLE_BOTTOM = 318.0, 276.0, 15.0
+ROW_MM = 4.2
+"""From one row of the table to the next, or less where there are more than fit."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +82,12 @@ class Sheet:
 
     def draw_table(self, axes: "Axes") -> None:
         """Name, scale and box, then how it is made."""
-        for number, row in enumerate((*self.head(), *self.notes)):
+        rows = *self.head(), *self.notes
+        apart = min(ROW_MM, (TABLE_TOP - TABLE_BOTTOM) / len(rows))
+        for number, row in enumerate(rows):
             size, weight = (8.0, "bold") if row.heading else (6.6, "normal")
-            axes.text(TABLE_X, TABLE_TOP - number * ROW_MM, row.text, fontsize=size, color=INK, weight=weight)
-        axes.plot([TABLE_X - 5] * 2, [15, SHEET_MM[1] - 15], color=INK, linewidth=0.6)
+            axes.text(TABLE_X, TABLE_TOP - number * apart, row.text, fontsize=size, color=INK, weight=weight)
+        axes.plot([TABLE_X - 5] * 2, [TABLE_BOTTOM, SHEET_MM[1] - TABLE_BOTTOM], color=INK, linewidth=0.6)
 
     def head(self) -> Iterator[Row]:
         """Of the table."""

@@ -9,8 +9,6 @@ from ninedtact.hardware.drawings.views import Rounds, rounds
 from ninedtact.hardware.materials import MADE_OF
 from ninedtact.hardware.parts.catalogue import BuiltPart
 
-ROWS = 56
-"""That fit on the sheet."""
 SHAPED_BY = {
     "sensor_base": "base",
     "sensor_shell": "shell",
@@ -39,7 +37,7 @@ class Row:
 
 def table(design: HardwareDesign, part: BuiltPart) -> list[Row]:
     """All that is said of a part."""
-    return [*making(part), *fits(design, part.name), *round_rows(part), *dimensions(design, part.name)][:ROWS]
+    return [*making(part), *fits(design, part.name), *round_rows(part), *dimensions(design, part.name)]
 
 
 def making(part: BuiltPart) -> Iterator[Row]:

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ninedtact.hardware.drawings.views import Line, Rounds, View
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ class ViewOnSheet:
             (self.view.hidden, HIDDEN, 0.35, (0, (5, 3))),
             (self.view.visible, INK, 0.8, "-"),
         ):
-            on_paper = [[self.paper(x, y) for x, y in line.tolist()] for line in lines]
+            on_paper = [np.array(self.at) + (line - self.view.box[0]) * self.scale for line in lines]
             self.axes.add_collection(LineCollection(on_paper, colors=colour, linewidths=width, linestyles=style))
         return self
 

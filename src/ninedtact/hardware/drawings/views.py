@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from build123d import Axis, Edge, Face, GeomType, Keep, Part, Plane, Vector, Wire, section, split
+from build123d import Axis, Edge, Face, GeomType, Keep, Part, Plane, Wire, section, split
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -31,7 +32,7 @@ class View:
     cut: tuple[tuple[Line, ...], ...] = ()
     """Faces that a cut lays bare, each as its outline and its holes."""
 
-    @property
+    @cached_property
     def box(self) -> tuple[Pair, Pair]:
         """Lowest and highest x and y."""
         points = np.concatenate(self.visible)
@@ -49,26 +50,31 @@ def view(part: Part, side: str) -> View:
 def cut_open(part: Part) -> View:
     """The half at −x, seen from the right: what the plane x = 0 lays bare, and the edges behind it."""
     behind = split(part, bisect_by=Plane.YZ, keep=Keep.BOTTOM)
-    faces = section(part, section_by=Plane.YZ).faces()
+    # They come in another order in every process.
+    faces = sorted(section(part, section_by=Plane.YZ).faces(), key=lambda face: (face.center().Y, face.center().Z))
     bare = tuple(tuple(outline(wire) for wire in (face.outer_wire(), *face.inner_wires())) for face in faces)
     return View(view(Part() + behind, "right").visible, (), bare)
 
 
 def outline(wire: Wire) -> Line:
     """A closed run of edges in the plane x = 0, as points (y, z)."""
-    edges = wire.order_edges()
-    return np.array([(place.Y, place.Z) for edge in edges for place in places(edge)])
+    return np.array([(y, z) for edge in wire.order_edges() for _, y, z in places(edge)])
 
 
 def line(edge: Edge) -> Line:
     """A projected edge as points."""
-    return np.array([(place.X, place.Y) for place in places(edge)])
+    return np.array([(x, y) for x, y, _ in places(edge)])
 
 
-def places(edge: Edge) -> Iterator[Vector]:
+def places(edge: Edge) -> Iterator[tuple[float, float, float]]:
     """Points along it: its ends, or many of a curve."""
     many = 2 if edge.geom_type == GeomType.LINE else min(max(round(POINTS_PER_MM * edge.length), FEWEST), MOST)
-    yield from (edge @ part for part in np.linspace(0, 1, many))
+    # Asked of the curve itself: `edge @ part` measures the edge's length anew for every point.
+    curve = edge.geom_adaptor()
+    start, end = curve.FirstParameter(), curve.LastParameter()
+    for parameter in np.linspace(*((start, end) if edge.is_forward else (end, start)), many):
+        place = curve.Value(float(parameter))
+        yield place.X(), place.Y(), place.Z()
 
 
 @dataclass(frozen=True)

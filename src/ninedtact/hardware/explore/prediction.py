@@ -60,7 +60,7 @@ class Prediction:
 
 
 def predict(design: HardwareDesign) -> Prediction:
-    """Build its parts, press its twin; raises `RulesBroken`."""
+    """Build its parts, press its twin; raises `RulesBroken`, `BoardImpossible`."""
     sensor, twin = BuiltSensor(design), designed_twin(design.sensor)
     deepest = DEEPEST_PART * design.sensor.gel.thickness_mm
     at_load = Press(load_n=LOAD_N).on(twin, Ball(BALL_RADIUS_MM), ENOUGH)

@@ -35,7 +35,7 @@ class Sweep:
     """What the lens sees in air."""
 
     def designs(self, basis: HardwareDesign) -> "Iterator[Choice]":
-        """Every combination; raises `SweepTooLarge`, `DesignImpossible`."""
+        """Every combination; raises `SweepTooLarge` when the first is asked for."""
         many = prod(max(len(values), 1) for values in vars(self).values())
         if many > MOST:
             raise SweepTooLarge(f"expected at most {MOST} designs, got {many}; give fewer values")
@@ -56,12 +56,15 @@ class Choice:
 
     @property
     def hardware(self) -> HardwareDesign:
-        """The design; its camera as far away as it must be to see the corner, its pins within the area."""
+        """The design; its camera as far away as it must be to see the corner, its pins within the area.
+
+        Raises `DesignImpossible`.
+        """
         design = replace(self.basis, sensor=self.sensor)
-        needed = distance_to_see_mm(design) + SPARE_MM
-        if needed <= design.sensor.camera.distance_mm + SPARE_MM:
+        needed = distance_to_see_mm(design)
+        if needed <= design.sensor.camera.distance_mm:
             return design
-        camera = replace(design.sensor.camera, distance_mm=round(needed, 2))
+        camera = replace(design.sensor.camera, distance_mm=round(needed + SPARE_MM, 2))
         return replace(design, sensor=replace(design.sensor, camera=camera))
 
     @property
@@ -85,5 +88,6 @@ def with_pins_inside(sensor: SensorDesign, area: SensingArea) -> SensorDesign:
     board = sensor.pin_board
     if area == sensor.sensing_area:
         return sensor
-    cols, rows = (int((side - board.pin_diameter_mm) / board.pitch_mm) for side in (area.width_mm, area.height_mm))
-    return replace(sensor, pin_board=replace(board, cols=max(cols, 3), rows=max(rows, 3)))
+    gaps = [int((side - board.pin_diameter_mm) / board.pitch_mm) for side in area.size_mm]
+    cols, rows = (max(many + 1, 3) for many in gaps)
+    return replace(sensor, pin_board=replace(board, cols=cols, rows=rows))

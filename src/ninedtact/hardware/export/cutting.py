@@ -26,6 +26,9 @@ def dxf(part: Part) -> bytes:
         if layer not in drawing.layers:
             drawing.layers.add(layer, color=1 if number else 7)
         add(drawing.modelspace(), outline, layer)
+    # ezdxf would list them in the order of a set, another one in every process.
+    for kind in sorted(drawing.entitydb.dxf_types_in_use()):
+        drawing.classes.add_class(kind)
     text = StringIO()
     drawing.write(text)
     return text.getvalue().encode()

@@ -13,7 +13,8 @@ from ninedtact.hardware.drawings.table import table
 from ninedtact.hardware.export.bill_files import bill_csv, bill_html
 from ninedtact.hardware.export.cutting import dxf
 from ninedtact.hardware.export.folder import MANIFEST, new_parts_folder
-from ninedtact.hardware.export.solid_files import assembly_step, step, stl
+from ninedtact.hardware.export.solid_files import assembly_step, printable, step
+from ninedtact.hardware.led_board.export import write_layout
 from ninedtact.hardware.materials import MADE_OF
 from ninedtact.hardware.parts.catalogue import TO_MAKE, BuiltPart
 from ninedtact.hardware.pictures.scenes import exploded_picture, part_picture, section_picture, sensor_picture
@@ -41,7 +42,7 @@ def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = quiet) -> dict
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             write_whole(folder / path, content)
         tell("led_board")
-        write_board(sensor, folder)
+        write_layout(sensor.circuit, folder / "led_board")
         manifest = manifest_of(sensor, folder)
         write_whole(folder / MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False).encode())
     return manifest
@@ -63,7 +64,7 @@ def part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
     """One part: for machines, and for eyes."""
     yield f"{part.way}/{part.name}.step", step(part.name, part.solid)
     if part.way == "printed":
-        yield f"{part.way}/{part.name}.stl", stl(part.solid)
+        yield f"{part.way}/{part.name}.stl", printable(part.solid)
     if part.way == "cut":
         yield f"{part.way}/{part.name}.dxf", dxf(part.solid)
     yield f"pictures/{part.name}.png", encoded(part_picture(part))
@@ -77,15 +78,6 @@ def assembly_files(sensor: BuiltSensor) -> Iterator[File]:
     yield "assembly/sensor.step", assembly_step(sensor.bodies)
     for name, drawn in (("sensor", sensor_picture), ("exploded", exploded_picture), ("section", section_picture)):
         yield f"pictures/{name}.png", encoded(drawn(sensor.bodies))
-
-
-def write_board(sensor: BuiltSensor, folder: Path) -> None:
-    """The LED board: Gerbers, drill, placement, its own bill."""
-    from ninedtact.hardware.led_board.export import write_led_board
-    from ninedtact.hardware.mounted_board import led_board_of
-
-    (folder / "led_board").mkdir()
-    write_led_board(led_board_of(sensor.design), folder / "led_board")
 
 
 def manifest_of(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from io import BytesIO
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from build123d import Compound, Part, Solid, export_step, export_stl
+from build123d import Compound, Part, Solid, export_step
 
 from ninedtact.hardware.assembly.bodies import Body
+from ninedtact.hardware.parts.stl import stl
 
 SAME_DAY = datetime(2023, 8, 28, tzinfo=UTC)
 """Written as the files' date: the same design gives the same bytes."""
@@ -41,9 +40,6 @@ def step_of(shape: Compound | Solid) -> bytes:
     return buffer.getvalue()
 
 
-def stl(solid: Part) -> bytes:
-    """Triangles in mm, binary."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "part.stl"
-        export_stl(solid, path, FLAT_MM, TURN_RAD)
-        return path.read_bytes()
+def printable(solid: Part) -> bytes:
+    """Triangles in mm, binary STL."""
+    return stl(solid, FLAT_MM, TURN_RAD)

@@ -14,6 +14,8 @@ from ninedtact.hardware.report import BuiltSensor
 
 SIZE_PX = 800, 600
 CUT = Eye(-68.0, 24.0)
+BETWEEN_MM = 24.0
+"""Of two parts that stand beside one another."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class States:
     def scene(self, state: State) -> Scene:
         """Of this step."""
         return {
-            "inserts": lambda: Scene([*self.base(), *beside(self.shell(), self.apart)]),
+            "inserts": lambda: Scene([*self.base(), *self.beside(self.shell())]),
             "window": lambda: Scene([*self.shell(), self.body("acrylic_window", 6.0)]),
             "transparent": lambda: Scene(self.filled(), CUT, cut=True),
             "first_mould": lambda: Scene([*self.clamped(14.0), self.mould("first_mould", 12.0)]),
@@ -59,10 +61,13 @@ class States:
             "calibrated": lambda: Scene([*self.sensor.bodies, self.tray()], Eye(-52.0, -20.0)),
         }[state]()
 
-    @property
-    def apart(self) -> float:
-        """From the middle of one part to that of another beside it."""
-        return self.sensor.design.plan.outer[0] + 24.0
+    def beside(self, bodies: list[Body]) -> Iterator[Body]:
+        """The same standing next to the middle, upside down on the shell's rim."""
+        design = self.sensor.design
+        away, rim = design.plan.outer[0] + BETWEEN_MM, design.levels.rim
+        for body in bodies:
+            turned = body.solid.rotate(Axis.X, 180)
+            yield Body(body.name, Part() + Pos(away, 0, rim) * turned, body.material)
 
     def body(self, name: str, lift_mm: float = 0.0) -> Body:
         """One part, lifted out of its place."""
@@ -106,10 +111,3 @@ class States:
         turned = Rot(180, 0, 0) * self.sensor.parts["calibration_board"].solid
         above = design.levels.top + tip + 12.0
         return Body("calibration_board", Part() + Pos(0, 0, above) * turned, MADE_OF["calibration_board"])
-
-
-def beside(bodies: list[Body], x_mm: float) -> Iterator[Body]:
-    """The same standing next to it, upside down."""
-    for body in bodies:
-        turned = body.solid.rotate(Axis.X, 180)
-        yield Body(body.name, Part() + Pos(x_mm, 0, 22.5) * turned, body.material)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ninedtact.hardware.bom import clamp_long_mm
-from ninedtact.hardware.guide.recipe import BLACK, TRANSLUCENT, TRANSPARENT
 from ninedtact.hardware.report import BuiltSensor
+from ninedtact.hardware.silicones import BLACK, TRANSLUCENT, TRANSPARENT, Silicone
 
 State = Literal[
     "inserts",
@@ -22,6 +22,9 @@ State = Literal[
     "closed",
     "calibrated",
 ]
+
+FOCUS_BEYOND_MM = 0.95
+"""The original's authors focus at 15 mm, the skin 14.05 from the lens."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ def prepared(sensor: BuiltSensor) -> Iterator[Step]:
         f"Peel the film off both sides of the {design.window.side_mm:g} mm acrylic plate. Run a thin bead of clear glue "
         "(silicone or UV) round the ledge and press the plate into its frame from the gel side. Keep the middle clean.",
         "Put a few drops of alcohol on the window: after five minutes the paper below is dry. No smear within "
-        f"{design.shell.hole_mm:g} mm of the middle.",
+        f"{design.shell.hole_mm / 2:g} mm of the middle.",
     )
 
 
@@ -70,7 +73,7 @@ def poured(sensor: BuiltSensor) -> Iterator[Step]:
     yield Step(
         "transparent",
         "Pour the transparent gel",
-        f"Stand the shell level. Mix {TRANSPARENT.grams(sensor):.1f} g of {TRANSPARENT.product}, {TRANSPARENT.ratio} by weight, "
+        f"Stand the shell level. Mix {grams(sensor, TRANSPARENT):.1f} g of {TRANSPARENT.product}, {TRANSPARENT.ratio} by weight, "
         f"draw off the bubbles in a vacuum, and fill the shell to its rim, {rim:.1f} mm. Cure {TRANSPARENT.cure}.",
         "Held against print, letters are sharp through window and gel; a straight edge over the rim shows less than 0.1 mm of "
         "light anywhere. Fill up what is missing and cure again.",
@@ -87,16 +90,16 @@ def poured(sensor: BuiltSensor) -> Iterator[Step]:
     yield Step(
         "translucent",
         "Pour the translucent gel",
-        f"Mix {TRANSLUCENT.grams(sensor):.1f} g of {TRANSLUCENT.product}, {TRANSLUCENT.ratio} by weight, without bubbles. Pour "
+        f"Mix {grams(sensor, TRANSLUCENT):.1f} g of {TRANSLUCENT.product}, {TRANSLUCENT.ratio} by weight, without bubbles. Pour "
         f"until it stands level with the mould, scrape once with a straight edge. Cure {TRANSLUCENT.cure}.",
         "The layer is evenly white over a lamp, without bubbles or streaks, and does not lift when the mould is taken off.",
     )
     yield Step(
         "black",
         "Pour the black gel",
-        f"Take off the first mould and clamp the second ({design.sensor.gel.thickness_mm + design.gels.black_top_mm:.2f} mm). "
+        f"Take off the first mould and clamp the second ({design.levels.second_mould:.2f} mm). "
         "Lay the LED board below the shell and switch it on. "
-        f"Mix {BLACK.grams(sensor):.1f} g of {BLACK.product}, {BLACK.ratio} by weight, and add pigment until a drop on the lit "
+        f"Mix {grams(sensor, BLACK):.1f} g of {BLACK.product}, {BLACK.ratio} by weight, and add pigment until a drop on the lit "
         f"layer lets no light through. Pour round and over the layer, scrape level. Cure {BLACK.cure}.",
         "In a dark room, LEDs on: no light anywhere through the top or the sides. Where there is some, pour again there.",
     )
@@ -104,7 +107,7 @@ def poured(sensor: BuiltSensor) -> Iterator[Step]:
         "demoulded",
         "Take it out",
         "Unscrew the clamps, run a thin blade round the mould's window, lift the mould straight up, unscrew the base board.",
-        f"The skin is smooth and stands {design.sensor.gel.thickness_mm + design.gels.black_top_mm:.2f} ± 0.10 mm above the rim; "
+        f"The skin is smooth and stands {design.levels.second_mould:.2f} ± 0.10 mm above the rim; "
         "rubbed with a finger, no edge lifts.",
     )
 
@@ -117,7 +120,8 @@ def assembled(sensor: BuiltSensor) -> Iterator[Step]:
         "Lay in the camera",
         "Put the camera into the base's pocket, lens up, its cable up the ramp and out at the side. A drop of glue at two "
         "corners holds it; keep glue off the lens.",
-        "`ninedtact doctor` lists the camera and its true rate. Turn the lens until print 15 mm above it is sharp.",
+        "`ninedtact doctor` lists the camera and its true rate. Turn the lens until print "
+        f"{design.sensor.camera.distance_mm + FOCUS_BEYOND_MM:.0f} mm above it is sharp.",
     )
     yield Step(
         "board",
@@ -146,3 +150,8 @@ def assembled(sensor: BuiltSensor) -> Iterator[Step]:
         "guides through both.",
         "The certificate's checks are all met; docs/calibrating.md says what to do about each.",
     )
+
+
+def grams(sensor: BuiltSensor, silicone: Silicone) -> float:
+    """To mix for one layer."""
+    return silicone.grams(sensor.parts[silicone.part].volume_mm3)

@@ -14,7 +14,9 @@ from ninedtact.hardware.led_board.copper import (
     track_polygon,
     via_polygon,
 )
-from ninedtact.hardware.led_board.layout import SIDES, Layout
+from ninedtact.hardware.led_board.current import board_light
+from ninedtact.hardware.led_board.design import LedBoard
+from ninedtact.hardware.led_board.layout import SIDES, Layout, lay_out
 from ninedtact.hardware.led_board.netlist import GROUND
 from ninedtact.hardware.led_board.outline import Place
 from ninedtact.hardware.led_board.placement import Side
@@ -47,6 +49,14 @@ class Problem:
 
     def __str__(self) -> str:
         return f"{self.rule} {self.where}: {self.found_mm:.3f} for {self.least_mm:.3f}"
+
+
+def sound_layout(board: LedBoard) -> Layout:
+    """The board laid out; raises `BoardImpossible` where it breaks a rule or its LEDs cannot be lit."""
+    board_light(board)
+    layout = lay_out(board)
+    require_sound(layout)
+    return layout
 
 
 def require_sound(layout: Layout) -> None:

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
+from ninedtact.hardware.dimensions.bought import Board
 from ninedtact.hardware.led_board.lattice import LedLattice, evenly
 from ninedtact.hardware.led_board.manufacture import Copper, Rules
 from ninedtact.hardware.led_board.outline import BoardOutline, Place
 from ninedtact.hardware.led_board.refusal import BoardImpossible
 
-LED_INSET_MM = 5.2, 3.0
+LED_INSET_MM = Board.led_inset_mm
 """From the edges to the outer LEDs' centres."""
 
 

@@ -4,8 +4,7 @@ from io import BytesIO
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-from ninedtact.hardware.led_board.check import require_sound
-from ninedtact.hardware.led_board.current import board_light
+from ninedtact.hardware.led_board.check import sound_layout
 from ninedtact.hardware.led_board.design import LedBoard
 from ninedtact.hardware.led_board.drawing import Layer, drawn
 from ninedtact.hardware.led_board.drill import drilled
@@ -13,7 +12,7 @@ from ninedtact.hardware.led_board.edge import edges
 from ninedtact.hardware.led_board.gerber import outlined, plotted
 from ninedtact.hardware.led_board.kicad import kicad_board
 from ninedtact.hardware.led_board.kicad_project import kicad_project
-from ninedtact.hardware.led_board.layout import SIDES, Layout, lay_out
+from ninedtact.hardware.led_board.layout import SIDES, Layout
 from ninedtact.hardware.led_board.picture import picture
 from ninedtact.hardware.led_board.placement import Side
 from ninedtact.hardware.led_board.tables import notes, parts_list, placements
@@ -34,9 +33,11 @@ LONG_AGO = 1980, 1, 1, 0, 0, 0
 
 def write_led_board(board: LedBoard, out: Path) -> list[Path]:
     """Write the board into a folder and tell the files; raises `BoardImpossible`, `FileNotWritten`."""
-    board_light(board)
-    layout = lay_out(board)
-    require_sound(layout)
+    return write_layout(sound_layout(board), out)
+
+
+def write_layout(layout: Layout, out: Path) -> list[Path]:
+    """The same for a board that is laid out; raises `FileNotWritten`."""
     files = contents(layout)
     (out / "gerbers").mkdir(parents=True, exist_ok=True)
     for name, content in files.items():

@@ -13,7 +13,7 @@ def kicad_project(board: LedBoard, name: str) -> str:
         "min_copper_edge_clearance": rules.copper_to_edge_mm,
         "min_hole_clearance": rules.copper_to_hole_mm,
         "min_hole_to_hole": rules.hole_to_hole_mm,
-        "min_track_width": min(copper.led_mm, copper.ground_mm, copper.neck_mm, copper.signal_mm),
+        "min_track_width": min(copper.led_mm, copper.ground_mm, copper.supply_mm, copper.neck_mm, copper.signal_mm),
         "min_via_diameter": copper.via_mm,
         "min_through_hole_diameter": copper.via_drill_mm,
         "min_via_annular_width": (copper.via_mm - copper.via_drill_mm) / 2 - 0.001,

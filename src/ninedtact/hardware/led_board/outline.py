@@ -30,8 +30,8 @@ class BoardOutline:
     """Diameter round the base's pins of 1.45."""
     locating_inset_mm: Annotated[Place, Between(1.2, 10.0)] = (1.5, 5.0)
     """From the edges to the centre of a locating hole."""
-    boss_at_mm: Annotated[Place, Between(0.0, 60.0)] = (8.5, 7.75)
-    """Axes of the base's insert bosses under the board: a robot's bolt pattern, the same for every size."""
+    boss_inset_mm: Annotated[Place, Between(0.0, 30.0)] = (5.5, 2.75)
+    """From the edges to the axes of the base's insert bosses under the board."""
     boss_mm: Annotated[float, Between(2.0, 8.0)] = 5.3
     """Diameter of these bosses."""
     boss_gap_mm: Annotated[float, Between(0.0, 5.0)] = 1.0
@@ -68,8 +68,7 @@ class BoardOutline:
     @property
     def bosses(self) -> tuple[Place, ...]:
         """Axes of the base's insert bosses."""
-        x, y = self.boss_at_mm
-        return (x, y), (-x, y), (-x, -y), (x, -y)
+        return self.corners(self.boss_inset_mm)
 
     @property
     def notch_ends(self) -> Place:

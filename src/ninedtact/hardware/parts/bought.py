@@ -3,6 +3,7 @@
 from build123d import Box, Part, Pos
 
 from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.dimensions.bought import M2_MM
 from ninedtact.hardware.parts.base import THROUGH
 from ninedtact.hardware.parts.solids import along_x, along_y, disc, discs, one_solid, slab
 from ninedtact.hardware.plan import Pair
@@ -18,7 +19,7 @@ def camera(design: HardwareDesign) -> Part:
     long = body.stiffener_mm - half
     made += slab((body.side_mm, long), (floor, floor + body.stiffener_tall_mm), at=(0.0, -half - long / 2))
     below = floor + body.tall_mm
-    for diameter, top in (body.collar_mm, body.barrel_mm, body.neck_mm, body.head_mm):
+    for diameter, top in body.lens_mm:
         made += disc(diameter, (below, floor + top))
         below = floor + top
     return one_solid(made + cable(design))
@@ -72,17 +73,15 @@ def block(size: Block, at: Pair, bottom: float) -> Part:
 def insert(design: HardwareDesign, at: Pair, top: float) -> Part:
     """A heat-set insert, its thread as a bore of the screw's diameter, flush with this height."""
     diameter, long = design.fasteners.insert_mm
-    return disc(diameter, (top - long, top), at) - disc(SCREW_MM, (top - long - THROUGH, top + THROUGH), at)
+    return disc(diameter, (top - long, top), at) - disc(M2_MM, (top - long - THROUGH, top + THROUGH), at)
 
 
 def screw(design: HardwareDesign, at: Pair) -> Part:
     """M2 from below through the base into the shell."""
     (head, tall), seat = design.fasteners.head_mm, design.base.counterbore_deep_mm
-    shank = disc(SCREW_MM, (seat, seat + design.fasteners.screw_mm), at)
+    shank = disc(M2_MM, (seat, seat + design.fasteners.screw_mm), at)
     return shank + disc(head, (seat - tall, seat), at)
 
 
-SCREW_MM = 2.0
-"""M2."""
 USB_SLANT_MM = 1.0
 """Slanted corners of a micro-B receptacle."""

@@ -17,23 +17,13 @@ def base_board(design: HardwareDesign) -> Part:
 
 def first_mould(design: HardwareDesign) -> Part:
     """As thick as the translucent gel."""
-    return mould(design, first_thick(design), design.plan.translucent, design.gels.rim_radius_mm)
+    return mould(design, design.levels.first_mould, design.plan.translucent, design.gels.rim_radius_mm)
 
 
 def second_mould(design: HardwareDesign) -> Part:
     """Thicker and wider: the difference is filled with black."""
     radius = design.gels.rim_radius_mm + design.gels.black_side_mm
-    return mould(design, second_thick(design), design.plan.black, radius)
-
-
-def first_thick(design: HardwareDesign) -> float:
-    """Thickness of the first mould."""
-    return design.sensor.gel.thickness_mm
-
-
-def second_thick(design: HardwareDesign) -> float:
-    """Thickness of the second mould."""
-    return first_thick(design) + design.gels.black_top_mm
+    return mould(design, design.levels.second_mould, design.plan.black, radius)
 
 
 def mould(design: HardwareDesign, thick: float, window: Pair, radius: float) -> Part:

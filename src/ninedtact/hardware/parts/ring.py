@@ -12,16 +12,11 @@ from ninedtact.hardware.parts.solids import cone, disc, one_solid, slab
 def isolation_ring(design: HardwareDesign) -> Part:
     """A square block with a bore that opens to a cone at the window."""
     ring, bottom, top = design.ring, design.levels.ring_bottom, design.levels.floor_top
-    side = ring_side(design)
+    side = design.plan.ring_side
     mouth = side - 2 * ring.land_mm
     opens = top - (mouth - ring.bore_mm) / 2 / tan(radians(ring.cone_deg))
     body = slab((side, side), (bottom, top)) - disc(ring.bore_mm, (bottom - THROUGH, opens))
     return one_solid(body - cone(ring.bore_mm, mouth, (opens, top)))
-
-
-def ring_side(design: HardwareDesign) -> float:
-    """Of the square, in the shell's hole."""
-    return design.shell.hole_mm - 2 * design.ring.gap_mm
 
 
 def acrylic_window(design: HardwareDesign) -> Part:

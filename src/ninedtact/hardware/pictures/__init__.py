@@ -1,1 +1,1 @@
-"""Pictures of solids: shaded, exploded, cut open, drawn with dimensions."""
+"""Pictures of solids: shaded, exploded, cut open."""

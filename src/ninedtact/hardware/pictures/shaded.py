@@ -115,29 +115,27 @@ def draw(picture: Float[Array, "rows cols 3"], nearest: Depth, body: Placed, col
     window = body.window((nearest.shape[0], nearest.shape[1]))
     depth = body.depth(window)
     front = depth < nearest[window] - SAME_MM
-    picture[window][front] = lit(depth, body.scale, colour)[front]
+    picture[window][front] = lit([least_step(depth, axis)[front] * body.scale for axis in (0, 1)], colour)
     nearest[window] = np.minimum(nearest[window], depth)
 
 
-def lit(depth: Depth, scale: float, colour: Colour) -> Float[Array, "rows cols 3"]:
-    """The body's colour under the lamp."""
-    with np.errstate(invalid="ignore"):
-        down, right = (least_step(depth, axis) * scale for axis in (0, 1))
-    normal = np.stack([right, down, -np.ones_like(down)], axis=-1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    light = DIM + (1 - DIM) * np.clip(normal @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
-    bright = np.clip(np.array(colour[::-1], float) + BLACK_LIFT, 0, 255)
-    return np.asarray(np.nan_to_num(light, nan=1.0)[..., None] * bright)
+def lit(slopes: Sequence[Float[Array, " pixels"]], colour: Colour) -> Float[Array, "pixels 3"]:
+    """The body's colour under the lamp, by its slopes down and to the right."""
+    (down, right), lamp = slopes, LIGHT / np.linalg.norm(LIGHT)
+    towards = (right * lamp[0] + down * lamp[1] - lamp[2]) / np.sqrt(right**2 + down**2 + 1)
+    light = DIM + (1 - DIM) * np.clip(towards, 0, 1)
+    return np.outer(light, np.clip(np.array(colour[::-1], float) + BLACK_LIFT, 0, 255))
 
 
 def least_step(depth: Depth, axis: int) -> Depth:
-    """Slope towards the neighbour that differs less: at an edge, that of the pixel's own face."""
-    step = np.diff(depth, axis=axis)
-    before = np.insert(step, 0, np.nan, axis=axis)
-    after = np.insert(step, step.shape[axis], np.nan, axis=axis)
-    before, after = (np.where(np.isfinite(side), side, np.nan) for side in (before, after))
-    nearer = np.where(np.abs(before) <= np.abs(np.nan_to_num(after, nan=np.inf)), before, after)
-    return np.asarray(np.nan_to_num(np.where(np.isnan(nearer), np.fmin(before, after), nearer)))
+    """Slope towards the neighbour that differs less: at an edge, that of the pixel's own face; level where it has none."""
+    with np.errstate(invalid="ignore"):
+        step = np.diff(depth, axis=axis)
+    beside = [(1, 1) if side == axis else (0, 0) for side in (0, 1)]
+    step = np.pad(np.where(np.isfinite(step), step, np.inf), beside, constant_values=np.inf)
+    before, after = (step[:-1], step[1:]) if axis == 0 else (step[:, :-1], step[:, 1:])
+    nearer = np.where(np.abs(before) <= np.abs(after), before, after)
+    return np.where(np.isfinite(nearer), nearer, 0.0)
 
 
 def outlined(picture: Float[Array, "rows cols 3"], depth_px: Depth) -> Float[Array, "rows cols 3"]:

@@ -3,13 +3,21 @@
 from collections.abc import Callable, Iterator
 
 from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.rules.cable import ramp_has_no_room
 from ninedtact.hardware.rules.moulding import (
+    clamps_in_the_shell,
     gel_has_no_seat,
     mould_too_thin_for_the_screws,
     screws_do_not_hold,
     tray_does_not_pass,
 )
-from ninedtact.hardware.rules.room import bosses_collide, parts_touch, usb_slot_misplaced
+from ninedtact.hardware.rules.room import (
+    bosses_collide,
+    mounts_misplaced,
+    parts_touch,
+    posts_misplaced,
+    usb_slot_misplaced,
+)
 from ninedtact.hardware.rules.rule import Broken, RulesBroken
 from ninedtact.hardware.rules.view import (
     lens_does_not_see_the_corner,
@@ -17,14 +25,18 @@ from ninedtact.hardware.rules.view import (
     pins_too_close,
     window_cuts_the_view,
 )
-from ninedtact.hardware.rules.walls import walls_too_thin
+from ninedtact.hardware.rules.walls import ring_has_no_mouth, walls_too_thin
 
 Rule = Callable[[HardwareDesign], Iterator[Broken]]
 RULES: tuple[Rule, ...] = (
     walls_too_thin,
+    ring_has_no_mouth,
     parts_touch,
     bosses_collide,
+    mounts_misplaced,
+    posts_misplaced,
     usb_slot_misplaced,
+    ramp_has_no_room,
     lens_does_not_see_the_corner,
     window_cuts_the_view,
     pins_out_of_view,
@@ -33,6 +45,7 @@ RULES: tuple[Rule, ...] = (
     screws_do_not_hold,
     gel_has_no_seat,
     tray_does_not_pass,
+    clamps_in_the_shell,
 )
 
 

@@ -11,6 +11,9 @@ THINNEST_PLATE_MM = 1.5
 THREAD_MM = 2.0
 """Least length of M2 thread that holds: its diameter."""
 
+M3_NUT_MM = 6.4
+"""Across its corners (ISO 4032: 6.01 at least)."""
+
 
 def mould_too_thin_for_the_screws(design: HardwareDesign) -> Iterator[Broken]:
     """The first mould is as thick as the gel."""
@@ -60,3 +63,16 @@ def tray_does_not_pass(design: HardwareDesign) -> Iterator[Broken]:
             f"expected 0.05 mm between the calibration board's corners and the shell's, got {room:.2f} mm; lessen "
             "pin_frame.corner_radius_mm",
         )
+
+
+def clamps_in_the_shell(design: HardwareDesign) -> Iterator[Broken]:
+    """The M3 screws that hold the moulds stand beside the shell, their nuts too."""
+    (wide, deep), room = design.plan.outer, M3_NUT_MM / 2
+    for x, y in design.plan.clamps:
+        if abs(x) < wide / 2 + room and abs(y) < deep / 2 + room:
+            yield Broken(
+                "clamps_in_the_shell",
+                f"expected the moulds' screws {room:.2f} mm beside the shell, got one at ({x:g}, {y:g}) mm; raise "
+                "moulds.beyond_mm",
+            )
+            return

@@ -1,7 +1,7 @@
 """Walls, posts and floors that a printer can make and that hold."""
 
 from collections.abc import Iterator
-from math import sqrt
+from math import radians, sqrt, tan
 
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.rules.rule import Broken
@@ -29,9 +29,22 @@ def walls(design: HardwareDesign) -> Iterator[tuple[str, float]]:
     yield "the insert bosses' wall (base.boss_mm less base.bore_mm, halved)", (base.boss_mm - base.bore_mm) / 2
     yield "base.floor_mm", base.floor_mm
     yield "the base under its counterbores", base.plate_mm - base.counterbore_deep_mm
-    yield "the ring's wall", (design.shell.hole_mm - 2 * design.ring.gap_mm - design.ring.bore_mm) / 2
+    yield "the ring's wall", (design.plan.ring_side - design.ring.bore_mm) / 2
     if shell.relief_wide_mm:
         yield "the wall left by shell.relief_deep_mm", shell.wall_mm - shell.relief_deep_mm
+
+
+def ring_has_no_mouth(design: HardwareDesign) -> Iterator[Broken]:
+    """The isolation ring's cone opens from its bore to its land, within its height."""
+    ring, levels = design.ring, design.levels
+    wider = (design.plan.ring_side - ring.bore_mm) / 2 - ring.land_mm
+    deep, tall = wider / tan(radians(ring.cone_deg)), levels.floor_top - levels.ring_bottom
+    if not 0 < deep < tall:
+        yield Broken(
+            "ring_has_no_mouth",
+            f"expected a cone of more than zero and less than the ring's {tall:.2f} mm deep, got {deep:.2f} mm; change "
+            "ring.land_mm, ring.bore_mm or ring.cone_deg",
+        )
 
 
 def corner_wall(design: HardwareDesign) -> float:

@@ -1,10 +1,11 @@
-"""The paper's silicones: what is mixed, how long it cures (docs/references.md#9dtact)."""
+"""The paper's silicones: what is mixed for each layer, how long it cures (docs/references.md#9dtact)."""
 
 from dataclasses import dataclass
 
-from ninedtact.hardware.bom import WASTE
 from ninedtact.hardware.materials import MADE_OF
-from ninedtact.hardware.report import BuiltSensor
+
+WASTE = 1.5
+"""Silicone stays in cups and overflows moulds."""
 
 
 @dataclass(frozen=True)
@@ -14,12 +15,12 @@ class Silicone:
     part: str
     product: str
     ratio: str
+    """Of its two components, by weight."""
     cure: str
 
-    def grams(self, sensor: BuiltSensor) -> float:
-        """To mix: what the layer weighs, and what stays in the cup."""
-        cm3 = sensor.parts[self.part].volume_mm3 / 1000
-        return cm3 * MADE_OF[self.part].g_per_cm3 * WASTE
+    def grams(self, volume_mm3: float) -> float:
+        """To mix for a layer of this volume: what it weighs, and what stays in the cup."""
+        return volume_mm3 / 1000 * MADE_OF[self.part].g_per_cm3 * WASTE
 
 
 TRANSPARENT = Silicone("transparent_gel", "Hongye Jie 9345 (Shore A 45)", "1 : 1", "4 h at 25 °C, then 6 h at 50 °C")
@@ -27,3 +28,4 @@ TRANSLUCENT = Silicone("translucent_gel", "Posilicone DRSGJ02 (Shore A 5)", "1 :
 BLACK = Silicone(
     "black_gel", "Ecoflex 00-30 with black silicone pigment", "1 : 1", "as its maker says: 4 h at room temperature"
 )
+SILICONES = TRANSPARENT, TRANSLUCENT, BLACK
