@@ -60,8 +60,9 @@ def require_known(tables: dict[str, Any], kind: type[Any], path: Path | str, wit
     for name, value in tables.items():
         if name not in known:
             where = f" in [{'.'.join(within)}]" if within else ""
+            more = f", {HARDWARE}" if kind is SensorDesign else ""
             raise DesignFileUnreadable(
-                f"expected one of {', '.join(sorted(known))}{where}, got {name!r} in {path}; correct or remove it"
+                f"expected one of {', '.join(sorted(known))}{more}{where}, got {name!r} in {path}; correct or remove it"
             )
         if isinstance(value, dict) and is_dataclass(hints[name]):
             require_known(value, hints[name], path, (*within, name))

@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -7,6 +9,7 @@ import pytest
 
 from ninedtact.cli import main
 from ninedtact.cli.hardware.bom import lines
+from ninedtact.hardware.design_file import read_hardware
 from ninedtact.hardware.guide.pages import guide_text
 from ninedtact.hardware.report import BuiltSensor
 
@@ -61,6 +64,16 @@ def test_a_wider_area_takes_a_taller_sensor(capsys: pytest.CaptureFixture[str]) 
     narrow, wide = found["designs"]
     assert code == 0 and wide["size_mm"][2] > narrow["size_mm"][2] and wide["mm_per_px"] > narrow["mm_per_px"]
     assert wide["view_radius_mm"] > 22.5 and wide["cost_usd"] > narrow["cost_usd"]
+
+
+def test_a_design_proves_itself_before_it_is_printed(tmp_path: Path) -> None:
+    """In a process without type checks, with which a calibration takes a minute."""
+    command = [sys.executable, "-m", "ninedtact", "hardware", "explore", "--calibrated", "--gel-mm", "2", "5"]
+    done = subprocess.run([*command, "--json", "--out", str(tmp_path)], capture_output=True, text=True, check=True)
+    thin, thick = json.loads(done.stdout)["designs"]
+    assert thin["depth_error_mm"] < 0.02 and thin["load_error_part"] < 0.1
+    assert "63 pins" in thick["uncalibrated"] and "depth_error_mm" not in thick
+    assert read_hardware(tmp_path / "design_01.toml", "default").sensor.gel.thickness_mm == 2
 
 
 @pytest.mark.parametrize(

@@ -98,6 +98,14 @@ def tools(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Item]:
         "tool", "calibration_board", 1, MADE_OF["calibration_board"].name, TRAY_USD_PER_CM3 * cm3["calibration_board"]
     )
     yield Item("tool", "clamp screw and nut", 8, f"M3 x {clamp_long_mm(design)}, with nut", 0.05)
+    yield Item(
+        "tool", "ball", 1, f"steel ball, diameter {2 * design.sensor.ball.radius_mm:g} mm, to calibrate with", 0.5
+    )
+    yield Item("tool", "light cable", 1, "micro-USB cable and any 5 V USB supply, for the LEDs", 2.0)
+    yield Item(
+        "tool", "camera adapter", 1, "from the camera's flat cable to USB (UVC), as the camera's seller offers it", 5.0
+    )
+    yield Item("tool", "glue", 1, "clear silicone glue or UV glue for the window; release agent for the moulds", 4.0)
 
 
 def clamp_long_mm(design: HardwareDesign) -> int:

@@ -30,6 +30,8 @@ class Clearance:
     """One pair of faces that pass or face each other."""
 
     between: str
+    mended_by: str
+    """Dimensions that change it."""
     mm: float
     least_mm: float
     """What printing, cutting or moulding needs."""
@@ -63,69 +65,148 @@ def clearances(design: HardwareDesign) -> Iterator[Clearance]:
 def round_the_board(design: HardwareDesign) -> Iterator[Clearance]:
     """LED board in the shell and on the base."""
     board, shell, base, levels = design.board, design.shell, design.base, design.levels
-    yield Clearance("LED board, shell cavity", board.gap_mm, 0.15, SHELL)
-    yield Clearance("notch of the LED board, screw boss of the shell", board.notch_mm - shell.boss_mm / 2, 0.05, SHELL)
-    yield Clearance("LED board, rounded ceiling of the shell", board_to_ceiling(design), 0.05, (*SHELL, *BASE))
-    yield Clearance("hole of the LED board, locating pin", (board.locating_mm - base.pin_mm) / 2, 0.02, BASE)
+    yield Clearance("LED board, shell cavity", "board.gap_mm", board.gap_mm, 0.15, SHELL)
+    yield Clearance(
+        "notch of the LED board, screw boss of the shell",
+        "board.notch_mm or shell.boss_mm",
+        board.notch_mm - shell.boss_mm / 2,
+        0.05,
+        SHELL,
+    )
+    yield Clearance(
+        "LED board, rounded ceiling of the shell",
+        "board.gap_mm, shell.fillet_mm or shell.led_cavity_mm",
+        board_to_ceiling(design),
+        0.05,
+        (*SHELL, *BASE),
+    )
+    yield Clearance(
+        "hole of the LED board, locating pin",
+        "board.locating_mm or base.pin_mm",
+        (board.locating_mm - base.pin_mm) / 2,
+        0.02,
+        BASE,
+    )
     under_floor = levels.ceiling - levels.led_top
     yield Clearance(
-        "LED top, underside of the shell's floor", under_floor, 0.1, (*SHELL, *BASE), rule="led_touches_shell"
+        "LED top, underside of the shell's floor",
+        "board.thick_mm, base.post_tall_mm or shell.led_cavity_mm",
+        under_floor,
+        0.1,
+        (*SHELL, *BASE),
+        rule="led_touches_shell",
     )
-    yield Clearance("insert boss of the base, LED board", levels.board_bottom - levels.boss_top, 0.5)
-    yield Clearance("micro-USB receptacle, base plate", levels.usb_bottom - levels.plate_top, 0.3)
+    yield Clearance(
+        "insert boss of the base, LED board",
+        "base.boss_tall_mm or base.post_tall_mm",
+        levels.board_bottom - levels.boss_top,
+        0.5,
+    )
+    yield Clearance("micro-USB receptacle, base plate", "base.post_tall_mm", levels.usb_bottom - levels.plate_top, 0.3)
     driver_bottom = levels.board_bottom - board.driver_mm[2]
-    yield Clearance("LED driver, base plate", driver_bottom - levels.plate_top, 0.3)
-    yield Clearance("LED, isolation ring", led_to_ring(design), 0.1)
-    yield Clearance("LED, side of the shell's lower cavity", led_to_side(design), 0.1)
+    yield Clearance("LED driver, base plate", "base.post_tall_mm", driver_bottom - levels.plate_top, 0.3)
+    yield Clearance("LED, isolation ring", "board.led_inset_mm or shell.hole_mm", led_to_ring(design), 0.1)
+    yield Clearance("LED, side of the shell's lower cavity", "board.led_inset_mm", led_to_side(design), 0.1)
 
 
 def round_the_window(design: HardwareDesign) -> Iterator[Clearance]:
     """Window and ring in the shell."""
     shell, ring, levels = design.shell, design.ring, design.levels
-    yield Clearance("isolation ring, window hole of the shell", ring.gap_mm, 0.03, (*RING, *SHELL))
-    yield Clearance("isolation ring, LED board", ring.above_board_mm, 0.0, RING)
-    yield Clearance("window, frame of the shell", shell.frame_gap_mm, 0.05, (*WINDOW, *SHELL))
-    yield Clearance("window ledge of the shell", (design.window.side_mm - shell.hole_mm) / 2, 0.5)
-    yield Clearance("window, gel below the skin", levels.rim - levels.window_top, 1.0)
-    yield Clearance("lens front, window", levels.floor_top - levels.lens_front, 0.1)
+    yield Clearance("isolation ring, window hole of the shell", "ring.gap_mm", ring.gap_mm, 0.03, (*RING, *SHELL))
+    yield Clearance("isolation ring, LED board", "ring.above_board_mm", ring.above_board_mm, 0.0, RING)
+    yield Clearance("window, frame of the shell", "shell.frame_gap_mm", shell.frame_gap_mm, 0.05, (*WINDOW, *SHELL))
+    yield Clearance(
+        "window ledge of the shell", "window.side_mm or shell.hole_mm", (design.window.side_mm - shell.hole_mm) / 2, 0.5
+    )
+    yield Clearance(
+        "window, gel below the skin", "camera.distance_mm or gel.thickness_mm", levels.rim - levels.window_top, 1.0
+    )
+    yield Clearance(
+        "lens front, window", "shell.led_cavity_mm or shell.floor_mm", levels.floor_top - levels.lens_front, 0.1
+    )
 
 
 def round_the_camera(design: HardwareDesign) -> Iterator[Clearance]:
     """Camera in base, board and ring."""
     camera, base, levels = design.camera, design.base, design.levels
-    yield Clearance("lens, parts below the LED board", lens_to_parts_below(design), 0.3)
-    yield Clearance("camera body, LED board", levels.board_bottom - (base.floor_mm + camera.tall_mm), 0.3)
+    yield Clearance(
+        "lens, parts below the LED board", "board.driver_at_mm or board.usb_beyond_mm", lens_to_parts_below(design), 0.3
+    )
+    yield Clearance(
+        "camera body, LED board", "base.post_tall_mm", levels.board_bottom - (base.floor_mm + camera.tall_mm), 0.3
+    )
     yield Clearance(
         "lens head, hole of the LED board",
+        "board.lens_hole_mm",
         (design.board.lens_hole_mm - lens_wide_mm(design, levels.board_bottom)) / 2,
         0.1,
     )
     yield Clearance(
-        "lens head, bore of the ring", (design.ring.bore_mm - lens_wide_mm(design, levels.ring_bottom)) / 2, 0.05, RING
+        "lens head, bore of the ring",
+        "ring.bore_mm",
+        (design.ring.bore_mm - lens_wide_mm(design, levels.ring_bottom)) / 2,
+        0.05,
+        RING,
     )
-    yield Clearance("camera body, pocket of the base", (base.pocket_wide_mm - camera.side_mm) / 2, 0.1, BASE)
-    yield Clearance("camera body, wall of the pocket at +y", base.pocket_front_mm - camera.side_mm / 2, 0.1, BASE)
+    yield Clearance(
+        "camera body, pocket of the base", "base.pocket_wide_mm", (base.pocket_wide_mm - camera.side_mm) / 2, 0.1, BASE
+    )
+    yield Clearance(
+        "camera body, wall of the pocket at +y",
+        "base.pocket_front_mm",
+        base.pocket_front_mm - camera.side_mm / 2,
+        0.1,
+        BASE,
+    )
     behind = base.pocket_back_mm - camera.stiffener_mm
-    yield Clearance("camera stiffener, shoulder of the pocket", behind, 0.1, BASE, STIFFENER_FORGIVES_MM)
-    yield Clearance("flat cable, channel", (base.channel_wide_mm - camera.cable_mm[0]) / 2, 0.15, BASE)
-    yield Clearance("flat cable, gap under the shell's rim", base.ramp_gap_mm - camera.cable_mm[1], 0.0)
+    yield Clearance(
+        "camera stiffener, shoulder of the pocket", "base.pocket_back_mm", behind, 0.1, BASE, STIFFENER_FORGIVES_MM
+    )
+    yield Clearance(
+        "flat cable, channel", "base.channel_wide_mm", (base.channel_wide_mm - camera.cable_mm[0]) / 2, 0.15, BASE
+    )
+    yield Clearance(
+        "flat cable, gap under the shell's rim", "base.ramp_gap_mm", base.ramp_gap_mm - camera.cable_mm[1], 0.0
+    )
 
 
 def round_the_screws(design: HardwareDesign) -> Iterator[Clearance]:
     """Screws, inserts and the USB plug."""
     base, fasteners = design.base, design.fasteners
     head, tall = fasteners.head_mm
-    yield Clearance("screw shank, hole of the base", (base.shell_screw_mm - M2_MM) / 2, 0.1, BASE)
-    yield Clearance("bolt of the robot, hole of the base", (base.bolt_mm - M2_MM) / 2, 0.1, BASE)
-    yield Clearance("screw head, counterbore", (base.counterbore_mm - head) / 2, 0.05, BASE)
-    yield Clearance("screw head below the base's face", base.counterbore_deep_mm - tall, 0.0)
-    yield Clearance("insert, floor of the shell's bore", design.shell.bore_deep_mm - fasteners.insert_mm[1], 0.2, SHELL)
+    yield Clearance(
+        "screw shank, hole of the base", "base.shell_screw_mm", (base.shell_screw_mm - M2_MM) / 2, 0.1, BASE
+    )
+    yield Clearance("bolt of the robot, hole of the base", "base.bolt_mm", (base.bolt_mm - M2_MM) / 2, 0.1, BASE)
+    yield Clearance("screw head, counterbore", "base.counterbore_mm", (base.counterbore_mm - head) / 2, 0.05, BASE)
+    yield Clearance(
+        "screw head below the base's face", "base.counterbore_deep_mm", base.counterbore_deep_mm - tall, 0.0
+    )
+    yield Clearance(
+        "insert, floor of the shell's bore",
+        "shell.bore_deep_mm",
+        design.shell.bore_deep_mm - fasteners.insert_mm[1],
+        0.2,
+        SHELL,
+    )
 
 
 def outside(design: HardwareDesign) -> Iterator[Clearance]:
     """What is slid over the sensor, or into it."""
     slot_bottom = design.levels.plate_top + design.shell.slot_from_mm
-    yield Clearance("calibration board, shell", design.pin_frame.gap_mm, 0.1, (*TRAY, *SHELL))
-    yield Clearance("micro-USB receptacle, slot of the shell", design.levels.usb_bottom - slot_bottom, 0.0, SHELL)
-    spare = PLUG_FORGIVES_MM - plug_stopped_mm(design)
-    yield Clearance("plug's overmould, mouth of the receptacle", spare, 0.0, impossible_below_mm=None)
+    yield Clearance("calibration board, shell", "pin_frame.gap_mm", design.pin_frame.gap_mm, 0.1, (*TRAY, *SHELL))
+    yield Clearance(
+        "micro-USB receptacle, slot of the shell",
+        "shell.slot_from_mm",
+        design.levels.usb_bottom - slot_bottom,
+        0.0,
+        SHELL,
+    )
+    spare, forgiven = PLUG_FORGIVES_MM - plug_stopped_mm(design), None if design.variant == "original" else 0.0
+    yield Clearance(
+        "plug's overmould, mouth of the receptacle",
+        "shell.relief_left_mm, shell.relief_wide_mm or board.usb_beyond_mm",
+        spare,
+        0.0,
+        impossible_below_mm=forgiven,
+    )

@@ -3,7 +3,7 @@
 import tomllib
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import tomli_w
 
@@ -12,17 +12,32 @@ from ninedtact.design_file import HARDWARE, DesignFileUnreadable, design_from, d
 from ninedtact.hardware.design import HardwareDesign, Variant, hardware_for
 
 PARTS = tuple(field.name for field in fields(HardwareDesign) if field.name not in ("sensor", "variant"))
+VARIANT = "variant"
 
 
 def read_hardware(path: Path | str | None, variant: Variant) -> HardwareDesign:
-    """The variant with what the file says; the published sensor if there is none.
+    """The variant with what the file says, its own where it names one; the published sensor if there is none.
 
     Raises what `read_design` raises.
     """
     if path is None:
         return hardware_for(SensorDesign(), variant)
     tables = read_tables(path)
-    return altered(hardware_for(sensor_from(tables, path), variant), tables.get(HARDWARE, {}), path)
+    hardware = tables.get(HARDWARE, {})
+    named, parts = variant_in(hardware, variant, path)
+    return altered(hardware_for(sensor_from(tables, path), named), parts, path)
+
+
+def variant_in(hardware: Any, variant: Variant, path: Path | str) -> tuple[Variant, Any]:
+    """The variant that the tables name, or this one; and the tables without it."""
+    if not isinstance(hardware, dict) or VARIANT not in hardware:
+        return variant, hardware
+    named = hardware[VARIANT]
+    if named not in get_args(Variant):
+        raise DesignFileUnreadable(
+            f"expected hardware.variant of {path} to be one of {', '.join(get_args(Variant))}, got {named!r}; correct it"
+        )
+    return named, {name: table for name, table in hardware.items() if name != VARIANT}
 
 
 def altered(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
@@ -52,4 +67,4 @@ def plain(part: Any) -> dict[str, Any]:
 def hardware_toml(design: HardwareDesign) -> str:
     """Every dimension, as `read_hardware` reads it for the same variant."""
     parts = {name: asdict(getattr(design, name)) for name in PARTS}
-    return f"# variant {design.variant}\n{design_toml(design.sensor)}\n{tomli_w.dumps({HARDWARE: parts})}"
+    return f"{design_toml(design.sensor)}\n{tomli_w.dumps({HARDWARE: {VARIANT: design.variant, **parts}})}"

@@ -59,5 +59,4 @@ def apart_mm(along_x: float, along_y: float) -> float:
 
 def plug_stopped_mm(design: HardwareDesign) -> float:
     """How far behind the face that stops a plug's overmould the receptacle's mouth is."""
-    shell, face = design.shell, design.plan.outer[1] / 2
-    return face - (shell.relief_deep_mm if shell.relief_wide_mm else 0.0) - design.plan.usb_mouth
+    return design.plan.outer[1] / 2 - design.shell.relief_deep_mm - design.plan.usb_mouth

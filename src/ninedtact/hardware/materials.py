@@ -16,7 +16,9 @@ class Material:
     """Red, green, blue, as pictures show it."""
 
 
-BLACK_PRINT = Material("black print (resin or nylon)", 1.15, "usual of SLA resins; nylon 1.01", (62, 64, 68))
+BLACK_PLASTIC = Material("black nylon, PETG or ABS print", 1.15, "between nylon 1.01 and PETG 1.27", (62, 64, 68))
+"""It softens when it is hot, as inserts want it; resin does not."""
+BLACK_PRINT = Material("black print, resin for the finest", 1.15, "usual of SLA resins; nylon 1.01", (62, 64, 68))
 WHITE_NYLON = Material("white nylon, laser-sintered", 1.01, "usual of PA12 prints", (236, 236, 230))
 ACRYLIC = Material("clear acrylic", 1.19, "handbook value of PMMA", (160, 205, 225))
 TRANSPARENT = Material(
@@ -30,7 +32,7 @@ BRASS = Material("brass", 8.5, "handbook value", (205, 170, 80))
 STEEL = Material("steel", 7.85, "handbook value", (150, 155, 160))
 
 MADE_OF = {
-    "sensor_base": BLACK_PRINT,
+    "sensor_base": BLACK_PLASTIC,
     "sensor_shell": WHITE_NYLON,
     "isolation_ring": BLACK_PRINT,
     "calibration_board": WHITE_NYLON,

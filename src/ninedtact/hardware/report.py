@@ -92,7 +92,9 @@ class BuiltSensor:
 
     def lines(self) -> Iterator[str]:
         """For a person."""
-        yield f"design {self.design.variant}: all rules kept, {len(self.bodies)} bodies"
+        tight = sum(room.tight for room in self.clearances)
+        kept = f"no rule broken, but {tight} clearances are tight" if tight else "all rules kept"
+        yield f"design {self.design.variant}: {kept}; {len(self.bodies)} bodies"
         yield from interference_lines(self)
         faults = problems(self.circuit)
         yield f"  the LED board breaks {len(faults)} of its own rules{f', the first {faults[0]}' if faults else ''}"
@@ -110,7 +112,8 @@ def interference_lines(sensor: BuiltSensor) -> Iterator[str]:
     for pair in sensor.interferences:
         yield f"  INTERFERES: {pair.first} and {pair.second} share {pair.shared_mm3:.3f} mm³"
     meant = sum(pair.shared_mm3 > 0 and pair.meant for pair in sensor.meetings)
-    yield f"  {len(sensor.interferences)} pairs interfere; {meant} inserts are meant to melt into their bores"
+    many = len(sensor.interferences)
+    yield f"  {'1 pair interferes' if many == 1 else f'{many} pairs interfere'}; {meant} inserts are meant to melt into their bores"
 
 
 def clearance_lines(rooms: list[Clearance]) -> Iterator[str]:

@@ -38,5 +38,5 @@ class Check:
 
 def broken_lines(broken: "list[Broken]") -> Iterator[str]:
     """For a person."""
-    yield f"{len(broken)} rules broken; nothing was built:"
+    yield f"{'1 rule' if len(broken) == 1 else f'{len(broken)} rules'} broken; nothing was built:"
     yield from (f"  {each.rule}: {each.sentence}" for each in broken)

@@ -36,8 +36,11 @@ class Explore:
     lens_deg: tuple[float, ...] = ()
     """Angles that the lens sees in air."""
     described: Annotated[Described, tyro.conf.arg(name="")] = Described()
+    calibrated: bool = False
+    """Let each twin calibrate itself by its board and ball, and read a press of another ball: the error of depth and of load that
+    the sensor would have. Half a minute for each."""
     out: Path | None = None
-    """Folder for explore.csv and explore.png."""
+    """Folder for explore.csv, explore.png and a design file of every design."""
     json: bool = False
     """Print the table as one JSON object."""
 
@@ -51,7 +54,9 @@ class Explore:
 
         basis = self.described.hardware()
         choices = [*self.sweep.designs(basis)]
-        found = list(tqdm(explored(choices), total=len(choices), unit="design", disable=None, leave=False))
+        self.begin()
+        looked = explored(choices, self.calibrated)
+        found = list(tqdm(looked, total=len(choices), unit="design", disable=None, leave=False))
         table: dict[str, Any] = {"designs": [each.as_table() for each in found], "files": self.written(found)}
         return answer(self.json, table, lines(found))
 
@@ -62,15 +67,22 @@ class Explore:
 
         return Sweep(self.gel_mm, self.shore_a, tuple(map(area_from, self.area_mm)), self.lens_deg)
 
+    def begin(self) -> None:
+        """See that there is a folder before work begins; raises `OSError`."""
+        if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
+
     def written(self, found: "list[Explored]") -> list[str]:
         """Table and plot, if a folder was named."""
+        from ninedtact.hardware.design_file import hardware_toml
         from ninedtact.hardware.explore.table import sweep_csv, sweep_png
         from ninedtact.whole_file import write_whole
 
         if self.out is None:
             return []
-        self.out.mkdir(parents=True, exist_ok=True)
-        contents = {"explore.csv": sweep_csv(found), "explore.png": sweep_png(found)}
+        designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.predicted}
+        contents = {name: hardware_toml(design).encode() for name, design in designs.items()}
+        contents |= {"explore.csv": sweep_csv(found), "explore.png": sweep_png(found)}
         for name, content in contents.items():
             write_whole(self.out / name, content)
         return [str(self.out / name) for name in contents]

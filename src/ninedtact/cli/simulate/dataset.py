@@ -33,7 +33,7 @@ class Dataset:
     pairs: int = 10_000
     """How many pictures with their wrenches."""
     size: tuple[int, int] = (460, 345)
-    """Columns and rows of the pictures; all sizes show the width of the sensing area, 24 mm."""
+    """Columns and rows of the pictures; all sizes show the sensing area's width, 24 mm as published."""
     sensors: int = 20
     """How many different sensors take turns."""
     objects: int = 175

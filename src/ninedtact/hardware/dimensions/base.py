@@ -57,8 +57,8 @@ class Base:
     """From the outer face to the foot of the ramp that lifts the cable to the shell's rim."""
     ramp_head_mm: Annotated[float, Between(0.1, 2.0)] = 0.5
     """From the outer face to its head."""
-    ramp_gap_mm: Annotated[float, Between(0.3, 1.0)] = 0.4
-    """Left for the cable under the shell's rim; it is 0.40 thick."""
+    ramp_gap_mm: Annotated[float, Between(0.3, 1.0)] = 0.5
+    """Left for the cable under the shell's rim; it is modelled 0.40 thick."""
     ramp_foot_round_mm: Annotated[float, Between(0.0, 3.0)] = 2.0
     """Blend at the foot: the cable must not be bent sharply."""
     ramp_head_round_mm: Annotated[float, Between(0.0, 2.0)] = 1.0
@@ -68,5 +68,7 @@ class Base:
         require_between(self)
 
 
-ORIGINAL_BASE = Base(bolt_mm=2.1, shell_screw_mm=2.0, pocket_wide_mm=8.7, pocket_front_mm=4.35, pocket_back_mm=7.55)
-"""Without clearances round camera and screws."""
+ORIGINAL_BASE = Base(
+    bolt_mm=2.1, shell_screw_mm=2.0, pocket_wide_mm=8.7, pocket_front_mm=4.35, pocket_back_mm=7.55, ramp_gap_mm=0.4
+)
+"""Without clearances round camera, cable and screws."""

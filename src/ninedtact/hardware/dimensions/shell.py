@@ -52,13 +52,18 @@ class Shell:
     """At all six corners."""
     relief_wide_mm: Annotated[float, Between(0.0, 16.0)] = 11.0
     """A step outside round the slot, so that a plug's overmould does not stop at the wall 1.9 before it is home; 0: none."""
-    relief_deep_mm: Annotated[float, Between(0.0, 3.0)] = 1.1
-    """Of that step; 0.9 of wall is left."""
+    relief_left_mm: Annotated[float, Between(0.0, 6.0)] = 0.9
+    """Wall left behind that step, however thick the wall is."""
     relief_tall_mm: Annotated[float, Between(0.0, 12.0)] = 6.8
     """From the shell's bottom rim; half an overmould above the plug's middle."""
 
     def __post_init__(self) -> None:
         require_between(self)
+
+    @property
+    def relief_deep_mm(self) -> float:
+        """Of that step."""
+        return max(self.wall_mm - self.relief_left_mm, 0.0) if self.relief_wide_mm else 0.0
 
 
 ORIGINAL_SHELL = Shell(slot_wide_mm=8.0, slot_from_mm=1.85, slot_to_mm=4.7, relief_wide_mm=0.0)

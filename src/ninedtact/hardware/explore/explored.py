@@ -1,12 +1,13 @@
 """Every design of a sweep with what it would do, or the rule that it breaks."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ninedtact.errors import NinedtactError
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.explore.prediction import Prediction, predict
+from ninedtact.hardware.explore.proof import Proof, proof
 from ninedtact.hardware.explore.sweep import Choice
 
 
@@ -21,6 +22,10 @@ class Explored:
     predicted: Prediction | None = None
     refusal: str | None = None
     """Why it cannot be built, or its twin not be pressed."""
+    proved: Proof | None = None
+    """What its twin reads after calibrating itself, if that was asked for."""
+    uncalibrated: str | None = None
+    """Why that failed."""
 
     @property
     def name(self) -> str:
@@ -40,14 +45,18 @@ class Explored:
             "lens_deg": sensor.camera.lens_angle_deg,
             "distance_mm": sensor.camera.distance_mm,
             "shore_a": self.shore_a,
+            "pins": (sensor.pin_board.cols, sensor.pin_board.rows),
             "refusal": self.refusal,
+            "uncalibrated": self.uncalibrated,
             **(self.predicted.as_table() if self.predicted else {}),
+            **(asdict(self.proved) if self.proved else {}),
         }
 
 
-def explored(choices: Iterable[Choice]) -> Iterator[Explored]:
-    """One after the other; raises `DesignImpossible` for values that no sensor has."""
-    yield from map(looked_at, choices)
+def explored(choices: Iterable[Choice], calibrated: bool = False) -> Iterator[Explored]:
+    """One after the other; raises `DesignImpossible` for values that no sensor has. calibrated: let each prove itself, too."""
+    found = map(looked_at, choices)
+    yield from map(put_to_proof, found) if calibrated else found
 
 
 def looked_at(choice: Choice) -> Explored:
@@ -57,3 +66,13 @@ def looked_at(choice: Choice) -> Explored:
         return Explored(design, choice.shore_a, predict(design))
     except NinedtactError as refusal:
         return Explored(design, choice.shore_a, refusal=str(refusal))
+
+
+def put_to_proof(found: Explored) -> Explored:
+    """The same with what its twin reads after calibrating itself, or why it cannot."""
+    if found.predicted is None:
+        return found
+    try:
+        return replace(found, proved=proof(found.design.sensor))
+    except NinedtactError as refusal:
+        return replace(found, uncalibrated=str(refusal))

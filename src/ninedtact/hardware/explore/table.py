@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO, StringIO
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.hardware.explore.explored import Explored
@@ -22,20 +23,35 @@ COLUMNS = (
     ("cost_usd", "cost $", "cost, $ (estimated)"),
 )
 """Field, heading, title."""
+PROVED = (
+    ("depth_error_mm", "err mm", "error of depth after calibration, mm"),
+    ("load_error_part", "err load", "error of the load by physics, of the load"),
+)
+"""The same of designs that calibrated themselves."""
 NAME_WIDE = 34
+
+
+def columns(found: Sequence[Explored]) -> tuple[tuple[str, str, str], ...]:
+    """Those that any design has."""
+    return (*COLUMNS, *PROVED) if any(each.proved for each in found) else COLUMNS
 
 
 def lines(found: Sequence[Explored]) -> Iterator[str]:
     """For a person."""
-    yield f"{'design':{NAME_WIDE}}" + "".join(f"{heading:>9}" for _, heading, _ in COLUMNS) + "  size mm"
+    shown = columns(found)
+    yield f"{'design':{NAME_WIDE}}" + "".join(f"{heading:>9}" for _, heading, _ in shown) + "  size mm"
     for each in found:
-        yield f"{each.name:{NAME_WIDE}}" + (told(each) if each.predicted else f" refused: {each.refusal}")
+        names = [name for name, _, _ in shown]
+        yield f"{each.name:{NAME_WIDE}}" + (told(each, names) if each.predicted else f" refused: {each.refusal}")
+        if each.uncalibrated:
+            yield f"{'':{NAME_WIDE}} not calibrated: {each.uncalibrated}"
 
 
-def told(each: Explored) -> str:
+def told(each: Explored, names: Sequence[str]) -> str:
     """The numbers of one design."""
     assert each.predicted is not None
-    values = "".join(f"{figure(getattr(each.predicted, name)):>9}" for name, _, _ in COLUMNS)
+    table = each.as_table()
+    values = "".join(f"{figure(table[name]) if name in table else '-':>9}" for name in names)
     return values + "  " + " x ".join(f"{side:.1f}" for side in each.predicted.size_mm)
 
 
@@ -67,11 +83,16 @@ def sweep_png(found: Sequence[Explored]) -> bytes:
     # matplotlib is slow to import, and only this function needs it; its global state is never touched.
     from matplotlib.figure import Figure
 
-    possible = [each for each in found if each.predicted]
-    drawn = Figure(figsize=(14, 1.6 + 0.9 * max(len(possible), 2)), dpi=110, facecolor="white", layout="constrained")
-    panels = drawn.subplots(3, 3, sharey=True).ravel()
-    for axes, (name, _, title) in zip(panels, COLUMNS, strict=True):
-        bars(axes, [each.name for each in possible], [getattr(each.predicted, name) for each in possible], title)
+    possible, shown = [each for each in found if each.predicted], columns(found)
+    tall = 0.55 * ceil(len(shown) / 3) * (1 + 0.55 * max(len(possible), 2))
+    drawn = Figure(figsize=(14, tall), dpi=110, facecolor="white", layout="constrained")
+    panels = drawn.subplots(ceil(len(shown) / 3), 3, sharey=True, squeeze=False).ravel()
+    tables = [each.as_table() for each in possible]
+    for axes, (name, _, title) in zip(panels, shown, strict=False):
+        bars(axes, [each.name for each in possible], [table.get(name, 0.0) for table in tables], title)
+    panels[0].invert_yaxis()
+    for spare in panels[len(shown) :]:
+        spare.axis("off")
     buffer = BytesIO()
     drawn.savefig(buffer, format="png")
     return buffer.getvalue()
@@ -80,10 +101,10 @@ def sweep_png(found: Sequence[Explored]) -> bytes:
 def bars(axes: "Axes", names: list[str], values: list[float], title: str) -> None:
     """One panel."""
     drawn = axes.barh(names, values, color="#4477aa", height=0.62)
-    axes.bar_label(drawn, [figure(value) for value in values], padding=3, fontsize=8, color="#333333")
+    labels = [figure(value) if value else "not calibrated" for value in values]
+    axes.bar_label(drawn, labels, padding=3, fontsize=8, color="#333333")
     axes.set_title(title, fontsize=10, loc="left")
     axes.margins(x=0.2)
-    axes.invert_yaxis() if axes.get_subplotspec().is_first_row() and axes.get_subplotspec().is_first_col() else None  # type: ignore[union-attr]
     axes.tick_params(labelsize=8)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

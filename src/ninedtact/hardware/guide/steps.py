@@ -4,9 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from ninedtact.design import SensorDesign
 from ninedtact.hardware.bom import clamp_long_mm
 from ninedtact.hardware.report import BuiltSensor
 from ninedtact.hardware.silicones import BLACK, TRANSLUCENT, TRANSPARENT, Silicone
+from ninedtact.simulation.designed import optical_mm
 
 State = Literal[
     "inserts",
@@ -24,7 +26,8 @@ State = Literal[
 ]
 
 FOCUS_BEYOND_MM = 0.95
-"""The original's authors focus at 15 mm, the skin 14.05 from the lens."""
+"""The original's authors focus on print at 15 mm, the skin 14.05 from the lens."""
+OWN_DESIGN = " --design your_design.toml"
 
 
 @dataclass(frozen=True)
@@ -54,15 +57,17 @@ def prepared(sensor: BuiltSensor) -> Iterator[Step]:
         "Press in the inserts",
         "Heat eight M2 inserts with a soldering iron at about 230 °C and press four into the base's bosses from above and four "
         "into the shell's bosses from below, flush and upright.",
-        "An M2 screw turned in by hand stands upright, and base and shell lie on each other without rocking.",
+        "An M2 screw turned in by hand stands upright, and base and shell lie on each other without rocking. (Inserts melt into "
+        "nylon, PETG or ABS; into a resin print they are glued.)",
     )
     yield Step(
         "window",
         "Glue in the window",
         f"Peel the film off both sides of the {design.window.side_mm:g} mm acrylic plate. Run a thin bead of clear glue "
-        "(silicone or UV) round the ledge and press the plate into its frame from the gel side. Keep the middle clean.",
-        "Put a few drops of alcohol on the window: after five minutes the paper below is dry. No smear within "
-        f"{design.shell.hole_mm / 2:g} mm of the middle.",
+        "(silicone or UV, fully cured before the next step) round the ledge and press the plate into its frame from the gel side. "
+        "Keep the middle clean, and alcohol away: it cracks acrylic that was cut by a laser.",
+        "Put a few drops of water with a little dish soap on the window: after five minutes the paper below is dry. No smear "
+        f"within {design.shell.hole_mm / 2:g} mm of the middle.",
     )
 
 
@@ -84,8 +89,8 @@ def poured(sensor: BuiltSensor) -> Iterator[Step]:
         f"Screw the shell on the base board with four M2 screws from below. Lay the first mould, "
         f"{design.sensor.gel.thickness_mm:g} mm thick, on the rim and clamp it with eight M3 x {clamp_long_mm(design)} screws "
         "and nuts, crosswise and gently, with release agent on the mould's window.",
-        f"Measure with a calliper from rim to upper face at four corners: {design.sensor.gel.thickness_mm:.2f} ± 0.10 mm. This "
-        "is the gel's thickness, on which all depths rest.",
+        f"Measure the whole stack with a calliper at four corners and take off base board and shell: "
+        f"{design.sensor.gel.thickness_mm:.2f} ± 0.10 mm are left. This is the gel's thickness, on which all depths rest.",
     )
     yield Step(
         "translucent",
@@ -98,7 +103,7 @@ def poured(sensor: BuiltSensor) -> Iterator[Step]:
         "black",
         "Pour the black gel",
         f"Take off the first mould and clamp the second ({design.levels.second_mould:.2f} mm). "
-        "Lay the LED board below the shell and switch it on. "
+        "Lay the LED board below the clear base board and switch it on. "
         f"Mix {grams(sensor, BLACK):.1f} g of {BLACK.product}, {BLACK.ratio} by weight, and add pigment until a drop on the lit "
         f"layer lets no light through. Pour round and over the layer, scrape level. Cure {BLACK.cure}.",
         "In a dark room, LEDs on: no light anywhere through the top or the sides. Where there is some, pour again there.",
@@ -115,13 +120,15 @@ def poured(sensor: BuiltSensor) -> Iterator[Step]:
 def assembled(sensor: BuiltSensor) -> Iterator[Step]:
     """Camera, light, screws."""
     design = sensor.design
+    own = "" if design.sensor == SensorDesign() else OWN_DESIGN
     yield Step(
         "camera",
         "Lay in the camera",
         "Put the camera into the base's pocket, lens up, its cable up the ramp and out at the side. A drop of glue at two "
         "corners holds it; keep glue off the lens.",
         "`ninedtact doctor` lists the camera and its true rate. Turn the lens until print "
-        f"{design.sensor.camera.distance_mm + FOCUS_BEYOND_MM:.0f} mm above it is sharp.",
+        f"{optical_mm(design.sensor):.0f} to {design.sensor.camera.distance_mm + FOCUS_BEYOND_MM:.0f} mm above it is sharp: so far "
+        "away is the skin through acrylic and silicone, and so far the original's authors lay the print.",
     )
     yield Step(
         "board",
@@ -133,21 +140,23 @@ def assembled(sensor: BuiltSensor) -> Iterator[Step]:
     yield Step(
         "ring",
         "Put in the isolation ring",
-        "From below into the shell's square hole, its wide mouth to the window. Black paint on white ledges beside it helps.",
+        "Lay the shell on its gel, upside down, and the ring into its square hole, the wide mouth down to the window. Black paint "
+        "on white ledges beside it helps.",
         "Seen from below, no white wall of the hole is visible, and the ring does not stand out over the shell's floor.",
     )
     yield Step(
         "closed",
         "Close it",
-        f"Shell onto base, the cable through its gap, four M2 x {design.fasteners.screw_mm:g} screws from below, crosswise.",
+        "Leave the shell upside down, so that the ring stays, and lower the base with camera and board onto it, the cable through "
+        f"its gap. Four M2 x {design.fasteners.screw_mm:g} screws, crosswise.",
         f"It measures {design.plan.outer[0]:.1f} x {design.plan.outer[1]:.1f} x {design.levels.top:.1f} mm. "
         "`ninedtact live` shows an evenly bright picture without a dark ring or a bright spot at its rim.",
     )
     yield Step(
         "calibrated",
         "Calibrate it",
-        "Slide the calibration board over the shell and press, then the ball: `ninedtact calibrate --out my_sensor --source 0` "
-        "guides through both.",
+        "Slide the calibration board over the shell and press, then the ball: "
+        f"`ninedtact calibrate --out my_sensor --source 0{own}` guides through both.",
         "The certificate's checks are all met; docs/calibrating.md says what to do about each.",
     )
 

@@ -47,7 +47,7 @@ def usb_slot(design: HardwareDesign) -> Part:
     outline = [*right, *[(-x, z) for x, z in reversed(right)]]
     inside, outside = -plan.cavity[1] / 2 + THROUGH, -plan.outer[1] / 2 - THROUGH
     slot = along_y(outline, (inside, outside), dict.fromkeys(outline, shell.slot_round_mm))
-    if min(shell.relief_wide_mm, shell.relief_deep_mm) < SAME_MM:
+    if shell.relief_deep_mm < SAME_MM:
         return slot
     size = shell.relief_wide_mm, 2 * shell.relief_deep_mm
     return slot + slab(size, (bottom - THROUGH, bottom + shell.relief_tall_mm), at=(0.0, -plan.outer[1] / 2))

@@ -27,7 +27,7 @@ def parts_touch(design: HardwareDesign) -> Iterator[Broken]:
     for room in clearances(design):
         if room.impossible:
             yield Broken(
-                room.rule, f"expected room between {room.between}, got {room.mm:.2f} mm; move or shrink one of them"
+                room.rule, f"expected room between {room.between}, got {room.mm:.2f} mm; change {room.mended_by}"
             )
 
 

@@ -35,13 +35,18 @@ def pins_out_of_view(design: HardwareDesign) -> Iterator[Broken]:
     """Pins beside the sensing area: their imprints would not be seen whole."""
     board, area = design.sensor.pin_board, design.sensor.sensing_area
     for axis, count, side in (("cols", board.cols, area.width_mm), ("rows", board.rows, area.height_mm)):
-        most = (side - board.pin_diameter_mm) / (count - 1)
-        if board.pitch_mm > most + 1e-9:
+        most = int((side - board.pin_diameter_mm) / board.pitch_mm + 1e-9) + 1
+        if count > most:
             yield Broken(
                 "pins_out_of_view",
-                f"expected {count} {axis} of pins within {side:g} mm of sensing area, got a pitch of {board.pitch_mm:g} mm; set "
-                f"pin_board.pitch_mm to {most:.2f} or less, or take fewer",
+                f"expected at most {most} {axis} of pins {board.pitch_mm:g} mm apart within {side:g} mm of sensing area, got "
+                f"{count}; {fewer(axis, most)}",
             )
+
+
+def fewer(axis: str, most: int) -> str:
+    """What to do about it: a lens is fitted to three at the least."""
+    return f"set pin_board.{axis} to {most}" if most >= 3 else "narrow pin_board.pitch_mm and take thinner pins"
 
 
 def pins_too_close(design: HardwareDesign) -> Iterator[Broken]:

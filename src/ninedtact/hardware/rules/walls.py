@@ -30,8 +30,8 @@ def walls(design: HardwareDesign) -> Iterator[tuple[str, float]]:
     yield "base.floor_mm", base.floor_mm
     yield "the base under its counterbores", base.plate_mm - base.counterbore_deep_mm
     yield "the ring's wall", (design.plan.ring_side - design.ring.bore_mm) / 2
-    if shell.relief_wide_mm:
-        yield "the wall left by shell.relief_deep_mm", shell.wall_mm - shell.relief_deep_mm
+    if shell.relief_deep_mm:
+        yield "shell.relief_left_mm", shell.relief_left_mm
 
 
 def ring_has_no_mouth(design: HardwareDesign) -> Iterator[Broken]:
