@@ -12,7 +12,7 @@ from ninedtact.design import DesignImpossible, Gel, PinBoard, SensingArea, Senso
 from ninedtact.hardware.design import HardwareDesign, default_hardware, original_hardware
 from ninedtact.hardware.design_file import PARTS
 from ninedtact.hardware.dimensions.base import Base
-from ninedtact.hardware.dimensions.bought import Board, CameraBody
+from ninedtact.hardware.dimensions.bought import Board, CameraBody, Fasteners
 from ninedtact.hardware.dimensions.gels import Gels, Moulds
 from ninedtact.hardware.dimensions.pin_frame import PinFrame
 from ninedtact.hardware.dimensions.ring import Ring, Window
@@ -60,6 +60,7 @@ BREAKING = {
     "post_in_wall": replace(default_hardware(), board=Board(locating_inset_mm=(1.0, 5.0))),
     "post_in_pocket": replace(default_hardware(), board=Board(locating_inset_mm=(10.0, 5.0))),
     "ring_has_no_mouth": replace(default_hardware(), ring=Ring(land_mm=1.0)),
+    "inserts_do_not_hold": replace(default_hardware(), fasteners=Fasteners(insert_mm=(2.0, 5.09))),
     "usb_slot": replace(default_hardware(), shell=Shell(slot_to_mm=4.0)),
     "window_cuts_the_view": replace(
         default_hardware(), window=Window(9.0, 5.0), shell=Shell(hole_mm=8.0), ring=Ring(bore_mm=10.0)

@@ -39,7 +39,7 @@ def led_cavity(design: HardwareDesign) -> Part:
     return fillet(air.faces().sort_by(Axis.Z)[-1].edges(), shell.fillet_mm)
 
 
-def usb_slot(design: HardwareDesign) -> Part:
+def usb_slot(design: HardwareDesign) -> list[Part]:
     """Through the wall at -y, with the receptacle's two slanted corners, and the step round it outside."""
     shell, plan, bottom = design.shell, design.plan, design.levels.plate_top
     half, low, high, slant = shell.slot_wide_mm / 2, shell.slot_from_mm, shell.slot_to_mm, shell.slot_chamfer_mm
@@ -48,6 +48,7 @@ def usb_slot(design: HardwareDesign) -> Part:
     inside, outside = -plan.cavity[1] / 2 + THROUGH, -plan.outer[1] / 2 - THROUGH
     slot = along_y(outline, (inside, outside), dict.fromkeys(outline, shell.slot_round_mm))
     if shell.relief_deep_mm < SAME_MM:
-        return slot
+        return [slot]
     size = shell.relief_wide_mm, 2 * shell.relief_deep_mm
-    return slot + slab(size, (bottom - THROUGH, bottom + shell.relief_tall_mm), at=(0.0, -plan.outer[1] / 2))
+    relief = slab(size, (bottom - THROUGH, bottom + shell.relief_tall_mm), at=(0.0, -plan.outer[1] / 2))
+    return [slot, relief]

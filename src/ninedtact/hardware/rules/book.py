@@ -7,6 +7,7 @@ from ninedtact.hardware.rules.cable import ramp_has_no_room
 from ninedtact.hardware.rules.moulding import (
     clamps_in_the_shell,
     gel_has_no_seat,
+    inserts_do_not_hold,
     mould_too_thin_for_the_screws,
     screws_do_not_hold,
     tray_does_not_pass,
@@ -43,6 +44,7 @@ RULES: tuple[Rule, ...] = (
     pins_too_close,
     mould_too_thin_for_the_screws,
     screws_do_not_hold,
+    inserts_do_not_hold,
     gel_has_no_seat,
     tray_does_not_pass,
     clamps_in_the_shell,

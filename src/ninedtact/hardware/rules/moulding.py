@@ -41,6 +41,18 @@ def screws_do_not_hold(design: HardwareDesign) -> Iterator[Broken]:
             )
 
 
+def inserts_do_not_hold(design: HardwareDesign) -> Iterator[Broken]:
+    """Their knurl melts into the bore and stays within the boss."""
+    knurl, base, shell = design.fasteners.insert_mm[0], design.base, design.shell
+    for name, bore, boss in (("base", base.bore_mm, base.boss_mm), ("shell", shell.bore_mm, shell.boss_mm)):
+        if not bore < knurl < boss:
+            yield Broken(
+                "inserts_do_not_hold",
+                f"expected inserts wider than {name}.bore_mm, {bore:g}, and narrower than {name}.boss_mm, {boss:g}, got "
+                f"{knurl:g} mm; change fasteners.insert_mm or {name}.bore_mm",
+            )
+
+
 def gel_has_no_seat(design: HardwareDesign) -> Iterator[Broken]:
     """The pressed gel and its black coat must end on the shell's rim."""
     plan = design.plan
