@@ -1,4 +1,7 @@
-"""`ninedtact` and `python -m ninedtact`: the command line, with Ctrl-C answered from the first moment on."""
+"""`ninedtact` and `python -m ninedtact`: the command line, with Ctrl-C answered from the first moment on.
+
+A termination (SIGTERM, as `kill` and service managers send it) ends it as Ctrl-C does: nothing is left half-written.
+"""
 
 import os
 import signal
@@ -11,6 +14,7 @@ def run() -> int:
     interruption = Interruption()
     try:
         signal.signal(signal.SIGINT, interruption)
+        signal.signal(signal.SIGTERM, interruption)
         from ninedtact.cli import main
 
         code = main()
@@ -28,9 +32,12 @@ class Interruption:
 
     def __init__(self) -> None:
         self.happened = False
+        self.process = os.getpid()
 
     def __call__(self, number: int, at: FrameType | None) -> None:
-        """The signal handler."""
+        """The signal handler; a process that was forked off has nothing to put in order when it is terminated."""
+        if number == signal.SIGTERM and os.getpid() != self.process:
+            os._exit(128 + number)
         self.happened = True
         raise KeyboardInterrupt
 

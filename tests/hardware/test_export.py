@@ -3,6 +3,8 @@
 import csv
 import json
 import math
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -143,3 +145,15 @@ def test_a_folder_with_anything_of_ones_own_is_left_alone(
 def test_an_older_export_may_be_replaced_and_leaves_nothing_behind(folder: Path) -> None:
     require_replaceable(folder)
     assert not list(folder.parent.glob(".*partial"))
+
+
+def test_an_export_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ninedtact", "hardware", "export", "--out", str(tmp_path / "parts")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
+        began = time.monotonic()
+        while not list(tmp_path.glob(".*partial/printed")) and time.monotonic() - began < 60:
+            time.sleep(0.05)
+        running.terminate()
+        assert running.stderr is not None and "nothing was written half" in running.stderr.read()
+    assert running.returncode == 1
+    assert not list(tmp_path.iterdir())

@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except NinedtactError as refusal:
         return fail(str(refusal))
     except KeyboardInterrupt:
-        return fail("stopped by Ctrl-C; nothing was written half; run the command again to start over")
+        return fail("stopped by Ctrl-C or termination; nothing was written half; run the command again to start over")
     except BrokenPipeError:
         return quiet_end()
     except OSError as trouble:

@@ -1,4 +1,4 @@
-"""Ctrl-C that ends a recording well: what is being written is written to its end."""
+"""Ctrl-C, or a termination, that ends a recording well: what is being written is written to its end."""
 
 import signal
 from collections.abc import Iterator
@@ -35,10 +35,11 @@ class Ending:
 
 @contextmanager
 def ending(seconds: float | None = None) -> Iterator[Ending]:
-    """While the block runs, the first Ctrl-C only asks."""
+    """While the block runs, the first Ctrl-C or termination only asks."""
     until = Ending(seconds, began_at=monotonic())
-    before = signal.signal(signal.SIGINT, until.ask)
+    before = {number: signal.signal(number, until.ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield until
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -182,6 +182,14 @@ def round_the_screws(design: HardwareDesign) -> Iterator[Clearance]:
     yield Clearance(
         "screw head below the base's face", "base.counterbore_deep_mm", base.counterbore_deep_mm - tall, 0.0
     )
+    base_bore = base.plate_mm + base.boss_tall_mm - base.floor_mm
+    yield Clearance(
+        "insert, floor of the base's bore",
+        "base.boss_tall_mm or base.floor_mm",
+        base_bore - fasteners.insert_mm[1],
+        0.2,
+        BASE,
+    )
     yield Clearance(
         "insert, floor of the shell's bore",
         "shell.bore_deep_mm",
