@@ -2,12 +2,17 @@
 
 import numpy as np
 import pytest
+from build123d import Box
+from matplotlib.colors import to_rgb
+from matplotlib.text import Annotation
 
 from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact.hardware.design import default_hardware
 from ninedtact.hardware.drawings.sheet import Sheet
 from ninedtact.hardware.drawings.table import Row, table
+from ninedtact.hardware.drawings.view_on_sheet import INK
 from ninedtact.hardware.drawings.views import Line, cut_open
+from ninedtact.hardware.parts.catalogue import BuiltPart
 from ninedtact.hardware.parts.moulds import first_mould, second_mould
 from ninedtact.hardware.report import BuiltSensor
 
@@ -74,3 +79,50 @@ def test_the_table_stays_on_the_sheet_however_long_it_is(default: BuiltSensor) -
     (axes,) = Sheet(default.parts["acrylic_window"], rows).drawn().axes
     heights = [text.get_position()[1] for text in axes.texts if text.get_text().startswith("row ")]
     assert len(heights) == 90 and min(heights) >= 15
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "calibration_board",
+            ("63 x ⌀1.20, pitch 2.50", "9 columns x 7 rows", "pin_board.pitch_mm  2.5", "z 4.00", "R4.00"),
+        ),
+        (
+            "second_mould",
+            ("R1.80", "R12.00", "gels.black_top_mm  0.3", "gels.black_side_mm  0.8", "gel.thickness_mm  2.5"),
+        ),
+        ("base_board", ("moulds.base_mm  3", "4 x ⌀2.20")),
+    ],
+)
+def test_a_sheet_tells_all_that_shapes_a_part(default: BuiltSensor, name: str, words: tuple[str, ...]) -> None:
+    svg = sheet_svg(default, name)
+    for text in words:
+        assert text in svg
+
+
+def test_a_sheet_tells_nothing_else(default: BuiltSensor) -> None:
+    assert "base_mm" not in sheet_svg(default, "first_mould") and "round, about" not in sheet_svg(
+        default, "acrylic_window"
+    )
+
+
+def sheet_svg(sensor: BuiltSensor, name: str) -> str:
+    part = sensor.parts[name]
+    return dict(Sheet(part, table(sensor.design, part)).files())["svg"].decode()
+
+
+def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: BuiltSensor) -> None:
+    part = default.parts["first_mould"]
+    (axes,) = Sheet(part, table(default.design, part)).drawn().axes
+    looks = [text for text in axes.texts if isinstance(text, Annotation) and text.xy[1] == text.xyann[1]]
+    looks = [each for each in looks if each.arrow_patch.get_edgecolor()[:3] == to_rgb(INK)]
+    assert len(looks) == 2 and all(each.xyann[0] > each.xy[0] for each in looks), "from +x towards -x"
+
+
+def test_a_sheet_is_used_in_every_size() -> None:
+    """The next scale would be too large for the sheet, and is at most a third larger."""
+    for x in range(20, 140, 5):
+        sheet = Sheet(BuiltPart("first_mould", "cut", Box(x, 0.8 * x, 2.5)), [])
+        wide = 1.8 * x * sheet.scale + 68
+        assert 0.55 * 302 < wide < 302

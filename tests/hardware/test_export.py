@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import os
 import subprocess
 import sys
 import time
@@ -10,14 +11,24 @@ from pathlib import Path
 
 import cv2
 import ezdxf
+import numpy as np
 import pytest
 from build123d import import_step
 from ezdxf.entitydb import EntityDB
 
 from ninedtact.cli import main
+from ninedtact.cli.hardware.export import warnings
+from ninedtact.design import SensingArea, SensorDesign
+from ninedtact.hardware.assembly.bodies import Body
+from ninedtact.hardware.design import default_hardware
 from ninedtact.hardware.export.cutting import dxf
 from ninedtact.hardware.export.folder import require_replaceable
-from ninedtact.hardware.export.solid_files import step
+from ninedtact.hardware.export.solid_files import printable, step
+from ninedtact.hardware.materials import WHITE_NYLON
+from ninedtact.hardware.parts.catalogue import CATALOGUE
+from ninedtact.hardware.parts.shell import sensor_shell
+from ninedtact.hardware.parts.stl import HEADER_BYTES, RECORD
+from ninedtact.hardware.pictures.scenes import larger
 from ninedtact.hardware.report import BuiltSensor
 
 NET_AREA_MM2 = {"base_board": 2802.15, "first_mould": 2153.12, "second_mould": 2069.28, "acrylic_window": 196.0}
@@ -42,9 +53,18 @@ def test_everything_is_there(folder: Path) -> None:
     for name, part in manifest["parts"].items():
         assert f"{part['way']}/{name}.step" in found and f"pictures/{name}.png" in found
         assert (f"printed/{name}.stl" in found) == (part["way"] == "printed")
-        assert (f"cut/{name}.dxf" in found) == (part["way"] == "cut")
+        plate = f"cut/{name}_{part['box_mm'][2]:.2f}mm.dxf"
+        assert (plate in found) == (part["way"] == "cut")
         assert (f"drawings/{name}.pdf" in found) == (part["way"] in ("printed", "cut"))
-    assert {"bom.csv", "bom.html", "check.txt", "design.toml", "assembly/sensor.step"} <= set(found)
+    assert {
+        "bom.csv",
+        "cut/README.txt",
+        "printed/README.txt",
+        "bom.html",
+        "check.txt",
+        "design.toml",
+        "assembly/sensor.step",
+    } <= set(found)
     assert any(name.startswith("led_board/") and name.endswith(".zip") for name in found)
 
 
@@ -74,6 +94,60 @@ def test_dxf_is_closed_at_scale_and_without_duplicates(original: BuiltSensor, tm
     areas = [enclosed_mm2(entity) for entity in entities]
     assert max(areas) - (sum(areas) - max(areas)) == pytest.approx(NET_AREA_MM2[name], abs=0.01)
     assert [entity.dxf.layer for entity in entities].count("outside") == 1
+
+
+def test_a_design_that_should_not_be_made_is_not_announced_as_one(original: BuiltSensor, default: BuiltSensor) -> None:
+    said = "\n".join(warnings(original.as_table()))
+    assert "DO NOT ORDER led_board/" in said and "sensor_base and camera" in said
+    assert not [*warnings(default.as_table())]
+
+
+def test_shops_are_told_what_files_cannot_say(folder: Path) -> None:
+    cut, printed = ((folder / way / "README.txt").read_text() for way in ("cut", "printed"))
+    for told in ("first_mould: 2.50 mm, 1 x, clear acrylic; not on every shelf", "base_board: 3.00 mm, 1 x", "kerf"):
+        assert told in cut
+    for told in ("sensor_shell: white nylon", "5.16 cm³", "0.050  isolation ring, window hole", "± 0.15"):
+        assert told in printed
+
+
+@pytest.mark.parametrize("name", [made.name for made in CATALOGUE if made.way == "printed"])
+@pytest.mark.parametrize("variant", ["default", "original"])
+def test_stl_is_watertight_and_as_large_as_the_solid(variant: str, name: str, request: pytest.FixtureRequest) -> None:
+    part = request.getfixturevalue(variant).parts[name]
+    corners = np.frombuffer(printable(part.solid), RECORD, offset=HEADER_BYTES)["corners"]
+    _, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    sides = np.concatenate([number.reshape(-1, 3)[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
+    assert (sides[:, 0] != sides[:, 1]).all(), "no triangle has two equal corners"
+    _, shared = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    assert (shared == 2).all() and len(np.unique(sides, axis=0)) == len(sides), "two triangles, once in each direction"
+    first, second, third = corners.astype(float).transpose(1, 0, 2)
+    assert (first * np.cross(second, third)).sum() / 6 == pytest.approx(part.volume_mm3, rel=0.005)
+
+
+WRITTEN = """
+from hashlib import sha256
+from ninedtact.hardware.design import default_hardware
+from ninedtact.hardware.drawings.sheet import Sheet
+from ninedtact.hardware.drawings.table import table
+from ninedtact.hardware.export.cutting import dxf
+from ninedtact.hardware.export.solid_files import step
+from ninedtact.hardware.parts.catalogue import BuiltPart
+from ninedtact.hardware.parts.moulds import first_mould
+
+design = default_hardware()
+part = BuiltPart("first_mould", "cut", first_mould(design))
+drawn = [content for _, content in Sheet(part, table(design, part)).files()]
+print([sha256(content).hexdigest() for content in (dxf(part.solid), step(part.name, part.solid), *drawn)])
+"""
+
+
+def test_another_process_writes_the_same_bytes() -> None:
+    def digests(seed: str) -> str:
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        command = [sys.executable, "-c", WRITTEN]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+
+    assert digests("1") == digests("4")
 
 
 def outline_key(entity: ezdxf.entities.DXFGraphic) -> tuple:
@@ -117,6 +191,12 @@ def test_drawings_and_pictures_open(folder: Path) -> None:
     base = (folder / "drawings" / "sensor_base.svg").read_text()
     for text in ("sensor base", "32.50", "25.50", "4 x ⌀2.82", "base.pocket_wide_mm"):
         assert text in base
+
+
+def test_larger_sensors_are_pulled_apart_further(default: BuiltSensor) -> None:
+    assert larger(default.bodies) == pytest.approx(1.0, abs=1e-6)
+    wide = sensor_shell(default_hardware(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
+    assert larger([Body("sensor_shell", wide, WHITE_NYLON)]) > 2
 
 
 def test_the_bill_counts(folder: Path) -> None:

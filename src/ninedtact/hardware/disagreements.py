@@ -34,6 +34,11 @@ DISAGREEMENTS = (
         "33.00 x 26.00 inside: fits over it",
         "over it, 0.25 each side",
     ),
-    Disagreement("LED resistor", "", "20 k in the order files, 3.75 k as text in the schematic", "20 k, a parameter"),
+    Disagreement(
+        "LED resistor",
+        "",
+        "20 k in the order files, 3.75 k as text in the schematic",
+        "20 k; [hardware.board] resistor_ohm",
+    ),
 )
 """Of the published paper and files."""

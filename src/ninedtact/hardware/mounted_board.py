@@ -27,6 +27,7 @@ def led_board_of(design: HardwareDesign) -> LedBoard:
         usb_inset_mm=receptacle.body_at_mm[1] + receptacle.body_mm[1] / 2 - design.board.usb_beyond_mm,
         driver_x_mm=driver_x,
         driver_inset_mm=-from_edge,
+        resistor_ohm=design.board.resistor_ohm,
     )
 
 

@@ -1,11 +1,18 @@
 """Resistor → current → brightness."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ninedtact.design import DesignImpossible
+from ninedtact.hardware.design_file import read_hardware
 from ninedtact.hardware.led_board.current import led_light, resistor_for
+from ninedtact.hardware.led_board.layout import lay_out
 from ninedtact.hardware.led_board.refusal import BoardImpossible
+from ninedtact.hardware.led_board.tables import notes
+from ninedtact.hardware.mounted_board import led_board_of
 
 
 @pytest.mark.parametrize(("ohm", "total_ma", "led_ma", "watt"), [(20_000, 90, 11.25, 0.18), (3_750, 480, 60, 0.96)])
@@ -24,6 +31,18 @@ def test_brightness_and_resistor_are_inverse(ohm: float) -> None:
     light = led_light(ohm)
     assert resistor_for(light.relative_brightness) == pytest.approx(ohm)
     assert light.needs_asking == (light.total_ma > 100)
+
+
+def test_a_design_file_sets_the_resistor(tmp_path: Path) -> None:
+    path = tmp_path / "bright.toml"
+    path.write_text("[hardware.board]\nresistor_ohm = 10000\n")
+    for variant in ("default", "original"):
+        board = led_board_of(read_hardware(path, variant))
+        assert board.resistor_ohm == 10_000
+        assert "180 mA in all" in notes(lay_out(board))
+    path.write_text("[hardware.board]\nresistor_ohm = 100\n")
+    with pytest.raises(DesignImpossible, match=r"board.resistor_ohm from 1200 to 30000, got 100"):
+        read_hardware(path, "default")
 
 
 @pytest.mark.parametrize(

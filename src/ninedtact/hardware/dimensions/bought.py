@@ -75,6 +75,9 @@ class Board:
     """Body of the LED driver below the board: along x, along y, tall."""
     driver_at_mm: Annotated[tuple[float, float], Between(-8.0, 8.0)] = (3.49, -2.6)
     """Its middle: x, and y from the +y edge."""
+    resistor_ohm: Annotated[float, Between(1200.0, 30000.0)] = 20000.0
+    """R1, which sets the LEDs' current: 1800 V / R in all (led_board/current.py). The driver follows from 1.2 to 30 kOhm; below
+    about 3.75 kOhm the LEDs or USB bear it no more, which is refused too."""
 
     def __post_init__(self) -> None:
         require_between(self)

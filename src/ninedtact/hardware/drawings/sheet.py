@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 from build123d import Axis
 
+from ninedtact.hardware.drawings.features import heights, levels, roundings, rounds
 from ninedtact.hardware.drawings.table import Row
 from ninedtact.hardware.drawings.view_on_sheet import INK, ViewOnSheet
-from ninedtact.hardware.drawings.views import cut_open, levels, rounds, view
+from ninedtact.hardware.drawings.views import cut_open, view
 from ninedtact.hardware.parts.catalogue import BuiltPart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SHEET_MM = 420.0, 297.0
-SCALES = 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.5
+SCALES = 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.75, 1.5, 1.25, 1.0, 0.75, 0.5
 VIEWS_MM = 302.0, 262.0
 """Room for the views; the rest is for the table."""
 LEFT_MM, BOTTOM_MM = 28.0, 28.0
@@ -28,6 +29,8 @@ GAP_MM = 32.0
 """Between views, for dimensions."""
 EDGES_MM = 36.0
 """Beside the outer views, for the same."""
+WITH_CORNERS = "acrylic_window", "base_board", "first_mould", "second_mould", "calibration_board"
+"""Plates and the tray: all that their vertical edges are rounded by is told beside the top view."""
 TABLE_X, TABLE_TOP, TABLE_BOTTOM = 318.0, 276.0, 15.0
 ROW_MM = 4.2
 """From one row of the table to the next, or less where there are more than fit."""
@@ -72,9 +75,10 @@ class Sheet:
         """Each with the dimensions of its box."""
         solid, scale, (x_mm, _, z_mm) = self.part.solid, self.scale, self.part.size_mm
         right, above = LEFT_MM + x_mm * scale + GAP_MM, BOTTOM_MM + z_mm * scale + GAP_MM
-        xs, ys, zs = (levels(solid, axis) for axis in (Axis.X, Axis.Y, Axis.Z))
+        xs, ys, zs = levels(solid, Axis.X), levels(solid, Axis.Y), heights(solid)
         top = ViewOnSheet(axes, view(solid, "top"), scale, (LEFT_MM, above)).lines().box().cut_at_zero("A")
-        top.rounds([*rounds(solid)]).upwards(ys, "y").across(xs, "x")
+        corners = [*roundings(solid)] if self.part.name in WITH_CORNERS else []
+        top.rounds([*rounds(solid)], corners).upwards(ys, "y").across(xs, "x")
         front = ViewOnSheet(axes, view(solid, "front"), scale, (LEFT_MM, BOTTOM_MM)).lines().box()
         front.upwards(zs, "z", zs[0])
         ViewOnSheet(axes, view(solid, "right"), scale, (right, BOTTOM_MM)).lines().box()

@@ -5,21 +5,23 @@ from dataclasses import dataclass, fields
 
 from ninedtact.hardware.clearances import clearances
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.drawings.views import Rounds, rounds
+from ninedtact.hardware.drawings.features import Rounds, rounds
 from ninedtact.hardware.materials import MADE_OF
 from ninedtact.hardware.parts.catalogue import BuiltPart
 
+PLATE = ("moulds.beyond_mm", "moulds.corner_radius_mm", "moulds.hole_mm", "moulds.hole_inset_mm", "moulds.pairs_mm")
+PINS = ("pin_board.rows", "pin_board.cols", "pin_board.pitch_mm", "pin_board.pin_diameter_mm")
 SHAPED_BY = {
-    "sensor_base": "base",
-    "sensor_shell": "shell",
-    "isolation_ring": "ring",
-    "acrylic_window": "window",
-    "calibration_board": "pin_frame",
-    "base_board": "moulds",
-    "first_mould": "moulds",
-    "second_mould": "moulds",
+    "sensor_base": ("base",),
+    "sensor_shell": ("shell",),
+    "isolation_ring": ("ring",),
+    "acrylic_window": ("window",),
+    "calibration_board": ("pin_frame", *PINS),
+    "base_board": (*PLATE, "moulds.base_mm", "moulds.shell_screw_mm"),
+    "first_mould": (*PLATE, "gel.thickness_mm", "gels.rim_radius_mm"),
+    "second_mould": (*PLATE, "gel.thickness_mm", "gels.rim_radius_mm", "gels.black_top_mm", "gels.black_side_mm"),
 }
-"""Table of the design file, by part."""
+"""Tables of the design file, or single lines of them, by part."""
 TOLERANCES = {
     "printed": "± 0.15; what has to fit is listed below: try it",
     "cut": "± 0.10; sheets vary: measure the thickness",
@@ -55,16 +57,20 @@ def fits(design: HardwareDesign, part: str) -> Iterator[Row]:
 
 
 def round_rows(part: BuiltPart) -> Iterator[Row]:
-    """Holes and pins."""
-    yield Row("round, about z (diameter: places x, y)", heading=True)
-    yield from (Row(text) for each in rounds(part.solid) for text in told(each))
+    """Holes and pins, if there are any."""
+    if found := [*rounds(part.solid)]:
+        yield Row("round, about z (diameter: places x, y)", heading=True)
+        yield from (Row(text) for each in found for text in told(each))
 
 
 def told(found: Rounds) -> Iterator[str]:
-    """A group of holes in lines that fit; those of a lattice as their number."""
+    """A group of holes in lines that fit; a lattice by its columns, rows and pitch."""
     head = f"{len(found.places)} x ⌀{found.diameter_mm:.2f}: "
-    if len(found.places) > 8:
-        yield head + "on the lattice of the pin board"
+    if found.lattice:
+        columns, rows, pitch = found.lattice
+        (low_x, low_y), (high_x, high_y) = min(found.places), max(found.places)
+        yield f"{head}{columns} columns x {rows} rows, pitch {pitch:.2f}"
+        yield f"      x from {low_x:g} to {high_x:g}, y from {low_y:g} to {high_y:g}"
         return
     places = [f"({x:g}, {y:g})" for x, y in found.places]
     for start in range(0, len(places), 4):
@@ -72,11 +78,17 @@ def told(found: Rounds) -> Iterator[str]:
 
 
 def dimensions(design: HardwareDesign, part: str) -> Iterator[Row]:
-    """Each as `name value`, as it stands in the design file."""
-    name = SHAPED_BY[part]
-    found = getattr(design, name)
+    """Each as `name value`, as it stands in the design file; tables of the hardware without their `hardware.`."""
     yield Row("dimensions of the design", heading=True)
-    yield from (Row(f"{name}.{field.name}  {number(getattr(found, field.name))}") for field in fields(found))
+    for name in SHAPED_BY[part]:
+        table, _, only = name.partition(".")
+        found = getattr(design, table, None) or getattr(design.sensor, table)
+        names = [only] if only else [field.name for field in fields(found)]
+        yield from (Row(f"{table}.{each}  {number(getattr(found, each))}") for each in names)
+    if part == "calibration_board":
+        yield Row(
+            f"tips of the pins at z  {design.pin_frame.floor_mm + design.pin_frame.pin_tall_mm:.2f}, on one plane"
+        )
 
 
 def number(value: float | tuple[float, ...]) -> str:

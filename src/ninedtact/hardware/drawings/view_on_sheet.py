@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ninedtact.hardware.drawings.views import Line, Rounds, View
+from ninedtact.hardware.drawings.features import Rounding, Rounds
+from ninedtact.hardware.drawings.views import Line, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,8 +17,10 @@ TEXT_MM = 2.6
 """From one number to the next."""
 TITLE_MM = 15.0
 """Above a view, clear of its width."""
-CUT_MM = 5.0
-"""How far the line of a cut stands out."""
+CUT_MM, BELOW_MM = 4.5, 18.0
+"""How far the line of a cut stands out above a view, and below it, where places are told."""
+LOOK_MM = 6.0
+"""Length of the arrows that tell from where a cut is seen."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +68,15 @@ class ViewOnSheet:
         return self
 
     def cut_at_zero(self, name: str) -> "ViewOnSheet":
-        """The line x = 0 along which another view is cut, with its name at both ends."""
+        """The line x = 0 along which another view is cut, at both ends its name and an arrow along which one looks: towards -x."""
         (_, low), (_, high) = self.view.box
         (x, bottom), (_, top) = self.paper(0, low), self.paper(0, high)
-        ends = bottom - CUT_MM, top + CUT_MM
-        self.axes.plot([x, x], ends, color=INK, linewidth=0.5, linestyle=(0, (12, 3, 2, 3)))
-        for end in ends:
-            self.axes.text(x - 1.5, end, name, fontsize=8, color=INK, ha="right", va="center", weight="bold")
+        self.axes.plot([x, x], (bottom - 1, top + CUT_MM), color=INK, linewidth=0.5, linestyle=(0, (12, 3, 2, 3)))
+        self.axes.plot([x, x], (bottom - BELOW_MM, bottom - BELOW_MM + 2), color=INK, linewidth=0.5)
+        style = {"arrowstyle": "-|>", "color": INK, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
+        for end in (bottom - BELOW_MM, top + CUT_MM):
+            self.axes.annotate("", (x, end), (x + LOOK_MM, end), arrowprops=style)
+            self.axes.text(x + LOOK_MM + 1, end, name, fontsize=8, color=INK, ha="left", va="center", weight="bold")
         return self
 
     def box(self) -> "ViewOnSheet":
@@ -90,16 +95,17 @@ class ViewOnSheet:
         anchor = ("right", "center") if turned else ("center", "bottom")
         self.axes.text(*middle, text, fontsize=7, color=NOTE, rotation=turned, ha=anchor[0], va=anchor[1])
 
-    def rounds(self, found: Sequence[Rounds]) -> "ViewOnSheet":
-        """One leader per diameter, in the order of their places so that they do not cross."""
+    def rounds(self, found: Sequence[Rounds], corners: Sequence[Rounding] = ()) -> "ViewOnSheet":
+        """One leader per diameter and radius, in the order of their places so that they do not cross."""
         (_, low), (right, high) = self.view.box
         x = self.paper(right, low)[0] + 16
         style = {"arrowstyle": "-|>", "color": NOTE, "linewidth": 0.5, "shrinkB": 0}
-        highest_first = sorted(found, key=lambda each: (-max(each.places)[1], -max(each.places)[0]))
-        for number, each in enumerate(highest_first):
+        told = [*((max(each.places), counted(each)) for each in found)]
+        told += [(each.place, f"R{each.radius_mm:.2f}") for each in corners]
+        highest_first = sorted(told, key=lambda each: (-each[0][1], -each[0][0]))
+        for number, (place, text) in enumerate(highest_first):
             y = self.paper(right, high)[1] - 3 - 6 * number
-            text, place = f"{len(each.places)} x ⌀{each.diameter_mm:.2f}", self.paper(*max(each.places))
-            self.axes.annotate(text, place, (x, y), fontsize=7, color=NOTE, arrowprops=style, va="center")
+            self.axes.annotate(text, self.paper(*place), (x, y), fontsize=7, color=NOTE, arrowprops=style, va="center")
         return self
 
     def upwards(self, places: Sequence[float], name: str, zero: float = 0.0) -> "ViewOnSheet":
@@ -121,6 +127,12 @@ class ViewOnSheet:
             text = f"{name} {place:.2f}"
             self.axes.text(text_x, y - 5.5, text, fontsize=6, color=NOTE, ha="center", va="top", rotation=90)
         return self
+
+
+def counted(found: Rounds) -> str:
+    """How many of which diameter; of a lattice its pitch."""
+    pitch = f", pitch {found.lattice[2]:.2f}" if found.lattice else ""
+    return f"{len(found.places)} x ⌀{found.diameter_mm:.2f}{pitch}"
 
 
 def closed(line: Line) -> list[tuple[float, float]]:

@@ -1,11 +1,11 @@
-"""A part as polylines: from a side, hidden edges apart, or cut open; and the round holes and heights that a drawing tells."""
+"""A part as polylines: from a side, hidden edges apart, or cut open."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from build123d import Axis, Edge, Face, GeomType, Keep, Part, Plane, Wire, section, split
+from build123d import Edge, GeomType, Keep, Part, Plane, Wire, section, split
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -19,6 +19,8 @@ SIDES = {
     "right": ((FAR_MM, 0.0, 0.0), (0.0, 0.0, 1.0)),
 }
 """Where the eye stands, and what is up."""
+DECIMALS = 6
+"""Of the points' mm."""
 POINTS_PER_MM, FEWEST, MOST = 8, 9, 97
 """Of a curve."""
 
@@ -44,7 +46,12 @@ def view(part: Part, side: str) -> View:
     """From the top, the front or the right."""
     eye, up = SIDES[side]
     visible, hidden = part.project_to_viewport(eye, up, (0.0, 0.0, 0.0))
-    return View(tuple(map(line, visible)), tuple(map(line, hidden)))
+    return View(lines(visible), lines(hidden))
+
+
+def lines(edges: Iterable[Edge]) -> tuple[Line, ...]:
+    """Projected edges as points, sorted: they come in another order in another process."""
+    return tuple(sorted(map(line, edges), key=order))
 
 
 def cut_open(part: Part) -> View:
@@ -62,8 +69,14 @@ def outline(wire: Wire) -> Line:
 
 
 def line(edge: Edge) -> Line:
-    """A projected edge as points."""
-    return np.array([(x, y) for x, y, _ in places(edge)])
+    """A projected edge as points, from its lower end: the modelling library may draw it from either."""
+    points = np.array([(x, y) for x, y, _ in places(edge)]).round(DECIMALS) + 0.0
+    return points if order(points) <= order(points[::-1]) else points[::-1]
+
+
+def order(points: Line) -> list[list[float]]:
+    """By which lines are sorted, and turned round."""
+    return points.tolist()
 
 
 def places(edge: Edge) -> Iterator[tuple[float, float, float]]:
@@ -75,35 +88,3 @@ def places(edge: Edge) -> Iterator[tuple[float, float, float]]:
     for parameter in np.linspace(*((start, end) if edge.is_forward else (end, start)), many):
         place = curve.Value(float(parameter))
         yield place.X(), place.Y(), place.Z()
-
-
-@dataclass(frozen=True)
-class Rounds:
-    """Holes or pins of one diameter."""
-
-    diameter_mm: float
-    places: tuple[Pair, ...]
-
-
-def rounds(part: Part) -> Iterator[Rounds]:
-    """Whole cylinders along z by diameter, largest first; each axis once."""
-    found: dict[float, set[Pair]] = {}
-    for face in part.faces().filter_by(GeomType.CYLINDER):
-        axis, radius = face.axis_of_rotation, face.radius
-        if axis is not None and radius is not None and whole(face, axis):
-            place = round(float(axis.position.X), 3) + 0.0, round(float(axis.position.Y), 3) + 0.0
-            found.setdefault(round(2 * float(radius), 3), set()).add(place)
-    for diameter in sorted(found, reverse=True):
-        yield Rounds(diameter, tuple(sorted(found[diameter])))
-
-
-def whole(face: Face, axis: Axis) -> bool:
-    """Whether a cylinder goes all the way round a vertical axis."""
-    return abs(abs(axis.direction.Z) - 1) < 1e-6 and any(edge.is_closed for edge in face.edges())
-
-
-def levels(part: Part, axis: Axis) -> list[float]:
-    """Where the flat faces across this axis lie, ascending."""
-    flat = part.faces().filter_by(GeomType.PLANE).filter_by(axis)
-    along = axis.direction
-    return sorted({round(float(face.center().dot(along)), 2) + 0.0 for face in flat})

@@ -24,6 +24,11 @@ class Circle:
     centre: Pair
     radius_mm: float
 
+    @property
+    def first(self) -> Pair:
+        """By which outlines are ordered."""
+        return rounded(self.centre)
+
 
 @dataclass(frozen=True)
 class Loop:
@@ -33,11 +38,25 @@ class Loop:
     bulges: tuple[float, ...]
     """Of the side that begins at each corner: tangent of a quarter of its arc, left turns positive; zero for a line."""
 
+    @property
+    def first(self) -> Pair:
+        """The corner with the lowest x, then y; by which outlines are ordered."""
+        return min(map(rounded, self.corners))
+
+    def from_first(self) -> "Loop":
+        """The same from its first corner on to the lower neighbour: the modelling library may begin anywhere."""
+        at = [*map(rounded, self.corners)].index(self.first)
+        corners, bulges = (*self.corners[at:], *self.corners[:at]), (*self.bulges[at:], *self.bulges[:at])
+        if rounded(corners[-1]) < rounded(corners[1]):
+            corners, bulges = (corners[0], *corners[:0:-1]), tuple(0.0 - bulge for bulge in reversed(bulges))
+        return Loop(corners, bulges)
+
 
 def outlines(part: Part) -> list[Circle | Loop]:
     """Outside first, then every hole, each once; raises `OutlineBroken`."""
     top = part.faces().filter_by(Axis.Z).sort_by(Axis.Z)[-1]
-    return [outline(wire) for wire in (top.outer_wire(), *top.inner_wires())]
+    inside = sorted((outline(wire) for wire in top.inner_wires()), key=lambda found: found.first)
+    return [outline(top.outer_wire()), *inside]
 
 
 def outline(wire: Wire) -> Circle | Loop:
@@ -47,7 +66,12 @@ def outline(wire: Wire) -> Circle | Loop:
         centre = edges[0].arc_center
         return Circle((float(centre.X), float(centre.Y)), float(edges[0].radius))
     sides = [*chained([side(edge) for edge in edges])]
-    return Loop(tuple(start for start, _, _ in sides), tuple(bulge for _, _, bulge in sides))
+    return Loop(tuple(start for start, _, _ in sides), tuple(bulge for _, _, bulge in sides)).from_first()
+
+
+def rounded(place: Pair) -> Pair:
+    """To what is one point."""
+    return round(place[0], 4) + 0.0, round(place[1], 4) + 0.0
 
 
 Side = tuple[Pair, Pair, float]

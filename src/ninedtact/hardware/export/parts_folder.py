@@ -13,6 +13,7 @@ from ninedtact.hardware.drawings.table import table
 from ninedtact.hardware.export.bill_files import bill_csv, bill_html
 from ninedtact.hardware.export.cutting import dxf
 from ninedtact.hardware.export.folder import MANIFEST, new_parts_folder
+from ninedtact.hardware.export.shop_notes import cut_path, shop_notes
 from ninedtact.hardware.export.solid_files import assembly_step, printable, step
 from ninedtact.hardware.led_board.export import write_layout
 from ninedtact.hardware.materials import MADE_OF
@@ -52,6 +53,7 @@ def files(sensor: BuiltSensor) -> Iterator[File]:
     """All but the circuit board and the manifest."""
     for part in sensor.parts.values():
         yield from part_files(sensor, part)
+    yield from shop_notes(sensor)
     yield from assembly_files(sensor)
     yield "bom.csv", bill_csv(sensor.bill)
     yield "bom.html", bill_html(sensor.design, sensor.bill)
@@ -66,7 +68,7 @@ def part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
     if part.way == "printed":
         yield f"{part.way}/{part.name}.stl", printable(part.solid)
     if part.way == "cut":
-        yield f"{part.way}/{part.name}.dxf", dxf(part.solid)
+        yield cut_path(part), dxf(part.solid)
     yield f"pictures/{part.name}.png", encoded(part_picture(part))
     if part.way in TO_MAKE:
         sheet = Sheet(part, table(sensor.design, part))
@@ -93,7 +95,8 @@ def manifest_of(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
     }
     names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     table = sensor.as_table()
-    told = {name: table[name] for name in ("variant", "figures", "lens_reach_mm", "interferences")}
+    kept = "variant", "figures", "lens_reach_mm", "interferences", "led_board_faults"
+    told = {name: table[name] for name in kept}
     return {"lengths": "mm", **told, "parts": parts, "files": [*names, MANIFEST]}
 
 

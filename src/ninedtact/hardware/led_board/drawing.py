@@ -7,6 +7,7 @@ from shapely import Polygon, affinity
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.copper import pad_polygon, polygons
+from ninedtact.hardware.led_board.designators import PEN_MM, designators
 from ninedtact.hardware.led_board.keyhole import without_holes
 from ninedtact.hardware.led_board.layout import Layout
 from ninedtact.hardware.led_board.outline import Place
@@ -96,9 +97,10 @@ def windows(pad: Pad) -> tuple[Block, ...]:
 
 
 def silk(layout: Layout, side: Side) -> tuple[Shape, ...]:
-    """A bar at each cathode and at pin 1 of the driver."""
+    """A bar at each cathode and at pin 1 of the driver; the parts' names where there is room."""
     marks = [(part, part.part.footprint.mark_mm) for part in layout.parts if part.side == side]
-    return tuple(Stroke(SILK_MM, tuple(part.onto_board(end) for end in mark)) for part, mark in marks if mark)
+    bars = [Stroke(SILK_MM, tuple(part.onto_board(end) for end in mark)) for part, mark in marks if mark]
+    return (*bars, *(Stroke(PEN_MM, line) for word in designators(layout, side) for line in word.lines))
 
 
 def flash(pad: Pad, margin_mm: float) -> Block | Blob:

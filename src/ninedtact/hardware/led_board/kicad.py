@@ -4,6 +4,10 @@ KiCad's y points down; the optical axis lies in the middle of the sheet. Footpri
 turned: pads carry their places.
 """
 
+from collections.abc import Iterator
+from itertools import pairwise
+
+from ninedtact.hardware.led_board.designators import PEN_MM, designators
 from ninedtact.hardware.led_board.edge import edges
 from ninedtact.hardware.led_board.keyhole import without_holes
 from ninedtact.hardware.led_board.kicad_footprint import footprint
@@ -40,7 +44,12 @@ def head(layout: Layout) -> tuple[Expression, ...]:
         ("general", ("thickness", board.outline.thickness_mm)),
         ("paper", quoted("A4")),
         layers,
-        ("setup", ("pad_to_mask_clearance", board.rules.mask_margin_mm)),
+        (
+            "setup",
+            ("pad_to_mask_clearance", board.rules.mask_margin_mm),
+            xy("aux_axis_origin", (0, 0)),
+            xy("grid_origin", (0, 0)),
+        ),
     )
 
 
@@ -51,7 +60,17 @@ def content(layout: Layout, names: Names) -> tuple[Expression, ...]:
         peg(number, place, layout.board.outline) for number, place in enumerate(layout.board.outline.locating_holes)
     ]
     zones = [zone(layout, side, names) for side in SIDES if layout.pours[side]]
-    return (*parts, *holes, *edge_lines(layout.board.outline), *track_lines(layout.routes, names), *zones)
+    words = [line for side in SIDES for line in word_lines(layout, side)]
+    return (*parts, *holes, *words, *edge_lines(layout.board.outline), *track_lines(layout.routes, names), *zones)
+
+
+def word_lines(layout: Layout, side: Side) -> Iterator[Expression]:
+    """The parts' names on the silkscreen."""
+    layer = quoted("F.SilkS" if side == "top" else "B.SilkS")
+    for word in designators(layout, side):
+        for number, (start, end) in enumerate(pair for line in word.lines for pair in pairwise(line)):
+            tail = ("layer", layer), ("width", PEN_MM), stamp(f"name {word.reference} {number}")
+            yield ("gr_line", xy("start", start), xy("end", end), *tail)
 
 
 def peg(number: int, place: tuple[float, float], outline: BoardOutline) -> Expression:

@@ -1,6 +1,7 @@
 """The board as one sees it: from the gel, and from below. matplotlib is imported when a picture is drawn."""
 
 from io import BytesIO
+from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,9 @@ from ninedtact.hardware.led_board.copper import (
     track_polygon,
     via_polygon,
 )
+from ninedtact.hardware.led_board.designators import designators
 from ninedtact.hardware.led_board.layout import SIDES, Layout
+from ninedtact.hardware.led_board.outline import Place
 from ninedtact.hardware.led_board.placement import Placed, Side
 
 if TYPE_CHECKING:
@@ -24,14 +27,21 @@ if TYPE_CHECKING:
 
 MASK, METAL, SOLDERED, BODY, INK = "#1f6b45", "#2f9a63", "#d9b65d", "#f4f1e6", "#22262b"
 DARK_BODY = "#3b3f46"
+USUAL_INCHES = 13.0, 5.6
+"""Width and height of the figure for a board of 28 x 21 mm."""
+INCHES_PER_MM = USUAL_INCHES[0] / 14.0, USUAL_INCHES[1] / 10.5
+NAME_MM = 0.7
+"""Room that a part's name takes upwards."""
 HEADINGS: dict[Side, str] = {"top": "from the gel", "bottom": "from below, mirrored as one sees it"}
 
 
 def picture(layout: Layout, kind: str = "png") -> bytes:
     """Both sides beside one another, as `png` or `svg`."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    (x, y), figure = layout.board.outline.half, Figure(figsize=(13, 5.6), facecolor="white", layout="constrained")
+    (x, y), (wide, tall) = layout.board.outline.half, figure_inches(layout)
+    figure = Figure(figsize=(wide, tall), facecolor="white", layout="constrained")
     for side, axes in zip(SIDES, figure.subplots(1, 2), strict=True):
         draw_side(axes, layout, side)
         axes.set_xlim(*((-x - 1.2, x + 1.2) if side == "top" else (x + 1.2, -x - 1.2)))
@@ -40,8 +50,16 @@ def picture(layout: Layout, kind: str = "png") -> bytes:
         axes.set_title(HEADINGS[side], color=INK, size=12)
         axes.set_xlabel("x (mm)")
     file = BytesIO()
-    figure.savefig(file, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    # Instead of a random identity: the same board gives the same file.
+    with rc_context({"svg.hashsalt": "ninedtact"}):
+        figure.savefig(file, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else {"Software": None})
     return file.getvalue()
+
+
+def figure_inches(layout: Layout) -> tuple[float, float]:
+    """As many inches per mm for every board, so that words keep their size beside the pads; never less than for the usual one."""
+    x, y = layout.board.outline.half
+    return max(x * INCHES_PER_MM[0], USUAL_INCHES[0]), max(y * INCHES_PER_MM[1], USUAL_INCHES[1])
 
 
 def draw_side(axes: "Axes", layout: Layout, side: Side) -> None:
@@ -55,9 +73,18 @@ def draw_side(axes: "Axes", layout: Layout, side: Side) -> None:
     for part in layout.parts:
         if part.side == side:
             draw_body(axes, part)
+    for word in designators(layout, side):
+        for line in word.lines:
+            axes.plot(*zip(*line, strict=True), color="white", linewidth=1.2)
     for pad in layout.pads:
         if side in pad.sides and not pad.pin.startswith("LED"):
-            axes.text(*pad.at_mm, pad.land.number, ha="center", va="center", size=6, color=INK)
+            axes.text(*beside_name(pad.at_mm, layout), pad.land.number, ha="center", va="center", size=6, color=INK)
+
+
+def beside_name(place: Place, layout: Layout) -> Place:
+    """Where a pad's number goes: a little lower where its part's name would lie on it."""
+    under = any(hypot(place[0] - part.at_mm[0], place[1] - part.at_mm[1]) < NAME_MM for part in layout.parts)
+    return place[0], place[1] - (NAME_MM if under else 0.0)
 
 
 def draw_body(axes: "Axes", part: Placed) -> None:

@@ -29,7 +29,9 @@ LIFTS_MM = {
     "translucent_gel": 92.0,
     "black_gel": 102.0,
 }
-"""How far the exploded view raises each body."""
+"""How far the exploded view raises each body of the published size; larger sensors are pulled apart as much further."""
+PUBLISHED_SHELL_MM = 32.5, 25.5, 19.5
+"""Of that size."""
 
 
 def part_picture(part: BuiltPart) -> Image:
@@ -46,8 +48,16 @@ def sensor_picture(bodies: Sequence[Body]) -> Image:
 
 def exploded_picture(bodies: Sequence[Body]) -> Image:
     """Pulled apart along z, in the order of assembly."""
-    moved = [Body(body.name, Pos(0, 0, lift_mm(body.name)) * body.solid, body.material) for body in bodies]
+    further = larger(bodies)
+    moved = [Body(body.name, Pos(0, 0, further * lift_mm(body.name)) * body.solid, body.material) for body in bodies]
     return shaded(coloured(moved), Eye(-52.0, 20.0), (560, 1500))
+
+
+def larger(bodies: Sequence[Body]) -> float:
+    """How often the published shell's size this one's is, by the side that grew most; at least once."""
+    (shell,) = (body for body in bodies if body.name == "sensor_shell")
+    sides = zip(tuple(shell.solid.bounding_box().size), PUBLISHED_SHELL_MM, strict=True)
+    return max(1.0, *(side / published for side, published in sides))
 
 
 def lift_mm(name: str) -> float:

@@ -1,0 +1,66 @@
+"""What a shop is told beside its files: one text for the laser cutter, one for the printer."""
+
+from collections.abc import Iterator
+
+from ninedtact.hardware.clearances import clearances
+from ninedtact.hardware.drawings.table import TOLERANCES
+from ninedtact.hardware.materials import MADE_OF
+from ninedtact.hardware.parts.catalogue import BuiltPart
+from ninedtact.hardware.report import BuiltSensor
+
+USUAL_MM = 2.0, 3.0, 4.0, 5.0, 6.0
+"""Sheets of acrylic that most shops hold; no shop was asked."""
+CUT_HOW = """\
+Lengths are mm, 1:1, each line once. The kerf is not taken off: the lines are the finished edges.
+Layer "inside" is cut before layer "outside", or the plate falls out before its holes are cut.
+
+Sheets are thinner or thicker than they are sold as, and some (2.5, 2.8 mm) are not on every shelf. For the 2.50 and 2.80 mm
+of the published sensor take sheets sold as 2.5 and 3 mm and measure them: the gel becomes as thick as its mould. Write into the
+design file, before the shell is printed, and calibrate with it:
+
+    [gel]
+    thickness_mm = what first_mould measures
+    [hardware.gels]
+    black_top_mm = what second_mould measures, less first_mould
+
+The shell's height follows from the gel. If it is printed already, add to camera.distance_mm what the gel became thicker.
+"""
+PRINT_HOW = """\
+STL in mm; STEP is the same, exact. Black parts are black all through, against stray light; the shell is white, to spread it.
+Fits are the room on each side as drawn; try them. The drawings tell more.
+"""
+
+
+def cut_path(part: BuiltPart) -> str:
+    """Of the cutter's file: a DXF tells no thickness, so its name does."""
+    return f"cut/{part.name}_{thick_mm(part):.2f}mm.dxf"
+
+
+def thick_mm(part: BuiltPart) -> float:
+    """Of the sheet that a flat part is cut from."""
+    return part.size_mm[2]
+
+
+def shop_notes(sensor: BuiltSensor) -> Iterator[tuple[str, bytes]]:
+    """Path within the folder, and content."""
+    for way, told, how in (("cut", cut_lines, CUT_HOW), ("printed", print_lines, PRINT_HOW)):
+        lines = [line for part in sensor.parts.values() if part.way == way for line in told(sensor, part)]
+        yield f"{way}/README.txt", "\n".join([f"Tolerance {TOLERANCES[way]}.", "", *lines, "", how]).encode()
+
+
+def cut_lines(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
+    """One plate."""
+    shelf = "" if round(thick_mm(part), 3) in USUAL_MM else "; not on every shelf: measure"
+    yield f"{part.name}: {thick_mm(part):.2f} mm, {count(sensor, part)} x, {MADE_OF[part.name].name}{shelf}"
+
+
+def print_lines(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
+    """One print, with what has to fit it."""
+    made, cm3 = MADE_OF[part.name].name, part.volume_mm3 / 1000
+    yield f"{part.name}: {made}, {count(sensor, part)} x, {cm3:.2f} cm³"
+    yield from (f"    {room.mm:.3f}  {room.between}" for room in clearances(sensor.design) if part.name in room.held_by)
+
+
+def count(sensor: BuiltSensor, part: BuiltPart) -> int:
+    """How many the bill of materials has."""
+    return next(item.count for item in sensor.bill if item.name == part.name)
