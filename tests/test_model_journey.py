@@ -1,4 +1,4 @@
-"""From nothing to a force model with one command, as small as it can be; and what a model's card says."""
+"""From nothing to a force model of one's own design with one command, as small as it can be; and what a model's card says."""
 
 import json
 import subprocess
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.force.model_file import read_model
 from ninedtact.force.shipped import SHIPPED
@@ -17,16 +18,23 @@ from ninedtact.cli import main
 from ninedtact.cli.force.model.recipe import RECIPES, Recipe
 if __name__ == "__main__":
     RECIPES["small"] = Recipe(80, 1, 2, 24, 1, held_out="standard", pitch_mm=0.4, judged_pitch_mm=0.4)
-    sys.exit(main(["model", "make", "--out", sys.argv[1], "--workers", "1", "--json"]))
+    sys.exit(main(["model", "make", "--out", sys.argv[1], "--design", sys.argv[2], "--workers", "1", "--json"]))
 """
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which a model was made, in a process without type checks: three calibrations would take minutes with them."""
-    out = tmp_path_factory.mktemp("model") / "made"
-    subprocess.run([sys.executable, "-c", MAKE_SMALLEST, str(out)], check=True)
-    return out
+    folder = tmp_path_factory.mktemp("model")
+    (folder / "wider.toml").write_text("[sensing_area]\nwidth_mm = 27\nheight_mm = 20\n[camera]\ndistance_mm = 15.5\n")
+    command = [sys.executable, "-c", MAKE_SMALLEST, str(folder / "made"), str(folder / "wider.toml")]
+    subprocess.run(command, check=True)
+    return folder / "made"
+
+
+def test_the_model_is_that_of_the_design(made: Path) -> None:
+    assert read_model(made / "model.onnx").card.input.mm_per_px == pytest.approx(0.3 * 27 / 24)
+    assert load_sensor(made / "sensor").record.design.sensing_area.width_mm == 27
 
 
 def test_the_card_tells_what_it_was_judged_on(made: Path) -> None:

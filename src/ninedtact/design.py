@@ -184,7 +184,7 @@ RANGES = {
     "gel.shear_modulus_mpa": (0.003, 3.0),
     "sensing_area.width_mm": (4.0, 200.0),
     "sensing_area.height_mm": (4.0, 200.0),
-    "camera.distance_mm": (2.0, 200.0),
+    "camera.distance_mm": (2.0, 1e7),
     "field_of_view.rows": (16, 4000),
     "field_of_view.cols": (16, 4000),
     "field_of_view.raw_long_side_px": (64, 10_000),
@@ -195,7 +195,7 @@ RANGES = {
     "ball.radius_mm": (0.5, 60.0),
 }
 """Least and most of a sensor's dimensions: what moulds, silicones, lenses, printers and a computer's memory can do. Gels that are
-no sensor's, as those of closed forms, are free."""
+no sensor's, as those of closed forms, are free; a camera very far away is one whose lines of sight are parallel."""
 
 
 @dataclass(frozen=True)

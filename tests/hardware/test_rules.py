@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from told_and_measured import require_agreement
 
-from ninedtact.design import DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
+from ninedtact.design import Camera, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
 from ninedtact.hardware.design import HardwareDesign, default_hardware, original_hardware
 from ninedtact.hardware.design_file import PARTS
 from ninedtact.hardware.dimensions.base import Base
@@ -62,6 +62,7 @@ BREAKING = {
     "ring_has_no_mouth": replace(default_hardware(), ring=Ring(land_mm=1.0)),
     "inserts_do_not_hold": replace(default_hardware(), fasteners=Fasteners(insert_mm=(2.0, 5.09))),
     "usb_slot": replace(default_hardware(), shell=Shell(slot_to_mm=4.0)),
+    "camera_too_far": default_hardware(SensorDesign(camera=Camera(distance_mm=500.0))),
     "window_cuts_the_view": replace(
         default_hardware(), window=Window(9.0, 5.0), shell=Shell(hole_mm=8.0), ring=Ring(bore_mm=10.0)
     ),

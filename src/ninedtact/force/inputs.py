@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.design import FieldOfView
+from ninedtact.design import FieldOfView, SensingArea
 from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import DeformationReader, Layout, channels, network_input, parts
 from ninedtact.force.places import PlaceGrid, heights_at_places
@@ -99,6 +99,11 @@ def with_size(settings: InputSettings, size: tuple[int, int]) -> InputSettings:
     cols, rows = size
     width_mm = settings.cols * settings.mm_per_px
     return replace(settings, rows=rows, cols=cols, mm_per_px=width_mm / cols if cols else 0.0)
+
+
+def with_width(settings: InputSettings, width_mm: float) -> InputSettings:
+    """The same pixels on skin of another width than the published sensor's."""
+    return replace(settings, mm_per_px=settings.mm_per_px * (width_mm / SensingArea().width_mm))
 
 
 @dataclass

@@ -31,7 +31,7 @@ START = {"thickness_mm": 2.0, "scattering_mm": 0.45, "saturation": 0.4, "nearnes
 RULE_BIAS_MM = 0.1
 """By how much the rule of the disc's edge is usually too deep."""
 WIDEST_GUESS = 0.95
-"""Of the ball's radius: a disc that is wider, in thick gel, is taken for no wider."""
+"""Of the ball's radius, where the disc is wider than the ball, as in thick gel, and tells no depth."""
 DRAG_PER_ASYMMETRY_MM = 3.0
 """Usual drag of a press with this unevenness of its bulge; only to start from."""
 TRIES = 40
@@ -168,7 +168,7 @@ def fit_twin(
 def first_guess(forward: Forward, circle: ContactCircle) -> Vector:
     """From the disc: its middle, the depth by the rule of its edge, the drag by its uneven bulge."""
     radius_mm, ball_mm = circle.radius_px * forward.observed.before.mm_per_px, forward.design.ball.radius_mm
-    radius_mm = min(radius_mm, WIDEST_GUESS * ball_mm)
+    radius_mm = radius_mm if radius_mm < ball_mm else WIDEST_GUESS * ball_mm
     depth_mm = ball_mm - np.sqrt(ball_mm**2 - radius_mm**2) - RULE_BIAS_MM
     drag = DRAG_PER_ASYMMETRY_MM * np.array(circle.leaning)
     x, y = forward.observed.middle_mm

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from ninedtact.cli.answer import answer
-from ninedtact.cli.force.training_data import Division, HeldOut, TrainingData
+from ninedtact.cli.force.training_data import Division, HeldOut, TrainingData, designed_width_mm
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -118,8 +118,11 @@ class Train:
 
     @property
     def settings(self) -> "TrainingSettings":
-        """The preset with what was asked for otherwise; raises `TrainingImpossible`, `NetworkUnknown`."""
-        from ninedtact.force.inputs import Channels, with_size
+        """The preset with what was asked for otherwise, on skin as wide as that of the data's twins.
+
+        Raises `TrainingImpossible`, `NetworkUnknown`.
+        """
+        from ninedtact.force.inputs import Channels, with_size, with_width
         from ninedtact.force.training.settings import PRESETS
 
         preset = PRESETS[self.preset]
@@ -127,6 +130,8 @@ class Train:
             preset.input if self.channels is None else replace(preset.input, channels=Channels[self.channels.upper()])
         )
         grid = shown if self.size is None else with_size(shown, self.size)
+        if (width_mm := designed_width_mm(self.data)) is not None:
+            grid = with_width(grid, width_mm)
         asked = {
             name: getattr(self, name)
             for name in ("network", "epochs", "batch", "learning_rate")

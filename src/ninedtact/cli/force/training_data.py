@@ -68,6 +68,12 @@ class TrainingData:
         ), pairs.ids.tolist()
 
 
+def designed_width_mm(data: Path) -> float | None:
+    """Of the sensing area that the twins of a data set were meant to have; none of a data set of real sensors."""
+    widths = (member.design.sensing_area.width_mm for member in members_of(data).values())
+    return max(widths, default=None)
+
+
 def at_one_modulus(examples: "Examples", members: Mapping[str, "SensorMember"]) -> "Examples":
     """Wrenches of twins as gels of the design's modulus would have given them; real ones as they were measured."""
     import numpy as np

@@ -21,6 +21,7 @@ from ninedtact.hardware.rules.room import (
 )
 from ninedtact.hardware.rules.rule import Broken, RulesBroken
 from ninedtact.hardware.rules.view import (
+    camera_too_far,
     lens_does_not_see_the_corner,
     pins_out_of_view,
     pins_too_close,
@@ -38,6 +39,7 @@ RULES: tuple[Rule, ...] = (
     posts_misplaced,
     usb_slot_misplaced,
     ramp_has_no_room,
+    camera_too_far,
     lens_does_not_see_the_corner,
     window_cuts_the_view,
     pins_out_of_view,

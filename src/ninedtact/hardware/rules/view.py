@@ -6,8 +6,19 @@ from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.optics import corner_mm, distance_to_see_mm, reach_mm
 from ninedtact.hardware.rules.rule import Broken
 
+FARTHEST_MM = 200.0
 APART_MM = 0.6
 """Least skin between pins: imprints must not run into each other."""
+
+
+def camera_too_far(design: HardwareDesign) -> Iterator[Broken]:
+    """A sensor as tall as an arm."""
+    distance = design.sensor.camera.distance_mm
+    if distance > FARTHEST_MM:
+        yield Broken(
+            "camera_too_far",
+            f"expected the camera at most {FARTHEST_MM:g} mm from the skin, got {distance:g} mm; lessen camera.distance_mm",
+        )
 
 
 def lens_does_not_see_the_corner(design: HardwareDesign) -> Iterator[Broken]:

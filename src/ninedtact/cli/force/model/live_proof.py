@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ninedtact.cli.force.model.recipe import SHOW_SEED
+from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:
     from ninedtact.simulation.stage import Stage
     from ninedtact.simulation.twin import Twin
 
 OBJECT, DEPTH_MM, DRAG_MM, TWIST_DEG = "ball:5", 1.1, (0.8, 0.3), 8.0
+DEEPEST_PART = 0.5
+"""Of the gel's thickness."""
 HZ, EVERY, PICTURES = 20.0, 8, 10
 HEADINGS = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
@@ -34,8 +37,11 @@ class Shown:
         return f"{self.seconds:5.1f} s " + "".join(f"  {true:+7.2f} {found:+7.2f}" for true, found in pairs)
 
 
-def live(model: Path, sensor_folder: Path) -> Iterator[Shown]:
-    """Some moments of a touch; the twin's own calibration is left in the folder. Its gel is as stiff as a weighing would tell."""
+def live(model: Path, sensor_folder: Path, design: SensorDesign = SensorDesign()) -> Iterator[Shown]:
+    """Some moments of a touch of a twin of this design, whose own calibration is left in the folder.
+
+    Its gel is as stiff as a weighing would tell.
+    """
     from ninedtact.calibration.sensor_folder import load_sensor
     from ninedtact.cli.force.estimators import gel_of, on_sensor
     from ninedtact.cli.force.own_sensors import calibrate_twin
@@ -44,11 +50,11 @@ def live(model: Path, sensor_folder: Path) -> Iterator[Shown]:
     from ninedtact.simulation.camera import SimulatedCamera
     from ninedtact.simulation.population.member import member
 
-    twin_of = member(0, SHOW_SEED)
+    twin_of = member(0, SHOW_SEED, design=design)
     calibrate_twin(twin_of, sensor_folder)
     folder, twin = load_sensor(sensor_folder), twin_of.twin()
     gel = replace(gel_of(folder), shear_modulus_mpa=twin_of.gel.shear_modulus_mpa)
-    stage = touched(twin)
+    stage = touched(twin, min(DEPTH_MM, DEEPEST_PART * design.gel.thickness_mm))
     untouched = folder.shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-PICTURES, 0)))
     estimator = on_sensor(str(model), folder.shape, gel)
     with Sensor(SimulatedCamera(stage), folder.shape, depth=untouched, estimator=estimator) as sensor:
@@ -58,12 +64,12 @@ def live(model: Path, sensor_folder: Path) -> Iterator[Shown]:
                 yield Shown(reading.frame.index / HZ, true, reading.force.wrench.six)
 
 
-def touched(twin: "Twin") -> "Stage":
+def touched(twin: "Twin", depth_mm: float) -> "Stage":
     """One touch, no step of which is skipped."""
     from ninedtact.mechanics.pose import Pose
     from ninedtact.simulation.motion import touch
     from ninedtact.simulation.objects.named import object_for
     from ninedtact.simulation.stage import Act, Stage
 
-    motion = touch(Pose(depth_mm=DEPTH_MM), drag_mm=DRAG_MM, twist_rad=radians(TWIST_DEG))
+    motion = touch(Pose(depth_mm=depth_mm), drag_mm=DRAG_MM, twist_rad=radians(TWIST_DEG))
     return Stage(twin, [Act(object_for(OBJECT), motion)], hz=HZ, real_time=False, rounds=1)

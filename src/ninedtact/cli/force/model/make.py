@@ -2,12 +2,13 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.answer import answer
 from ninedtact.cli.force.model.recipe import RECIPES, Recipe
+from ninedtact.cli.options import DesignFile, design_or_published
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ class Make:
     """small: a few minutes, to see that it works; shipped: the model of the package."""
     name: str = "moments"
     """What the model is called."""
+    design_file: DesignFile = None
+    """Design file (TOML) of the sensors that the model is for; the published sensor if not given."""
     workers: int = 2
     """Processes that simulate and calibrate."""
     json: bool = False
@@ -48,8 +51,9 @@ class Make:
 
         require_libraries()
         try:
+            recipe = replace(RECIPES[self.recipe], design=design_or_published(self.design_file))
             self.out.mkdir(parents=True, exist_ok=True)
-            return self.made(RECIPES[self.recipe])
+            return self.made(recipe)
         except KeyboardInterrupt:
             raise MakingStopped(
                 f"stopped by Ctrl-C; nothing in {self.out} was written half; run the command again to go on where it stopped"
@@ -67,7 +71,7 @@ class Make:
         self.say("3 of 4: judged on sensors and objects that it never saw")
         card = self.carded()
         self.say("4 of 4: live on one more twin")
-        shown = list(live(self.model, self.out / SENSOR))
+        shown = list(live(self.model, self.out / SENSOR, recipe.design))
         figures = {"model": str(self.model), "card": str(self.out / PAGE), "evaluation": card.evaluation}
         return answer(self.json, figures, self.lines(card, shown))
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ninedtact.design import SensorDesign
+
 if TYPE_CHECKING:
     from ninedtact.cli.force.train import Precision
     from ninedtact.cli.force.training_data import HeldOut
@@ -34,6 +36,8 @@ class Recipe:
     pitch_mm: float = 0.3
     judged_pitch_mm: float = 0.2
     """Of the grids on which contacts are solved: what is judged on is solved finer than what is learnt from."""
+    design: SensorDesign = SensorDesign()
+    """What all twins were meant to be."""
 
     @property
     def to_learn(self) -> "DatasetSettings":
@@ -41,7 +45,12 @@ class Recipe:
         from ninedtact.simulation.dataset.settings import DatasetSettings
 
         return DatasetSettings(
-            self.pairs, sensors=self.sensors, names=objects(held_out=False), seed=LEARN_SEED, pitch_mm=self.pitch_mm
+            self.pairs,
+            sensors=self.sensors,
+            names=objects(held_out=False),
+            seed=LEARN_SEED,
+            pitch_mm=self.pitch_mm,
+            design=self.design,
         )
 
     @property
@@ -57,6 +66,7 @@ class Recipe:
             seed=JUDGE_SEED,
             kinds=Kinds(compliant_base=0.15, finite_strain=0.15),
             pitch_mm=self.judged_pitch_mm,
+            design=self.design,
         )
 
 
