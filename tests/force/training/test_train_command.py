@@ -173,7 +173,7 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
 ) -> None:
     tried: list[str] = []
 
-    def refuse(pictures: object, *, sensor_id: str) -> None:
+    def refuse(pictures: object, design: object, *, sensor_id: str) -> None:
         tried.append(sensor_id)
         raise NinedtactError("expected a ball, got none; press one")
 
