@@ -27,6 +27,7 @@ from ninedtact.recording.dataset.report import NothingUsable
 from ninedtact.recording.dataset.sources.source import SourceUnknown
 from ninedtact.recording.dataset.sources.table import DataSetUnfinished
 from ninedtact.recording.dataset.workers import WorkersImpossible
+from ninedtact.simulation.rectified import mm_per_px
 from ninedtact.whole_file import FileNotWritten
 
 KEPT = ("reference", "wrench", "object", "contact", "step", "time_ns", "sensor", "kind")
@@ -50,7 +51,7 @@ def test_the_twin_s_output_comes_through_byte_by_byte(twins: Path, tmp_path: Pat
     for old, new in zip(before, after, strict=True):
         assert new["picture"]["bytes"] == old["picture"]["bytes"]
         assert [new[name] for name in KEPT] == [old[name] for name in KEPT]
-        assert new["mm_per_px"] == pytest.approx(24 / 64)
+        assert new["mm_per_px"] == old["mm_per_px"] == pytest.approx(mm_per_px((64, 48)))
     assert len({row["id"] for row in after}) == 18
     for name, picture in references_in(twins).items():
         assert np.array_equal(references_in(tmp_path / "out")[name], picture)

@@ -17,6 +17,7 @@ from ninedtact.recording.dataset.columns import DataSetDamaged
 from ninedtact.recording.dataset.decoded import SizeImpossible
 from ninedtact.recording.dataset.reader import DataSet
 from ninedtact.recording.dataset.sources.source import Statements
+from ninedtact.simulation.rectified import mm_per_px
 from ninedtact.whole_file import FileNotWritten
 
 
@@ -49,7 +50,7 @@ def test_pictures_are_means_over_areas_at_the_size_asked_for(folder: Path) -> No
     for picture, row in zip(pictures, rows, strict=True):
         means = decoded(row["picture"]).reshape(24, 2, 32, 2).mean((1, 3))
         assert np.abs(picture - means).max() <= 0.5
-    assert pairs.mm_per_px == pytest.approx(24 / 32)
+    assert pairs.mm_per_px == pytest.approx(mm_per_px((32, 24)))
 
 
 def test_a_built_set_reads_like_the_twin_s(folder: Path, tmp_path: Path) -> None:
@@ -68,7 +69,7 @@ def test_what_is_not_known_is_said_so(tree: LittleTree, folder: Path, tmp_path: 
     assert of_tree.sum() == 6
     assert (pairs.times_ns[of_tree] == -1).all()
     assert np.isnan(pairs.mm_per_px[of_tree]).all()
-    assert pairs.mm_per_px[~of_tree] == pytest.approx(24 / 32)
+    assert pairs.mm_per_px[~of_tree] == pytest.approx(mm_per_px((32, 24)))
     built_from(tmp_path / "scaled", tree.root, statements=Statements(mm_per_px=0.5))
     assert DataSet.open(tmp_path / "scaled", size=(24, 18)).mm_per_px == pytest.approx(1.0)
 
