@@ -21,7 +21,7 @@ from ninedtact.calibration.flow import Calibration
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.shape.calibrated import mean_rectified
 from ninedtact.shape.depth import DepthReader, Smoothing
-from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_pictures
 from ninedtact.simulation.population.member import SensorMember, member
 from ninedtact.simulation.population.parts import Kinds
 from ninedtact.simulation.press import Press
@@ -30,10 +30,6 @@ from ninedtact.simulation.truth import heights_like
 READINGS = ("physics", "physics, fast", "ratio", "table")
 OTHER_BALL = Ball(5.0)
 DEEPER_THAN_MM = 0.05
-GUIDED_FRAMES = 8
-"""Averaged for each calibration picture, as `ninedtact calibrate --source` does."""
-BOARD_MM = 0.85
-"""How deep the pin board is pressed: real imprints are at least as dark as these (benchmarks/board_accuracy.py)."""
 LIMIT_MM = 0.020
 PUBLISHED = {"MAE": 0.0462, "Std": 0.0304}
 KINDS: dict[str, Kinds] = {
@@ -77,7 +73,9 @@ def summary(kind: str, found: list[dict[str, Errors]]) -> Iterator[Figure]:
 def sensor_errors(who: SensorMember, presses: int, seed: int) -> dict[str, Errors]:
     """One sensor, calibrated and pressed."""
     twin = who.twin()
-    made = calibrate(CalibrationPictures(**vars(gauge_pictures(twin, board_depth_mm=BOARD_MM, frames=GUIDED_FRAMES))))
+    made = calibrate(
+        CalibrationPictures(**vars(gauge_pictures(twin, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)))
+    )
     untouched = mean_rectified([made.rectify(Frame(twin.renderer(None, 100 + number))) for number in range(10)])
     readers, rng = dict(readings(made, untouched)), np.random.default_rng(seed)
     pressed = [press_errors(who, made, readers, rng, 200 + number) for number in range(presses)]

@@ -21,11 +21,13 @@ def whole_folder(final: Path) -> Iterator[Path]:
 
 
 def foreign(folder: Path, belongs: Callable[[str], bool]) -> list[str]:
-    """What would be lost if the folder were replaced: its files whose path within it (with /) does not belong; none where nothing
-    is there, its own name where it is a file."""
+    """What would be lost if the folder were replaced: its files and links whose path within it (with /) does not belong; none where
+    nothing is there, its own name where it is a file."""
     if not folder.is_dir():
         return [folder.name] if folder.exists() else []
-    files = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
+    files = (
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()
+    )
     return sorted(file for file in files if not belongs(file))
 
 

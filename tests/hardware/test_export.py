@@ -22,7 +22,7 @@ from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.hardware.assembly.bodies import Body
 from ninedtact.hardware.design import default_hardware
 from ninedtact.hardware.export.cutting import dxf
-from ninedtact.hardware.export.folder import require_replaceable
+from ninedtact.hardware.export.folder import FolderRefused, require_replaceable
 from ninedtact.hardware.export.solid_files import printable, step
 from ninedtact.hardware.materials import WHITE_NYLON
 from ninedtact.hardware.parts.catalogue import CATALOGUE
@@ -220,6 +220,13 @@ def test_a_folder_with_anything_of_ones_own_is_left_alone(
     assert main(["hardware", "export", "--out", str(tmp_path / "letters")]) == 1
     assert "choose another name" in capsys.readouterr().err
     assert (tmp_path / "letters" / "src" / "mine.txt").read_text() == "keep"
+
+
+def test_a_link_of_ones_own_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "projects").symlink_to(tmp_path, target_is_directory=True)
+    with pytest.raises(FolderRefused, match="projects"):
+        require_replaceable(tmp_path / "parts")
 
 
 def test_an_older_export_may_be_replaced_and_leaves_nothing_behind(folder: Path) -> None:

@@ -188,8 +188,8 @@ def require_replaceable(final: Path) -> None:
     is_sensor = (final / RECORD).is_file()
     if strange := foreign(final, lambda file: is_sensor and belongs(file)):
         raise SensorFolderRefused(
-            f"expected --out to be new, empty or a sensor folder, got {final} with other content ({strange[0]}); choose another "
-            "name"
+            f"expected to write a new or empty folder, or a sensor folder, got {final} with other content ({strange[0]}); move "
+            "that away, or choose another name"
         )
 
 

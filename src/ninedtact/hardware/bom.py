@@ -101,10 +101,9 @@ def tools(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Item]:
     yield Item(
         "tool", "ball", 1, f"steel ball, diameter {2 * design.sensor.ball.radius_mm:g} mm, to calibrate with", 0.5
     )
-    yield Item("tool", "light cable", 1, "micro-USB cable and any 5 V USB supply, for the LEDs", 2.0)
-    yield Item(
-        "tool", "camera adapter", 1, "from the camera's flat cable to USB (UVC), as the camera's seller offers it", 5.0
-    )
+    yield Item("tool", "light cable", 1, "micro-USB cable, any 5 V USB supply; one for each sensor in use", 2.0)
+    adapter = "from the camera's flat cable to USB (UVC), as its seller offers it; one for each sensor in use"
+    yield Item("tool", "camera adapter", 1, adapter, 5.0)
     yield Item("tool", "glue", 1, "clear silicone glue or UV glue for the window; release agent for the moulds", 4.0)
 
 

@@ -49,8 +49,6 @@ def designed_light(design: SensorDesign) -> Light:
 
 def carried_light(light: Light, design: SensorDesign) -> Light:
     """The light of a sensor of the published design → that through the gel of another, seen from its distance."""
-    if design.gel.thickness_mm == AVERAGE.gel.thickness_mm and design.camera.distance_mm == AVERAGE.camera.distance_mm:
-        return light
     thicker = design.gel.thickness_mm / AVERAGE.gel.thickness_mm
     steeper = slope_per_mm(design.gel.thickness_mm, light) / slope_per_mm(AVERAGE.gel.thickness_mm, light)
     return replace(

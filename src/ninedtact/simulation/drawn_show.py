@@ -8,17 +8,13 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ninedtact.quantities import HeightMap, Wrench
 from ninedtact.simulation.drawn_press import DPI, INK, titled
 from ninedtact.simulation.picture import Image
+from ninedtact.simulation.truth import mean_error_mm
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-DIFFERENT = 0.05
-"""Heights count as pressed in from here on, in mm: what the noise of a picture stays below."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +35,7 @@ class Answer:
     @property
     def mean_error_mm(self) -> float:
         """Mean absolute error where the skin is pressed in."""
-        pressed = self.true.z_mm < -DIFFERENT
-        return float(np.abs(self.seen.z_mm - self.true.z_mm)[pressed].mean()) if pressed.any() else 0.0
+        return mean_error_mm(self.true, self.seen)
 
 
 def drawn_show(answers: Sequence[Answer]) -> bytes:

@@ -21,6 +21,8 @@ PINS_PER_CELL = 20
 PIN_TALL_MM = 1.5
 """Over the floor of the published board."""
 BOARD_DEPTH_MM = 0.7
+GUIDED_FRAMES, GUIDED_BOARD_MM = 8, 0.85
+"""Pictures averaged for each, as a guided calibration does; how deep a board is pressed whose imprints are as dark as real ones."""
 BALL_DEPTH_MM = 1.8
 BALL_DRAG_MM = 0.2, -0.12
 """A hand never presses straight."""

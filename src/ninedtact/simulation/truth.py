@@ -11,6 +11,9 @@ from ninedtact.mechanics.per_contact import on_cpu
 from ninedtact.quantities import Coverage, HeightMap, centred_axis_mm
 from ninedtact.simulation.seeing import Sight, grid, sampled
 
+PRESSED_MM = 0.05
+"""Heights count as pressed in from here on: what the noise of a picture stays below."""
+
 
 def heights(contact: Contact, shape: tuple[int, int], mm_per_px: float, nearness_per_mm: float = 0.0) -> HeightMap:
     """Height of the skin on a grid of this shape about the sensor's middle.
@@ -30,6 +33,12 @@ def heights_like(contact: Contact, seen: HeightMap, nearness_per_mm: float) -> H
     """The heights that a reconstruction should have given, pixel by pixel."""
     true = heights(contact, seen.z_mm.shape, seen.mm_per_px, nearness_per_mm)
     return replace(true, coverage=seen.coverage, stamp_ns=seen.stamp_ns)
+
+
+def mean_error_mm(true: HeightMap, seen: HeightMap) -> float:
+    """Mean absolute error of a reconstruction where the skin is pressed in; zero where it is not."""
+    pressed = true.z_mm < -PRESSED_MM
+    return float(np.abs(seen.z_mm - true.z_mm)[pressed].mean()) if pressed.any() else 0.0
 
 
 def pressure_mpa(contact: Contact, shape: tuple[int, int], mm_per_px: float) -> Float32[Array, "rows cols"]:

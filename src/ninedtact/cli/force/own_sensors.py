@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ninedtact.simulation.population.member import SensorMember
 
 REFUSED = "refused.txt"
-OWN, FRAMES, BOARD_MM = "sensors", 8, 0.85
-"""Folder in the data set; pictures averaged for each as a guided calibration averages them; how deep the board is pressed."""
+OWN = "sensors"
+"""Folder in the data set."""
 
 
 class SensorsNotKnown(NinedtactError):
@@ -96,9 +96,9 @@ def calibrate_twin(member: "SensorMember", out: Path) -> None:
     """A sensor folder of it, or the reason why there can be none."""
     from ninedtact.calibration.flow import CalibrationPictures, calibrate
     from ninedtact.calibration.written import write_sensor
-    from ninedtact.simulation.gauges import gauge_pictures
+    from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_pictures
 
-    pictures = gauge_pictures(member.twin(), member.design, board_depth_mm=BOARD_MM, frames=FRAMES)
+    pictures = gauge_pictures(member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
     try:
         made = calibrate(CalibrationPictures(**vars(pictures)), member.design, sensor_id=member.name)
     except NinedtactError as refusal:

@@ -28,8 +28,8 @@ def require_replaceable(out: Path) -> None:
     ours = exported(out / MANIFEST)
     if strange := foreign(out, ours.__contains__):
         raise FolderRefused(
-            f"expected --out to be new, empty or written by this command, got {out} with other content ({strange[0]}); choose "
-            "another name"
+            f"expected --out to be new, empty or written by this command, got {out} with other content ({strange[0]}); move that "
+            "away, or choose another name"
         )
 
 
