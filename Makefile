@@ -22,15 +22,15 @@ types: .venv/ready
 	.venv/bin/mypy
 
 # A simulated sensor in the browser: calibrated, pressed, dragged and twisted; at a terminal Ctrl-C ends it, without one it
-# ends by itself. Left in out/demo. Where there are real pictures it is the twin of the sensor that took them.
+# ends by itself. Left in out/demo. Where there are real images it is the twin of the sensor that took them.
 demo: .venv/ready
 	@if test -f $(REAL)/sensor_a/ball.png; \
 	then $(CALIBRATE_A) && .venv/bin/ninedtact demo --out out/demo --sensor out/demo/sensor_a; \
 	else .venv/bin/ninedtact demo --out out/demo; fi
 
-# One real sensor calibrated from its pictures, one press reconstructed. Left in out/real.
+# One real sensor calibrated from its images, one press reconstructed. Left in out/real.
 real: .venv/ready
-	@test -d $(REAL)/sensor_a || { echo "expected real pictures in $(REAL), got none; set NINEDTACT_REAL_DATA to a folder of them"; exit 1; }
+	@test -d $(REAL)/sensor_a || { echo "expected real images in $(REAL), got none; set NINEDTACT_REAL_DATA to a folder of them"; exit 1; }
 	$(subst out/demo,out/real,$(CALIBRATE_A))
 	.venv/bin/ninedtact reconstruct --sensor out/real/sensor_a \
 	  --reference $(REAL)/sensor_a/ball_reference.png $(REAL)/sensor_a/ball.png --out out/real/ball

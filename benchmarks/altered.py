@@ -1,7 +1,7 @@
-"""Real pictures as another sensor, another light or another hand would have given them.
+"""Real images as another sensor, another light or another hand would have given them.
 
-Every alteration takes a pair (untouched, pressed) of float pictures (rows, cols, 3) and gives a pair of uint8 pictures.
-Where light or contrast is altered, fresh noise of one real frame is added, as the altered pictures have lost some of theirs.
+Every alteration takes a pair (untouched, pressed) of float images (rows, cols, 3) and gives a pair of uint8 images.
+Where light or contrast is altered, fresh noise of one real frame is added, as the altered images have lost some of theirs.
 """
 
 import cv2
@@ -13,9 +13,9 @@ FRAME_NOISE = 0.6
 """Grey levels of one pixel of one frame."""
 
 
-def quantised(picture: np.ndarray, noise: float = 0.0, seed: int = 0) -> np.ndarray:
+def quantised(image: np.ndarray, noise: float = 0.0, seed: int = 0) -> np.ndarray:
     """As the camera gives it: noise, then 8 bits."""
-    noisy = picture + np.random.default_rng(seed).normal(0, noise, picture.shape) if noise else picture
+    noisy = image + np.random.default_rng(seed).normal(0, noise, image.shape) if noise else image
     return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
 
@@ -31,7 +31,7 @@ def fainter(pair: Pair, part: float, noise: float = FRAME_NOISE) -> Pair:
 
 
 def seen_through(pair: Pair, homography: np.ndarray) -> Pair:
-    """The picture's plane moved by a homography, its edges repeated outside."""
+    """The image's plane moved by a homography, its edges repeated outside."""
     rows, cols = pair[0].shape[:2]
     warped = [
         cv2.warpPerspective(p, homography, (cols, rows), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -56,7 +56,7 @@ def tilted(pair: Pair, along_x: float, along_y: float) -> Pair:
 
 
 def quarter_turned(pair: Pair, turns: int) -> Pair:
-    turned = [np.ascontiguousarray(np.rot90(picture, turns)) for picture in pair]
+    turned = [np.ascontiguousarray(np.rot90(image, turns)) for image in pair]
     return both(*turned)
 
 
@@ -67,20 +67,20 @@ def vignetted(pair: Pair, strength: float) -> Pair:
 
 
 def glaring(pair: Pair, at: tuple[float, float], width: float, levels: float, left: float) -> Pair:
-    """A spot of stray light, of which the press leaves a part; place and width as parts of the picture."""
+    """A spot of stray light, of which the press leaves a part; place and width as parts of the image."""
     spot = levels * np.exp(-0.5 * (distance(pair[0].shape, at) / width) ** 2)[..., None]
     return both(pair[0] + spot, pair[1] + left * spot, FRAME_NOISE)
 
 
 def resized(pair: Pair, factor: float) -> Pair:
     way = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
-    larger = [cv2.resize(picture, None, fx=factor, fy=factor, interpolation=way) for picture in pair]
+    larger = [cv2.resize(image, None, fx=factor, fy=factor, interpolation=way) for image in pair]
     return both(*larger)
 
 
 def compressed(pair: Pair, quality: int) -> Pair:
     """Through JPEG and back."""
-    files = [cv2.imencode(".jpg", quantised(picture), [cv2.IMWRITE_JPEG_QUALITY, quality])[1] for picture in pair]
+    files = [cv2.imencode(".jpg", quantised(image), [cv2.IMWRITE_JPEG_QUALITY, quality])[1] for image in pair]
     untouched, pressed = (cv2.imdecode(file, cv2.IMREAD_COLOR) for file in files)
     return untouched, pressed
 
@@ -95,6 +95,6 @@ def without(pair: Pair, points_px: np.ndarray, radius_px: float = 28) -> Pair:
 
 
 def distance(shape: tuple[int, ...], at: tuple[float, float]) -> np.ndarray:
-    """From a place given in parts of the picture, in half diagonals."""
+    """From a place given in parts of the image, in half diagonals."""
     y, x = np.indices(shape[:2])
     return np.hypot(x - at[0] * shape[1], y - at[1] * shape[0]) / (np.hypot(*shape[:2]) / 2)

@@ -1,7 +1,7 @@
-"""How well the depth curve from one real ball press reads the ball back, and whether the camera's nearness is in the picture.
+"""How well the depth curve from one real ball press reads the ball back, and whether the camera's nearness is in the image.
 
 A curve from one half of the disc reads the other half (mean absolute error over four cuts; centre and radius of the disc
-are found on the whole). No depth was measured when the pictures were taken: the truth is the ball, in the disc where it was seen.
+are found on the whole). No depth was measured when the images were taken: the truth is the ball, in the disc where it was seen.
 
 The camera stands 14 mm under the skin, so its lines of sight are not parallel. The paper leaves that out, as if the
 camera were infinitely far. Here the distance is varied: if it matters, the error is least near the true one.
@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import tyro
 from figures import Figure, answer, at_most, holds
-from real_pictures import sensor_folder
+from real_images import sensor_folder
 
-from ninedtact import SensorDesign, read_picture
+from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.ball.contact_circle import BallRefused
 from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball
 from ninedtact.calibration.ball.judgement import reference_warnings
@@ -49,7 +49,7 @@ def ball_accuracy(json: bool = False) -> None:
 
 def grid(folder: Path) -> Rectification:
     """The sensor's rectification, from its board."""
-    reference, press = (read_picture(folder / f"{name}.png") for name in ("board_reference", "board"))
+    reference, press = (read_image(folder / f"{name}.png") for name in ("board_reference", "board"))
     return lens_on_grid(fit_board(reference, press, SensorDesign().pin_board), SensorDesign(), "lens")
 
 
@@ -57,7 +57,7 @@ def fitted(folder: Path, rectify: Rectification, method: Method, distance_mm: fl
     """The ball press read with the camera at this distance."""
     design = SensorDesign()
     design = replace(design, camera=replace(design.camera, distance_mm=float(distance_mm)))
-    reference, press = (read_picture(folder / f"{name}.png") for name in ("ball_reference", "ball"))
+    reference, press = (read_image(folder / f"{name}.png") for name in ("ball_reference", "ball"))
     return fit_ball(rectify, reference, press, design, method)
 
 
@@ -89,15 +89,15 @@ def warned(name: str) -> Figure:
     """A sheared press is used, with a word."""
     folder = sensor_folder(name)
     fit = fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
-    pictures = (read_picture(folder / f"{picture}.png") for picture in ("board_reference", "ball_reference"))
-    words = [*fit.warnings, *reference_warnings(*pictures)]
+    images = (read_image(folder / f"{image}.png") for image in ("board_reference", "ball_reference"))
+    words = [*fit.warnings, *reference_warnings(*images)]
     return holds(
         f"{name}: warned", " | ".join(words) or "no warning", "a warning", any("asymmetric" in w for w in words)
     )
 
 
 def refused(name: str) -> Figure:
-    """A picture without contact is refused."""
+    """An image without contact is refused."""
     folder = sensor_folder(name)
     try:
         fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)

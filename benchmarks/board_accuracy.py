@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import tyro
 from figures import Figure, answer, at_most, holds
-from real_pictures import sensor_folders
+from real_images import sensor_folders
 
-from ninedtact import SensorDesign, read_picture
+from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.board.fit import BoardFit, fit_board
 from ninedtact.calibration.board.lens_fit import LensFit, fit_terms, rms_length
 from ninedtact.calibration.board.paper import integer_centres, left_out_errors_mm
@@ -33,7 +33,7 @@ def board_accuracy(json: bool = False) -> None:
 
 def measured(folder: Path) -> Iterator[Figure]:
     """All figures of one board."""
-    reference, press = (read_picture(folder / f"{name}.png") for name in ("board_reference", "board"))
+    reference, press = (read_image(folder / f"{name}.png") for name in ("board_reference", "board"))
     start = time.perf_counter()
     board = fit_board(reference, press, SensorDesign().pin_board)
     seconds = time.perf_counter() - start

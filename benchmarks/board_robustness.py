@@ -1,8 +1,8 @@
-"""Whether the board is found with the defaults in altered real pictures, and refused where there is none.
+"""Whether the board is found with the defaults in altered real images, and refused where there is none.
 
 Every sensor's real pair is altered in some forty ways (`trials.py`); a summary line says, per kind, in how many pairs
 the board was found, in how many of them with every pin that is there, the worst left-out error, and how many pins were
-claimed that had been taken away. With `--every` each pair has its own line. Pictures without a board, and boards with too
+claimed that had been taken away. With `--every` each pair has its own line. Images without a board, and boards with too
 much missing, must all be refused.
 """
 
@@ -42,7 +42,7 @@ def board_robustness(every: bool = False, json: bool = False) -> None:
     figures = [Figure(f"{one.trial.kind}: {one.trial.name}", one.in_words) for one in outcomes] if every else []
     for kind in dict.fromkeys(one.trial.kind for one in outcomes):
         figures.append(summary(kind, [one for one in outcomes if one.trial.kind == kind]))
-    answer("Finding the board in altered real pictures", figures, json)
+    answer("Finding the board in altered real images", figures, json)
 
 
 def outcome(trial: Trial) -> Outcome:

@@ -35,7 +35,7 @@ AREA_MM, PITCH_MM, MARGIN_MM = (24.0, 18.0), 0.2, 4.0
 BALL, GEL = Ball(4.0), Gel()
 TOLERANCES = (1e-2, 1e-3)
 WARM_MS = {1e-2: 5.0}
-FRAME_MS, FRAME = 11.0, "live step and its 640 x 480 picture"
+FRAME_MS, FRAME = 11.0, "live step and its 640 x 480 image"
 """90 frames a second."""
 PAIR = "transform there and back"
 
@@ -119,7 +119,7 @@ def live_steps(patch: Patch, tolerance: float) -> Callable[[int], Contact]:
 
 
 def live_frames() -> Callable[[int], object]:
-    """The same through the default twin, with its picture."""
+    """The same through the default twin, with its image."""
     twin = default_twin()
     poses, contacts = cycle(live_poses()), [twin.model.untouched()]
 

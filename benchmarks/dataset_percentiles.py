@@ -18,7 +18,7 @@ ALLOWED = 25.0
 def dataset_percentiles(
     pairs: int = 2000, seed: int = 0, workers: int = os.cpu_count() or 1, json: bool = False
 ) -> None:
-    """Measure. Pictures are small here: the wrenches are as likely with large ones."""
+    """Measure. Images are small here: the wrenches are as likely with large ones."""
     with TemporaryDirectory() as folder:
         settings = DatasetSettings(pairs, size=(32, 24), seed=seed)
         made = make_dataset(Path(folder), settings, workers, progress=not json)

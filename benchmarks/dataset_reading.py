@@ -1,4 +1,4 @@
-"""How fast a data set is read in training: pictures of 460 x 345 px, read at 160 x 120, one core."""
+"""How fast a data set is read in training: images of 460 x 345 px, read at 160 x 120, one core."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,7 +11,7 @@ from figures import Figure, answer, at_least
 
 from ninedtact.recording.dataset.columns import write_rows, write_untouched
 from ninedtact.recording.dataset.reader import DataSet
-from ninedtact.recording.dataset.rows import Row, UntouchedPicture
+from ninedtact.recording.dataset.rows import Row, UntouchedImage
 from ninedtact.simulation.dataset.pair import png
 
 WANTED_PER_S = 2000
@@ -26,16 +26,16 @@ def dataset_reading(pairs: int = 2000, json: bool = False) -> None:
         decoding, opening = opened(Path(folder)), opened(Path(folder))
         data = DataSet.open(folder)
         figures = [
-            at_least("pictures a second with wrench and reference, batches of 64", batched(data), WANTED_PER_S),
+            at_least("images a second with wrench and reference, batches of 64", batched(data), WANTED_PER_S),
             Figure("the same, one by one", one_by_one(data)),
-            Figure("first opening, pictures decoded a second of CPU time", pairs / decoding[0]),
+            Figure("first opening, images decoded a second of CPU time", pairs / decoding[0]),
             Figure("later opening, s", opening[1]),
         ]
     answer(f"Data set of {pairs} pairs, 460 x 345 px, read at 160 x 120", figures, json)
 
 
 def write_set(folder: Path, pairs: int) -> None:
-    """Smooth pictures with the noise of a camera: what costs PNG its time."""
+    """Smooth images with the noise of a camera: what costs PNG its time."""
     rng = np.random.default_rng(0)
     (folder / "data").mkdir()
     skin = np.linspace(130, 160, 460) + np.zeros((345, 1))
@@ -48,7 +48,7 @@ def write_set(folder: Path, pairs: int) -> None:
     half = pairs // 2
     for file, numbers in enumerate((range(half), range(half, pairs))):
         write_rows(folder / "data" / f"train-{file:05d}-of-00002.parquet", map(row, numbers))
-    write_untouched(folder / "references.parquet", [UntouchedPicture("skin", png(skin.astype(np.uint8)), "s")])
+    write_untouched(folder / "references.parquet", [UntouchedImage("skin", png(skin.astype(np.uint8)), "s")])
 
 
 def opened(folder: Path) -> tuple[float, float]:
@@ -61,7 +61,7 @@ def opened(folder: Path) -> tuple[float, float]:
 def batched(data: DataSet) -> float:
     """Pairs a second of CPU time."""
     rng, began = np.random.default_rng(0), process_time()
-    read = sum(len(batch.pictures) for _ in range(10) for batch in data.batches(BATCH, rng))
+    read = sum(len(batch.images) for _ in range(10) for batch in data.batches(BATCH, rng))
     return read / (process_time() - began)
 
 

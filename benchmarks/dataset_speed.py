@@ -1,4 +1,4 @@
-"""How fast data sets are made: full pictures, default settings, and what 10,000 pairs take."""
+"""How fast data sets are made: full images, default settings, and what 10,000 pairs take."""
 
 import os
 from pathlib import Path

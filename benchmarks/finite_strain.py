@@ -38,7 +38,7 @@ BALLS_MM = (4.0, 3.0, 5.0)
 """The constants are fitted to the first."""
 SKINS = {"sticks": True, "slides": False}
 WITHIN_MM = np.arange(0, 8, 0.02)
-PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
+IMAGES = Path(__file__).parent.parent / "docs" / "images"
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ Presses = dict[tuple[float, str], list[Pair]]
 """By ball and skin."""
 
 
-def finite_strain(json: bool = False, element_mm: float = 0.15, pictures: Path = PICTURES) -> None:
+def finite_strain(json: bool = False, element_mm: float = 0.15, images: Path = IMAGES) -> None:
     """Compare, judge the corrections, draw."""
     skin = linear_skin(points=385, pitch_mm=0.1)
     parts = Parts(Layer(element_mm=element_mm))
@@ -129,8 +129,8 @@ def finite_strain(json: bool = False, element_mm: float = 0.15, pictures: Path =
         ]
     figures += [line for ball in BALLS_MM for line in corrected(ball, presses[ball, "sticks"])]
     figures += [*best_constants(presses[BALLS_MM[0], "sticks"]), *sliding(presses)]
-    draw_profiles(presses, pictures / "finite_strain_profiles.png")
-    draw_loads(presses, pictures / "finite_strain_load.png")
+    draw_profiles(presses, images / "finite_strain_profiles.png")
+    draw_loads(presses, images / "finite_strain_load.png")
     answer("Finite strain: a ball in a neo-Hookean layer (measured) and in the linear one (peer)", figures, json)
 
 

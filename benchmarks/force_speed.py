@@ -1,4 +1,4 @@
-"""Height map → wrench by the small network, and raw picture → shape and wrench, on one thread.
+"""Height map → wrench by the small network, and raw image → shape and wrench, on one thread.
 
 Without a model one is trained for a moment: how long an answer takes does not depend on its weights. What must be reached
 is held against the thread's own times (median), which other programs on the machine do not change; the least wall times
@@ -46,11 +46,11 @@ def figure(reading: str, task: str, found: Times) -> Figure:
 
 
 def tasks(path: Path, reading: str) -> Tasks:
-    pictures, shape = real_sensor("sensor_a")
+    images, shape = real_sensor("sensor_a")
     shape = shape if reading == "fine" else shape.fast()
-    rectify, depth = shape.rectify, shape.depth_reader(Frame(pictures["ball_reference"]))
+    rectify, depth = shape.rectify, shape.depth_reader(Frame(images["ball_reference"]))
     estimator = NetworkForce(read_model(path))
-    frames = [Frame(pictures[name]) for name in PRESSED]
+    frames = [Frame(images[name]) for name in PRESSED]
 
     def read(frame: Frame) -> Reading:
         rectified = rectify(frame)

@@ -1,6 +1,6 @@
-"""Raw 640x480 picture → height, and → points with normals, on one thread, beside the original's way (`original.py`).
+"""Raw 640x480 image → height, and → points with normals, on one thread, beside the original's way (`original.py`).
 
-All read the same real pictures in turns. The ratio is of the thread's own times (median), which other programs on the
+All read the same real images in turns. The ratio is of the thread's own times (median), which other programs on the
 machine do not change; the least wall times stand beside them.
 """
 
@@ -9,11 +9,11 @@ from functools import partial
 import tyro
 from figures import Figure, answer, at_least
 from original import Original
-from real_pictures import sensor_folder
+from real_images import sensor_folder
 from real_sensor import real_sensor
 from turns import Tasks, Times, in_turns
 
-from ninedtact import Frame, point_cloud, read_picture
+from ninedtact import Frame, point_cloud, read_image
 
 Taken = dict[tuple[str, str], Times]
 """By whom and task."""
@@ -37,8 +37,8 @@ def frame_speed(rounds: int = 100, json: bool = False) -> None:
 
 def original_tasks() -> Tasks:
     folder = sensor_folder("sensor_a")
-    original = Original(folder / "upstream_layout" / "sensor_1", read_picture(folder / "ball_reference.png"))
-    raw = [read_picture(folder / f"{name}.png") for name in PRESSED]
+    original = Original(folder / "upstream_layout" / "sensor_1", read_image(folder / "ball_reference.png"))
+    raw = [read_image(folder / f"{name}.png") for name in PRESSED]
     return {
         TO_HEIGHT: lambda call: original.height(raw[call % 3]),
         TO_POINTS: lambda call: original.points(raw[call % 3]),
@@ -47,12 +47,12 @@ def original_tasks() -> Tasks:
 
 
 def our_tasks(reading: str) -> Tasks:
-    pictures, shape = real_sensor("sensor_a", "ratio" if reading == RATIO else "physics")
+    images, shape = real_sensor("sensor_a", "ratio" if reading == RATIO else "physics")
     shape = shape.fast() if reading == FAST else shape
-    rectify, reader = shape.rectify, shape.depth_reader(Frame(pictures["ball_reference"]))
-    frames = [Frame(pictures[name]) for name in PRESSED]
+    rectify, reader = shape.rectify, shape.depth_reader(Frame(images["ball_reference"]))
+    frames = [Frame(images[name]) for name in PRESSED]
     rectified = [rectify(frame) for frame in frames]
-    heights = [reader(picture) for picture in rectified]
+    heights = [reader(image) for image in rectified]
     return {
         TO_HEIGHT: lambda call: reader(rectify(frames[call % 3])),
         TO_POINTS: lambda call: point_cloud(reader(rectify(frames[call % 3]))),

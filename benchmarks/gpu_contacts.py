@@ -1,7 +1,7 @@
 """Contacts per second of a data set, solved and drawn, many at a time with torch on a GPU if there is one.
 
 Sessions of `ninedtact simulate dataset` are advanced as `--device cuda` advances them: twenty sensors, generated objects, default
-grid, pictures of 460 x 345; but every contact is drawn. Beside them one session in the processor's own way. Without a GPU
+grid, images of 460 x 345; but every contact is drawn. Beside them one session in the processor's own way. Without a GPU
 torch does the same on the CPU, which is slow and says nothing of a GPU; but its operations are counted, and the time that
 they would take a GPU is worked out from what its memory can carry, and called extrapolated.
 """

@@ -33,7 +33,7 @@ class CameraInMemory(FrameSource):
         noise = np.random.default_rng(0)
         share = [*np.zeros(kinds), *(1 - np.cos(np.linspace(0, 2 * np.pi, kinds))) / 2]
         change = pressed.astype(float) - untouched
-        self.pictures = [
+        self.images = [
             np.clip(untouched + part * change + noise.normal(0, 0.6, untouched.shape), 0, 255).astype(np.uint8)
             for part in share
         ]
@@ -44,7 +44,7 @@ class CameraInMemory(FrameSource):
 
     def read(self) -> Frame:
         self.next_index += 1
-        image = self.pictures[self.next_index % len(self.pictures)].copy()
+        image = self.images[self.next_index % len(self.images)].copy()
         return Frame(image, time.monotonic_ns(), self.next_index - 1)
 
     def close(self) -> None:
@@ -55,8 +55,8 @@ def memory(frames: int = 100_000, json: bool = False) -> None:
     """Run, and print the growth."""
     cv2.setNumThreads(1)
     require_linux()
-    pictures, shape = real_sensor("sensor_a")
-    camera = CameraInMemory(pictures["ball_reference"], pictures["ball"])
+    images, shape = real_sensor("sensor_a")
+    camera = CameraInMemory(images["ball_reference"], images["ball"])
     start = time.perf_counter()
     with Sensor(camera, shape) as sensor:
         samples = list(resident_mb(sensor, frames))

@@ -1,4 +1,4 @@
-"""Pairs of pictures in which there is no pin board: what a person presses by mistake, and what only looks regular."""
+"""Pairs of images in which there is no pin board: what a person presses by mistake, and what only looks regular."""
 
 from collections.abc import Iterator
 
@@ -11,10 +11,10 @@ GREY = 160.0
 
 
 def mistaken(untouched: np.ndarray, pressed: np.ndarray, ball_pair: Pair) -> Iterator[tuple[str, Pair]]:
-    """From a sensor's own pictures."""
+    """From a sensor's own images."""
     yield "untouched twice", both(untouched, untouched, FRAME_NOISE)
     yield "a ball", ball_pair
-    yield "pictures swapped", (quantised(pressed), quantised(untouched))
+    yield "images swapped", (quantised(pressed), quantised(untouched))
 
 
 def invented(seed: int) -> Iterator[tuple[str, Pair]]:
@@ -41,10 +41,10 @@ def texture(seed: int) -> np.ndarray:
 def dots(points_px: np.ndarray, radius_px: float = 8) -> np.ndarray:
     """One round soft dot at each place."""
     y, x = np.indices(SHAPE[:2])
-    picture = np.zeros(SHAPE[:2])
+    image = np.zeros(SHAPE[:2])
     for column, row in points_px:
-        picture = np.maximum(picture, np.exp(-0.5 * ((x - column) ** 2 + (y - row) ** 2) / radius_px**2))
-    return picture[..., None]
+        image = np.maximum(image, np.exp(-0.5 * ((x - column) ** 2 + (y - row) ** 2) / radius_px**2))
+    return image[..., None]
 
 
 def scattered(seed: int, count: int = 70) -> np.ndarray:

@@ -1,6 +1,6 @@
 """What the original 9DTact project does with each frame, stated again from its description, with its default settings.
 
-    raw picture ─gather all pixels by index, crop, grey─▶ difference ─blur, look up, blur, blur─▶ height ─▶ points
+    raw image ─gather all pixels by index, crop, grey─▶ difference ─blur, look up, blur, blur─▶ height ─▶ points
 
 It is the peer of `frame_speed.py`. Nothing here is made slower than it has to be: arrays that the original prepares once
 are prepared once, its cloud is one array that every frame overwrites, and drawing (Open3D, windows) is left out. It has
@@ -14,7 +14,7 @@ from time import perf_counter
 
 import cv2
 import numpy as np
-from real_pictures import sensor_folder
+from real_images import sensor_folder
 
 CROP_ROWS, CROP_COLS = 345, 460
 THRESHOLD = 2
@@ -27,7 +27,7 @@ CANVAS_MM = 21.0, 28.0
 
 
 class Original:
-    """One calibrated sensor of the original project, with this session's untouched picture."""
+    """One calibrated sensor of the original project, with this session's untouched image."""
 
     def __init__(self, folder: Path, untouched: np.ndarray) -> None:
         self.row_index, self.col_index, position_scale = (
@@ -49,7 +49,7 @@ class Original:
         return np.column_stack([x.ravel(), y.ravel(), np.zeros(rows * cols)])
 
     def rectified(self, raw: np.ndarray) -> np.ndarray:
-        """The whole colour picture, pixel by pixel from where the index maps say."""
+        """The whole colour image, pixel by pixel from where the index maps say."""
         return raw[self.row_index, self.col_index]
 
     def grey(self, raw: np.ndarray) -> np.ndarray:
@@ -87,9 +87,9 @@ def timed_alone(rounds: int = 300) -> None:
         print(f"{stage.__name__:10s} least {took_ms.min():6.2f} ms, median {np.median(took_ms):6.2f} ms")
 
 
-def milliseconds(stage, picture: np.ndarray) -> float:
+def milliseconds(stage, image: np.ndarray) -> float:
     start = perf_counter()
-    stage(picture)
+    stage(image)
     return (perf_counter() - start) * 1e3
 
 

@@ -1,18 +1,18 @@
-"""A real sensor, calibrated from its four pictures, without writing anything."""
+"""A real sensor, calibrated from its four images, without writing anything."""
 
 from pathlib import Path
 
 import numpy as np
-from real_pictures import PRESSES, sensor_folder
+from real_images import PRESSES, sensor_folder
 
-from ninedtact import CalibrationPictures, CalibrationSettings, SensorFolder, calibrate, read_picture
+from ninedtact import CalibrationImages, CalibrationSettings, SensorFolder, calibrate, read_image
 from ninedtact.calibration.ball.fit import Method
 from ninedtact.shape.calibrated import CalibratedShape
 
 
 def real_sensor(name: str, method: Method = "physics") -> tuple[dict[str, np.ndarray], CalibratedShape]:
-    """Its pictures by name, and the path from a frame to its height."""
+    """Its images by name, and the path from a frame to its height."""
     folder = sensor_folder(name)
-    pictures = {press: read_picture(folder / f"{press}.png") for press in PRESSES}
-    made = calibrate(CalibrationPictures(**pictures), settings=CalibrationSettings(method=method))
-    return pictures, SensorFolder(Path(), made.record).shape
+    images = {press: read_image(folder / f"{press}.png") for press in PRESSES}
+    made = calibrate(CalibrationImages(**images), settings=CalibrationSettings(method=method))
+    return images, SensorFolder(Path(), made.record).shape

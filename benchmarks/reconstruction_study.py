@@ -1,6 +1,6 @@
 """The paper's protocol on twins: 20 presses of another ball at various places, on ten sensors of the population.
 
-Each sensor is calibrated from its own four pictures, lens and all, by each method; every press has its own place, load,
+Each sensor is calibrated from its own four images, lens and all, by each method; every press has its own place, load,
 drag and noise. Errors are of single pixels where the ball has pressed the skin in, against the skin that was drawn. The
 published figures are of a real sensor, with the depth told by the rule of the disc's edge: not the same test.
 """
@@ -15,13 +15,13 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_most
 
-from ninedtact import CalibrationPictures, Frame, Rectified, calibrate
+from ninedtact import CalibrationImages, Frame, Rectified, calibrate
 from ninedtact.calibration.ball.fit import fit_ball
 from ninedtact.calibration.flow import Calibration
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.shape.calibrated import mean_rectified
 from ninedtact.shape.depth import DepthReader, Smoothing
-from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_pictures
+from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images
 from ninedtact.simulation.population.member import SensorMember, member
 from ninedtact.simulation.population.parts import Kinds
 from ninedtact.simulation.press import Press
@@ -74,7 +74,7 @@ def sensor_errors(who: SensorMember, presses: int, seed: int) -> dict[str, Error
     """One sensor, calibrated and pressed."""
     twin = who.twin()
     made = calibrate(
-        CalibrationPictures(**vars(gauge_pictures(twin, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)))
+        CalibrationImages(**vars(gauge_images(twin, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)))
     )
     untouched = mean_rectified([made.rectify(Frame(twin.renderer(None, 100 + number))) for number in range(10)])
     readers, rng = dict(readings(made, untouched)), np.random.default_rng(seed)
@@ -83,14 +83,12 @@ def sensor_errors(who: SensorMember, presses: int, seed: int) -> dict[str, Error
 
 
 def readings(made: Calibration, untouched: Rectified) -> Iterator[tuple[str, DepthReader]]:
-    """A reader by each method, from the same pictures."""
-    pictures, design = made.pictures, made.record.design
+    """A reader by each method, from the same images."""
+    images, design = made.images, made.record.design
     for method in ("physics", "ratio", "table"):
         name: Literal["physics", "ratio", "table"] = method
         fit = (
-            made.ball
-            if name == "physics"
-            else fit_ball(made.rectify, pictures.ball_reference, pictures.ball, design, name)
+            made.ball if name == "physics" else fit_ball(made.rectify, images.ball_reference, images.ball, design, name)
         )
         reader = fit.reader(untouched, made.rectify.coverage)
         yield name, reader
@@ -106,10 +104,10 @@ def press_errors(
     drag = rng.uniform(-0.25, 0.25, 2)
     press = Press(float(rng.uniform(0.5, 1.6)), at_mm=(place[0], place[1]), drag_mm=(drag[0], drag[1]))
     contact = press.on(who.twin(), OTHER_BALL)
-    picture = made.rectify(Frame(who.twin().renderer(contact, number)))
+    image = made.rectify(Frame(who.twin().renderer(contact, number)))
     found = {}
     for name, reader in readers.items():
-        read = reader(picture)
+        read = reader(image)
         true_mm = heights_like(contact, read, who.light.nearness_per_mm).indentation_mm
         off_mm = np.abs(read.indentation_mm - true_mm)[true_mm > DEEPER_THAN_MM]
         deepest = abs(float(np.percentile(read.indentation_mm, 99.95)) - float(np.percentile(true_mm, 99.95)))

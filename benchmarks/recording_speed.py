@@ -1,6 +1,6 @@
-"""Recording: what a picture and a force sample cost to write, how large a minute is, and what else could hold the pictures.
+"""Recording: what an image and a force sample cost to write, how large a minute is, and what else could hold the images.
 
-Times are the writing thread's own, which other programs on the machine do not change. Pictures: the twelve real ones, and
+Times are the writing thread's own, which other programs on the machine do not change. Images: the twelve real ones, and
 untouched skin of the default twin, whose noise is that of a sensor read without compression.
 """
 
@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import tyro
 from figures import Figure, answer, at_least
-from real_pictures import PRESSES, sensor_folders
+from real_images import PRESSES, sensor_folders
 
-from ninedtact import Frame, Wrench, default_twin, read_picture
+from ninedtact import Frame, Wrench, default_twin, read_image
 from ninedtact.recording.episode import EpisodeWriter
 from ninedtact.recording.messages import Topic
 from ninedtact.recording.replay import Replay, ReplayedWrenches
@@ -26,26 +26,26 @@ HZ, SAMPLES_HZ = 30, 1000
 Images = list[np.ndarray]
 
 
-def recording_speed(pictures: int = 150, json: bool = False) -> None:
+def recording_speed(count: int = 150, json: bool = False) -> None:
     """Measure, and print."""
     twin = default_twin()
     sets = {
-        "real": [read_picture(folder / f"{name}.png") for folder in sensor_folders() for name in PRESSES],
+        "real": [read_image(folder / f"{name}.png") for folder in sensor_folders() for name in PRESSES],
         "twin": [twin.renderer(None, number) for number in range(12)],
     }
     cv2.setNumThreads(1)
-    figures = [figure for name, images in sets.items() for figure in of_pictures(name, images, pictures)]
+    figures = [figure for name, images in sets.items() for figure in of_images(name, images, count)]
     answer("Recording, one thread", [*figures, *of_samples()], json)
 
 
-def of_pictures(name: str, images: Images, count: int) -> list[Figure]:
-    """Cost and size of 640 x 480 pictures, beside PNG."""
+def of_images(name: str, images: Images, count: int) -> list[Figure]:
+    """Cost and size of 640 x 480 images, beside PNG."""
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "pictures.mcap"
+        path = Path(folder) / "images.mcap"
         frames = [Frame(image, number, number) for number, image in enumerate(islice(cycle(images), count))]
-        with EpisodeWriter(path, Session("benchmark"), [Topic.PICTURES]) as episode:
-            write_ms = timed_ms(lambda: [episode.picture(frame) for frame in frames]) / count
-        per_picture_kb = path.stat().st_size / count / 1e3
+        with EpisodeWriter(path, Session("benchmark"), [Topic.IMAGES]) as episode:
+            write_ms = timed_ms(lambda: [episode.image(frame) for frame in frames]) / count
+        per_image_kb = path.stat().st_size / count / 1e3
         with Replay(path) as source:
             read_ms = timed_ms(lambda: list(source)) / count
     quick = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -53,15 +53,15 @@ def of_pictures(name: str, images: Images, count: int) -> list[Figure]:
     png_ms = timed_ms(lambda: packed.extend(cv2.imencode(".png", image, quick)[1] for image in images)) / len(images)
     png_kb = np.mean([len(one) for one in packed]) / 1e3
     return [
-        at_least(f"{name} pictures: most per second", round(1e3 / write_ms), 90, "Hz", f"PNG {1e3 / png_ms:.0f} Hz"),
-        Figure(f"{name} pictures: written in, ms", round(write_ms, 1), peer=f"PNG {png_ms:.1f}"),
-        Figure(f"{name} pictures: read in, ms", round(read_ms, 1)),
+        at_least(f"{name} images: most per second", round(1e3 / write_ms), 90, "Hz", f"PNG {1e3 / png_ms:.0f} Hz"),
+        Figure(f"{name} images: written in, ms", round(write_ms, 1), peer=f"PNG {png_ms:.1f}"),
+        Figure(f"{name} images: read in, ms", round(read_ms, 1)),
         Figure(
-            f"{name} pictures: size, kB",
-            round(per_picture_kb),
+            f"{name} images: size, kB",
+            round(per_image_kb),
             peer=f"PNG {png_kb:.0f}, bare {images[0].nbytes / 1e3:.0f}",
         ),
-        Figure(f"{name} pictures: a minute at {HZ} Hz, MB", round(per_picture_kb * HZ * 60 / 1e3)),
+        Figure(f"{name} images: a minute at {HZ} Hz, MB", round(per_image_kb * HZ * 60 / 1e3)),
     ]
 
 

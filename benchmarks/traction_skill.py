@@ -1,7 +1,7 @@
 """Force without training on twins that were never seen: skill of every axis, light touches, no contact, error bars, time.
 
-Every sensor is calibrated from its own board and ball pictures (kept in `folders`), and its gel's modulus is told by one known
-weight: its ball pressed with 200 g. Pictures and wrenches are a data set's (`ninedtact simulate dataset`).
+Every sensor is calibrated from its own board and ball images (kept in `folders`), and its gel's modulus is told by one known
+weight: its ball pressed with 200 g. Images and wrenches are a data set's (`ninedtact simulate dataset`).
 """
 
 import json
@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import tyro
 
-from ninedtact import CalibrationPictures, calibrate
+from ninedtact import CalibrationImages, calibrate
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.calibration.written import write_sensor
 from ninedtact.errors import NinedtactError
@@ -28,7 +28,7 @@ from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
 from ninedtact.simulation.dataset.job import make_dataset
 from ninedtact.simulation.dataset.settings import DatasetSettings
-from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.gauges import gauge_images
 from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
 from ninedtact.simulation.population.member import SensorMember, member_from
 from ninedtact.simulation.rectified import FULL_MM_PER_PX, grey_eye, mm_per_px
@@ -61,7 +61,7 @@ BOARD_MM, GUIDED_FRAMES = 0.85, 8
 
 @dataclass(frozen=True)
 class Judged:
-    """One picture."""
+    """One image."""
 
     sensor: str
     mechanics: str
@@ -80,7 +80,7 @@ def traction_skill(
     weight_n: float = WEIGHT_N,
     effort: Effort = Effort(),
 ) -> None:
-    """Judge sensors from the first to before the second; of their pictures, each `every`th of the ordinary ones."""
+    """Judge sensors from the first to before the second; of their images, each `every`th of the ordinary ones."""
     cv2.setNumThreads(1)
     make_if_missing(dataset)
     found = list(judged(dataset, folders, sensors, every, weight_n, effort))
@@ -93,7 +93,7 @@ def traction_skill(
     show("bonded, wholly in view", [one for one in whole if one.mechanics == "bonded"])
     show_light(found)
     print(
-        f"mechanics: {', '.join(mechanics)}; mean {np.mean([one.ms for one in found]):.0f} ms of processor a picture, cold"
+        f"mechanics: {', '.join(mechanics)}; mean {np.mean([one.ms for one in found]):.0f} ms of processor an image, cold"
     )
 
 
@@ -107,7 +107,7 @@ def make_if_missing(dataset: Path) -> None:
 def judged(
     dataset: Path, folders: Path, sensors: tuple[int, int], every: int, weight_n: float, effort: Effort
 ) -> Iterator[Judged]:
-    """All pictures of these sensors, in the data set's order."""
+    """All images of these sensors, in the data set's order."""
     members = {one.name: one for one in map(member_from, json.loads((dataset / "members/sensors.json").read_text()))}
     chosen = list(members)[sensors[0] : sensors[1]]
     references = {row["sensor"]: row for row in pq.read_table(dataset / "references.parquet").to_pylist()}
@@ -130,26 +130,24 @@ def judged(
 
 @dataclass(frozen=True)
 class Bench:
-    """A sensor set up for pictures of the data set's size."""
+    """A sensor set up for images of the data set's size."""
 
     reader: DepthReader
     estimator: TractionForce
 
     def reading(self, grey: np.ndarray) -> Reading:
-        """Of one picture."""
-        picture = Rectified(grey.astype(np.float32), self.reader.reference.mm_per_px)
-        return Reading(
-            Frame(np.zeros((1, 1, 3), np.uint8)), picture, self.reader(picture), reference=self.reader.reference
-        )
+        """Of one image."""
+        image = Rectified(grey.astype(np.float32), self.reader.reference.mm_per_px)
+        return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, self.reader(image), reference=self.reader.reference)
 
 
 def bench(who: SensorMember, reference: np.ndarray, folders: Path, weight_n: float, effort: Effort) -> Bench | None:
-    """Calibrated from its own pictures, weighed with one weight; none where the calibration is refused."""
+    """Calibrated from its own images, weighed with one weight; none where the calibration is refused."""
     folder = folders / who.name
     if not (folder / "sensor.toml").is_file():
         try:
-            pictures = gauge_pictures(who.twin(), board_depth_mm=BOARD_MM, frames=GUIDED_FRAMES)
-            write_sensor(folder, calibrate(CalibrationPictures(**vars(pictures))))
+            images = gauge_images(who.twin(), board_depth_mm=BOARD_MM, frames=GUIDED_FRAMES)
+            write_sensor(folder, calibrate(CalibrationImages(**vars(images))))
         except NinedtactError as trouble:
             print(f"{who.name} left out: {trouble}")
             return None
@@ -161,7 +159,7 @@ def bench(who: SensorMember, reference: np.ndarray, folders: Path, weight_n: flo
 
 
 def reader(shape: CalibratedShape, reference: np.ndarray) -> DepthReader:
-    """For pictures of the data set's size: the same filters in millimetres."""
+    """For images of the data set's size: the same filters in millimetres."""
     size = reference.shape[::-1]
     pitch = mm_per_px(size)
     smaller = FULL_MM_PER_PX / pitch
@@ -189,7 +187,7 @@ def weighed(set_up: Bench, who: SensorMember, weight_n: float) -> Bench:
     for x, y in ((0.0, 0.0), (2.0, 1.0), (-2.0, -1.0)):
         contact = twin.felt(twin.step(twin.model.untouched(), Ball(4.0), Pose(x, y, 0.8), weight_n))
         set_up.estimator.forget()
-        read = set_up.estimator.estimate(set_up.reading(eye.picture(contact, rng)))
+        read = set_up.estimator.estimate(set_up.reading(eye.image(contact, rng)))
         ratios.append(contact.wrench().force_n[2] / read.wrench.force_n[2])
     gel = set_up.estimator.gel
     told = replace(gel, shear_modulus_mpa=gel.shear_modulus_mpa * float(np.mean(ratios)))
@@ -197,7 +195,7 @@ def weighed(set_up: Bench, who: SensorMember, weight_n: float) -> Bench:
 
 
 def judge(row: dict, who: SensorMember, set_up: Bench) -> Judged:
-    """One picture, from a cold start: the data set's pictures do not follow on each other."""
+    """One image, from a cold start: the data set's images do not follow on each other."""
     reading = set_up.reading(decoded(row))
     set_up.estimator.forget()
     start = process_time()
@@ -207,8 +205,8 @@ def judge(row: dict, who: SensorMember, set_up: Bench) -> Judged:
 
 
 def decoded(row: dict) -> np.ndarray:
-    """A picture as it is stored."""
-    return cv2.imdecode(np.frombuffer(row["picture"]["bytes"], np.uint8), cv2.IMREAD_GRAYSCALE)
+    """An image as it is stored."""
+    return cv2.imdecode(np.frombuffer(row["image"]["bytes"], np.uint8), cv2.IMREAD_GRAYSCALE)
 
 
 def show(title: str, found: list[Judged]) -> None:
@@ -218,7 +216,7 @@ def show(title: str, found: list[Judged]) -> None:
     true = np.array([one.true for one in found])
     read = np.array([one.estimate.wrench.six for one in found])
     error = np.array([one.estimate.error for one in found])
-    print(f"{title}, {len(found)} pictures")
+    print(f"{title}, {len(found)} images")
     line("covered by 2 deviations", (np.abs(true - read) < 2 * error).mean(axis=0))
     line("skill, torques about the skin's centre", skill(true, read))
     true, read = below(true), below(read)
@@ -252,7 +250,7 @@ def show_light(found: list[Judged]) -> None:
         if some:
             off = np.mean([abs(one.true[2] - one.estimate.wrench.force_n[2]) for one in some])
             seen = np.mean([one.estimate.touching for one in some])
-            print(f"{low:g} to {high:g} N: {len(some)} pictures, {seen:.0%} found, MAE of Fz {off:.3f} N")
+            print(f"{low:g} to {high:g} N: {len(some)} images, {seen:.0%} found, MAE of Fz {off:.3f} N")
     off = np.mean([abs(one.true[2] - one.estimate.wrench.force_n[2]) for one in light])
     print(f"below 1 N: MAE of Fz {off:.3f} N")
     for doubt in Doubt:

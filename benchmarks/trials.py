@@ -1,4 +1,4 @@
-"""The pairs of pictures in which the board is looked for: real ones, altered, and pictures without a board."""
+"""The pairs of images in which the board is looked for: real ones, altered, and images without a board."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ from altered import (
     without,
 )
 from no_board import invented, mistaken
-from real_pictures import sensor_folders
+from real_images import sensor_folders
 
-from ninedtact import SensorDesign, read_picture
+from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.board.fit import BoardFit, fit_board
 
 BOARD = SensorDesign().pin_board
@@ -34,12 +34,12 @@ GLARES = (
     (0, 0, 0.18, 200, 0.5),
     (1, 1, 0.15, -80, 0.7),
 )
-"""Column and row (parts of the picture), width (half diagonals), grey levels, and the part that the press leaves."""
+"""Column and row (parts of the image), width (half diagonals), grey levels, and the part that the press leaves."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One pair of pictures."""
+    """One pair of images."""
 
     kind: str
     name: str
@@ -55,7 +55,7 @@ def all_trials() -> Iterator[Trial]:
     """Everything that is tried, sensor by sensor."""
     for folder in sensor_folders():
         untouched, pressed, *ball = (
-            read_picture(folder / f"{name}.png") for name in ("board_reference", "board", "ball_reference", "ball")
+            read_image(folder / f"{name}.png") for name in ("board_reference", "board", "ball_reference", "ball")
         )
         pair = untouched.astype(np.float32), pressed.astype(np.float32)
         plain = fit_board(untouched, pressed, BOARD)
@@ -93,9 +93,9 @@ def in_other_light(pair: Pair) -> Iterator[tuple[str, str, Pair]]:
         yield "vignetted", str(strength), vignetted(pair, strength)
     for x, y, width, levels, left in GLARES:
         yield "glare or shadow at the border", f"at {x}, {y}", glaring(pair, (x, y), width, levels, left)
-    yield "light changed between the pictures", "dimmer", both(pair[0], pair[1] * 0.9 - 4)
+    yield "light changed between the images", "dimmer", both(pair[0], pair[1] * 0.9 - 4)
     slope = np.linspace(0.85, 1.1, pair[0].shape[1])[None, :, None]
-    yield "light changed between the pictures", "unevenly", both(pair[0], pair[1] * slope)
+    yield "light changed between the images", "unevenly", both(pair[0], pair[1] * slope)
 
 
 def with_pins_missing(sensor: str, pair: Pair, plain: BoardFit) -> Iterator[Trial]:

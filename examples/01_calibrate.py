@@ -1,27 +1,27 @@
-"""Four pictures → a calibrated sensor: a folder with its figures, its pictures and a certificate to read."""
+"""Four images → a calibrated sensor: a folder with its figures, its images and a certificate to read."""
 
 import argparse
 import os
 import tempfile
 from pathlib import Path
 
-from ninedtact import CalibrationPictures, calibrate, read_picture, write_sensor
+from ninedtact import CalibrationImages, calibrate, read_image, write_sensor
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("--pictures", type=Path, default=REAL / "sensor_a", help="folder of the four pictures")
+parser.add_argument("--images", type=Path, default=REAL / "sensor_a", help="folder of the four images")
 parser.add_argument("--out", type=Path, default=RESULTS / "sensor", help="sensor folder to write")
 options = parser.parse_args()
 
-pictures = CalibrationPictures(
-    board_reference=read_picture(options.pictures / "board_reference.png"),  # untouched skin
-    board=read_picture(options.pictures / "board.png"),  # the pin board pressed on it
-    ball_reference=read_picture(options.pictures / "ball_reference.png"),  # untouched again
-    ball=read_picture(options.pictures / "ball.png"),  # a ball of radius 4 mm pressed on it
+images = CalibrationImages(
+    board_reference=read_image(options.images / "board_reference.png"),  # untouched skin
+    board=read_image(options.images / "board.png"),  # the pin board pressed on it
+    ball_reference=read_image(options.images / "ball_reference.png"),  # untouched again
+    ball=read_image(options.images / "ball.png"),  # a ball of radius 4 mm pressed on it
 )
-sensor = write_sensor(options.out, calibrate(pictures, sensor_id=options.out.name))
+sensor = write_sensor(options.out, calibrate(images, sensor_id=options.out.name))
 figures = sensor.record.certificate
 
 print(f"{figures.board.pins_found} pins; a left-out pin is predicted to {figures.board.loo_rms_mm:.3f} mm")

@@ -1,12 +1,12 @@
-"""An untouched and a pressed picture of a calibrated sensor → the height of the skin in mm, measured and drawn."""
+"""An untouched and a pressed image of a calibrated sensor → the height of the skin in mm, measured and drawn."""
 
 import argparse
 import os
 import tempfile
 from pathlib import Path
 
-from ninedtact import Frame, export, load_sensor, read_picture, summarise
-from ninedtact.shape.picture import shaded_picture
+from ninedtact import Frame, export, load_sensor, read_image, summarise
+from ninedtact.shape.image import shaded_image
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
@@ -19,8 +19,8 @@ parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the re
 options = parser.parse_args()
 
 shape = load_sensor(options.sensor).shape
-reader = shape.depth_reader(Frame(read_picture(options.reference)))  # bound to the untouched skin of this session
-height = reader(shape.rectify(Frame(read_picture(options.press))))  # z_mm: negative where pressed in
+reader = shape.depth_reader(Frame(read_image(options.reference)))  # bound to the untouched skin of this session
+height = reader(shape.rectify(Frame(read_image(options.press))))  # z_mm: negative where pressed in
 
 measured = summarise(height)
 print(f"{height.z_mm.shape} heights, one every {height.mm_per_px:.4f} mm")
@@ -30,4 +30,4 @@ if measured.contact_centre_mm is not None:  # None where nothing touches
 
 options.out.mkdir(parents=True, exist_ok=True)
 export(height, options.out / "height.npy")
-(options.out / "height_shaded.png").write_bytes(shaded_picture(height))
+(options.out / "height_shaded.png").write_bytes(shaded_image(height))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ninedtact import Frame, export, load_sensor, point_cloud, read_picture
+from ninedtact import Frame, export, load_sensor, point_cloud, read_image
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
@@ -20,8 +20,8 @@ parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the re
 options = parser.parse_args()
 
 shape = load_sensor(options.sensor).shape
-reader = shape.depth_reader(Frame(read_picture(options.reference)))
-height = reader(shape.rectify(Frame(read_picture(options.press))))
+reader = shape.depth_reader(Frame(read_image(options.reference)))
+height = reader(shape.rectify(Frame(read_image(options.press))))
 
 options.out.mkdir(parents=True, exist_ok=True)
 for ending in ("ply", "stl", "obj"):  # the .ply has normals, the others only triangles

@@ -17,7 +17,7 @@ parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("objects", nargs="*", help="as gear_07, ball:4, part.stl@in; default: the second of each family")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--columns", type=int, default=12)
-parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the picture")
+parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the image")
 options = parser.parse_args()
 
 TILE_PX, TILE_MM = 112, 20.5
@@ -33,9 +33,9 @@ def tile(pressed: Indenter) -> np.ndarray:
     down, along = np.gradient(shown, TILE_MM / TILE_PX)
     light = (0.8 + 0.45 * (along + down)) / np.sqrt(1 + along**2 + down**2)
     grey = np.where(there, 255 * np.clip(0.2 + 0.7 * light - 0.08 * shown, 0.1, 1), 28)
-    picture = cv2.cvtColor(grey.astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    image = cv2.cvtColor(grey.astype(np.uint8), cv2.COLOR_GRAY2BGR)
     name = pressed.name[:20]
-    return cv2.putText(picture, name, (4, TILE_PX - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.34, (120, 220, 255), 1, cv2.LINE_AA)
+    return cv2.putText(image, name, (4, TILE_PX - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.34, (120, 220, 255), 1, cv2.LINE_AA)
 
 
 pressed = [object_for(name, options.seed) for name in options.objects or [f"{family}_02" for family in FAMILIES]]

@@ -1,4 +1,4 @@
-"""The six-axis force on every picture, with its error, beside the truth: a twin is calibrated, pressed and dragged."""
+"""The six-axis force on every image, with its error, beside the truth: a twin is calibrated, pressed and dragged."""
 
 import argparse
 import tempfile
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ninedtact import (
     Act,
-    CalibrationPictures,
+    CalibrationImages,
     Frame,
     Pose,
     Sensor,
@@ -23,7 +23,7 @@ from ninedtact.force.model_file import read_model
 from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.shipped import SHIPPED
 from ninedtact.force.traction.estimator import traction_force
-from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.gauges import gauge_images
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument(
@@ -35,7 +35,7 @@ options = parser.parse_args()
 
 # With a sensor of your own: `ninedtact calibrate`, then load_sensor(folder).
 twin = default_twin()
-write_sensor(options.sensor, calibrate(CalibrationPictures(**vars(gauge_pictures(twin, frames=4)))))
+write_sensor(options.sensor, calibrate(CalibrationImages(**vars(gauge_images(twin, frames=4)))))
 folder = load_sensor(options.sensor)
 shape, gel = folder.shape, folder.record.twin.gel
 estimator = NetworkForce(read_model(SHIPPED), gel) if options.force == "network" else traction_force(shape, gel)

@@ -9,12 +9,12 @@ from pathlib import Path  # noqa: E402
 
 import pytest  # noqa: E402
 
-from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, calibrate  # noqa: E402
+from ninedtact.calibration.flow import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
 from ninedtact.calibration.written import write_sensor  # noqa: E402
 from ninedtact.capture.chatter import hush_video  # noqa: E402
-from ninedtact.capture.pictures import read_picture  # noqa: E402
-from ninedtact.simulation.gauges import gauge_pictures  # noqa: E402
+from ninedtact.capture.images import read_image  # noqa: E402
+from ninedtact.simulation.gauges import gauge_images  # noqa: E402
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 
 # FFmpeg asks once, at its first video, how loud it may be: tests that write videos would ask for it before the sources do.
@@ -25,36 +25,36 @@ PRESSES = ("board_reference", "board", "ball_reference", "ball")
 
 @pytest.fixture(scope="session")
 def real_data() -> Path:
-    """Folder of real pictures, `sensor_a/board.png` and so on; tests that need it are skipped without it."""
+    """Folder of real images, `sensor_a/board.png` and so on; tests that need it are skipped without it."""
     default = Path(__file__).parents[2] / "shared" / "real"
     folder = Path(os.environ.get(REAL_DATA, default))
     if not (folder / "sensor_a" / "board.png").is_file():
-        pytest.skip(f"expected real pictures in {folder}, got none; set {REAL_DATA} to the folder that holds sensor_a")
+        pytest.skip(f"expected real images in {folder}, got none; set {REAL_DATA} to the folder that holds sensor_a")
     return folder
 
 
 @pytest.fixture(scope="session")
-def real_pictures(real_data: Path) -> dict[str, CalibrationPictures]:
-    """The four pictures of each real sensor, by its letter."""
+def real_images(real_data: Path) -> dict[str, CalibrationImages]:
+    """The four images of each real sensor, by its letter."""
     return {
-        letter: CalibrationPictures(
-            **{name: read_picture(real_data / f"sensor_{letter}" / f"{name}.png") for name in PRESSES}
+        letter: CalibrationImages(
+            **{name: read_image(real_data / f"sensor_{letter}" / f"{name}.png") for name in PRESSES}
         )
         for letter in "aij"
     }
 
 
 @pytest.fixture(scope="session")
-def calibrated_a(real_pictures: dict[str, CalibrationPictures]) -> Calibration:
+def calibrated_a(real_images: dict[str, CalibrationImages]) -> Calibration:
     """Sensor A calibrated with the defaults."""
-    return calibrate(real_pictures["a"])
+    return calibrate(real_images["a"])
 
 
 @pytest.fixture(scope="session")
 def twin_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
-    """The default twin, calibrated from its own four pictures, by the method that is done soonest."""
-    pictures = CalibrationPictures(**vars(gauge_pictures(default_twin())))
+    """The default twin, calibrated from its own four images, by the method that is done soonest."""
+    images = CalibrationImages(**vars(gauge_images(default_twin())))
     return write_sensor(
         tmp_path_factory.mktemp("twin") / "sensor",
-        calibrate(pictures, settings=CalibrationSettings(method="ratio"), sensor_id="twin"),
+        calibrate(images, settings=CalibrationSettings(method="ratio"), sensor_id="twin"),
     )

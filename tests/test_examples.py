@@ -1,4 +1,4 @@
-"""The examples are the manual, so they run: each as a person starts it, in a process of its own, on real pictures."""
+"""The examples are the manual, so they run: each as a person starts it, in a process of its own, on real images."""
 
 import os
 import re
@@ -45,7 +45,7 @@ def test_every_example_has_a_test() -> None:
 def test_calibrate(calibrated: tuple[Path, str]) -> None:
     folder, said = calibrated
     assert said.startswith("63 pins") and number(r"predicted to ([\d.]+) mm", said) <= 0.05
-    assert {path.name for path in folder.iterdir()} == {"sensor.toml", "pictures", "certificate.html"}
+    assert {path.name for path in folder.iterdir()} == {"sensor.toml", "images", "certificate.html"}
 
 
 def test_reconstruct(calibrated: tuple[Path, str], real_data: Path, tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ def test_reconstruct(calibrated: tuple[Path, str], real_data: Path, tmp_path: Pa
 def test_sensor_loop(calibrated: tuple[Path, str], real_data: Path) -> None:
     *readings, end = run("03_sensor_loop.py", real_data, "--sensor", calibrated[0]).splitlines()
     assert len(readings) == len(list((real_data / "sensor_a").glob("*.png"))) and "over" in end
-    assert number(r"picture 0: ([\d.]+) mm deep", readings[0]) == pytest.approx(2.15, abs=0.12)
+    assert number(r"image 0: ([\d.]+) mm deep", readings[0]) == pytest.approx(2.15, abs=0.12)
     assert number(r"([\d.]+) mm² touched", readings[1]) == 0
 
 

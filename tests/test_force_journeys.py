@@ -1,4 +1,4 @@
-"""What a person does to read forces: estimate from pictures, weigh a few presses, estimate again."""
+"""What a person does to read forces: estimate from images, weigh a few presses, estimate again."""
 
 import csv
 import json
@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from ninedtact.calibration.flow import CalibrationPictures, calibrate
+from ninedtact.calibration.flow import CalibrationImages, calibrate
 from ninedtact.calibration.written import write_sensor
 from ninedtact.cli import main
 from ninedtact.force.adaptation import G_STANDARD
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.gauges import gauge_images
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import default_twin
 
@@ -22,11 +22,9 @@ DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A calibrated sensor, a picture of its untouched skin, four of a ball pressed on it, and what they weigh."""
+    """A calibrated sensor, an image of its untouched skin, four of a ball pressed on it, and what they weigh."""
     desk, twin = tmp_path_factory.mktemp("desk"), default_twin()
-    write_sensor(
-        desk / "sensor", calibrate(CalibrationPictures(**vars(gauge_pictures(twin, frames=8))), sensor_id="twin")
-    )
+    write_sensor(desk / "sensor", calibrate(CalibrationImages(**vars(gauge_images(twin, frames=8))), sensor_id="twin"))
     cv2.imwrite(str(desk / "untouched.png"), twin.renderer(None, 50))
     contacts = [Press(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).on(twin, Ball(5.0)) for depth in DEPTHS_MM]
     for number, contact in enumerate(contacts):

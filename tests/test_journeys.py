@@ -1,4 +1,4 @@
-"""What a person does at the command line, from pictures to files, and what they read when something is wrong."""
+"""What a person does at the command line, from images to files, and what they read when something is wrong."""
 
 import json
 import signal
@@ -17,10 +17,10 @@ from ninedtact.cli import main
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
 
 
-def calibrate_options(pictures: Path, out: Path, **changed: Path) -> list[str]:
+def calibrate_options(images: Path, out: Path, **changed: Path) -> list[str]:
     options = ["calibrate", "--out", str(out)]
     for name in PRESSES:
-        options += [f"--{name.replace('_', '-')}", str(changed.get(name, pictures / f"{name}.png"))]
+        options += [f"--{name.replace('_', '-')}", str(changed.get(name, images / f"{name}.png"))]
     return options
 
 
@@ -43,16 +43,16 @@ def test_calibrate_prints_its_certificate(real_data: Path, tmp_path: Path, capsy
     assert told["ball"]["fit_mae_mm"] <= 0.02 and told["ball"]["radius_px"] == pytest.approx(67, abs=1)
     assert told["ball"]["method"] == "physics" and told["warnings"] == []
     assert told["verdict"] == "pass" and all(check["level"] == "pass" for check in told["checks"])
-    assert {entry.name for entry in (tmp_path / "s").iterdir()} == {"sensor.toml", "pictures", "certificate.html"}
+    assert {entry.name for entry in (tmp_path / "s").iterdir()} == {"sensor.toml", "images", "certificate.html"}
 
 
 def test_reconstruct_gives_a_ball_of_the_right_size(
     sensor: Path, real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pictures = real_data / "sensor_a"
-    options = ["--sensor", str(sensor), "--reference", str(pictures / "ball_reference.png"), "--out", str(tmp_path)]
-    assert main(["reconstruct", *options, str(pictures / "ball.png"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["pictures"][0]
+    images = real_data / "sensor_a"
+    options = ["--sensor", str(sensor), "--reference", str(images / "ball_reference.png"), "--out", str(tmp_path)]
+    assert main(["reconstruct", *options, str(images / "ball.png"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["images"][0]
     assert told["max_indentation_mm"] == pytest.approx(2.15, abs=0.1)
     assert told["contact_area_mm2"] == pytest.approx(np.pi * 3.47**2, rel=0.1)
     assert all(Path(file).stat().st_size > 1000 for file in told["files"].values())
@@ -74,10 +74,10 @@ def test_guided_calibration_from_a_recording(
     frames.mkdir()
     number = 0
     for name in PRESSES:
-        picture = cv2.imread(str(real_data / "sensor_a" / f"{name}.png"))
+        image = cv2.imread(str(real_data / "sensor_a" / f"{name}.png"))
         for _ in range(9):
-            noise = np.random.default_rng(number).normal(0, 0.4, picture.shape)
-            cv2.imwrite(str(frames / f"{number:03}.png"), np.clip(picture + noise, 0, 255).round().astype(np.uint8))
+            noise = np.random.default_rng(number).normal(0, 0.4, image.shape)
+            cv2.imwrite(str(frames / f"{number:03}.png"), np.clip(image + noise, 0, 255).round().astype(np.uint8))
             number += 1
     assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(frames), "--json"]) == 0
     told = capsys.readouterr()
@@ -111,7 +111,7 @@ BAD = {
     "a folder": lambda good, here: here,
     "empty": lambda good, here: write(here / "x.png", b""),
     "truncated": lambda good, here: write(here / "x.png", good.read_bytes()[:20000]),
-    "not a picture": lambda good, here: write(here / "x.png", b"hello"),
+    "not an image": lambda good, here: write(here / "x.png", b"hello"),
     "wrong size": lambda good, here: painted(here, cv2.imread(str(good))[:400]),
     "16 bits": lambda good, here: painted(here, cv2.imread(str(good)).astype(np.uint16) * 200),
     "black": lambda good, here: painted(here, np.zeros((480, 640, 3), np.uint8)),
@@ -119,14 +119,14 @@ BAD = {
 }
 
 
-def painted(here: Path, picture: np.ndarray) -> Path:
-    cv2.imwrite(str(here / "x.png"), picture)
+def painted(here: Path, image: np.ndarray) -> Path:
+    cv2.imwrite(str(here / "x.png"), image)
     return here / "x.png"
 
 
 @pytest.mark.parametrize("which", ["board", "ball_reference"])
 @pytest.mark.parametrize("how", BAD)
-def test_a_bad_picture_is_one_sentence(
+def test_a_bad_image_is_one_sentence(
     how: str, which: str, real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = BAD[how](real_data / "sensor_a" / f"{which}.png", tmp_path)
@@ -136,24 +136,22 @@ def test_a_bad_picture_is_one_sentence(
 
 
 @pytest.mark.parametrize("kind", [cv2.IMREAD_GRAYSCALE, "opaque alpha"])
-def test_grey_and_opaque_pictures_are_as_good(kind: object, real_data: Path, tmp_path: Path) -> None:
+def test_grey_and_opaque_images_are_as_good(kind: object, real_data: Path, tmp_path: Path) -> None:
     good = cv2.imread(str(real_data / "sensor_a" / "board.png"))
     grey = cv2.cvtColor(good, cv2.COLOR_BGR2GRAY)
     same = painted(tmp_path, cv2.cvtColor(good, cv2.COLOR_BGR2BGRA) if kind == "opaque alpha" else grey)
     assert main(calibrate_options(real_data / "sensor_a", tmp_path / "out", board=same)) == 0
 
 
-def test_swapped_pictures_are_named(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pictures = real_data / "sensor_a"
-    swapped = {"board": pictures / "board_reference.png", "board_reference": pictures / "board.png"}
-    assert main(calibrate_options(pictures, tmp_path / "out", **swapped)) == 1
+def test_swapped_images_are_named(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    images = real_data / "sensor_a"
+    swapped = {"board": images / "board_reference.png", "board_reference": images / "board.png"}
+    assert main(calibrate_options(images, tmp_path / "out", **swapped)) == 1
     assert "swapped" in refusal(capsys)
     assert (tmp_path / "out_board_not_found.png").stat().st_size > 1000
 
 
-def test_half_of_the_pictures_is_not_enough(
-    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_half_of_the_images_is_not_enough(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "--out", str(tmp_path / "s"), "--board", str(real_data / "sensor_a" / "board.png")]) == 1
     assert "--ball-reference" in refusal(capsys)
 
@@ -185,7 +183,7 @@ def test_ctrl_c_leaves_nothing_half_written(after_s: float, real_data: Path, tmp
 
 
 def wait_until_at_work(running: subprocess.Popen[str]) -> None:
-    """Past the start of the interpreter: OpenCV is loaded when pictures are read."""
+    """Past the start of the interpreter: OpenCV is loaded when images are read."""
     for _ in range(600):
         if "cv2" in Path(f"/proc/{running.pid}/maps").read_text():
             return

@@ -35,7 +35,7 @@ HEAVY = {
     "build123d": {
         "hardware.parts",
         "hardware.assembly",
-        "hardware.pictures",
+        "hardware.images",
         "hardware.drawings",
         "hardware.guide",
         "hardware.export",

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.pictures import read_picture
+from ninedtact.capture.images import read_image
 from ninedtact.cli import main
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
@@ -29,7 +29,7 @@ def told_by_press(out: Path, capsys: pytest.CaptureFixture[str], *options: str) 
     return json.loads(capsys.readouterr().out)
 
 
-def test_a_press_leaves_pictures_heights_tractions_and_a_wrench(
+def test_a_press_leaves_images_heights_tractions_and_a_wrench(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     told = told_by_press(tmp_path, capsys, *DRAGGED.split())
@@ -42,7 +42,7 @@ def test_a_press_leaves_pictures_heights_tractions_and_a_wrench(
     cell_mm2 = told["mm_per_px"] ** 2
     assert -pressure.sum() * cell_mm2 == pytest.approx(force[2], rel=0.02)
     assert read_height_png(tmp_path / "height.png").z_mm == pytest.approx(height, abs=6e-4)
-    pressed, untouched = (read_picture(tmp_path / f"{name}.png") for name in ("picture", "untouched"))
+    pressed, untouched = (read_image(tmp_path / f"{name}.png") for name in ("image", "untouched"))
     assert pressed.shape == untouched.shape == (480, 640, 3)
     assert (pressed.astype(int) - untouched).min() < -15
     assert cv2.imread(str(tmp_path / "figure.png")).shape[1] > 1500
@@ -64,7 +64,7 @@ def test_the_same_press_gives_the_same_bytes(tmp_path: Path, capsys: pytest.Capt
         told_by_press(tmp_path / name, capsys, *DRAGGED.split())
     for file in (tmp_path / "one").glob("*.npy"):
         assert file.read_bytes() == (tmp_path / "other" / file.name).read_bytes()
-    assert (tmp_path / "one/picture.png").read_bytes() == (tmp_path / "other/picture.png").read_bytes()
+    assert (tmp_path / "one/image.png").read_bytes() == (tmp_path / "other/image.png").read_bytes()
 
 
 BAD = {
@@ -106,7 +106,7 @@ def test_what_can_be_pressed_is_listed(capsys: pytest.CaptureFixture[str]) -> No
     assert "gear" in json.loads(capsys.readouterr().out)["generated"]["machine parts"]
 
 
-def test_a_twin_is_calibrated_from_its_own_pictures(twin_sensor: SensorFolder) -> None:
+def test_a_twin_is_calibrated_from_its_own_images(twin_sensor: SensorFolder) -> None:
     certificate = twin_sensor.record.certificate
     assert certificate is not None and certificate.board.pins_found == 63
     assert certificate.board.loo_rms_mm < 0.05

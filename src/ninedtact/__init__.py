@@ -1,4 +1,4 @@
-"""The software of the 9DTact tactile sensor: pictures in, calibrated millimetres out.
+"""The software of the 9DTact tactile sensor: images in, calibrated millimetres out.
 
     shape    light ──capture──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap ──cloud──▶ PointCloud / mesh
     fit      board pressed ──▶ Rectification      ball pressed ──▶ DepthCurve
@@ -12,12 +12,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.flow import CalibrationPictures, CalibrationSettings, calibrate
+    from ninedtact.calibration.flow import CalibrationImages, CalibrationSettings, calibrate
     from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
     from ninedtact.calibration.written import write_sensor
     from ninedtact.capture.address import source_for
     from ninedtact.capture.freshest import Freshest
-    from ninedtact.capture.pictures import read_picture
+    from ninedtact.capture.images import read_image
     from ninedtact.capture.settings import STEADY, CameraSettings
     from ninedtact.capture.source import FrameSource, SourceEnded
     from ninedtact.capture.wrench_source import WrenchSource
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from ninedtact.shape.cloud import point_cloud
     from ninedtact.shape.export import export
     from ninedtact.shape.height_png import read_height_png
+    from ninedtact.shape.image import height_image, shaded_image
     from ninedtact.shape.measures import summarise
     from ninedtact.shape.mesh import surface_mesh
-    from ninedtact.shape.picture import height_picture, shaded_picture
     from ninedtact.shape.sightlines import from_straight_below
     from ninedtact.simulation.camera import SimulatedCamera
     from ninedtact.simulation.force_torque import SimulatedForceTorque
@@ -55,14 +55,14 @@ HOMES = {
     "touch": "simulation.motion",
     "object_for": "simulation.objects.named",
     "read_height_png": "shape.height_png",
-    "shaded_picture": "shape.picture",
-    "height_picture": "shape.picture",
+    "shaded_image": "shape.image",
+    "height_image": "shape.image",
     "from_straight_below": "shape.sightlines",
     "SourceEnded": "capture.source",
     "CameraSettings": "capture.settings",
     "STEADY": "capture.settings",
     "Coverage": "quantities",
-    "CalibrationPictures": "calibration.flow",
+    "CalibrationImages": "calibration.flow",
     "CalibrationSettings": "calibration.flow",
     "Frame": "quantities",
     "FrameSource": "capture.source",
@@ -80,7 +80,7 @@ HOMES = {
     "export": "shape.export",
     "load_sensor": "calibration.sensor_folder",
     "point_cloud": "shape.cloud",
-    "read_picture": "capture.pictures",
+    "read_image": "capture.images",
     "source_for": "capture.address",
     "summarise": "shape.measures",
     "surface_mesh": "shape.mesh",
@@ -90,7 +90,7 @@ HOMES = {
 __all__ = [
     "STEADY",
     "Act",
-    "CalibrationPictures",
+    "CalibrationImages",
     "CalibrationSettings",
     "CameraSettings",
     "Coverage",
@@ -119,13 +119,13 @@ __all__ = [
     "default_twin",
     "export",
     "from_straight_below",
-    "height_picture",
+    "height_image",
     "load_sensor",
     "object_for",
     "point_cloud",
     "read_height_png",
-    "read_picture",
-    "shaded_picture",
+    "read_image",
+    "shaded_image",
     "source_for",
     "summarise",
     "surface_mesh",

@@ -1,4 +1,4 @@
-"""The design of a sensor: what is known of it before any picture. The defaults are the published 9DTact."""
+"""The design of a sensor: what is known of it before any image. The defaults are the published 9DTact."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -54,12 +54,12 @@ def shear_modulus_of_shore_a(shore_a: float) -> float:
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """The rectified picture: its size in pixels, and the raw picture for which one pixel there is one pixel here."""
+    """The rectified image: its size in pixels, and the raw image for which one pixel there is one pixel here."""
 
     rows: int = 345
     cols: int = 460
     raw_long_side_px: int = 640
-    """A raw picture of another size is rectified to the same number of mm, in the same number of pixels."""
+    """A raw image of another size is rectified to the same number of mm, in the same number of pixels."""
 
     def __post_init__(self) -> None:
         for name in ("rows", "cols", "raw_long_side_px"):
@@ -74,7 +74,7 @@ class Camera:
     """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards: see `shape.sightlines`."""
 
     lens_angle_deg: float = 160.0
-    """What the lens sees in air, from side to side along the picture's diagonal."""
+    """What the lens sees in air, from side to side along the image's diagonal."""
 
     def __post_init__(self) -> None:
         require_positive("camera.distance_mm", self.distance_mm)
@@ -89,7 +89,7 @@ class SensingArea:
     """The skin that is looked at, in the middle of a gel that is larger."""
 
     width_mm: float = 24.0
-    """Along x, the picture's columns."""
+    """Along x, the image's columns."""
     height_mm: float = 18.0
     """Along y, its rows."""
     margin_mm: tuple[float, float] = (2.25, 1.75)

@@ -1,4 +1,4 @@
-"""Four pictures of a sensor, drawn: just enough to calibrate from."""
+"""Four images of a sensor, drawn: just enough to calibrate from."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.calibration.flow import CalibrationPictures
+from ninedtact.calibration.flow import CalibrationImages
 
 PX_PER_MM = 10.0
 BARREL = 0.12
@@ -17,7 +17,7 @@ BALL_RADIUS_MM = 4.0
 
 @dataclass(frozen=True)
 class DrawnPresses:
-    """What the pictures show."""
+    """What the images show."""
 
     missing: tuple[tuple[int, int], ...] = ()
     """(column, row) of pins that leave no imprint, counted from 1."""
@@ -25,12 +25,12 @@ class DrawnPresses:
     grey: float = 160.0
     noise: float = 0.5
 
-    def pictures(self) -> CalibrationPictures:
+    def images(self) -> CalibrationImages:
         """Untouched, board, untouched, ball."""
-        return CalibrationPictures(self.seen(0, 0), self.seen(self.board, 1), self.seen(0, 2), self.seen(self.ball, 3))
+        return CalibrationImages(self.seen(0, 0), self.seen(self.board, 1), self.seen(0, 2), self.seen(self.ball, 3))
 
     def seen(self, change: Float[Array, "rows cols"] | int, seed: int) -> UInt8[Array, "rows cols 3"]:
-        """The camera's picture of a relative change."""
+        """The camera's image of a relative change."""
         noise = np.random.default_rng(seed).normal(0, self.noise, (ROWS, COLS))
         grey = np.clip(np.rint(self.grey * (1 + change) + noise), 0, 255).astype(np.uint8)
         return np.repeat(grey[..., None], 3, axis=2)

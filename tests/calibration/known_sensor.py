@@ -1,4 +1,4 @@
-"""Pictures of a sensor whose lens, light and presses are known exactly: drawn from formulas, without any simulator."""
+"""Images of a sensor whose lens, light and presses are known exactly: drawn from formulas, without any simulator."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 from scipy.interpolate import RectBivariateSpline
 
 from ninedtact.calibration.ball.seen_ball import first_meeting
-from ninedtact.calibration.flow import CalibrationPictures
+from ninedtact.calibration.flow import CalibrationImages
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.shape.lens import LensModel
 
@@ -42,8 +42,8 @@ class KnownSensor:
         x, y = np.moveaxis(self.skin_mm(), -1, 0)
         return 165 - 0.25 * (x**2 + y**2) + 0.4 * x
 
-    def picture(self, factor: Array, seed: int) -> Array:
-        """An 8-bit picture of the skin at this brightness factor."""
+    def image(self, factor: Array, seed: int) -> Array:
+        """An 8-bit image of the skin at this brightness factor."""
         grey = self.light() * factor + np.random.default_rng((self.seed, seed)).normal(0, self.noise, factor.shape)
         return np.repeat(np.clip(np.round(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
 
@@ -69,20 +69,20 @@ class KnownSensor:
         return 1 - DARK_PER_MM * np.maximum(distance * (1 - part), 0) + ring
 
     @cache  # noqa: B019 - the sensors of a test run are few
-    def pictures(self, skip: tuple[int, ...] = ()) -> CalibrationPictures:
-        """The four calibration pictures."""
+    def images(self, skip: tuple[int, ...] = ()) -> CalibrationImages:
+        """The four calibration images."""
         untouched = np.ones(self.lens.raw_shape)
-        return CalibrationPictures(
-            self.picture(untouched, 1),
-            self.picture(self.board_factor(skip), 2),
-            self.picture(untouched, 3),
-            self.picture(self.ball_factor(), 4),
+        return CalibrationImages(
+            self.image(untouched, 1),
+            self.image(self.board_factor(skip), 2),
+            self.image(untouched, 3),
+            self.image(self.ball_factor(), 4),
         )
 
-    def turned(self, quarter_turns: int) -> CalibrationPictures:
-        """The same pictures from a camera that is turned."""
-        return CalibrationPictures(
-            **{name: np.rot90(image, quarter_turns).copy() for name, image in vars(self.pictures()).items()}
+    def turned(self, quarter_turns: int) -> CalibrationImages:
+        """The same images from a camera that is turned."""
+        return CalibrationImages(
+            **{name: np.rot90(image, quarter_turns).copy() for name, image in vars(self.images()).items()}
         )
 
 

@@ -14,7 +14,7 @@ from ninedtact.calibration.ball.contact_circle import BallRefused
 from ninedtact.calibration.ball.depth_curve import monotone_curve
 from ninedtact.calibration.ball.fit import BallFit, fit_ball
 from ninedtact.calibration.ball.judgement import reference_warnings
-from ninedtact.calibration.flow import Calibration, CalibrationPictures, calibrate, calibrated_area_mm
+from ninedtact.calibration.flow import Calibration, CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthReader
@@ -32,8 +32,8 @@ def rectify() -> Rectification:
 
 def fitted(rectify: Rectification, factor, method="ratio") -> BallFit:
     sensor = KnownSensor()
-    untouched = sensor.picture(np.ones(LENS.raw_shape), 1)
-    return fit_ball(rectify, untouched, sensor.picture(factor, 2), DESIGN, method)
+    untouched = sensor.image(np.ones(LENS.raw_shape), 1)
+    return fit_ball(rectify, untouched, sensor.image(factor, 2), DESIGN, method)
 
 
 @pytest.mark.parametrize("method", ["ratio", "table"])
@@ -45,11 +45,11 @@ def test_a_known_ball_is_read_back(rectify: Rectification, method: str) -> None:
     assert fit.warnings == ()
 
 
-def test_the_ratio_is_one_curve_for_the_whole_picture(rectify: Rectification) -> None:
+def test_the_ratio_is_one_curve_for_the_whole_image(rectify: Rectification) -> None:
     """Calibrated near the middle, used in a dim corner: the ratio holds, grey differences do not."""
     sensor = KnownSensor()
-    before = rectify(Frame(sensor.picture(np.ones(LENS.raw_shape), 1)))
-    presses = [rectify(Frame(sensor.picture(sensor.ball_factor(at, 2.6), 3))) for at in ((0.6, 0.7), (7.0, 5.0))]
+    before = rectify(Frame(sensor.image(np.ones(LENS.raw_shape), 1)))
+    presses = [rectify(Frame(sensor.image(sensor.ball_factor(at, 2.6), 3))) for at in ((0.6, 0.7), (7.0, 5.0))]
     differ_mm = {}
     for method in ("ratio", "table"):
         depth = DepthReader(fitted(rectify, sensor.ball_factor(), method).curve, before, rectify.coverage)
@@ -108,14 +108,14 @@ def test_what_cannot_calibrate_is_refused(case: str, rectify: Rectification) -> 
 def test_a_ball_smaller_than_its_disc_is_refused(rectify: Rectification) -> None:
     sensor = KnownSensor()
     small = replace(DESIGN, ball=replace(DESIGN.ball, radius_mm=3.0))
-    pictures = [sensor.picture(factor, n) for n, factor in enumerate((np.ones(LENS.raw_shape), sensor.ball_factor()))]
+    images = [sensor.image(factor, n) for n, factor in enumerate((np.ones(LENS.raw_shape), sensor.ball_factor()))]
     with pytest.raises(BallRefused, match="smaller than the ball"):
-        fit_ball(rectify, *pictures, small)
+        fit_ball(rectify, *images, small)
 
 
 def test_real_ball_of_sensor_a(calibrated_a: Calibration) -> None:
-    pictures, rectify = calibrated_a.pictures, calibrated_a.rectify
-    fit = fit_ball(rectify, pictures.ball_reference, pictures.ball, DESIGN, "ratio")
+    images, rectify = calibrated_a.images, calibrated_a.rectify
+    fit = fit_ball(rectify, images.ball_reference, images.ball, DESIGN, "ratio")
     assert fit.half_mae_mm < 0.02
     assert fit.warnings == calibrated_a.ball.warnings == ()
     assert fit.deepest_mm == pytest.approx(1.92, abs=0.15)  # the original code's own figure for it
@@ -123,35 +123,34 @@ def test_real_ball_of_sensor_a(calibrated_a: Calibration) -> None:
 
 def test_a_board_without_a_central_pin_calibrates_too() -> None:
     sensor = with_board(PinBoard(8, 10, 2.0))
-    made = calibrate(sensor.pictures(), sensor.design)
+    made = calibrate(sensor.images(), sensor.design)
     assert made.record.certificate is not None
     assert made.record.certificate.board.pins_found == 80
     assert made.record.certificate.board.loo_rms_mm_original > 0
 
 
-def test_real_sheared_ball_is_warned_of(real_pictures: dict[str, CalibrationPictures]) -> None:
-    made = calibrate(real_pictures["i"])
+def test_real_sheared_ball_is_warned_of(real_images: dict[str, CalibrationImages]) -> None:
+    made = calibrate(real_images["i"])
     assert any("sheared" in warning for warning in made.record.certificate.warnings)
 
 
-def test_real_picture_without_contact_is_refused(real_pictures: dict[str, CalibrationPictures]) -> None:
+def test_real_image_without_contact_is_refused(real_images: dict[str, CalibrationImages]) -> None:
     with pytest.raises(BallRefused, match="no contact"):
-        calibrate(real_pictures["j"])
+        calibrate(real_images["j"])
 
 
-def test_differing_references_are_warned_of(real_pictures: dict[str, CalibrationPictures]) -> None:
-    pictures = real_pictures["a"]
-    dimmed = (pictures.ball_reference * 0.9).astype(np.uint8)
-    assert reference_warnings(pictures.board_reference, pictures.ball_reference) == ()
-    assert len(reference_warnings(pictures.board_reference, dimmed)) == 1
+def test_differing_references_are_warned_of(real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images["a"]
+    dimmed = (images.ball_reference * 0.9).astype(np.uint8)
+    assert reference_warnings(images.board_reference, images.ball_reference) == ()
+    assert len(reference_warnings(images.board_reference, dimmed)) == 1
 
 
 def test_lines_of_sight_matter_on_a_real_ball(calibrated_a: Calibration) -> None:
-    """Ignoring that the camera is near doubles the error on the same picture: see docs/accuracy.md."""
-    pictures, rectify = calibrated_a.pictures, calibrated_a.rectify
+    """Ignoring that the camera is near doubles the error on the same image: see docs/accuracy.md."""
+    images, rectify = calibrated_a.images, calibrated_a.rectify
     far = replace(DESIGN, camera=replace(DESIGN.camera, distance_mm=1e6))
     seen, ignored = (
-        fit_ball(rectify, pictures.ball_reference, pictures.ball, design, "ratio").half_mae_mm
-        for design in (DESIGN, far)
+        fit_ball(rectify, images.ball_reference, images.ball, design, "ratio").half_mae_mm for design in (DESIGN, far)
     )
     assert ignored > 1.5 * seen

@@ -1,4 +1,4 @@
-"""The pin board is found and the lens recovered, on known lenses and on real pictures; what is no board is refused."""
+"""The pin board is found and the lens recovered, on known lenses and on real images; what is no board is refused."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ from ninedtact.calibration.board.fit import fit_board
 from ninedtact.calibration.board.lens_fit import fit_terms, rms_length
 from ninedtact.calibration.board.paper import integer_centres, left_out_errors_mm, paper_projection
 from ninedtact.calibration.board.refusal import BoardNotFound
-from ninedtact.calibration.brightness import PictureUnusable
-from ninedtact.calibration.flow import CalibrationPictures
+from ninedtact.calibration.brightness import ImageUnusable
+from ninedtact.calibration.flow import CalibrationImages
 from ninedtact.design import PinBoard
 
 BOARD = PinBoard()
@@ -27,8 +27,8 @@ def lens_error_mm(found, known, board: PinBoard = BOARD) -> float:
 
 def test_a_known_lens_is_recovered() -> None:
     sensor = KnownSensor()
-    pictures = sensor.pictures()
-    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+    images = sensor.images()
+    fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.found.all()
     assert lens_error_mm(fit.lens, sensor.lens) < 0.01
     assert fit.lens_fit.left_out_rms_mm < 0.02
@@ -37,41 +37,41 @@ def test_a_known_lens_is_recovered() -> None:
 @pytest.mark.parametrize("board", [PinBoard(5, 5, 3.5), PinBoard(8, 10, 2.0), PinBoard(9, 13, 1.5)], ids=str)
 def test_any_board(board: PinBoard) -> None:
     sensor = with_board(board)
-    pictures = sensor.pictures()
-    fit = fit_board(pictures.board_reference, pictures.board, board)
+    images = sensor.images()
+    fit = fit_board(images.board_reference, images.board, board)
     assert fit.found.all() and lens_error_mm(fit.lens, sensor.lens, board) < 0.02 * board.pitch_mm
 
 
 def test_missing_pins_are_predicted_and_named() -> None:
     sensor = KnownSensor()
-    pictures = sensor.pictures(skip=(0, 30, 44))
-    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+    images = sensor.images(skip=(0, 30, 44))
+    fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.missing == ["column 1, row 1", "column 4, row 4", "column 9, row 5"]
     truth_px = sensor.lens.to_px(fit.points_mm[~fit.found])
     assert np.abs(fit.points_px[~fit.found] - truth_px).max() < 1.0
 
 
 def test_too_many_missing_pins_are_counted() -> None:
-    pictures = KnownSensor().pictures(skip=tuple(range(20, 34)))
+    images = KnownSensor().images(skip=tuple(range(20, 34)))
     with pytest.raises(BoardNotFound, match="expected 63 pins") as refusal:
-        fit_board(pictures.board_reference, pictures.board, BOARD)
+        fit_board(images.board_reference, images.board, BOARD)
     assert 30 <= refusal.value.found <= 52 and refusal.value.expected == 63
 
 
 def test_a_missing_side_could_be_any_row() -> None:
-    pictures = KnownSensor().pictures(skip=tuple(range(0, 63, 9)))
+    images = KnownSensor().images(skip=tuple(range(0, 63, 9)))
     with pytest.raises(BoardNotFound):
-        fit_board(pictures.board_reference, pictures.board, BOARD)
+        fit_board(images.board_reference, images.board, BOARD)
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 @pytest.mark.parametrize("mounting", ["auto", "known"])
 def test_a_turned_camera_sees_the_same_skin(turns: int, mounting: str) -> None:
-    """np.rot90 turns the picture counter-clockwise, so the sensor's x axis turns to −90° per turn on the screen."""
-    pictures = KnownSensor().turned(turns)
+    """np.rot90 turns the image counter-clockwise, so the sensor's x axis turns to −90° per turn on the screen."""
+    images = KnownSensor().turned(turns)
     way = "auto" if mounting == "auto" else (-90 * turns) % 360
-    fit = fit_board(pictures.board_reference, pictures.board, BOARD, way)
-    straight = fit_board(*[getattr(KnownSensor().pictures(), name) for name in ("board_reference", "board")], BOARD)
+    fit = fit_board(images.board_reference, images.board, BOARD, way)
+    straight = fit_board(*[getattr(KnownSensor().images(), name) for name in ("board_reference", "board")], BOARD)
     centre = straight.lens.to_px(np.array([[4.0, 2.0]]))[0]
     seen = np.array(turned_px(centre, turns))
     found = fit.lens.to_mm(seen[None])[0]
@@ -81,7 +81,7 @@ def test_a_turned_camera_sees_the_same_skin(turns: int, mounting: str) -> None:
 
 
 def turned_px(point, turns: int):
-    """Where a pixel of a 640×480 picture lies after np.rot90."""
+    """Where a pixel of a 640×480 image lies after np.rot90."""
     x, y, cols, rows = *point, 640, 480
     for _ in range(turns):
         x, y, cols, rows = y, cols - 1 - x, rows, cols
@@ -89,17 +89,17 @@ def turned_px(point, turns: int):
 
 
 @pytest.mark.parametrize("letter", ["a", "i", "j"])
-def test_real_boards_with_the_defaults(letter: str, real_pictures: dict[str, CalibrationPictures]) -> None:
-    pictures = real_pictures[letter]
-    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+def test_real_boards_with_the_defaults(letter: str, real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images[letter]
+    fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.found.sum() == 63
     original = rms_length(left_out_errors_mm(fit.points_mm, integer_centres(fit)))
     assert fit.lens_fit.left_out_rms_mm < 0.8 * original
 
 
-def test_left_out_errors_equal_those_of_refitting(real_pictures: dict[str, CalibrationPictures]) -> None:
-    pictures = real_pictures["a"]
-    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+def test_left_out_errors_equal_those_of_refitting(real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images["a"]
+    fit = fit_board(images.board_reference, images.board, BOARD)
     refitted = []
     for pin in range(len(fit.points_mm)):
         others = np.arange(len(fit.points_mm)) != pin
@@ -109,12 +109,12 @@ def test_left_out_errors_equal_those_of_refitting(real_pictures: dict[str, Calib
 
 
 ALTERED = {
-    "faint": lambda picture, reference: reference + 0.5 * (picture - reference),
-    "vignetted": lambda picture, reference: picture * vignette()[..., None],
-    "glaring": lambda picture, reference: picture + 150 * glare()[..., None],
-    "dimmed since": lambda picture, reference: picture if picture is reference else 0.9 * picture - 3,
-    "half the size": lambda picture, reference: cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA),
-    "twice the size": lambda picture, reference: cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC),
+    "faint": lambda image, reference: reference + 0.5 * (image - reference),
+    "vignetted": lambda image, reference: image * vignette()[..., None],
+    "glaring": lambda image, reference: image + 150 * glare()[..., None],
+    "dimmed since": lambda image, reference: image if image is reference else 0.9 * image - 3,
+    "half the size": lambda image, reference: cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA),
+    "twice the size": lambda image, reference: cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC),
 }
 
 
@@ -130,30 +130,30 @@ def glare():
 
 @pytest.mark.parametrize("letter", ["a", "i"])
 @pytest.mark.parametrize("how", ALTERED)
-def test_other_light_and_size(how: str, letter: str, real_pictures: dict[str, CalibrationPictures]) -> None:
-    pictures = real_pictures[letter]
-    reference, press = pictures.board_reference.astype(float), pictures.board.astype(float)
+def test_other_light_and_size(how: str, letter: str, real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images[letter]
+    reference, press = images.board_reference.astype(float), images.board.astype(float)
     altered = [np.clip(ALTERED[how](one, reference), 0, 255).astype(np.uint8) for one in (reference, press)]
     fit = fit_board(*altered, BOARD)
     assert fit.found.sum() >= 62 and fit.lens_fit.left_out_rms_mm < 0.06
 
 
-def test_swapped_pictures_are_named(real_pictures: dict[str, CalibrationPictures]) -> None:
-    pictures = real_pictures["a"]
+def test_swapped_images_are_named(real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images["a"]
     with pytest.raises(BoardNotFound, match="swapped"):
-        fit_board(pictures.board, pictures.board_reference, BOARD)
+        fit_board(images.board, images.board_reference, BOARD)
 
 
-def test_untouched_skin_is_no_board(real_pictures: dict[str, CalibrationPictures]) -> None:
-    pictures = real_pictures["j"]
+def test_untouched_skin_is_no_board(real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images["j"]
     with pytest.raises(BoardNotFound, match="nothing touched"):
-        fit_board(pictures.ball_reference, pictures.ball, BOARD)
+        fit_board(images.ball_reference, images.ball, BOARD)
 
 
-def test_a_ball_is_no_board(real_pictures: dict[str, CalibrationPictures]) -> None:
-    pictures = real_pictures["a"]
+def test_a_ball_is_no_board(real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images["a"]
     with pytest.raises(BoardNotFound, match="expected 63 pins"):
-        fit_board(pictures.ball_reference, pictures.ball, BOARD)
+        fit_board(images.ball_reference, images.ball, BOARD)
 
 
 def test_noise_is_no_board() -> None:
@@ -163,15 +163,15 @@ def test_noise_is_no_board() -> None:
 
 
 @pytest.mark.parametrize(("level", "word"), [(0, "lit"), (255, "overexposed")])
-def test_dark_and_burnt_pictures_are_refused(level: int, word: str) -> None:
+def test_dark_and_burnt_images_are_refused(level: int, word: str) -> None:
     flat = np.full((480, 640, 3), level, np.uint8)
-    with pytest.raises(PictureUnusable, match=word):
+    with pytest.raises(ImageUnusable, match=word):
         fit_board(flat, flat, BOARD)
 
 
-def test_the_papers_way_passes_through_its_pins(real_pictures: dict[str, CalibrationPictures]) -> None:
-    pictures = real_pictures["a"]
-    fit = fit_board(pictures.board_reference, pictures.board, BOARD)
+def test_the_papers_way_passes_through_its_pins(real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images["a"]
+    fit = fit_board(images.board_reference, images.board, BOARD)
     projection, mm_per_px = paper_projection(fit)
     assert np.allclose(projection.to_px(fit.points_mm), integer_centres(fit), atol=1e-6)
     assert mm_per_px == pytest.approx(0.0510150969, rel=2e-3)  # what the original code stored for this sensor
@@ -181,6 +181,6 @@ def test_noise_hardly_moves_the_lens() -> None:
     quiet, loud = (replace(KnownSensor(), noise=noise) for noise in (0.3, 2.0))
     errors = []
     for sensor in (quiet, loud):
-        pictures = sensor.pictures()
-        errors.append(lens_error_mm(fit_board(pictures.board_reference, pictures.board, BOARD).lens, sensor.lens))
+        images = sensor.images()
+        errors.append(lens_error_mm(fit_board(images.board_reference, images.board, BOARD).lens, sensor.lens))
     assert errors[1] < 0.03

@@ -8,11 +8,11 @@ import pytest
 
 from ninedtact.calibration.board_press.fit import fit_board_press
 from ninedtact.calibration.board_press.observed import ObservedBoard
-from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, calibrate
+from ninedtact.calibration.flow import Calibration, CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.gauges import gauge_pictures
+from ninedtact.simulation.gauges import gauge_images
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.rectified import looked_up
 from ninedtact.simulation.twin import Twin, default_twin
@@ -32,19 +32,19 @@ def twin() -> Twin:
 
 
 @pytest.fixture(scope="module")
-def pictures(twin: Twin) -> CalibrationPictures:
-    return CalibrationPictures(**vars(gauge_pictures(twin, board_depth_mm=IMPRINT_MM, frames=8)))
+def images(twin: Twin) -> CalibrationImages:
+    return CalibrationImages(**vars(gauge_images(twin, board_depth_mm=IMPRINT_MM, frames=8)))
 
 
 @pytest.fixture(scope="module")
-def together(pictures: CalibrationPictures) -> Calibration:
-    return calibrate(pictures)
+def together(images: CalibrationImages) -> Calibration:
+    return calibrate(images)
 
 
 @pytest.fixture(scope="module")
-def apart(pictures: CalibrationPictures) -> Calibration:
+def apart(images: CalibrationImages) -> Calibration:
     """By a method that has no twin, so that the lens is that of the pins alone."""
-    return calibrate(pictures, settings=CalibrationSettings(method="ratio"))
+    return calibrate(images, settings=CalibrationSettings(method="ratio"))
 
 
 def scale_error(made: Calibration, twin: Twin) -> float:
@@ -85,7 +85,7 @@ def test_a_board_that_is_not_as_drawn_changes_nothing(calibrated_a: Calibration)
 
 
 def test_a_missing_pin_is_not_looked_at(together: Calibration) -> None:
-    board, images = together.board, (together.pictures.board_reference, together.pictures.board)
+    board, images = together.board, (together.images.board_reference, together.images.board)
     found = board.found.copy()
     found[0] = False
     before, after = (together.rectify(Frame(image)) for image in images)
@@ -97,8 +97,8 @@ FOLDING = (0.35, 1.5, -2.3)
 """Radial terms that follow a strong lens up to the outermost pins, and fold it over in the corners beyond."""
 
 
-def test_places_where_a_lens_folds_the_picture_are_not_looked_at(together: Calibration) -> None:
-    board, images = together.board, (together.pictures.board_reference, together.pictures.board)
+def test_places_where_a_lens_folds_the_image_are_not_looked_at(together: Calibration) -> None:
+    board, images = together.board, (together.images.board_reference, together.images.board)
     before, after = (together.rectify(Frame(image)) for image in images)
     plain, folded = (
         ObservedBoard(before, after, replace(board, refined=replace(board.lens, radial=radial)))
@@ -113,7 +113,7 @@ def test_a_fit_whose_lens_folds_is_not_believed(together: Calibration, monkeypat
     assert together.ball.physical is not None
     board = together.board
     before, after = (
-        together.rectify(Frame(image)) for image in (together.pictures.board_reference, together.pictures.board)
+        together.rectify(Frame(image)) for image in (together.images.board_reference, together.images.board)
     )
     astray = replace(board.lens, radial=FOLDING)
     monkeypatch.setattr("ninedtact.calibration.board_press.fit.refit", lambda *_: SimpleNamespace(lens=astray))

@@ -20,7 +20,7 @@ from ninedtact.calibration.certificate.drawing import not_found_overlay, stretch
 from ninedtact.calibration.certificate.drawn_board import magnification
 from ninedtact.calibration.certificate.page import LENS, METHOD, certificate_html
 from ninedtact.calibration.certificate.verdict import LEVELS, Limit, Line, headline, verdict, worst
-from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, LensKind, calibrate
+from ninedtact.calibration.flow import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
 from ninedtact.calibration.record import BallFigures, BoardFigures, Certificate
 
 HOSTILE = "<script>alert('id')</script> & \"co\""
@@ -80,8 +80,8 @@ def read(calibration: Calibration) -> Read:
 
 @pytest.fixture(scope="module")
 def drawn() -> Read:
-    """Drawn pictures with two pins missing, under a hostile name."""
-    return read(calibrate(DrawnPresses(missing=((9, 2), (3, 5))).pictures(), sensor_id=HOSTILE))
+    """Drawn images with two pins missing, under a hostile name."""
+    return read(calibrate(DrawnPresses(missing=((9, 2), (3, 5))).images(), sensor_id=HOSTILE))
 
 
 def words_of(page: Page) -> str:
@@ -102,7 +102,7 @@ def test_page_needs_nothing_from_outside(drawn: Read) -> None:
     assert "://" not in drawn.html
 
 
-def test_pictures_on_the_page_are_pictures_of_reasonable_size(drawn: Read) -> None:
+def test_images_on_the_page_are_images_of_reasonable_size(drawn: Read) -> None:
     for tag, attributes in drawn.page.elements:
         if tag == "img":
             content = b64decode((attributes["src"] or "").split(",")[1])
@@ -155,7 +155,7 @@ def test_missing_pins_are_named_on_the_page(drawn: Read) -> None:
 
 def test_original_way_has_its_page_too() -> None:
     settings = CalibrationSettings(lens="paper", method="table", mounting_deg=180)
-    page = read(calibrate(DrawnPresses().pictures(), settings=settings)).page
+    page = read(calibrate(DrawnPresses().images(), settings=settings)).page
     assert LENS["paper"] in words_of(page) and METHOD["table"] in words_of(page)
 
 
@@ -167,8 +167,8 @@ def test_every_lens_and_method_has_words() -> None:
 def test_real_sensors(sensor: str, level: str, request: pytest.FixtureRequest) -> None:
     folder = request.getfixturevalue("real_data") / sensor
     names = ("board_reference", "board", "ball_reference", "ball")
-    pictures = CalibrationPictures(*(cv2.imread(str(folder / f"{name}.png")) for name in names))
-    made = read(calibrate(pictures, sensor_id=sensor))
+    images = CalibrationImages(*(cv2.imread(str(folder / f"{name}.png")) for name in names))
+    made = read(calibrate(images, sensor_id=sensor))
     certificate = made.calibration.record.certificate
     assert certificate is not None and worst(certificate) == level
     assert headline(certificate) in words_of(made.page) and len(made.html) < 2e6

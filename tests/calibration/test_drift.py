@@ -1,4 +1,4 @@
-"""A check is quiet about skin that is as it was, and names what has changed, on real pictures and on drawn ones."""
+"""A check is quiet about skin that is as it was, and names what has changed, on real images and on drawn ones."""
 
 import json
 from collections.abc import Callable
@@ -11,15 +11,15 @@ import pytest
 from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.brightness import Image, PictureUnusable
+from ninedtact.calibration.brightness import Image, ImageUnusable
 from ninedtact.calibration.drift.drift import Drift, KnownSkin, drift, known_skin
 from ninedtact.calibration.drift.findings import findings
 from ninedtact.calibration.drift.skin_motion import skin_motion
-from ninedtact.calibration.flow import CalibrationPictures, calibrate, calibrated_area_mm
+from ninedtact.calibration.flow import CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.calibration.upstream.exchange import import_upstream
 from ninedtact.calibration.written import write_sensor
-from ninedtact.capture.pictures import PictureSizeWrong, read_picture
+from ninedtact.capture.images import ImageSizeWrong, read_image
 from ninedtact.cli.check import Check, NothingToCheck
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import rectification
@@ -32,7 +32,7 @@ def verdicts(known: KnownSkin, today: Image) -> list[str]:
 
 
 def moved(image: Image, x: float = 0.0, y: float = 0.0, clockwise_deg: float = 0.0) -> Image:
-    """The picture from a camera that moved, with noise of its own: else rounding twice holds the picture in place."""
+    """The image from a camera that moved, with noise of its own: else rounding twice holds the image in place."""
     rows, cols = image.shape[:2]
     matrix = cv2.getRotationMatrix2D(((cols - 1) / 2, (rows - 1) / 2), -clockwise_deg, 1)
     matrix[:, 2] += x, y
@@ -42,61 +42,61 @@ def moved(image: Image, x: float = 0.0, y: float = 0.0, clockwise_deg: float = 0
 
 
 def times(image: Image, factor: object) -> Image:
-    """The picture in another light."""
+    """The image in another light."""
     return np.clip(np.rint(image * np.asarray(factor)), 0, 255).astype(np.uint8)
 
 
 def spotted(image: Image, change: float, radius_px: float, x: float = 250, y: float = 300) -> Image:
-    """The picture with a soft round spot."""
+    """The image with a soft round spot."""
     rows, cols = np.indices(image.shape[:2])
     inside = 1 / (1 + np.exp((np.hypot(cols - x, rows - y) - radius_px) / 2))
     return times(image, 1 + change * inside[..., None])
 
 
 @pytest.fixture(scope="module")
-def pictures(real_data: Path) -> dict[str, dict[str, Image]]:
+def images(real_data: Path) -> dict[str, dict[str, Image]]:
     names = ("board_reference", "board", "ball_reference", "ball")
-    return {sensor: {name: read_picture(real_data / sensor / f"{name}.png") for name in names} for sensor in SENSORS}
+    return {sensor: {name: read_image(real_data / sensor / f"{name}.png") for name in names} for sensor in SENSORS}
 
 
 @pytest.fixture(scope="module")
-def sensor(pictures: dict[str, dict[str, Image]], tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
-    made = calibrate(CalibrationPictures(**pictures["sensor_a"]))
+def sensor(images: dict[str, dict[str, Image]], tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    made = calibrate(CalibrationImages(**images["sensor_a"]))
     return write_sensor(tmp_path_factory.mktemp("sensors") / "a", made)
 
 
 @pytest.fixture(scope="module")
-def known(sensor: SensorFolder, pictures: dict[str, dict[str, Image]]) -> dict[str, KnownSkin]:
+def known(sensor: SensorFolder, images: dict[str, dict[str, Image]]) -> dict[str, KnownSkin]:
     """All three skins; the others seen as through the first one's lens, which is much like theirs."""
     first = known_skin(sensor)
     return {
-        name: replace(first, lens_picture=found["ball_reference"], depth_picture=found["ball_reference"])
-        for name, found in pictures.items()
+        name: replace(first, lens_image=found["ball_reference"], depth_image=found["ball_reference"])
+        for name, found in images.items()
     }
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_untouched_skin_of_another_time_is_fine(name: str, known: dict, pictures: dict) -> None:
-    measured = drift(known[name], pictures[name]["board_reference"])
+def test_untouched_skin_of_another_time_is_fine(name: str, known: dict, images: dict) -> None:
+    measured = drift(known[name], images[name]["board_reference"])
     assert findings(measured) == []
     assert measured.moved.recognised
     assert measured.moved.likeness > 0.6
     assert np.hypot(*measured.moved.shift_px) < 0.5
 
 
-def test_a_ball_picture_without_contact_is_fine(known: dict, pictures: dict) -> None:
-    assert verdicts(known["sensor_j"], pictures["sensor_j"]["ball"]) == []
+def test_a_ball_image_without_contact_is_fine(known: dict, images: dict) -> None:
+    assert verdicts(known["sensor_j"], images["sensor_j"]["ball"]) == []
 
 
 @pytest.mark.parametrize("name", SENSORS)
 @pytest.mark.parametrize("press", ["ball", "board"])
-def test_whatever_touches_is_noticed(name: str, press: str, known: dict, pictures: dict) -> None:
+def test_whatever_touches_is_noticed(name: str, press: str, known: dict, images: dict) -> None:
     if (name, press) != ("sensor_j", "ball"):
-        assert verdicts(known[name], pictures[name][press]) == ["something touches the gel"]
+        assert verdicts(known[name], images[name][press]) == ["something touches the gel"]
 
 
-def test_the_contact_is_where_the_ball_is(known: dict, pictures: dict) -> None:
-    contact = drift(known["sensor_a"], pictures["sensor_a"]["ball"]).change.contact
+def test_the_contact_is_where_the_ball_is(known: dict, images: dict) -> None:
+    contact = drift(known["sensor_a"], images["sensor_a"]["ball"]).change.contact
     assert contact is not None
     assert (contact.x_mm, contact.y_mm) == pytest.approx((0.7, 0.7), abs=0.4)
     assert contact.area_mm2 == pytest.approx(np.pi * 3.4**2, rel=0.25)
@@ -128,28 +128,26 @@ CHANGES: dict[str, tuple[Callable[[Image], Image], str]] = {
 
 
 @pytest.mark.parametrize(("spoil", "verdict"), CHANGES.values(), ids=CHANGES)
-def test_every_change_has_its_name(spoil: Callable[[Image], Image], verdict: str, known: dict, pictures: dict) -> None:
+def test_every_change_has_its_name(spoil: Callable[[Image], Image], verdict: str, known: dict, images: dict) -> None:
     for name in ("sensor_a", "sensor_j"):
-        assert verdicts(known[name], spoil(pictures[name]["board_reference"])) == [verdict]
+        assert verdicts(known[name], spoil(images[name]["board_reference"])) == [verdict]
 
 
-def test_noise_blur_compression_and_half_a_pixel_are_no_change(known: dict, pictures: dict) -> None:
-    image = pictures["sensor_a"]["board_reference"]
+def test_noise_blur_compression_and_half_a_pixel_are_no_change(known: dict, images: dict) -> None:
+    image = images["sensor_a"]["board_reference"]
     noise = np.random.default_rng(0).normal(0, 3, image.shape)
     jpeg = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 50])[1], cv2.IMREAD_COLOR)
     for today in (times(image + noise, 1), jpeg, cv2.GaussianBlur(image, (0, 0), 2), moved(image, 0.3, -0.3)):
         assert verdicts(known["sensor_a"], today) == []
 
 
-def test_another_sensor_is_another_skin(known: dict, pictures: dict) -> None:
+def test_another_sensor_is_another_skin(known: dict, images: dict) -> None:
     for mine, other in (("sensor_a", "sensor_i"), ("sensor_i", "sensor_j"), ("sensor_j", "sensor_a")):
-        assert verdicts(known[mine], pictures[other]["board_reference"]) == ["another skin"]
+        assert verdicts(known[mine], images[other]["board_reference"]) == ["another skin"]
 
 
-def test_figures_are_right(known: dict, pictures: dict) -> None:
-    found = drift(
-        known["sensor_a"], times(moved(spotted(pictures["sensor_a"]["ball_reference"], -0.1, 20), 2, -1), 0.9)
-    )
+def test_figures_are_right(known: dict, images: dict) -> None:
+    found = drift(known["sensor_a"], times(moved(spotted(images["sensor_a"]["ball_reference"], -0.1, 20), 2, -1), 0.9))
     assert found.moved.shift_px == pytest.approx((2, -1), abs=0.2)
     assert found.known.mm_per_raw_px == pytest.approx(0.0518, rel=0.03)
     assert found.change.gain == pytest.approx(0.9, abs=0.003)
@@ -161,11 +159,11 @@ def test_figures_are_right(known: dict, pictures: dict) -> None:
 
 @pytest.mark.parametrize("shift", [(0.5, 0.0), (0.0, -1.0), (6.0, 9.0)])
 @pytest.mark.parametrize("clockwise_deg", [0.0, -0.7])
-def test_motion_is_measured_to_a_tenth_of_a_pixel(shift: tuple, clockwise_deg: float, pictures: dict) -> None:
-    rest = skin_motion(pictures["sensor_i"]["board_reference"], pictures["sensor_i"]["ball_reference"])
+def test_motion_is_measured_to_a_tenth_of_a_pixel(shift: tuple, clockwise_deg: float, images: dict) -> None:
+    rest = skin_motion(images["sensor_i"]["board_reference"], images["sensor_i"]["ball_reference"])
     motion = skin_motion(
-        pictures["sensor_i"]["board_reference"],
-        moved(pictures["sensor_i"]["ball_reference"], *shift, clockwise_deg),
+        images["sensor_i"]["board_reference"],
+        moved(images["sensor_i"]["ball_reference"], *shift, clockwise_deg),
     )
     assert np.subtract(motion.shift_px, rest.shift_px) == pytest.approx(shift, abs=0.2)
     assert motion.turn_deg - rest.turn_deg == pytest.approx(clockwise_deg, abs=0.05)
@@ -179,57 +177,57 @@ def drawn() -> tuple[KnownSensor, KnownSkin]:
     design, untouched = sensor.design, np.ones(sensor.lens.raw_shape)
     rectify = rectification(sensor.lens, design.field_of_view, 0.0521, (480, 640), calibrated_area_mm(design))
     curve = DepthCurve("ratio", (0.0, 0.3), (0.0, 1.8), (0.01, 0.01))
-    return sensor, KnownSkin(sensor.picture(untouched, 1), sensor.picture(untouched, 2), rectify, curve)
+    return sensor, KnownSkin(sensor.image(untouched, 1), sensor.image(untouched, 2), rectify, curve)
 
 
 def test_a_skin_without_structure_is_judged_by_its_light(drawn: tuple[KnownSensor, KnownSkin]) -> None:
     sensor, known = drawn
     untouched = np.ones(sensor.lens.raw_shape)
-    fine = drift(known, sensor.picture(untouched, 3))
+    fine = drift(known, sensor.image(untouched, 3))
     assert findings(fine) == []
     assert not fine.moved.observable
-    assert verdicts(known, sensor.picture(0.9 * untouched, 4)) == ["light dimmer"]
-    assert verdicts(known, sensor.picture(sensor.ball_factor(), 5)) == ["something touches the gel"]
-    assert verdicts(known, sensor.picture(sensor.board_factor(), 6)) == ["something touches the gel"]
-    assert verdicts(known, spotted(sensor.picture(untouched, 7), -0.08, 15)) == ["gel changed"]
+    assert verdicts(known, sensor.image(0.9 * untouched, 4)) == ["light dimmer"]
+    assert verdicts(known, sensor.image(sensor.ball_factor(), 5)) == ["something touches the gel"]
+    assert verdicts(known, sensor.image(sensor.board_factor(), 6)) == ["something touches the gel"]
+    assert verdicts(known, spotted(sensor.image(untouched, 7), -0.08, 15)) == ["gel changed"]
 
 
 def test_height_figures_follow_the_curve(drawn: tuple[KnownSensor, KnownSkin]) -> None:
     sensor, known = drawn
-    found: Drift = drift(known, sensor.picture(np.full(sensor.lens.raw_shape, 0.95), 3))
+    found: Drift = drift(known, sensor.image(np.full(sensor.lens.raw_shape, 0.95), 3))
     assert found.height_mm == pytest.approx(0.05 * 6, rel=0.1)
     (finding,) = findings(found)
     assert finding.height_mm == pytest.approx(0.05 * 6, rel=0.1)
 
 
-def test_a_picture_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, KnownSkin]) -> None:
+def test_a_image_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, KnownSkin]) -> None:
     _, known = drawn
-    with pytest.raises(PictureSizeWrong, match="640 x 480 pixels, got 320 x 240"):
+    with pytest.raises(ImageSizeWrong, match="640 x 480 pixels, got 320 x 240"):
         drift(known, np.full((240, 320, 3), 160, np.uint8))
-    with pytest.raises(PictureUnusable, match="switch the sensor's light on"):
+    with pytest.raises(ImageUnusable, match="switch the sensor's light on"):
         drift(known, np.zeros((480, 640, 3), np.uint8))
 
 
 def test_the_command_ends_with_the_verdict(
-    sensor: SensorFolder, pictures: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sensor: SensorFolder, images: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fine, dim = tmp_path / "fine.png", tmp_path / "dim.png"
-    cv2.imwrite(str(fine), pictures["sensor_a"]["board_reference"])
-    cv2.imwrite(str(dim), times(pictures["sensor_a"]["ball_reference"], 0.8))
+    cv2.imwrite(str(fine), images["sensor_a"]["board_reference"])
+    cv2.imwrite(str(dim), times(images["sensor_a"]["ball_reference"], 0.8))
     assert Check(sensor.path, (fine,), json=True).run() == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["verdict"], found["findings"]) == ("fine", [])
     assert Check(sensor.path, (fine, dim), json=True).run() == 1
     found = json.loads(capsys.readouterr().out)
-    assert [picture["verdict"] for picture in found["pictures"]] == ["fine", "light dimmer"]
+    assert [image["verdict"] for image in found["images"]] == ["fine", "light dimmer"]
     assert found["findings"][0]["height_mm"] > 0.3
-    assert found["pictures"][1]["brightness_percent"] == pytest.approx(-20, abs=0.2)
+    assert found["images"][1]["brightness_percent"] == pytest.approx(-20, abs=0.2)
     assert Check(sensor.path, (dim,)).run() == 1
     assert "20.0% dimmer" in capsys.readouterr().out
 
 
-def test_a_command_without_pictures_says_so(sensor: SensorFolder) -> None:
-    with pytest.raises(NothingToCheck, match="at least one picture"):
+def test_a_command_without_images_says_so(sensor: SensorFolder) -> None:
+    with pytest.raises(NothingToCheck, match="at least one image"):
         Check(sensor.path, ()).run()
 
 

@@ -19,7 +19,7 @@ from ninedtact.calibration.sensor_folder import (
     record_toml,
 )
 from ninedtact.calibration.written import write_sensor
-from ninedtact.capture.pictures import read_picture
+from ninedtact.capture.images import read_image
 from ninedtact.quantities import Frame
 
 
@@ -30,24 +30,24 @@ def folder(calibrated_a: Calibration, tmp_path: Path) -> Path:
 
 def test_what_is_read_is_what_was_written(folder: Path, calibrated_a: Calibration) -> None:
     sensor = load_sensor(folder)
-    kept = msgspec.structs.replace(sensor.record, pictures={})
+    kept = msgspec.structs.replace(sensor.record, images={})
     assert kept == calibrated_a.record
     assert np.array_equal(sensor.rectification.source_px, calibrated_a.rectify.source_px)
-    assert np.array_equal(sensor.picture("ball", read_picture).image, calibrated_a.pictures.ball)
+    assert np.array_equal(sensor.image("ball", read_image).image, calibrated_a.images.ball)
 
 
 def test_the_papers_lens_is_read_back_too(calibrated_a: Calibration, tmp_path: Path) -> None:
-    made = calibrate(calibrated_a.pictures, settings=CalibrationSettings(lens="paper", method="table"))
+    made = calibrate(calibrated_a.images, settings=CalibrationSettings(lens="paper", method="table"))
     sensor = load_sensor(write_sensor(tmp_path / "paper", made).path)
     assert np.array_equal(sensor.rectification.source_px, made.rectify.source_px)
     assert made.record.grid.mm_per_px == pytest.approx(0.0510150969, rel=2e-3)
 
 
 def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated_a: Calibration) -> None:
-    shape, pictures = load_sensor(folder).shape, calibrated_a.pictures
-    height = shape.depth_reader(Frame(pictures.ball_reference))(shape.rectify(Frame(pictures.ball)))
+    shape, images = load_sensor(folder).shape, calibrated_a.images
+    height = shape.depth_reader(Frame(images.ball_reference))(shape.rectify(Frame(images.ball)))
     assert height.indentation_mm.max() == pytest.approx(calibrated_a.ball.deepest_mm, abs=0.03)
-    untouched = shape.depth_reader(Frame(pictures.ball_reference))(shape.rectify(Frame(pictures.ball_reference)))
+    untouched = shape.depth_reader(Frame(images.ball_reference))(shape.rectify(Frame(images.ball_reference)))
     assert np.abs(untouched.z_mm).max() < 1e-3
 
 
@@ -83,14 +83,14 @@ def test_damage_is_said(how: str, folder: Path) -> None:
         load_sensor(folder)
 
 
-def test_a_changed_or_missing_picture_is_said(folder: Path) -> None:
-    picture = folder / "pictures" / "ball.png"
-    picture.write_bytes(picture.read_bytes() + b"x")
+def test_a_changed_or_missing_image_is_said(folder: Path) -> None:
+    image = folder / "images" / "ball.png"
+    image.write_bytes(image.read_bytes() + b"x")
     with pytest.raises(SensorFolderDamaged, match="other content"):
-        load_sensor(folder).picture("ball", read_picture)
-    picture.unlink()
+        load_sensor(folder).image("ball", read_image)
+    image.unlink()
     with pytest.raises(SensorFolderDamaged, match="no such file"):
-        load_sensor(folder).picture("ball", read_picture)
+        load_sensor(folder).image("ball", read_image)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
@@ -141,4 +141,4 @@ def test_a_full_disk_leaves_nothing(calibrated_a: Calibration, tmp_path: Path, m
 
 def test_a_sensor_folder_moves(folder: Path, tmp_path: Path) -> None:
     shutil.move(folder, tmp_path / "elsewhere")
-    assert load_sensor(tmp_path / "elsewhere").picture("board", read_picture).image.shape == (480, 640, 3)
+    assert load_sensor(tmp_path / "elsewhere").image("board", read_image).image.shape == (480, 640, 3)

@@ -8,7 +8,7 @@ import pytest
 from ninedtact.calibration.ball.contact_circle import BallRefused, find_contact_circle
 from ninedtact.calibration.ball.fit import fit_ball, uniform_change
 from ninedtact.calibration.board.fit import fit_board
-from ninedtact.calibration.flow import Calibration, CalibrationPictures, lens_on_grid
+from ninedtact.calibration.flow import Calibration, CalibrationImages, lens_on_grid
 from ninedtact.calibration.twin.fit import TwinFit, fit_twin
 from ninedtact.calibration.twin.sensor_twin import twin_from
 from ninedtact.design import SensorDesign
@@ -30,8 +30,8 @@ NOISE = 0.7
 
 @pytest.fixture(scope="module")
 def twin(calibrated_a: Calibration) -> Twin:
-    """A twin with known numbers behind sensor A's lens, before sensor A's untouched picture."""
-    return twin_from("known", GEL, LIGHT, calibrated_a.rectify, calibrated_a.pictures.ball_reference, NOISE)
+    """A twin with known numbers behind sensor A's lens, before sensor A's untouched image."""
+    return twin_from("known", GEL, LIGHT, calibrated_a.rectify, calibrated_a.images.ball_reference, NOISE)
 
 
 def pressed(twin: Twin, indenter: Indenter, at: Pose, drag_mm: tuple[float, float] = (0.0, 0.0)) -> Contact:
@@ -58,27 +58,27 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
     assert fit.named["thickness_mm"] == pytest.approx(2.3, abs=0.15)
     assert fit.named["scattering_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
     assert fit.named["bright_per_mm"] == pytest.approx(0.33, rel=0.1)
-    assert fit.rmse_grey_picture < 0.3 and fit.rmse_grey_radial < 0.1
+    assert fit.rmse_grey_image < 0.3 and fit.rmse_grey_radial < 0.1
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "nearness_per_mm": 0.05}
     off = {name: abs(fit.named[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}
     assert max(off.values()) < 4, off
 
 
 @pytest.fixture(scope="module")
-def fits(real_pictures: dict[str, CalibrationPictures]) -> dict[str, TwinFit]:
+def fits(real_images: dict[str, CalibrationImages]) -> dict[str, TwinFit]:
     """The real presses of sensors A and I."""
     found = {}
     for letter in "ai":
-        pictures = real_pictures[letter]
-        rectify = lens_on_grid(fit_board(pictures.board_reference, pictures.board, DESIGN.pin_board), DESIGN, "lens")
-        before, after = (rectify(Frame(image)) for image in (pictures.ball_reference, pictures.ball))
+        images = real_images[letter]
+        rectify = lens_on_grid(fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN, "lens")
+        before, after = (rectify(Frame(image)) for image in (images.ball_reference, images.ball))
         found[letter] = fit_twin(before, after, find_contact_circle(uniform_change(before, after)), DESIGN)
     return found
 
 
 def test_real_presses_are_explained(fits: dict[str, TwinFit]) -> None:
-    assert fits["a"].rmse_grey_radial < 0.6 and fits["a"].rmse_grey_picture < 0.8
-    assert fits["i"].rmse_grey_picture < 1.3
+    assert fits["a"].rmse_grey_radial < 0.6 and fits["a"].rmse_grey_image < 0.8
+    assert fits["i"].rmse_grey_image < 1.3
 
 
 def test_a_real_sheared_press_tells_its_drag(fits: dict[str, TwinFit]) -> None:
@@ -97,13 +97,13 @@ def test_physics_reads_another_ball_better_than_the_rule(
     twin: Twin, known_press: Contact, calibrated_a: Calibration
 ) -> None:
     rectify = calibrated_a.rectify
-    pictures = [twin.renderer(None, 1), twin.renderer(known_press, 2)]
+    images = [twin.renderer(None, 1), twin.renderer(known_press, 2)]
     before = rectify(Frame(twin.renderer(None, 3)))
     contact = pressed(twin, Ball(5.0), Pose(-3.0, 1.5, 1.2))
     after, true = rectify(Frame(twin.renderer(contact, 4))), seen_mm(contact, before.grey.shape, rectify.mm_per_px)
     off = {}
     for method in ("physics", "ratio"):
-        read = fit_ball(rectify, *pictures, DESIGN, method).reader(before, rectify.coverage)(after)
+        read = fit_ball(rectify, *images, DESIGN, method).reader(before, rectify.coverage)(after)
         off[method] = float(np.abs(read.indentation_mm + np.minimum(true, 0))[true < -0.05].mean())
     assert off["physics"] < 0.03 < 0.06 < off["ratio"]
 

@@ -16,7 +16,7 @@ from known_sensor import LENS
 from numpy import ndarray as Array
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.record import FORMAT, Depth, Grid, LensTable, Picture, SensorRecord
+from ninedtact.calibration.record import FORMAT, Depth, Grid, Image, LensTable, SensorRecord
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolderDamaged, load_sensor, record_toml
 from ninedtact.calibration.upstream.exchange import (
     UpstreamCannotHold,
@@ -26,7 +26,7 @@ from ninedtact.calibration.upstream.exchange import (
 )
 from ninedtact.calibration.upstream.files import read_numbers
 from ninedtact.calibration.upstream.layout import COL_INDEX, FILES, PIXEL_TO_DEPTH, POSITION_SCALE, ROW_INDEX
-from ninedtact.capture.pictures import read_picture
+from ninedtact.capture.images import read_image
 from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Coverage, Frame
@@ -62,27 +62,27 @@ def test_a_real_folder_survives_the_round_trip(real_data: Path, tmp_path: Path) 
 
 def test_an_imported_sensor_shows_what_the_original_shows(real_data: Path, tmp_path: Path) -> None:
     sensor = import_upstream(real_data / REAL, tmp_path / "ours", sensor_id="left finger")
-    ball = read_picture(real_data / "sensor_a/ball.png")
+    ball = read_image(real_data / "sensor_a/ball.png")
     grey = cv2.cvtColor(ball, cv2.COLOR_BGR2GRAY)
     ours = sensor.rectification(Frame(ball)).grey
     np.testing.assert_array_equal(ours, shown_by_original(real_data / REAL / "sensor_1", grey))
-    height = sensor.shape.depth_reader(Frame(read_picture(real_data / "sensor_a/ball_reference.png")))
+    height = sensor.shape.depth_reader(Frame(read_image(real_data / "sensor_a/ball_reference.png")))
     deepest_mm = height(sensor.rectification(Frame(ball))).indentation_mm.max()
     assert deepest_mm == pytest.approx(1.85, abs=0.1)
     assert (sensor.rectification.coverage == Coverage.OUT_OF_VIEW).sum() == 38
     assert sensor.id == load_sensor(tmp_path / "ours").id == "left finger"
     with pytest.raises(SensorFolderDamaged, match="imported"):
-        sensor.picture("ball_reference", read_picture)
+        sensor.image("ball_reference", read_image)
 
 
 def test_the_crop_is_the_original_s_whatever_its_size(tmp_path: Path) -> None:
     folder = UpstreamFolder(position_scale=np.array([241.0, 334.0, 0.05])).write(tmp_path / "sensor_2")
-    picture = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
+    image = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
     for rows, cols in ((345, 460), (280, 381)):
         design = replace(SensorDesign(), field_of_view=FieldOfView(rows, cols))
         sensor = import_upstream(tmp_path, tmp_path / "ours", design)
-        ours = sensor.rectification(Frame(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))).grey
-        np.testing.assert_array_equal(ours, shown_by_original(folder, picture, rows, cols))
+        ours = sensor.rectification(Frame(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))).grey
+        np.testing.assert_array_equal(ours, shown_by_original(folder, image, rows, cols))
 
 
 def test_gaps_and_dips_in_the_list_are_mended(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_gaps_and_dips_in_the_list_are_mended(tmp_path: Path) -> None:
 
 Spoil = Callable[[UpstreamFolder], object]
 SPOILT: dict[str, tuple[Spoil, str]] = {
-    "index beyond the picture": (lambda f: f.row_index.__setitem__((3, 4), 480), "pixels 0 to 479 .*row_index"),
+    "index beyond the image": (lambda f: f.row_index.__setitem__((3, 4), 480), "pixels 0 to 479 .*row_index"),
     "negative index": (lambda f: f.col_index.__setitem__((3, 4), -1), "pixels 0 to 639 .*col_index"),
     "maps of two sizes": (lambda f: setattr(f, "col_index", f.col_index[:400]), "one size"),
     "flat map": (lambda f: setattr(f, "row_index", f.row_index.ravel()), "2 dimensions .*row_index"),
@@ -174,7 +174,7 @@ def lens_sensor(folder: Path, raw_shape: tuple[int, int] = (480, 640)) -> Path:
         grid=Grid(0.0521, *raw_shape, (-12.5, 12.5, -10.0, 10.0)),
         lens=LensTable(LENS.homography, LENS.centre, LENS.radial, LENS.tangential),  # type: ignore[arg-type]
         depth=Depth("ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 0.5, 1.2), (0.01,) * 3)),
-        pictures={"ball_reference": Picture("reference.png", sha256(content).hexdigest())},
+        images={"ball_reference": Image("reference.png", sha256(content).hexdigest())},
     )
     (folder / RECORD).write_bytes(record_toml(record))
     return folder

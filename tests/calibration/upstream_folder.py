@@ -12,7 +12,7 @@ ROWS, COLS = 480, 640
 
 
 def enlarged(size: int) -> Array:
-    """Source of a picture that shows the middle nine tenths."""
+    """Source of an image that shows the middle nine tenths."""
     return np.floor((np.arange(size) - size / 2) * 0.9 + size / 2).astype(np.int32)
 
 

@@ -26,7 +26,7 @@ class BenchCamera:
     )
     rates_hz: tuple[float, ...] = (29.97, 60.0)
     driver_delay_ms: float | None = None
-    damaged_pictures: int = 0
+    damaged_images: int = 0
     shown: int = 0
     held: int = 0
     """Captures that are open now."""
@@ -83,8 +83,8 @@ class BenchCapture:
         time.sleep(0.002)
         if self.released or not self.camera.plugged_in:
             return False, None
-        if self.camera.damaged_pictures:
-            self.camera.damaged_pictures -= 1
+        if self.camera.damaged_images:
+            self.camera.damaged_images -= 1
             return False, None
         self.camera.shown += 1
         cols, rows = self.mode()
@@ -96,7 +96,7 @@ class BenchCapture:
 
 
 class BenchPi:
-    """A ribbon-cable camera as picamera2 shows it: controls arrive a few pictures late, exposure is limited."""
+    """A ribbon-cable camera as picamera2 shows it: controls arrive a few images late, exposure is limited."""
 
     camera_controls = ("FrameRate", "AeEnable", "ExposureTime", "AnalogueGain", "AwbEnable")
 
@@ -121,5 +121,5 @@ class BenchPi:
     def get_result(self, timeout: float) -> tuple[list[np.ndarray], dict[str, float]]:
         self.shown += 1
         exposure = min(self.controls.get("ExposureTime", 0), 20_000) if self.shown > 3 else 5
-        picture = np.full((self.rows, self.cols, 3), self.shown % 256, np.uint8)
-        return [picture], {"ExposureTime": exposure, "AnalogueGain": self.controls.get("AnalogueGain", 1.0)}
+        image = np.full((self.rows, self.cols, 3), self.shown % 256, np.uint8)
+        return [image], {"ExposureTime": exposure, "AnalogueGain": self.controls.get("AnalogueGain", 1.0)}

@@ -1,4 +1,4 @@
-"""A source whose every picture the test hands in, so that nothing depends on how fast the machine is."""
+"""A source whose every image the test hands in, so that nothing depends on how fast the machine is."""
 
 import time
 from queue import Queue
@@ -16,7 +16,7 @@ class HandFed(FrameSource):
         self.fed = 0
 
     def show(self, level: int = 0, age_ms: float = 0.0, stamp_ns: int | None = None) -> None:
-        """Let the source deliver a flat picture."""
+        """Let the source deliver a flat image."""
         stamp_ns = time.monotonic_ns() - int(age_ms * 1e6) if stamp_ns is None else stamp_ns
         self.queue.put(Frame(np.full((4, 5, 3), level, np.uint8), stamp_ns, self.fed))
         self.fed += 1

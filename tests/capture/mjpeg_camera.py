@@ -13,7 +13,7 @@ BOUNDARY = "frame"
 
 
 class MjpegCamera:
-    """Serves numbered pictures at `url`, each `period_s` after the last, for as long as it is plugged in."""
+    """Serves numbered images at `url`, each `period_s` after the last, for as long as it is plugged in."""
 
     def __init__(self, rows: int = 48, cols: int = 64, period_s: float = 0.01) -> None:
         self.rows, self.cols = rows, cols
@@ -43,7 +43,7 @@ class MjpegCamera:
             self._server = None
 
     def jpegs(self) -> Iterator[bytes]:
-        """Pictures until the plug is pulled; each one a grey level brighter than the last."""
+        """Images until the plug is pulled; each one a grey level brighter than the last."""
         while self.plugged_in.is_set():
             yield encoded(self.served % 200 + 20, self.rows, self.cols)
             self.served += 1
@@ -90,7 +90,7 @@ def handler_of(camera: MjpegCamera) -> type[BaseHTTPRequestHandler]:
 
 
 def encoded(level: int, rows: int, cols: int) -> bytes:
-    """One flat grey picture as JPEG."""
+    """One flat grey image as JPEG."""
     done, jpeg = cv2.imencode(".jpg", np.full((rows, cols, 3), level, np.uint8))
     assert done
     return jpeg.tobytes()

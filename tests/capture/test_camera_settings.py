@@ -39,8 +39,8 @@ def test_a_setting_that_the_camera_has_is_in_force(wish: CameraSettings) -> None
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
-        (CameraSettings(size_px=(800, 600)), "picture width 800, got 640"),
-        (CameraSettings(rate_hz=90.0), "pictures per second 90, got 60"),
+        (CameraSettings(size_px=(800, 600)), "image width 800, got 640"),
+        (CameraSettings(rate_hz=90.0), "images per second 90, got 60"),
         (CameraSettings(pixel_format="H264"), "pixel format H264"),
         (CameraSettings(exposure_ms=900.0), "exposure .* 9000, got 5000"),
         (CameraSettings(gain=101.0), "gain 101, got 100"),
@@ -84,7 +84,7 @@ def test_a_raspberry_pi_is_read_back_too() -> None:
             pass
 
 
-def test_a_picture_that_waited_in_the_driver_is_stamped_with_its_arrival() -> None:
+def test_a_image_that_waited_in_the_driver_is_stamped_with_its_arrival() -> None:
     with Camera(0, opener=BenchCamera(driver_delay_ms=70).open_capture) as camera:
         frame = camera.read()
         assert 70 <= (time.monotonic_ns() - frame.stamp_ns) / 1e6 < 10_000
@@ -93,10 +93,10 @@ def test_a_picture_that_waited_in_the_driver_is_stamped_with_its_arrival() -> No
         assert before <= camera.read().stamp_ns <= time.monotonic_ns()
 
 
-def test_one_damaged_picture_is_read_over_and_a_dead_camera_is_lost() -> None:
+def test_one_damaged_image_is_read_over_and_a_dead_camera_is_lost() -> None:
     bench = BenchCamera()
     with Camera(0, opener=bench.open_capture) as camera:
-        bench.damaged_pictures = 1
+        bench.damaged_images = 1
         assert camera.read().index == 0
         bench.plugged_in = False
         with pytest.raises(CameraLost):

@@ -18,7 +18,7 @@ from ninedtact.capture.source import SourceEnded
 from ninedtact.cli.doctor import Doctor, camera_lines
 
 
-def test_pictures_that_come_twice_are_told_from_the_true_rate() -> None:
+def test_images_that_come_twice_are_told_from_the_true_rate() -> None:
     source = HandFed()
     for number in range(45):
         source.show(level=number // 2, stamp_ns=1_000_000_000 + number * 10_000_000)
@@ -27,19 +27,19 @@ def test_pictures_that_come_twice_are_told_from_the_true_rate() -> None:
     assert rate.true_hz == pytest.approx(50)
     assert rate.jitter_ms == pytest.approx(0, abs=1e-6)
     assert (rate.frames, rate.duplicates) == (40, 20)
-    assert "20 of 40 pictures repeat" in advice_on_rate(rate)[0]
+    assert "20 of 40 images repeat" in advice_on_rate(rate)[0]
 
 
-def test_a_frozen_picture_has_no_rate() -> None:
+def test_a_frozen_image_has_no_rate() -> None:
     source = HandFed()
     for number in range(10):
         source.show(stamp_ns=number)
     source.fail(SourceEnded("over"))
-    with pytest.raises(RateUnmeasurable, match=r"expected at least 3 different pictures .* got 1;"):
+    with pytest.raises(RateUnmeasurable, match=r"expected at least 3 different images .* got 1;"):
         measure_rate(source)
     source.show()
     source.fail(SourceEnded("over"))
-    assert "different pictures" in (examine(source).trouble or "")
+    assert "different images" in (examine(source).trouble or "")
 
 
 def test_cameras_are_listed_by_number_with_their_names(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_a_recording_is_named_as_one_and_a_wrong_source_fails(
 ) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((6, 8, 3), np.uint8))
     assert Doctor(str(tmp_path)).run() == 0
-    assert "8 x 6 pixels, a recording at 10 pictures per second" in capsys.readouterr().out
+    assert "8 x 6 pixels, a recording at 10 images per second" in capsys.readouterr().out
     (tmp_path / "a.png").unlink()
     assert Doctor(str(tmp_path), json=True).run() == 1
     assert "got none" in json.loads(capsys.readouterr().out)["cameras"][0]["trouble"]

@@ -1,4 +1,4 @@
-"""The newest picture, never the same twice, never a stale one, and nothing left running."""
+"""The newest image, never the same twice, never a stale one, and nothing left running."""
 
 import threading
 import time
@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hand_fed import HandFed
 
-from ninedtact.capture.files import PictureFolder
-from ninedtact.capture.freshest import Freshest, PictureStale
+from ninedtact.capture.files import ImageFolder
+from ninedtact.capture.freshest import Freshest, ImageStale
 from ninedtact.capture.source import CameraLost, SourceEnded, SourceNotOpen
 
 LONG_MS = 20_000.0
@@ -31,18 +31,18 @@ def test_a_slow_reader_gets_the_newest_once_and_hears_of_the_dropped() -> None:
             fed.show(level)
         wait_until(lambda: freshest.dropped == 2)
         assert freshest.read().index == 2
-        with pytest.raises(PictureStale, match=r"expected a new picture .* got none within 50 ms;"):
+        with pytest.raises(ImageStale, match=r"expected a new image .* got none within 50 ms;"):
             freshest.read()
         fed.show(4)
         assert freshest.read().index == 3
         assert freshest.dropped == 2
 
 
-def test_a_stale_picture_is_not_served_as_new() -> None:
+def test_a_stale_image_is_not_served_as_new() -> None:
     fed = HandFed()
     with Freshest(fed, max_age_ms=1000.0, timeout_ms=100.0) as freshest:
         fed.show(age_ms=1500)
-        with pytest.raises(PictureStale):
+        with pytest.raises(ImageStale):
             freshest.read()
         assert freshest.dropped == 1
     fed = HandFed()
@@ -53,7 +53,7 @@ def test_a_stale_picture_is_not_served_as_new() -> None:
 
 
 @pytest.mark.parametrize("trouble", [CameraLost("gone"), ZeroDivisionError("a bug in a source")])
-def test_trouble_of_the_source_reaches_the_reader_after_the_last_picture(trouble: Exception) -> None:
+def test_trouble_of_the_source_reaches_the_reader_after_the_last_image(trouble: Exception) -> None:
     fed = HandFed()
     with Freshest(fed, max_age_ms=LONG_MS, timeout_ms=LONG_MS) as freshest:
         fed.show()
@@ -87,7 +87,7 @@ def test_a_recording_is_played_at_its_own_rate_and_ends(tmp_path: Path) -> None:
     for number in range(6):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((4, 4, 3), np.uint8))
     began = time.monotonic()
-    with Freshest(PictureFolder(tmp_path, recorded_hz=20.0), max_age_ms=LONG_MS) as freshest:
+    with Freshest(ImageFolder(tmp_path, recorded_hz=20.0), max_age_ms=LONG_MS) as freshest:
         served = list(freshest)
         assert time.monotonic() - began >= 5 / 20
         assert len(served) + freshest.dropped == 6

@@ -9,7 +9,7 @@ from bench_camera import BenchCamera
 from mjpeg_camera import MjpegCamera
 
 from ninedtact.capture.camera import Camera
-from ninedtact.capture.freshest import Freshest, PictureStale
+from ninedtact.capture.freshest import Freshest, ImageStale
 from ninedtact.capture.reconnecting import Reconnecting
 from ninedtact.capture.source import CameraLost, FrameSource
 from ninedtact.capture.stream import Stream
@@ -43,17 +43,17 @@ def test_a_loss_is_reported_once_and_reading_goes_on_when_the_camera_is_back(kin
             replug = threading.Timer(0.3, plug, [True])
             replug.start()
             frames = [source.read()]
-            while source.losses == 0:  # pictures that were under way when the plug was pulled
+            while source.losses == 0:  # images that were under way when the plug was pulled
                 frames.append(source.read())
             frames.append(source.read())
             replug.join()
         indices = [first.index, *(frame.index for frame in frames)]
         assert indices == list(range(len(indices)))
-        assert len(told) == 2 and "expected a picture" in told[0] and told[1] == "back"
+        assert len(told) == 2 and "expected an image" in told[0] and told[1] == "back"
 
 
 @pytest.mark.parametrize("kind", [network_camera, usb_camera])
-def test_under_freshest_the_reader_sees_no_old_picture_meanwhile(kind: Callable[[], object]) -> None:
+def test_under_freshest_the_reader_sees_no_old_image_meanwhile(kind: Callable[[], object]) -> None:
     losses: list[CameraLost] = []
     with (
         kind() as (camera, plug),
@@ -61,7 +61,7 @@ def test_under_freshest_the_reader_sees_no_old_picture_meanwhile(kind: Callable[
     ):
         last = freshest.read()
         plug(False)
-        with pytest.raises(PictureStale):
+        with pytest.raises(ImageStale):
             for last in freshest:  # noqa: B007
                 pass
         assert len(losses) == 1
@@ -70,10 +70,10 @@ def test_under_freshest_the_reader_sees_no_old_picture_meanwhile(kind: Callable[
             try:
                 assert freshest.read().stamp_ns > last.stamp_ns
                 break
-            except PictureStale:
+            except ImageStale:
                 continue
         else:
-            pytest.fail("the camera was back and no picture came")
+            pytest.fail("the camera was back and no image came")
         plug(False)  # and closing while it is away ends the wait
 
 

@@ -16,9 +16,9 @@ from mjpeg_camera import MjpegCamera
 from ninedtact.capture.address import SourceUnknown, source_for
 from ninedtact.capture.as_if_now import AsIfNow
 from ninedtact.capture.camera import Camera
-from ninedtact.capture.files import PictureFolder, VideoFile
+from ninedtact.capture.files import ImageFolder, VideoFile
 from ninedtact.capture.freshest import Freshest
-from ninedtact.capture.pictures import PictureSizeWrong, PictureUnreadable
+from ninedtact.capture.images import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.raspberry_pi import RaspberryPi
 from ninedtact.capture.reconnecting import Reconnecting
 from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
@@ -32,7 +32,7 @@ from ninedtact.simulation.camera import SimulatedCamera
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
 from small_stage import TWIN, small_stage
 
-PICTURES = 8
+IMAGES = 8
 
 
 class Bench:
@@ -42,14 +42,14 @@ class Bench:
         self.folder, self.resources = folder, resources
 
     def folder_source(self) -> FrameSource:
-        for number in range(PICTURES):
+        for number in range(IMAGES):
             cv2.imwrite(str(self.folder / f"press_{number}.png"), np.full((48, 64, 3), 20 * number, np.uint8))
-        return PictureFolder(self.folder, recorded_hz=50.0)
+        return ImageFolder(self.folder, recorded_hz=50.0)
 
     def video_source(self) -> FrameSource:
         path = self.folder / "prüfung.avi"
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 50.0, (64, 48))
-        for number in range(PICTURES):
+        for number in range(IMAGES):
             writer.write(np.full((48, 64, 3), 20 * number, np.uint8))
         writer.release()
         return VideoFile(path)
@@ -57,10 +57,10 @@ class Bench:
     def replay_source(self) -> FrameSource:
         path = self.folder / "press.mcap"
         with EpisodeWriter(path, Session("bench")) as episode:
-            for number in range(PICTURES):
-                picture = np.full((48, 64, 3), 20 * number, np.uint8)
-                stamp_ns = time.monotonic_ns() - (PICTURES - number) * 20_000_000
-                episode.picture(Frame(picture, stamp_ns, number))
+            for number in range(IMAGES):
+                image = np.full((48, 64, 3), 20 * number, np.uint8)
+                stamp_ns = time.monotonic_ns() - (IMAGES - number) * 20_000_000
+                episode.image(Frame(image, stamp_ns, number))
         return Replay(path)
 
     def stream_source(self) -> FrameSource:
@@ -133,10 +133,10 @@ def test_every_source_keeps_the_contract(bench: Bench, member: str) -> None:
 
 
 @pytest.mark.parametrize("recording", RECORDED)
-def test_a_recording_gives_every_picture_and_then_ends(bench: Bench, recording: str) -> None:
+def test_a_recording_gives_every_image_and_then_ends(bench: Bench, recording: str) -> None:
     with RECORDED[recording](bench) as source:
-        assert [int(frame.image[0, 0, 0]) for frame in source] == [20 * number for number in range(PICTURES)]
-        with pytest.raises(SourceEnded, match=f"after {PICTURES}"):
+        assert [int(frame.image[0, 0, 0]) for frame in source] == [20 * number for number in range(IMAGES)]
+        with pytest.raises(SourceEnded, match=f"after {IMAGES}"):
             source.read()
 
 
@@ -148,7 +148,7 @@ def test_a_recording_gives_every_picture_and_then_ends(bench: Bench, recording: 
         Stream("http://127.0.0.1:9/stream.mjpg", open_timeout_ms=1000.0),
         VideoFile("no/such.mp4"),
         Replay("no/such.mcap"),
-        PictureFolder("no/such/folder"),
+        ImageFolder("no/such/folder"),
         RaspberryPi(),
     ],
     ids=lambda source: source.name,
@@ -181,23 +181,23 @@ def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_pa
     with MjpegCamera() as camera, pytest.raises(CameraNotFound), Stream(camera.url.replace("stream", "other")):
         pass
     (tmp_path / "video.mp4").write_bytes(b"not a video" * 100)
-    with pytest.raises(PictureUnreadable, match="expected a video"), VideoFile(tmp_path / "video.mp4"):
+    with pytest.raises(ImageUnreadable, match="expected a video"), VideoFile(tmp_path / "video.mp4"):
         pass
 
 
-def test_a_folder_is_read_in_counting_order_and_goes_on_after_a_bad_picture(tmp_path: Path) -> None:
+def test_a_folder_is_read_in_counting_order_and_goes_on_after_a_bad_image(tmp_path: Path) -> None:
     for number, rows in ((10, 8), (2, 8), (1, 8), (11, 9)):
         cv2.imwrite(str(tmp_path / f"press_{number}.png"), np.full((rows, 8, 3), number, np.uint8))
     (tmp_path / "press_3.png").write_bytes(b"")
     (tmp_path / ".press_0.png").write_bytes(b"left behind by a copying program")
     (tmp_path / "notes.txt").write_text("none of its business")
-    with PictureFolder(tmp_path) as folder:
+    with ImageFolder(tmp_path) as folder:
         assert [int(folder.read().image[0, 0, 0]) for _ in range(2)] == [1, 2]
-        with pytest.raises(PictureUnreadable, match=r"press_3.*empty"):
+        with pytest.raises(ImageUnreadable, match=r"press_3.*empty"):
             folder.read()
         after = folder.read()
         assert int(after.image[0, 0, 0]) == 10 and after.index == 3
-        with pytest.raises(PictureSizeWrong, match="8 x 8 pixels, got 8 x 9"):
+        with pytest.raises(ImageSizeWrong, match="8 x 8 pixels, got 8 x 9"):
             folder.read()
 
 
@@ -211,7 +211,7 @@ def test_text_names_a_source(bench: Bench) -> None:
         "http://127.0.0.1/a.mjpg": Stream,
         "RTSP://127.0.0.1/a": Stream,
         str(video.path): VideoFile,
-        str(folder.folder): PictureFolder,
+        str(folder.folder): ImageFolder,
     }
     assert {text: type(source_for(text)) for text in named} == named
     for text in ("sim", "", "no/such/file", "gopher://x", "-1", str(bench.folder / "press_0.png")):

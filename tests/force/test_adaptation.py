@@ -108,7 +108,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
 
 @pytest.mark.parametrize(
     ("estimated_n", "weighed_n", "said"),
-    [(0.0, 1.0, "picture shows"), (2.0, 0.0, "above zero"), (2.0, 200.0, "grams"), (2.0, np.nan, "above zero")],
+    [(0.0, 1.0, "image shows"), (2.0, 0.0, "above zero"), (2.0, 200.0, "grams"), (2.0, np.nan, "above zero")],
 )
 def test_a_press_that_cannot_be_is_refused(estimated_n: float, weighed_n: float, said: str) -> None:
     with pytest.raises(AdaptationImpossible, match=said):

@@ -72,8 +72,8 @@ def test_the_report_is_one_page_with_every_figure_in_it(tmp_path: Path, capsys) 
     }
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
     for path in (tmp_path / "out").glob("*.png"):
-        picture = cv2.imread(str(path))
-        assert picture.shape[1] > 600 and picture.std() > 10
+        image = cv2.imread(str(path))
+        assert image.shape[1] > 600 and image.std() > 10
     page = (tmp_path / "out" / "evaluation.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 5 and "://" not in page and "<script" not in page
     assert f"{found['skill'][2]:.3f}" in page and "60 pairs" in page and "gear_" in page
@@ -177,8 +177,8 @@ def test_a_bad_cell_is_named_by_line_and_column(tmp_path: Path, capsys, cell: st
 def test_what_is_no_file_is_refused(tmp_path: Path, capsys) -> None:
     assert "got: [Errno 2] No such file" in refusal(tmp_path / "missing.csv", capsys)
     assert "got: [Errno 21] Is a directory" in refusal(tmp_path, capsys)
-    (tmp_path / "picture.csv").write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
-    assert "check the path" in refusal(tmp_path / "picture.csv", capsys)
+    (tmp_path / "image.csv").write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
+    assert "check the path" in refusal(tmp_path / "image.csv", capsys)
 
 
 def test_whoever_knows_better_about_units_may_go_on(tmp_path: Path, capsys) -> None:

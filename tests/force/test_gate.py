@@ -1,4 +1,4 @@
-"""The gate: noise and lamps are no touch, whatever the picture's size; a shallow dent is one, with or without a reference."""
+"""The gate: noise and lamps are no touch, whatever the image's size; a shallow dent is one, with or without a reference."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ FULL = (345, 460), 0.0522
 def reading(
     shape: tuple[int, int], mm_per_px: float, seed: int, *, lamp: float = 1.0, noise: float = 1.0, dent: float = 0.0
 ) -> Reading:
-    """A picture that is dimmer at its rim, with noise in grey levels, another brightness of the lamp, a dent that darkens."""
+    """An image that is dimmer at its rim, with noise in grey levels, another brightness of the lamp, a dent that darkens."""
     rng = np.random.default_rng(seed)
     y, x = np.meshgrid(*(np.linspace(-1, 1, side) for side in shape), indexing="ij")
     untouched = 150 * (1 - 0.4 * (x**2 + y**2) / 2)
@@ -23,8 +23,8 @@ def reading(
         (-dark + rng.normal(0, 0.005, shape)).astype(np.float32),
         np.full(shape, Coverage.MEASURED, np.uint8), mm_per_px, 0.005,
     )  # fmt: skip
-    pictures = (Rectified(one.astype(np.float32), mm_per_px) for one in (seen, reference))
-    rectified, kept = pictures
+    images = (Rectified(one.astype(np.float32), mm_per_px) for one in (seen, reference))
+    rectified, kept = images
     return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), rectified, height, reference=kept)
 
 

@@ -12,7 +12,7 @@ from ninedtact.force.inputs import (
     InputSettings,
     NetworkInput,
     height_channels,
-    picture_channels,
+    image_channels,
 )
 from ninedtact.force.places import heights_at_places
 from ninedtact.force.traits import Traits
@@ -62,21 +62,21 @@ def test_heights_live_and_in_batches_of_torch_are_alike(channels: Channels) -> N
 
 
 @pytest.mark.parametrize("channels", [Channels.DEFORMATION, Channels.MIXED])
-def test_pictures_live_and_in_batches_of_torch_are_alike(channels: Channels) -> None:
+def test_images_live_and_in_batches_of_torch_are_alike(channels: Channels) -> None:
     rng = np.random.default_rng(0)
-    pictures = rng.integers(40, 220, (2, 60, 80)).astype(np.uint8)
-    rectified, reference = (Rectified(picture.astype(np.float32), 0.3) for picture in pictures)
+    images = rng.integers(40, 220, (2, 60, 80)).astype(np.uint8)
+    rectified, reference = (Rectified(image.astype(np.float32), 0.3) for image in images)
     frame = Frame(np.zeros((4, 4, 3), np.uint8))
     reading = Reading(frame, rectified, bumpy(np.inf), reference=reference)
     live = NetworkInput(InputSettings(channels))(reading)
-    batch = picture_channels(torch.from_numpy(pictures[:1]), torch.from_numpy(pictures[1:]), channels)
+    batch = image_channels(torch.from_numpy(images[:1]), torch.from_numpy(images[1:]), channels)
     np.testing.assert_array_equal(batch[0].numpy(), live)
 
 
 def test_a_reading_without_its_reference_is_refused() -> None:
     height = bumpy(np.inf)
     reading = Reading(Frame(np.zeros((4, 4, 3), np.uint8)), Rectified(height.z_mm, MM_PER_PX), height)
-    with pytest.raises(InputImpossible, match="untouched picture"):
+    with pytest.raises(InputImpossible, match="untouched image"):
         NetworkInput(InputSettings(Channels.DEFORMATION))(reading)
     with pytest.raises(InputImpossible, match="0 x 60"):
         InputSettings(cols=0)

@@ -13,7 +13,7 @@ from ninedtact.force.inputs import InputSettings
 from ninedtact.force.model_file import KEY, ModelUnusable, model_from, read_model
 
 
-def test_a_card_comes_back_as_it_was_and_the_graph_answers_any_number_of_pictures(tmp_path: Path) -> None:
+def test_a_card_comes_back_as_it_was_and_the_graph_answers_any_number_of_images(tmp_path: Path) -> None:
     per_input = np.random.default_rng(0).normal(size=(48, 6))
     model = read_model(written(tmp_path / "model.onnx", linear_model(a_card(), per_input, np.arange(1, 7))))
     assert model.card == a_card()

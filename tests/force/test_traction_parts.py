@@ -34,8 +34,8 @@ def drawn(*shape: int) -> np.ndarray:
 
 def test_the_view_and_its_cells() -> None:
     cells = cells_over((345, 460), 0.0522)
-    assert cells.picture_shape[1] * cells.pitch_mm == pytest.approx(24.0, rel=0.015)
-    assert cells.picture_shape[0] * cells.pitch_mm == pytest.approx(18.0, rel=0.015)
+    assert cells.image_shape[1] * cells.pitch_mm == pytest.approx(24.0, rel=0.015)
+    assert cells.image_shape[0] * cells.pitch_mm == pytest.approx(18.0, rel=0.015)
 
 
 def test_cells_are_means_of_their_pixels() -> None:

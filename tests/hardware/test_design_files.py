@@ -21,7 +21,7 @@ from ninedtact.hardware.led_board.refusal import BoardImpossible
 from ninedtact.hardware.mounted_board import led_board_of
 from ninedtact.hardware.rules.book import broken_rules
 from ninedtact.simulation.designed import designed_light, designed_twin
-from ninedtact.simulation.gauges import GaugePictures, gauge_pictures
+from ninedtact.simulation.gauges import GaugeImages, gauge_images
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.twin import default_twin
 
@@ -122,13 +122,13 @@ def test_a_thinner_gel_darkens_sooner_and_scatters_less() -> None:
 
 def test_a_thin_gel_is_calibrated_by_presses_that_it_bears() -> None:
     thin = SensorDesign(gel=Gel(1.2))
-    pictures = gauge_pictures(designed_twin(thin), thin)
-    darkest = [(after.astype(float) - before).min() for before, after in pressed(pictures)]
+    images = gauge_images(designed_twin(thin), thin)
+    darkest = [(after.astype(float) - before).min() for before, after in pressed(images)]
     assert max(darkest) < -10, "both presses are seen"
 
 
-def pressed(pictures: GaugePictures) -> list[tuple[np.ndarray, np.ndarray]]:
-    return [(pictures.board_reference, pictures.board), (pictures.ball_reference, pictures.ball)]
+def pressed(images: GaugeImages) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [(images.board_reference, images.board), (images.ball_reference, images.ball)]
 
 
 def test_a_press_of_a_designed_sensor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,11 +24,11 @@ from ninedtact.hardware.design import default_hardware
 from ninedtact.hardware.export.cutting import dxf
 from ninedtact.hardware.export.folder import FolderRefused, require_replaceable
 from ninedtact.hardware.export.solid_files import printable, step
+from ninedtact.hardware.images.scenes import larger
 from ninedtact.hardware.materials import WHITE_NYLON
 from ninedtact.hardware.parts.catalogue import CATALOGUE
 from ninedtact.hardware.parts.shell import sensor_shell
 from ninedtact.hardware.parts.stl import HEADER_BYTES, RECORD
-from ninedtact.hardware.pictures.scenes import larger
 from ninedtact.hardware.report import BuiltSensor
 
 NET_AREA_MM2 = {"base_board": 2802.15, "first_mould": 2153.12, "second_mould": 2069.28, "acrylic_window": 196.0}
@@ -51,7 +51,7 @@ def test_everything_is_there(folder: Path) -> None:
     found = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     assert sorted(manifest["files"]) == found
     for name, part in manifest["parts"].items():
-        assert f"{part['way']}/{name}.step" in found and f"pictures/{name}.png" in found
+        assert f"{part['way']}/{name}.step" in found and f"images/{name}.png" in found
         assert (f"printed/{name}.stl" in found) == (part["way"] == "printed")
         plate = f"cut/{name}_{part['box_mm'][2]:.2f}mm.dxf"
         assert (plate in found) == (part["way"] == "cut")
@@ -182,10 +182,10 @@ def test_the_same_design_gives_the_same_bytes(default: BuiltSensor, monkeypatch:
     assert step(part.name, part.solid) == step(part.name, part.solid)
 
 
-def test_drawings_and_pictures_open(folder: Path) -> None:
-    for path in (folder / "pictures").glob("*.png"):
-        picture = cv2.imread(str(path))
-        assert picture.std() > 10 and (picture[0, 0] == 255).all(), path.name
+def test_drawings_and_images_open(folder: Path) -> None:
+    for path in (folder / "images").glob("*.png"):
+        image = cv2.imread(str(path))
+        assert image.std() > 10 and (image[0, 0] == 255).all(), path.name
     for path in (folder / "drawings").glob("*.svg"):
         assert "mm" in path.read_text() and path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
     base = (folder / "drawings" / "sensor_base.svg").read_text()

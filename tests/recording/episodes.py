@@ -11,16 +11,16 @@ from ninedtact.recording.session import Session
 
 BEGAN_NS, FRAME_NS, SAMPLE_NS = 5_000_000_000, 33_333_333, 2_000_001
 SHAPE = (30, 44, 3)
-BOTH = (Topic.PICTURES, Topic.MEASURED)
+BOTH = (Topic.IMAGES, Topic.MEASURED)
 
 
 def noise(number: int, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
-    """A picture that no lossy code would keep."""
+    """An image that no lossy code would keep."""
     return np.random.default_rng(number).integers(0, 256, shape, np.uint8)
 
 
 def frame(number: int) -> Frame:
-    """One picture of thirty a second."""
+    """One image of thirty a second."""
     return Frame(noise(number), BEGAN_NS + number * FRAME_NS, number)
 
 
@@ -31,7 +31,7 @@ def sample(number: int, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) 
 
 
 def write_episode(path: Path, frames: int = 12, samples: int = 200, session: Session | None = None) -> Path:
-    """Pictures and samples in the order of their stamps."""
+    """Images and samples in the order of their stamps."""
     with EpisodeWriter(path, session or Session("small"), BOTH, {"sensor/sensor.toml": b"id = 'small'"}) as episode:
         write_messages(episode, frames, samples)
     return path
@@ -42,6 +42,6 @@ def write_messages(episode: EpisodeWriter, frames: int, samples: int) -> None:
     messages = [frame(number) for number in range(frames)] + [sample(number) for number in range(samples)]
     for message in sorted(messages, key=lambda message: message.stamp_ns):
         if isinstance(message, Frame):
-            episode.picture(message)
+            episode.image(message)
         else:
             episode.measured(message)

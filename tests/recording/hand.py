@@ -30,7 +30,7 @@ def truth(at_s: float) -> np.ndarray:
 
 @dataclass
 class Camera(FrameSource):
-    """Thirty pictures a second, darker under load."""
+    """Thirty images a second, darker under load."""
 
     seconds: float
     name: str = "the camera of the hand"
@@ -42,12 +42,12 @@ class Camera(FrameSource):
     def read(self) -> Frame:
         at_s = self.number / 30
         if at_s > self.seconds:
-            raise SourceEnded("expected a picture, got the end; stop")
+            raise SourceEnded("expected an image, got the end; stop")
         rng = np.random.default_rng(self.number)
-        picture = np.full((48, 64, 3), 120.0) + rng.normal(0, 1, (48, 64, 3))
-        picture[16:32, 24:40] += 8 * truth(at_s)[2]
+        image = np.full((48, 64, 3), 120.0) + rng.normal(0, 1, (48, 64, 3))
+        image[16:32, 24:40] += 8 * truth(at_s)[2]
         self.number += 1
-        return Frame(picture.clip(0, 255).astype(np.uint8), stamp_ns(at_s), self.number - 1)
+        return Frame(image.clip(0, 255).astype(np.uint8), stamp_ns(at_s), self.number - 1)
 
     def close(self) -> None: ...
 

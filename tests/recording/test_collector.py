@@ -39,7 +39,7 @@ def collected(
     settings: CollectSettings = SETTINGS,
     seen: Seen = lambda frame, collector: None,
 ) -> tuple[Collector, list[SavedPair]]:
-    """Collect from the hand; `seen` is called after every picture."""
+    """Collect from the hand; `seen` is called after every image."""
     feed: Iterator[Fed] = in_turn(Camera(seconds), Trusted(replace(force_torque), settings.trust))
     with EpisodeWriter(path, Session("hand"), TOPICS) as episode, closing(feed):
         collector = Collector(episode, settings, iter(["cup", "key", "nut"]), np.random.default_rng(0))
@@ -53,10 +53,10 @@ def collected(
 
 
 def require_true(pairs: list[SavedPair]) -> None:
-    """Every saved wrench is what pressed when the picture was taken, to what noise and tare leave."""
+    """Every saved wrench is what pressed when the image was taken, to what noise and tare leave."""
     for pair in pairs:
         assert (np.abs(pair.wrench.six - truth(at_s(pair.time_ns))) < 6 * NOISE + 1e-3).all(), pair.kind
-        darkest = float(pair.picture[18:30, 26:38].mean())
+        darkest = float(pair.image[18:30, 26:38].mean())
         assert darkest == pytest.approx(120 + 8 * truth(at_s(pair.time_ns))[2], abs=1)
 
 
@@ -75,7 +75,7 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
         parts = np.abs(by_rule[:, None] - by_rule) / RuleSettings().ranges @ np.array(RuleSettings().weights)
         assert parts[~np.eye(len(parts), dtype=bool)].min(initial=1) > RuleSettings().apart
     assert {pair.untouched.id for pair in pairs} == {f"{collector.episode.session.id}-u000"}
-    assert len(pairs[0].untouched.pictures) == 10 and not pairs[0].untouched.pictures[0].flags.writeable
+    assert len(pairs[0].untouched.images) == 10 and not pairs[0].untouched.images[0].flags.writeable
     assert collector.untouched is not None and collector.untouched.zero == pytest.approx(BIAS, abs=6e-3)
     assert sum(map(sum, collector.counters.counts)) == 6 * len(pairs)
     assert [len(line) for line in histograms(collector)] and "pairs (" in headline(collector)
@@ -194,6 +194,6 @@ def test_clocks_that_drift_apart_are_noticed_within_their_jitter() -> None:
 
 def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> None:
     assert CollectOptions().settings() == CollectSettings()
-    for wrong in ({"tolerance_ms": 0.0}, {"no_contact": 0.6, "light_touch": 0.5}, {"untouched_pictures": 0}):
+    for wrong in ({"tolerance_ms": 0.0}, {"no_contact": 0.6, "light_touch": 0.5}, {"untouched_images": 0}):
         with pytest.raises(CollectionImpossible, match=r"expected .* got .*; correct"):
             replace(CollectOptions(), **wrong).settings()

@@ -41,10 +41,10 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
     coverage[0, 0] = Coverage.OUT_OF_VIEW
     mark = PairMark(BEGAN_NS, 7, 2, "ball:4", "s-00001", "rule", Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
     event = Event(BEGAN_NS + 1, EventKind.REMARK, "Größe", "3 N·m")
-    with EpisodeWriter(tmp_path / "all.mcap", session, attached={"sensor/pictures/ball.png": b"\0\1"}) as episode:
+    with EpisodeWriter(tmp_path / "all.mcap", session, attached={"sensor/images/ball.png": b"\0\1"}) as episode:
         for number in (0, 1, 5):
-            episode.picture(frame(number))
-        episode.picture(Frame(noise(9)[::-1, ::2], BEGAN_NS + 9 * FRAME_NS, 6))
+            episode.image(frame(number))
+        episode.image(Frame(noise(9)[::-1, ::2], BEGAN_NS + 9 * FRAME_NS, 6))
         episode.measured(Wrench(SIX[:3], SIX[3:], np.array([0.0, 0.0, -35.0]), BEGAN_NS))
         episode.estimated(Wrench(-SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
         episode.height(HeightMap(pressed, coverage, 0.05, stamp_ns=BEGAN_NS), 5)
@@ -70,7 +70,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         assert np.array_equal(pair.wrench.six, SIX) and vars(pair) | {"wrench": 0} == vars(mark) | {"wrench": 0}
         assert read.events() == [Event(BEGAN_NS + 5 * FRAME_NS, EventKind.DROPPED, "3"), event]
         (attachment,) = read.attachments()
-        assert (attachment.name, attachment.data) == ("sensor/pictures/ball.png", b"\0\1")
+        assert (attachment.name, attachment.data) == ("sensor/images/ball.png", b"\0\1")
 
 
 def others_read(path: Path) -> dict[str, int]:
@@ -92,23 +92,23 @@ def others_read(path: Path) -> dict[str, int]:
 def test_other_programs_read_it(tmp_path: Path) -> None:
     session = Session("small")
     path = write_episode(tmp_path / "other.mcap", session=session)
-    assert others_read(path) == {Topic.PICTURES: 12, Topic.MEASURED: 200}
+    assert others_read(path) == {Topic.IMAGES: 12, Topic.MEASURED: 200}
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        pictures = [message for *_, message in reader.iter_decoded_messages(topics=[Topic.PICTURES.value])]
+        images = [message for *_, message in reader.iter_decoded_messages(topics=[Topic.IMAGES.value])]
         wrenches = [message for *_, message in reader.iter_decoded_messages(topics=[Topic.MEASURED.value])]
         (attachment,), (metadata,) = reader.iter_attachments(), reader.iter_metadata()
     assert attachment.name == "sensor/sensor.toml" and metadata.metadata["sensor"] == "small"
-    picture, wall_ns = pictures[3], session.wall_ns(BEGAN_NS + 3 * FRAME_NS)
-    assert (picture.encoding, picture.height, picture.width, picture.step) == ("bgr8", *SHAPE[:2], 3 * SHAPE[1])
-    assert bytes(picture.data) == noise(3).tobytes()
-    assert (picture.header.stamp.sec, picture.header.stamp.nanosec) == divmod(wall_ns, 1_000_000_000)
+    image, wall_ns = images[3], session.wall_ns(BEGAN_NS + 3 * FRAME_NS)
+    assert (image.encoding, image.height, image.width, image.step) == ("bgr8", *SHAPE[:2], 3 * SHAPE[1])
+    assert bytes(image.data) == noise(3).tobytes()
+    assert (image.header.stamp.sec, image.header.stamp.nanosec) == divmod(wall_ns, 1_000_000_000)
     assert abs(wall_ns - time.time_ns()) < 400 * 86400e9
     assert wrenches[5].wrench.torque.z == sample(5).torque_nm[2] and wrenches[5].header.frame_id == "skin"
 
 
 def prefix_of_the_whole(path: Path) -> tuple[int, int]:
-    """That all that an episode holds is the beginning of `write_episode`; how many pictures and samples."""
+    """That all that an episode holds is the beginning of `write_episode`; how many images and samples."""
     with Episode(path) as read:
         frames, wrenches = list(read.frames()), list(read.wrenches())
     assert [one.index for one in frames] == list(range(len(frames)))
@@ -139,7 +139,7 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk_and_can_be_mended(
     assert before == (12, 200)
 
 
-def test_damage_is_told_and_never_passes_for_a_picture(tmp_path: Path) -> None:
+def test_damage_is_told_and_never_passes_for_a_image(tmp_path: Path) -> None:
     whole = bytearray(write_episode(tmp_path / "whole.mcap", frames=3, samples=20).read_bytes())
     told = 0
     for at in range(len(whole) // 5, len(whole), 211):
@@ -166,7 +166,7 @@ with EpisodeWriter(Path(sys.argv[1]), Session("killed")) as episode:
     for number in range(100_000):
         episode.measured(Wrench(np.ones(3), np.ones(3), stamp_ns=time.monotonic_ns()))
         if number % 20 == 0:
-            episode.picture(Frame(noise(number), time.monotonic_ns(), number // 20))
+            episode.image(Frame(noise(number), time.monotonic_ns(), number // 20))
         time.sleep(0.002)
 """
 
@@ -207,10 +207,10 @@ def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypa
     with disk_of(30_000), pytest.raises(RecordingStopped, match=r"expected .* got: .*; what was recorded .* is kept"):
         write_episode(path)
     assert path.stat().st_size <= 30_000
-    pictures, samples = prefix_of_the_whole(path)
-    assert pictures >= 4 and samples >= 50
+    images, samples = prefix_of_the_whole(path)
+    assert images >= 4 and samples >= 50
     mend(path)  # there was no room for the summary: now there is
-    assert others_read(path)[Topic.PICTURES] == pictures
+    assert others_read(path)[Topic.IMAGES] == images
     with disk_of(100), pytest.raises(RecordingStopped):
         write_episode(tmp_path / "at_once.mcap")
     assert not (tmp_path / "at_once.mcap").exists()

@@ -72,13 +72,13 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
     assert {name: topic["messages"] for name, topic in topics.items() if name in written} == written
     assert topics["/camera/image_raw"]["rate_hz"] > 1 and topics["/wrench/measured"]["gaps"] is not None
     exported = told(capsys, "export", path, "--out", out)["written"]
-    assert exported["pictures"] == exported["heights"] == written["/camera/image_raw"] and exported["pairs"] == 0
+    assert exported["images"] == exported["heights"] == written["/camera/image_raw"] and exported["pairs"] == 0
     load_sensor(out / "sensor")
     rows = list(csv.DictReader((out / "wrench_measured.csv").open()))
     assert len(rows) == written["/wrench/measured"] and min(float(row["force_z_n"]) for row in rows) < -0.5
     with Episode(path) as episode:
-        for frame, row in zip(episode.frames(), csv.DictReader((out / "pictures.csv").open()), strict=True):
-            assert np.array_equal(cv2.imread(str(out / "pictures" / row["picture"])), frame.image)
+        for frame, row in zip(episode.frames(), csv.DictReader((out / "images.csv").open()), strict=True):
+            assert np.array_equal(cv2.imread(str(out / "images" / row["image"])), frame.image)
             assert int(row["monotonic_ns"]) == frame.stamp_ns
     assert len(list((out / "heights").glob("*.npy"))) == exported["heights"]
     assert main(["export", str(path), "--out", str(out)]) == 1 and "new or empty" in capsys.readouterr().err
@@ -99,7 +99,7 @@ def recorded_hand(path: Path, sensor: Path, seconds: float) -> None:
     with EpisodeWriter(path, Session("twin"), attached=attachments_of(sensor)) as episode:
         for heard in in_turn(Camera(seconds), ForceTorque()):
             assert heard is not None
-            (episode.picture if isinstance(heard.item, Frame) else episode.measured)(heard.item)
+            (episode.image if isinstance(heard.item, Frame) else episode.measured)(heard.item)
 
 
 def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
@@ -132,7 +132,7 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
     by_rule = np.array([pair.wrench.six for pair in pairs if pair.kind == "rule"])
     assert by_rule[:, 2].max() < -0.25 and by_rule[:, 2].min() < -1
     for pair in pairs:
-        change = cv2.blur(pair.picture - np.mean(pair.untouched.pictures, axis=0), (15, 15))
+        change = cv2.blur(pair.image - np.mean(pair.untouched.images, axis=0), (15, 15))
         assert (change.min() < -2) == (pair.wrench.force_n[2] < -0.3)
     figures = told(capsys, "replay", out)
     assert figures["purpose"] == "collect" and figures["pairs"] == found["kinds"]
@@ -174,7 +174,7 @@ def test_wrong_use_is_one_sentence_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_tare_without_samples_says_so_and_hoards_no_pictures(tmp_path: Path) -> None:
+def test_a_tare_without_samples_says_so_and_hoards_no_images(tmp_path: Path) -> None:
     with EpisodeWriter(tmp_path / "e.mcap", Session("x"), TOPICS) as episode, Camera(2.0) as camera:
         collector = Collector(episode)
         for frame in camera:
@@ -184,7 +184,7 @@ def test_a_tare_without_samples_says_so_and_hoards_no_pictures(tmp_path: Path) -
 
 
 class Guessing(ForceEstimator):
-    """Tells how dark the picture is, as a force."""
+    """Tells how dark the image is, as a force."""
 
     name = "guess"
 
@@ -196,13 +196,13 @@ class Guessing(ForceEstimator):
     def forget(self) -> None: ...
 
 
-def test_heights_and_estimates_are_written_beside_every_picture(sensor: Path, tmp_path: Path) -> None:
+def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_path: Path) -> None:
     camera, shape = SimulatedCamera(small_stage(rounds=1)), load_sensor(sensor).shape
     with EpisodeWriter(tmp_path / "meant.mcap", Session("x")) as episode:
         Recorder(episode, camera, interpretation=Interpretation(shape, Guessing())).run(lambda: False)
     with Episode(tmp_path / "meant.mcap") as read:
         heights, estimates = dict(read.heights()), list(read.wrenches(Topic.ESTIMATED))
-        stamps_ns = read.stamps_ns(Topic.PICTURES)
+        stamps_ns = read.stamps_ns(Topic.IMAGES)
         assert len(heights) == len(estimates) == len(stamps_ns) >= 15
         assert np.array_equal(read.stamps_ns(Topic.HEIGHTS), stamps_ns)
     deepest = [float(np.nanmin(z_mm)) for z_mm in heights.values()]
@@ -211,16 +211,16 @@ def test_heights_and_estimates_are_written_beside_every_picture(sensor: Path, tm
 
 
 class Losing(Camera):
-    """A camera that is unplugged, after having lost two pictures."""
+    """A camera that is unplugged, after having lost two images."""
 
     def read(self) -> Frame:
         frame = super().read()
         if frame.index == 9:
-            raise CameraLost("expected a picture, got none; plug it in")
+            raise CameraLost("expected an image, got none; plug it in")
         return replace(frame, index=frame.index + 2 * (frame.index > 4))
 
 
-def test_what_came_before_a_loss_is_kept_and_missing_pictures_are_counted(tmp_path: Path) -> None:
+def test_what_came_before_a_loss_is_kept_and_missing_images_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "lost.mcap"
     with pytest.raises(CameraLost), EpisodeWriter(path, Session("lost")) as episode:
         Recorder(episode, Losing(10.0)).run(lambda: False)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import cv2
 
-from ninedtact.calibration.record import FORMAT, Depth, FitFigures, Grid, LensTable, Picture, SensorRecord, TwinTable
+from ninedtact.calibration.record import FORMAT, Depth, FitFigures, Grid, Image, LensTable, SensorRecord, TwinTable
 from ninedtact.calibration.sensor_folder import RECORD, record_toml
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.shape.depth import DepthCurve, Smoothing
@@ -32,7 +32,7 @@ def twin_folder(path: Path) -> Path:
         lens=LensTable((UNITS_PER_MM, 0.0, 0.0, 0.0, UNITS_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
         depth=Depth("ratio", 0.01, Smoothing(), DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01))),
         twin=TwinTable(Gel(), twin.renderer.light, 1.0, FitFigures(0.1, 0.4, 2.0, (0.0, 0.0), 100.0, 1.0, {})),
-        pictures={"ball_reference": Picture("untouched.png", digest)},
+        images={"ball_reference": Image("untouched.png", digest)},
     )
     (path / RECORD).write_bytes(record_toml(record))
     return path

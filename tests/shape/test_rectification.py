@@ -1,4 +1,4 @@
-"""The rectified picture is the raw one sampled where the lens says, and it says what it cannot see."""
+"""The rectified image is the raw one sampled where the lens says, and it says what it cannot see."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy import ndimage
 from ninedtact.design import FieldOfView
 from ninedtact.quantities import Coverage, Frame
 from ninedtact.shape.lens import LensModel, PointNotSeen, central_mm_per_px
-from ninedtact.shape.rectification import Rectification, WrongPictureSize, rectification
+from ninedtact.shape.rectification import Rectification, WrongImageSize, rectification
 
 LENS = LensModel(
     (0.059, -0.0003, 0.025, 0.0002, 0.059, 0.0005, 0.0005, -0.0008),
@@ -40,7 +40,7 @@ def test_the_middle_pixel_sees_the_middle_of_the_skin() -> None:
     assert made().source_px[172, [229, 230]].mean(axis=0) == pytest.approx(LENS.to_px(np.zeros((1, 2)))[0], abs=0.01)
 
 
-def test_what_lies_outside_the_picture_is_said() -> None:
+def test_what_lies_outside_the_image_is_said() -> None:
     wide = made(mm_per_px=2 * SCALE)
     assert wide.coverage[0, 0] == Coverage.OUT_OF_VIEW and wide.coverage[172, 230] == Coverage.MEASURED
     assert (
@@ -49,7 +49,7 @@ def test_what_lies_outside_the_picture_is_said() -> None:
 
 
 def test_another_size_is_refused() -> None:
-    with pytest.raises(WrongPictureSize, match="640x480"):
+    with pytest.raises(WrongImageSize, match="640x480"):
         made()(Frame(RAW[:400]))
 
 

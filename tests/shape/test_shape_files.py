@@ -12,8 +12,8 @@ from ninedtact.quantities import Coverage, HeightMap
 from ninedtact.shape.cloud import point_cloud
 from ninedtact.shape.export import FormatUnknown, export, write_ply, write_stl
 from ninedtact.shape.height_png import (
+    HeightImageUnreadable,
     HeightNotStorable,
-    HeightPictureUnreadable,
     decoded,
     height_png,
     read_height_png,
@@ -72,7 +72,7 @@ def test_each_third_point_may_be_exported(tmp_path):
     assert len(trimesh.load(tmp_path / "thin.ply").faces) == len(surface_mesh(HEIGHT, every=3).faces)
 
 
-def test_a_height_picture_reads_back_as_the_height_map_it_was(tmp_path):
+def test_a_height_image_reads_back_as_the_height_map_it_was(tmp_path):
     export(HEIGHT, tmp_path / "z.png")
     read = read_height_png(tmp_path / "z.png")
     assert scales(read) == scales(HEIGHT)
@@ -89,7 +89,7 @@ heights = array_shapes(min_dims=2, max_dims=2, max_side=9).flatmap(
 
 
 @given(heights, st.floats(1e-3, 1), st.floats(0, 1), st.floats(1, None), st.integers(0, 2**63 - 1))
-def test_whole_micrometres_survive_a_height_picture_exactly(map_and_view, mm_per_px, noise_mm, camera_mm, stamp_ns):
+def test_whole_micrometres_survive_a_height_image_exactly(map_and_view, mm_per_px, noise_mm, camera_mm, stamp_ns):
     micrometres, coverage = map_and_view
     z_mm = (micrometres / 1000).astype(np.float32)
     read = decoded(height_png(HeightMap(z_mm, coverage, mm_per_px, noise_mm, camera_mm, stamp_ns)))
@@ -99,13 +99,13 @@ def test_whole_micrometres_survive_a_height_picture_exactly(map_and_view, mm_per
 
 
 @given(st.data())
-def test_a_damaged_height_picture_is_refused(tmp_path_factory, data):
+def test_a_damaged_height_image_is_refused(tmp_path_factory, data):
     whole = height_png(HEIGHT)
     path = tmp_path_factory.getbasetemp() / "damaged.png"
     place = data.draw(st.integers(0, len(whole) - 1))
     flipped = bytes([whole[place] ^ data.draw(st.integers(1, 255))])
     path.write_bytes(data.draw(st.sampled_from([whole[:place], whole[:place] + flipped + whole[place + 1 :]])))
-    with pytest.raises(HeightPictureUnreadable, match="export it again"):
+    with pytest.raises(HeightImageUnreadable, match="export it again"):
         read_height_png(path)
 
 

@@ -1,4 +1,4 @@
-"""Many pictures at once are the pictures drawn one by one, in NumPy and in torch."""
+"""Many images at once are the images drawn one by one, in NumPy and in torch."""
 
 from dataclasses import replace
 

@@ -95,20 +95,20 @@ def test_pairs_of_one_contact_differ_as_the_rule_wants(rows: list[dict[str, obje
         assert min(apart, default=1) > 0.25
 
 
-def test_pictures_show_what_the_wrench_says(made: Made, rows: list[dict[str, object]]) -> None:
+def test_images_show_what_the_wrench_says(made: Made, rows: list[dict[str, object]]) -> None:
     table = pq.read_table(made.folder / "references.parquet").to_pylist()
-    untouched = {row["reference"]: decoded(row["picture"]) for row in table}
+    untouched = {row["reference"]: decoded(row["image"]) for row in table}
     change = {kind: [] for kind in ("no_contact", "light_touch", "rule")}
     for row in rows:
-        picture = decoded(row["picture"])
-        assert picture.shape == (48, 64)
-        change[str(row["kind"])].append(np.abs(picture - untouched[row["reference"]]).max())
+        image = decoded(row["image"])
+        assert image.shape == (48, 64)
+        change[str(row["kind"])].append(np.abs(image - untouched[row["reference"]]).max())
     assert max(change["no_contact"]) <= 3
     assert np.median(change["rule"]) > 6
 
 
-def decoded(picture: object) -> np.ndarray:
-    return cv2.imdecode(np.frombuffer(picture["bytes"], np.uint8), cv2.IMREAD_UNCHANGED).astype(float)  # type: ignore[index]
+def decoded(image: object) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(image["bytes"], np.uint8), cv2.IMREAD_UNCHANGED).astype(float)  # type: ignore[index]
 
 
 def test_everything_to_make_it_again_is_beside_it(made: Made) -> None:
@@ -122,11 +122,11 @@ def test_everything_to_make_it_again_is_beside_it(made: Made) -> None:
     assert "2 no_contact" in card
 
 
-def test_hugging_face_knows_which_column_is_a_picture(made: Made) -> None:
+def test_hugging_face_knows_which_column_is_a_image(made: Made) -> None:
     path = next((made.folder / "data").iterdir())
     assert path.name.endswith("-of-00003.parquet")
     metadata = pq.read_schema(path).metadata
-    assert json.loads(metadata[b"huggingface"])["info"]["features"]["picture"] == {"_type": "Image"}
+    assert json.loads(metadata[b"huggingface"])["info"]["features"]["image"] == {"_type": "Image"}
     assert b"N\xc2\xb7m" in metadata[b"ninedtact.wrench"]
     assert schema({}).metadata
 
@@ -135,10 +135,10 @@ def test_hugging_face_opens_it(made: Made, tmp_path: Path) -> None:
     datasets = pytest.importorskip(
         "datasets", reason="expected Hugging Face datasets to try it, got none; install datasets"
     )
-    pytest.importorskip("PIL", reason="expected Pillow, which decodes the pictures, got none; install pillow")
+    pytest.importorskip("PIL", reason="expected Pillow, which decodes the images, got none; install pillow")
     opened = datasets.load_dataset(str(made.folder), cache_dir=str(tmp_path))["train"]
     assert len(opened) == SMALL.pairs
-    assert opened[0]["picture"].size == SMALL.size
+    assert opened[0]["image"].size == SMALL.size
     assert len(opened[0]["wrench"]) == 6
     assert len(datasets.load_dataset(str(made.folder), "references", cache_dir=str(tmp_path))["train"]) == SMALL.sensors
 

@@ -85,11 +85,11 @@ def assert_same_pairs(found: Path, wanted: Path) -> None:
     ours, theirs = rows(found), rows(wanted)
     assert len(ours) == len(theirs)
     for row, other in zip(ours, theirs, strict=True):
-        told = {name: (row[name], other[name]) for name in row if name not in ("picture", "wrench")}
+        told = {name: (row[name], other[name]) for name in row if name not in ("image", "wrench")}
         assert all(one == another for one, another in told.values()), told
         np.testing.assert_allclose(row["wrench"], other["wrench"], rtol=1e-4, atol=1e-5)
         shown, expected = (
-            cv2.imdecode(np.frombuffer(one["picture"]["bytes"], np.uint8), cv2.IMREAD_UNCHANGED).astype(int)
+            cv2.imdecode(np.frombuffer(one["image"]["bytes"], np.uint8), cv2.IMREAD_UNCHANGED).astype(int)
             for one in (row, other)
         )
         assert np.abs(shown - expected).max() <= 1

@@ -107,11 +107,11 @@ def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(
         assert x_mm[-1] - x_mm[0] == pytest.approx(36 * 91 / 92, rel=0.01)
 
 
-def test_the_rectified_picture_is_that_of_the_raw_one_rectified() -> None:
+def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
     one = replace(member(2, kinds=ALL_BONDED), misreading=Misreading(), noise_grey_levels=1e-6)
     twin, eye = one.twin(), grey_eye(one, (460, 345))
     contact = twin.step(twin.model.untouched(), Ball(), Pose(2.0, -1.0, 1.2))
-    seen = eye.picture(contact, np.random.default_rng(0)).astype(float)
+    seen = eye.image(contact, np.random.default_rng(0)).astype(float)
     raw = cv2.cvtColor(twin.renderer.shone_on(contact), cv2.COLOR_BGR2GRAY)
     at = raw_places(one.view, read_places((460, 345), mm_per_px((460, 345)), Misreading()))
     rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
@@ -127,10 +127,10 @@ def test_a_view_read_backwards_finds_its_pixels() -> None:
     assert np.abs(place - wanted).max() < 3e-3, "OpenCV looks up to a 32nd of a pixel"
 
 
-def test_noise_is_new_in_every_picture_and_as_strong_as_it_is_said_to_be() -> None:
+def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None:
     one = member(5)
     eye, rng = grey_eye(one, (460, 345)), np.random.default_rng(0)
-    first, second = (eye.picture(None, rng).astype(float) for _ in range(2))
+    first, second = (eye.image(None, rng).astype(float) for _ in range(2))
     rounding = 1 / 6
     assert (first - second).std() == pytest.approx(np.sqrt(2 * one.noise_grey_levels**2 + rounding), rel=0.03)
 

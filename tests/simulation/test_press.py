@@ -11,7 +11,7 @@ from ninedtact.design import PinBoard
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose, PoseImpossible
 from ninedtact.mechanics.solids import FlatPunch
-from ninedtact.simulation.gauges import gauge_pictures, pin_board
+from ninedtact.simulation.gauges import gauge_images, pin_board
 from ninedtact.simulation.press import Press, PressImpossible
 from ninedtact.simulation.truth import heights, heights_like, pressure_mpa, shear_mpa
 from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
@@ -79,12 +79,12 @@ def test_the_board_is_the_designed_one() -> None:
     assert board.underside_mm(tips[:, :1].T + 1.2, tips[:, 1:].T) == pytest.approx(1.5)
 
 
-def test_gauge_pictures_are_those_that_a_calibration_asks_for() -> None:
-    pictures = gauge_pictures(TWIN)
-    assert np.abs(pictures.board_reference.astype(int) - pictures.ball_reference).max() < 8
-    assert not np.array_equal(pictures.board_reference, pictures.ball_reference)  # each with its own noise
+def test_gauge_images_are_those_that_a_calibration_asks_for() -> None:
+    images = gauge_images(TWIN)
+    assert np.abs(images.board_reference.astype(int) - images.ball_reference).max() < 8
+    assert not np.array_equal(images.board_reference, images.ball_reference)  # each with its own noise
     ball, board = (
         after.astype(int) - before
-        for after, before in ((pictures.ball, pictures.ball_reference), (pictures.board, pictures.board_reference))
+        for after, before in ((images.ball, images.ball_reference), (images.board, images.board_reference))
     )
     assert ball.min() < -40 < -4 > board.min() > -40

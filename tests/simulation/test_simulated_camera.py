@@ -11,9 +11,9 @@ from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.camera import SimulatedCamera
 from ninedtact.simulation.force_torque import EXACT, SimulatedForceTorque
+from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.picture import Renderer
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.truth import heights
 from ninedtact.simulation.twin import default_twin
@@ -28,25 +28,25 @@ def factor(contact: Contact) -> np.ndarray:
     return EVENLY_LIT.shone_on(contact)[..., 1] / 160
 
 
-def test_an_untouched_twin_gives_its_untouched_picture_and_noise() -> None:
-    pictures = np.array([TWIN.renderer(TWIN.model.untouched(), number) for number in range(16)], float)
-    assert np.array_equal(pictures[3], TWIN.renderer(None, 3))
-    assert pictures.mean(axis=0) == pytest.approx(TWIN.renderer.untouched, abs=2.0)
-    spread = pictures.std(axis=0, ddof=1)
+def test_an_untouched_twin_gives_its_untouched_image_and_noise() -> None:
+    images = np.array([TWIN.renderer(TWIN.model.untouched(), number) for number in range(16)], float)
+    assert np.array_equal(images[3], TWIN.renderer(None, 3))
+    assert images.mean(axis=0) == pytest.approx(TWIN.renderer.untouched, abs=2.0)
+    spread = images.std(axis=0, ddof=1)
     assert np.sqrt((spread**2).mean()) == pytest.approx(np.hypot(0.7, 0.29), rel=0.03)  # with rounding to 8 bits
     quiet = replace(TWIN.renderer, noise=QUIET)
     assert np.abs(quiet(None).astype(float) - TWIN.renderer.untouched).max() <= 0.5
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
-    def first_pictures(seed: int) -> list[bytes]:
+    def first_images(seed: int) -> list[bytes]:
         stage = small_stage()
         stage.twin = default_twin(seed)
         with SimulatedCamera(stage) as camera:
             return [camera.read().image.tobytes() for _ in range(8)]
 
-    assert first_pictures(3) == first_pictures(3)
-    assert not set(first_pictures(3)) & set(first_pictures(4))
+    assert first_images(3) == first_images(3)
+    assert not set(first_images(3)) & set(first_images(4))
 
 
 def test_opened_again_it_begins_again() -> None:
@@ -89,7 +89,7 @@ def test_the_front_of_a_drag_is_brighter_than_its_back() -> None:
     assert front > back + 0.03
 
 
-def test_a_mirrored_press_gives_the_mirrored_picture() -> None:
+def test_a_mirrored_press_gives_the_mirrored_image() -> None:
     press = Press(1.0, at_mm=(2.0, -1.0), drag_mm=(0.6, 0.3))
     mirrored = replace(press, at_mm=(-2.0, -1.0), drag_mm=(-0.6, 0.3))
     one, other = (factor(each.on(TWIN, Ball(4.0))) for each in (press, mirrored))

@@ -35,7 +35,7 @@ SHAPE = SensorFolder(Path(), RECORDED).shape
 
 
 def skin(level: int) -> np.ndarray:
-    """A picture of skin that is pressed in by the same everywhere."""
+    """An image of skin that is pressed in by the same everywhere."""
     return np.full((*RAW_SHAPE, 3), level, np.uint8)
 
 
@@ -52,7 +52,7 @@ def sensor_on(source: FrameSource, reference_frames: int = 2) -> Sensor:
 
 
 class SkinCamera(FrameSource):
-    """Delivers a picture every few ms, at the brightness that the test sets, while it is plugged in."""
+    """Delivers an image every few ms, at the brightness that the test sets, while it is plugged in."""
 
     def __init__(self, period_s: float = 0.004) -> None:
         self.name = "the bench camera"
@@ -70,7 +70,7 @@ class SkinCamera(FrameSource):
         if self._closed.wait(self._period_s):
             raise SourceNotOpen(self.name)
         if not self.plugged_in:
-            raise CameraLost(f"expected a picture from {self.name}, got none; plug it in")
+            raise CameraLost(f"expected an image from {self.name}, got none; plug it in")
         self._next_index += 1
         return Frame(skin(self.level), time.monotonic_ns(), self._next_index - 1)
 

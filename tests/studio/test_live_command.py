@@ -20,16 +20,16 @@ CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'vi
 
 
 @pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    folder = tmp_path / "pictures"
+def images(tmp_path: Path) -> Path:
+    folder = tmp_path / "images"
     folder.mkdir()
     for number in range(3):
         cv2.imwrite(str(folder / f"{number}.png"), skin(100))
     return folder
 
 
-def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, pictures: Path) -> None:
-    options = ["--sensor", str(sensor_folder(tmp_path / "small")), "--source", str(pictures), "--loop", "--port", "0"]
+def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, images: Path) -> None:
+    options = ["--sensor", str(sensor_folder(tmp_path / "small")), "--source", str(images), "--loop", "--port", "0"]
     live = subprocess.Popen([sys.executable, "-m", "ninedtact", "live", *options], stdout=PIPE, stderr=PIPE, text=True)
     assert live.stdout is not None
     address = re.search(r"open (http://127.0.0.1:\d+) in a browser; Ctrl-C ends", live.stdout.readline())
@@ -38,7 +38,7 @@ def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, pictures: Pat
         assert page.status == 200 and b"<html" in page.read()
     live.send_signal(signal.SIGINT)
     said, complained = live.communicate(timeout=60)
-    assert re.fullmatch(r"stopped after \d+ pictures\n", said)
+    assert re.fullmatch(r"stopped after \d+ images\n", said)
     assert (live.returncode, complained) == (0, "")
 
 
@@ -48,15 +48,15 @@ def test_nothing_heavy_is_loaded_before_it_runs() -> None:
 
 
 def test_bad_options_are_refused_before_any_camera_is_touched(
-    tmp_path: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, images: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = sensor_folder(tmp_path / "small")
     with pytest.raises(SensorFolderDamaged, match="expected a sensor folder"):
-        Live(str(pictures), tmp_path / "none").run()
+        Live(str(images), tmp_path / "none").run()
     with pytest.raises(SourceUnknown, match="which is none of these"):
         Live("nothing", folder).run()
     with pytest.raises(LiveImpossible, match="above 0 and at most 120, got 0;"):
-        Live(str(pictures), folder, display_hz=0).run()
+        Live(str(images), folder, display_hz=0).run()
     monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None)
     with pytest.raises(StudioMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
-        Live(str(pictures), folder).run()
+        Live(str(images), folder).run()

@@ -39,16 +39,16 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
 
             wait_until(shown, PATIENCE_S, pause_s=0.05)
 
-        def pictures() -> list[str | None]:
-            return [picture.get_attribute("src") for picture in tab.locator("img[src^=blob]").all()]
+        def images() -> list[str | None]:
+            return [image.get_attribute("src") for image in tab.locator("img[src^=blob]").all()]
 
         tab.goto(f"http://{address}")
         until_shown("live, ", "0.00 mm", "nothing touches")
-        untouched = pictures()
+        untouched = images()
         assert len(untouched) == 2 and tab.locator("canvas").count() > 0
         camera.level = 75
         until_shown("live, ", "1.00 mm", "centre at x 0, y 0 mm")
-        assert not set(untouched) & set(pictures())
+        assert not set(untouched) & set(images())
         first_reference = sensor.depth
         tab.get_by_role("button", name="Take reference").dispatch_event("click")
         until_shown("live, ", "0.00 mm")
@@ -57,7 +57,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
         until_shown("Saved", "4 files in")
         assert len(list(tmp_path.glob("reading_*"))) == 4
         camera.plugged_in = False
-        until_shown("no picture for ", "unplugged?")
+        until_shown("no image for ", "unplugged?")
         studio.bring_to_an_end(page)
     wait_until(lambda: "stopped: the program has ended" in tab.inner_text("body"), PATIENCE_S, pause_s=0.05)
     wait_until(lambda: set(threading.enumerate()) <= before)

@@ -10,7 +10,7 @@ import pytest
 from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
 
-from ninedtact.capture.files import PictureFolder
+from ninedtact.capture.files import ImageFolder
 from ninedtact.capture.reconnecting import Reconnecting
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
@@ -63,7 +63,7 @@ def test_nobody_looking_holds_nothing_up() -> None:
     assert len(seconds) > 50 and (np.diff(seconds) > 0).all() and seconds[-1] <= 0 and np.abs(depths_mm).max() < 0.01
 
 
-def test_the_untouched_skin_is_the_first_pictures_until_another_is_taken() -> None:
+def test_the_untouched_skin_is_the_first_images_until_another_is_taken() -> None:
     camera = SkinCamera()
     with SensorLoop(sensor_on(camera)) as loop:
         wait_until(lambda: deepest_mm(loop) == pytest.approx(0.0, abs=0.01))
@@ -77,7 +77,7 @@ def test_a_dark_reference_is_refused_in_words_and_tried_again() -> None:
     camera = SkinCamera()
     camera.level = 3
     with SensorLoop(sensor_on(camera)) as loop:
-        wait_until(lambda: "expected a lit picture of the untouched skin" in sentence(loop))
+        wait_until(lambda: "expected a lit image of the untouched skin" in sentence(loop))
         assert now_in(loop).phase is Phase.REFERENCE and now_in(loop).reading is None
         camera.level = UNTOUCHED
         wait_until(lambda: sentence(loop).startswith("live"))
@@ -88,7 +88,7 @@ def test_a_lost_camera_is_said_and_found_again() -> None:
     with SensorLoop(sensor_on(Reconnecting(camera, on_lost=lambda loss: None, retry_ms=20.0))) as loop:
         wait_until(lambda: sentence(loop).startswith("live"))
         camera.plugged_in = False
-        wait_until(lambda: sentence(loop).startswith("no picture for"))
+        wait_until(lambda: sentence(loop).startswith("no image for"))
         assert "unplugged? reconnecting" in sentence(loop)
         last = now_in(loop).reading
         wait_until(lambda: now_in(loop).delivered_hz == 0)
@@ -98,17 +98,17 @@ def test_a_lost_camera_is_said_and_found_again() -> None:
         assert deepest_mm(loop) == pytest.approx(2.0, abs=0.01)
 
 
-def recording(folder: Path, *levels: int) -> PictureFolder:
+def recording(folder: Path, *levels: int) -> ImageFolder:
     for number, level in enumerate(levels):
         cv2.imwrite(str(folder / f"{number}.png"), skin(level))
-    return PictureFolder(folder)
+    return ImageFolder(folder)
 
 
-def test_a_recording_ends_with_its_last_picture(tmp_path: Path) -> None:
+def test_a_recording_ends_with_its_last_image(tmp_path: Path) -> None:
     with SensorLoop(Sensor(recording(tmp_path, 100, 100, 100, 75), SHAPE, reference_frames=2)) as loop:
         wait_until(lambda: now_in(loop).phase is Phase.ENDED)
         assert deepest_mm(loop) == pytest.approx(1.0, abs=0.01)
-        assert sentence(loop).startswith("recording ended, its last picture is shown")
+        assert sentence(loop).startswith("recording ended, its last image is shown")
 
 
 def test_a_recording_can_go_on_and_on(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> Non
     with SensorLoop(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
         wait_until(lambda: now_in(loop).phase is Phase.FAILED)
         assert isinstance(now_in(loop).trouble, RecordingTooShort)
-        assert "begin with 3 pictures of the untouched skin and go on, got 1 pictures" in sentence(loop)
+        assert "begin with 3 images of the untouched skin and go on, got 1 images" in sentence(loop)
 
 
 @pytest.mark.parametrize("is_silent", [False, True])

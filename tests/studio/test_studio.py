@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_sensor import SkinCamera, sensor_on, wait_until
 
-from ninedtact.capture.pictures import read_picture
+from ninedtact.capture.images import read_image
 from ninedtact.capture.reconnecting import Reconnecting
 from ninedtact.capture.source import CameraLost
 from ninedtact.studio.loop import SensorLoop
@@ -76,7 +76,7 @@ def test_the_screen_follows_the_skin_and_nothing_is_drawn_twice(stage: Stage) ->
     drawn = [id(view.reading) for view in stage.screen.views]
     assert len(drawn) == len(set(drawn))
     newest = stage.screen.views[-1]
-    assert np.array_equal(newest.picture, newest.reading.frame.image) and not newest.is_past
+    assert np.array_equal(newest.image, newest.reading.frame.image) and not newest.is_past
 
 
 def test_frozen_holds_what_is_shown_and_says_how_old_it_is(stage: Stage) -> None:
@@ -97,11 +97,11 @@ def test_what_is_not_the_present_is_faded_until_the_camera_is_back(stage: Stage)
         wait_until(lambda: stage.sees(0.0))
         bright = stage.screen.views[-1]
         stage.camera.plugged_in = False
-        wait_until(lambda: stage.says("no picture for"))
+        wait_until(lambda: stage.says("no image for"))
         faded = stage.screen.views[-1]
         assert faded.is_past and len(stage.losses) == 1
-        for picture, past in ((bright.heights, faded.heights), (bright.surface.colours, faded.surface.colours)):
-            assert past.mean() < 0.5 * picture.mean()
+        for image, past in ((bright.heights, faded.heights), (bright.surface.colours, faded.surface.colours)):
+            assert past.mean() < 0.5 * image.mean()
         stage.camera.plugged_in = True
         wait_until(lambda: stage.says("live"))
         assert not stage.screen.views[-1].is_past
@@ -118,7 +118,7 @@ def test_nothing_is_drawn_while_nobody_looks(stage: Stage) -> None:
 
 def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
     with stage.loop:
-        with pytest.raises(NothingToSave, match="wait for the first picture"):
+        with pytest.raises(NothingToSave, match="wait for the first image"):
             stage.studio.save()
         wait_until(lambda: stage.sees(0.0))
         stage.camera.level = 75
@@ -126,9 +126,9 @@ def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
         stage.studio.frozen, stage.camera.level = True, 50
         paths = stage.studio.save()
     by_ending = {path.name.split("_", maxsplit=4)[-1]: path for path in paths}
-    assert set(by_ending) == {"picture.png", "height.npy", "height.png", "height.ply"}
+    assert set(by_ending) == {"image.png", "height.npy", "height.png", "height.ply"}
     assert np.load(by_ending["height.npy"]) == pytest.approx(-1.0, abs=0.01)
-    assert (read_picture(by_ending["picture.png"]) == 75).all()
+    assert (read_image(by_ending["image.png"]) == 75).all()
     assert {path.parent for path in paths} == {tmp_path / "readings"}
 
 

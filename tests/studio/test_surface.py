@@ -5,7 +5,7 @@ import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane, skin, with_hole
 
 from ninedtact.design import Gel
-from ninedtact.shape.picture.palette import ColourScale, colourise
+from ninedtact.shape.image.palette import ColourScale, colourise
 from ninedtact.studio.ruler import block_under
 from ninedtact.studio.surface import FINEST_POINTS, surface_of
 from ninedtact.studio.view import scale_of

@@ -1,4 +1,4 @@
-"""From four pictures to a calibrated sensor.
+"""From four images to a calibrated sensor.
 
     board pressed ──board──▶ lens          ball pressed ──ball──▶ depth curve
 

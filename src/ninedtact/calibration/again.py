@@ -1,20 +1,20 @@
-"""A sensor's folder → the calibration that its own pictures give, by any method."""
+"""A sensor's folder → the calibration that its own images give, by any method."""
 
 from ninedtact.calibration.ball.fit import Method
-from ninedtact.calibration.flow import Calibration, CalibrationPictures, CalibrationSettings, LensKind, calibrate
+from ninedtact.calibration.flow import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
 from ninedtact.calibration.record import PinTable
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.pictures import read_picture
+from ninedtact.capture.images import read_image
 
 
 def calibrated_again(folder: SensorFolder, method: Method) -> Calibration:
-    """Calibrate from the stored pictures, with the stored design, lens and mounting.
+    """Calibrate from the stored images, with the stored design, lens and mounting.
 
-    Raises `SensorFolderDamaged` where pictures are missing (imported sensors have none), and what `calibrate` raises.
+    Raises `SensorFolderDamaged` where images are missing (imported sensors have none), and what `calibrate` raises.
     """
-    names = CalibrationPictures.__dataclass_fields__
-    pictures = CalibrationPictures(**{name: folder.picture(name, read_picture).image for name in names})
+    names = CalibrationImages.__dataclass_fields__
+    images = CalibrationImages(**{name: folder.image(name, read_image).image for name in names})
     record = folder.record
     lens: LensKind = "paper" if isinstance(record.lens, PinTable) else "lens"
     settings = CalibrationSettings(lens, record.grid.mounting_deg, method, record.depth.smoothing)
-    return calibrate(pictures, record.design, settings, record.id)
+    return calibrate(images, record.design, settings, record.id)

@@ -1,4 +1,4 @@
-"""Pictures as brightness: what a press changed, in grey levels as a picture of uniform light would show them."""
+"""Images as brightness: what a press changed, in grey levels as an image of uniform light would show them."""
 
 import cv2
 import numpy as np
@@ -12,12 +12,12 @@ from ninedtact.shape.calibrated import UNLIT
 Image = UInt8[Array, "_ _ 3"]
 
 DIMMEST = 8.0
-"""Grey level of the untouched picture below which a relative change is mostly noise."""
+"""Grey level of the untouched image below which a relative change is mostly noise."""
 OVEREXPOSED = 250
 
 
-class PictureUnusable(NinedtactError):
-    """A picture that no calibration can use."""
+class ImageUnusable(NinedtactError):
+    """An image that no calibration can use."""
 
 
 def grey_float(image: Image) -> Float32[Array, "rows cols"]:
@@ -32,7 +32,7 @@ def relative_change(reference: Image, press: Image) -> Float32[Array, "rows cols
 
 
 def noise_levels(change: Float32[Array, "rows cols"]) -> float:
-    """Standard deviation of one pixel's noise, from second differences, which smooth pictures do not have.
+    """Standard deviation of one pixel's noise, from second differences, which smooth images do not have.
 
     The median of absolute values is not moved by edges; 0.6745 turns it into a standard deviation, √6 undoes the
     second difference of independent pixels (Rousseeuw & Croux 1993 for the first).
@@ -42,31 +42,31 @@ def noise_levels(change: Float32[Array, "rows cols"]) -> float:
 
 
 def require_usable(name: str, image: Image) -> None:
-    """Refuse a picture that is black or burnt out."""
+    """Refuse an image that is black or burnt out."""
     grey = grey_float(image)
     if grey.mean() < UNLIT:
-        raise PictureUnusable(
-            f"expected a lit picture for the {name}, got a mean grey level of {grey.mean():.0f} of 255; "
+        raise ImageUnusable(
+            f"expected a lit image for the {name}, got a mean grey level of {grey.mean():.0f} of 255; "
             "switch the sensor's light on and raise the exposure"
         )
     burnt = float((grey >= OVEREXPOSED).mean())
     if burnt > 0.2:
-        raise PictureUnusable(
-            f"expected grey levels below {OVEREXPOSED} for the {name}, got {burnt:.0%} of the picture overexposed; "
+        raise ImageUnusable(
+            f"expected grey levels below {OVEREXPOSED} for the {name}, got {burnt:.0%} of the image overexposed; "
             "lower exposure or gain"
         )
 
 
 def require_same_size(name: str, reference: Image, press: Image) -> None:
-    """Refuse a pair of pictures of different sizes."""
+    """Refuse a pair of images of different sizes."""
     if reference.shape != press.shape:
         (rows, cols), (got_rows, got_cols) = reference.shape[:2], press.shape[:2]
-        raise PictureUnusable(
+        raise ImageUnusable(
             f"expected the {name} and its reference to be of one size, got {got_cols}x{got_rows} and {cols}x{rows}; "
             "take both with the same camera settings"
         )
 
 
-def smoothed(picture: Float32[Array, "rows cols"], sigma_px: float) -> Float32[Array, "rows cols"]:
+def smoothed(image: Float32[Array, "rows cols"], sigma_px: float) -> Float32[Array, "rows cols"]:
     """Gaussian blur."""
-    return np.asarray(ndimage.gaussian_filter(picture, sigma_px, mode="nearest"))
+    return np.asarray(ndimage.gaussian_filter(image, sigma_px, mode="nearest"))

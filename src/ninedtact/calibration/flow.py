@@ -1,4 +1,4 @@
-"""Four pictures → one sensor: the whole calibration, top-down."""
+"""Four images → one sensor: the whole calibration, top-down."""
 
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -49,8 +49,8 @@ LensKind = Literal["lens", "paper"]
 
 
 @dataclass(frozen=True)
-class CalibrationPictures:
-    """The four raw pictures, (rows, cols, 3) BGR."""
+class CalibrationImages:
+    """The four raw images, (rows, cols, 3) BGR."""
 
     board_reference: Image
     board: Image
@@ -65,7 +65,7 @@ class CalibrationSettings:
     lens: LensKind = "lens"
     """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
     mounting_deg: Mounting | Literal["auto"] = "auto"
-    """Angle from the picture's columns to the sensor's x axis, clockwise on the screen."""
+    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
     method: Method = "physics"
     """`physics` fits contact mechanics and light; `ratio` pairs the ball's cap with the brightness factor, `table` with grey
     differences (the paper's)."""
@@ -76,7 +76,7 @@ class CalibrationSettings:
 class Calibration:
     """A calibrated sensor with all that it was made from."""
 
-    pictures: CalibrationPictures
+    images: CalibrationImages
     board: BoardFit
     ball: BallFit
     rectify: Rectification
@@ -84,14 +84,14 @@ class Calibration:
 
 
 def calibrate(
-    pictures: CalibrationPictures,
+    images: CalibrationImages,
     design: SensorDesign = SensorDesign(),
     settings: CalibrationSettings = CalibrationSettings(),
     sensor_id: str = "9dtact",
 ) -> Calibration:
-    """Calibrate a sensor; raises `BoardNotFound`, `BallRefused`, `PictureUnusable`, each saying what to do."""
-    board = fit_board(pictures.board_reference, pictures.board, design.pin_board, settings.mounting_deg)
-    found = explained(pictures, board, design, settings)
+    """Calibrate a sensor; raises `BoardNotFound`, `BallRefused`, `ImageUnusable`, each saying what to do."""
+    board = fit_board(images.board_reference, images.board, design.pin_board, settings.mounting_deg)
+    found = explained(images, board, design, settings)
     board, rectify, ball = found.board, found.rectify, found.ball
     record = SensorRecord(
         format=FORMAT,
@@ -103,13 +103,13 @@ def calibrate(
         lens=lens_table(board, settings.lens),
         depth=depth_table(ball, settings),
         twin=None if ball.physical is None else twin_table(ball.physical, board.noise, found.told),
-        certificate=certificate(pictures, board, ball, rectify, settings),
+        certificate=certificate(images, board, ball, rectify, settings),
     )
-    return Calibration(pictures, board, ball, rectify, record)
+    return Calibration(images, board, ball, rectify, record)
 
 
 def explained(
-    pictures: CalibrationPictures, board: BoardFit, design: SensorDesign, settings: CalibrationSettings
+    images: CalibrationImages, board: BoardFit, design: SensorDesign, settings: CalibrationSettings
 ) -> Together:
     """Lens and depth; by physics, board and ball together."""
 
@@ -117,14 +117,14 @@ def explained(
         return lens_on_grid(board, design, settings.lens)
 
     def ball(rectify: Rectification, beliefs: tuple[Belief, ...] = (), near: Vector | None = None) -> BallFit:
-        images, how = (pictures.ball_reference, pictures.ball), (settings.method, settings.smoothing)
-        return fit_ball(rectify, *images, design, *how, beliefs, near)
+        presses, how = (images.ball_reference, images.ball), (settings.method, settings.smoothing)
+        return fit_ball(rectify, *presses, design, *how, beliefs, near)
 
     rectify = lens(board)
     first = Together(board, rectify, ball(rectify))
     if settings.lens == "paper":
         return first
-    return in_turns(first, (pictures.board_reference, pictures.board), lens, ball)
+    return in_turns(first, (images.board_reference, images.board), lens, ball)
 
 
 def lens_on_grid(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
@@ -170,7 +170,7 @@ def fit_figures(fit: TwinFit) -> FitFigures:
     sure = fit.confidence
     return FitFigures(
         rmse_grey_radial=fit.rmse_grey_radial,
-        rmse_grey_picture=fit.rmse_grey_picture,
+        rmse_grey_image=fit.rmse_grey_image,
         depth_mm=fit.named["depth_mm"],
         drag_mm=fit.drag_mm,
         independent_points=sure.points,
@@ -183,7 +183,7 @@ def fit_figures(fit: TwinFit) -> FitFigures:
 
 
 def imprint_figures(told: BoardPressFit, fit: TwinFit) -> ImprintFigures:
-    """What the board's picture told of its imprints; their depth is as uncertain as the ball's, by which light tells depth."""
+    """What the board's image told of its imprints; their depth is as uncertain as the ball's, by which light tells depth."""
     depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.named["depth_mm"]
     return ImprintFigures(
         believed=told.believed,
@@ -210,16 +210,16 @@ def calibrated_area_mm(design: SensorDesign) -> Area:
 
 
 def certificate(
-    pictures: CalibrationPictures, board: BoardFit, ball: BallFit, rectify: Rectification, settings: CalibrationSettings
+    images: CalibrationImages, board: BoardFit, ball: BallFit, rectify: Rectification, settings: CalibrationSettings
 ) -> Certificate:
     """All figures, and what a person should know in words."""
     return Certificate(
         board_figures(board, rectify, settings.lens),
-        ball_figures(pictures, ball),
+        ball_figures(images, ball),
         [
             *board_warnings(board),
             *ball.warnings,
-            *reference_warnings(pictures.board_reference, pictures.ball_reference),
+            *reference_warnings(images.board_reference, images.ball_reference),
         ],
     )
 
@@ -254,7 +254,7 @@ def scale_error(board: BoardFit, lens: LensKind) -> float:
     return board.lens_fit.mm_per_px_error(pitch_mm) / central_mm_per_px(board.lens, pitch_mm)
 
 
-def ball_figures(pictures: CalibrationPictures, ball: BallFit) -> BallFigures:
+def ball_figures(images: CalibrationImages, ball: BallFit) -> BallFigures:
     """How good the depth calibration is."""
     circle = ball.press.circle
     return BallFigures(
@@ -269,7 +269,7 @@ def ball_figures(pictures: CalibrationPictures, ball: BallFit) -> BallFigures:
         noise_mm=ball.noise_mm,
         drop_grey_levels=circle.drop,
         asymmetry=circle.asymmetry,
-        overexposed=float((grey_float(pictures.ball_reference) >= OVEREXPOSED).mean()),
+        overexposed=float((grey_float(images.ball_reference) >= OVEREXPOSED).mean()),
     )
 
 

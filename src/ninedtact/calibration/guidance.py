@@ -1,7 +1,7 @@
-"""What to tell a person who is calibrating, picture by picture, and when a picture is good enough to keep.
+"""What to tell a person who is calibrating, image by image, and when an image is good enough to keep.
 
 Four steps: leave the skin alone, press the board, leave it alone, press the ball. A step is done when what it waits for
-has been seen in several pictures in a row that hardly differ; it then gives their mean.
+has been seen in several images in a row that hardly differ; it then gives their mean.
 """
 
 from collections import deque
@@ -24,9 +24,9 @@ from ninedtact.shape.calibrated import UNLIT
 from ninedtact.shape.rectification import Rectification
 
 AVERAGED = 8
-"""Pictures that make one: their noise falls to a third."""
+"""Images that make one: their noise falls to a third."""
 STILL_LEVELS = 1.5
-"""Largest change of the smoothed picture, grey levels, within the pictures that are averaged."""
+"""Largest change of the smoothed image, grey levels, within the images that are averaged."""
 TOUCHED_LEVELS = 2.5
 """Change from the untouched skin above which something touches it."""
 BEST_DEPTH_MM = (1.0, 2.2)
@@ -36,33 +36,33 @@ PATIENCE = 4
 
 @dataclass(frozen=True)
 class Advice:
-    """What to say about the picture just seen, and the picture to keep once the step is done."""
+    """What to say about the image just seen, and the image to keep once the step is done."""
 
     words: str
-    picture: Image | None = None
+    image: Image | None = None
 
 
 @dataclass
 class Still:
-    """Collects pictures that hardly differ; starts over when something moves."""
+    """Collects images that hardly differ; starts over when something moves."""
 
-    pictures: deque[Image] = field(default_factory=lambda: deque(maxlen=AVERAGED))
+    images: deque[Image] = field(default_factory=lambda: deque(maxlen=AVERAGED))
 
     def add(self, image: Image) -> Image | None:
-        """The mean once enough pictures in a row are alike."""
-        if self.pictures and moved(self.pictures[0], image):
-            self.pictures.clear()
-        self.pictures.append(image)
-        if len(self.pictures) < AVERAGED:
+        """The mean once enough images in a row are alike."""
+        if self.images and moved(self.images[0], image):
+            self.images.clear()
+        self.images.append(image)
+        if len(self.images) < AVERAGED:
             return None
-        return np.asarray(np.round(np.mean(np.stack(self.pictures), axis=0)), np.uint8)
+        return np.asarray(np.round(np.mean(np.stack(self.images), axis=0)), np.uint8)
 
     def __len__(self) -> int:
-        return len(self.pictures)
+        return len(self.images)
 
 
 def moved(before: Image, after: Image) -> bool:
-    """Whether two pictures differ by more than noise."""
+    """Whether two images differ by more than noise."""
     return bool(np.abs(smoothed(grey_float(after) - grey_float(before), 3.0)).max() > STILL_LEVELS)
 
 
@@ -71,12 +71,12 @@ Watch = Callable[[Image], Advice]
 
 @dataclass(frozen=True)
 class Step:
-    """One of the four pictures: what to do, and who watches for it."""
+    """One of the four images: what to do, and who watches for it."""
 
     name: Literal["board_reference", "board", "ball_reference", "ball"]
     instruction: str
     watch: Callable[[dict[str, Image]], Watch]
-    """Given the pictures taken so far."""
+    """Given the images taken so far."""
 
 
 def steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[Step]:
@@ -104,7 +104,7 @@ def untouched(like: Image | None) -> Watch:
         if hint:
             return Advice(hint)
         if like is not None and (change := largest_change(like, image)) > 2 * TOUCHED_LEVELS:
-            still.pictures.clear()
+            still.images.clear()
             return Advice(f"something still touches the skin ({change:.0f} grey levels); wait")
         mean = still.add(image)
         return Advice("untouched skin taken" if mean is not None else f"hold still {len(still)}/{AVERAGED}", mean)
@@ -118,7 +118,7 @@ def light_hint(image: Image) -> str:
     if grey.mean() < 4 * UNLIT:
         return f"too dark (mean {grey.mean():.0f} of 255): switch the light on, raise the exposure"
     if (grey >= OVEREXPOSED).mean() > 0.02:
-        return f"overexposed ({(grey >= OVEREXPOSED).mean():.0%} of the picture): lower exposure or gain"
+        return f"overexposed ({(grey >= OVEREXPOSED).mean():.0%} of the image): lower exposure or gain"
     return ""
 
 
@@ -140,9 +140,9 @@ class BoardPressed:
     count: str = ""
 
     def __call__(self, image: Image) -> Advice:
-        """Look at one picture."""
+        """Look at one image."""
         if largest_change(self.reference, image) < TOUCHED_LEVELS:
-            self.still.pictures.clear()
+            self.still.images.clear()
             return Advice("nothing touches the skin yet")
         mean = self.still.add(image)
         return Advice(f"{self.count}hold still {len(self.still)}/{AVERAGED}") if mean is None else self.judged(mean)
@@ -153,13 +153,13 @@ class BoardPressed:
         try:
             fit = fit_board(self.reference, mean, self.design.pin_board, self.settings.mounting_deg)
         except BoardNotFound as refusal:
-            self.still.pictures.clear()
+            self.still.images.clear()
             self.count = f"pins {refusal.found} of {expected}: press harder and hold the board flat; "
             return Advice(self.count)
         found, contrast = int(fit.found.sum()), float(np.median(fit.contrast))
         self.patience -= 1
         if found < expected and self.patience > 0:
-            self.still.pictures.clear()
+            self.still.images.clear()
             self.count = f"pins {found} of {expected}: press harder at {fit.missing[0]}; "
             return Advice(self.count)
         focus = "" if contrast > 10 * fit.noise else "; faint: press harder next time, check the focus"
@@ -177,11 +177,11 @@ class BallPressed:
     patience: int = PATIENCE
 
     def __call__(self, image: Image) -> Advice:
-        """Look at one picture."""
+        """Look at one image."""
         try:
             circle = find_contact_circle(uniform_change(*(self.rectify(Frame(one)) for one in (self.reference, image))))
         except BallRefused as refusal:
-            self.still.pictures.clear()
+            self.still.images.clear()
             return Advice(str(refusal).partition(", got ")[2])
         radius_mm = min(circle.radius_px * self.rectify.mm_per_px, self.design.ball.radius_mm)
         depth_mm = cap_height_mm(self.design.ball.radius_mm, radius_mm)
@@ -193,7 +193,7 @@ class BallPressed:
 
     def waits(self) -> bool:
         """Whether a better press is still hoped for."""
-        self.still.pictures.clear()
+        self.still.images.clear()
         self.patience -= 1
         return self.patience > 0
 

@@ -17,7 +17,7 @@ FORMAT = 3
 
 
 class LensTable(Struct, tag_field="kind", tag="lens", frozen=True, forbid_unknown_fields=True):
-    """`shape.lens.LensModel`, its parameters in picture units."""
+    """`shape.lens.LensModel`, its parameters in image units."""
 
     homography: tuple[float, float, float, float, float, float, float, float]
     centre: tuple[float, float]
@@ -40,7 +40,7 @@ class MapTable(Struct, tag_field="kind", tag="map", frozen=True, forbid_unknown_
 
 
 class Grid(Struct, frozen=True, forbid_unknown_fields=True):
-    """The rectified grid and the raw picture."""
+    """The rectified grid and the raw image."""
 
     mm_per_px: float
     raw_rows: int
@@ -50,8 +50,8 @@ class Grid(Struct, frozen=True, forbid_unknown_fields=True):
     mounting_deg: Mounting = 0
 
 
-class Picture(Struct, frozen=True, forbid_unknown_fields=True):
-    """One picture that the sensor was calibrated from."""
+class Image(Struct, frozen=True, forbid_unknown_fields=True):
+    """One image that the sensor was calibrated from."""
 
     file: str
     sha256: str
@@ -67,7 +67,7 @@ class BoardFigures(Struct, frozen=True, forbid_unknown_fields=True):
     """Root mean square of the leave-one-out error: each pin predicted from all others."""
     loo_max_mm: float
     loo_rms_mm_original: float
-    """The same of the paper's way on the same picture."""
+    """The same of the paper's way on the same image."""
     mm_per_px: float
     mm_per_px_error: float
     contrast_grey_levels: float
@@ -93,7 +93,7 @@ class BallFigures(Struct, frozen=True, forbid_unknown_fields=True):
     drop_grey_levels: float
     asymmetry: float
     overexposed: float
-    """Part of the reference picture at or above 250."""
+    """Part of the reference image at or above 250."""
 
 
 class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
@@ -130,8 +130,8 @@ class FitFigures(Struct, frozen=True, forbid_unknown_fields=True):
 
     rmse_grey_radial: float
     """Of the radial brightness profile, grey levels."""
-    rmse_grey_picture: float
-    """Of the whole picture within 8 mm of the contact, grey levels."""
+    rmse_grey_image: float
+    """Of the whole image within 8 mm of the contact, grey levels."""
     depth_mm: float
     drag_mm: tuple[float, float]
     """How far the ball was dragged after the press."""
@@ -142,7 +142,7 @@ class FitFigures(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ImprintFigures(Struct, frozen=True, forbid_unknown_fields=True):
-    """The board's picture as the twin draws it."""
+    """The board's image as the twin draws it."""
 
     believed: bool
     """Whether it looks as drawn; if not, lens and nearness are without it."""
@@ -156,14 +156,14 @@ class ImprintFigures(Struct, frozen=True, forbid_unknown_fields=True):
     unexplained_grey: float
     """Root mean square over the board, grey levels."""
     contrast_grey: float
-    """Of the imprints in the raw picture, grey levels."""
+    """Of the imprints in the raw image, grey levels."""
 
 
 class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """What stands in for the sensor when it is not there."""
 
     gel: Gel
-    """With the thickness that the picture of the press shows."""
+    """With the thickness that the image of the press shows."""
     light: Light
     noise_grey_levels: float
     fit: FitFigures
@@ -182,5 +182,5 @@ class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_default
     lens: LensTable | PinTable | MapTable
     depth: Depth
     twin: TwinTable | None = None
-    pictures: dict[str, Picture] = field(default_factory=dict)
+    images: dict[str, Image] = field(default_factory=dict)
     certificate: Certificate | None = None

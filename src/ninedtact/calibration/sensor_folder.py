@@ -1,4 +1,4 @@
-"""A calibrated sensor on disk: `sensor.toml`, `pictures/`, `certificate.html`."""
+"""A calibrated sensor on disk: `sensor.toml`, `images/`, `certificate.html`."""
 
 import tomllib
 from collections.abc import Callable, Iterator
@@ -23,8 +23,8 @@ from ninedtact.shape.rectification import Rectification, rectification
 from ninedtact.whole_folder import foreign, whole_folder
 
 RECORD = "sensor.toml"
-FILES, FOLDERS = (RECORD, "certificate.html", "rectification.npy", "force.toml"), ("pictures/", "upstream/")
-"""All that a sensor folder holds: this, its page, the map of one that was imported, what weighed presses told; the pictures, and
+FILES, FOLDERS = (RECORD, "certificate.html", "rectification.npy", "force.toml"), ("images/", "upstream/")
+"""All that a sensor folder holds: this, its page, the map of one that was imported, what weighed presses told; the images, and
 what was imported as it was."""
 FARTHEST_PER_MM = 1e-4
 """Inverse distance below which lines of sight count as parallel."""
@@ -85,13 +85,13 @@ class SensorFolder:
             projection(lens, raw_shape), field_of_view, grid.mm_per_px, raw_shape, grid.calibrated_area_mm
         )
 
-    def picture(self, name: str, read: Callable[[Path], Image]) -> Frame:
-        """A picture that the sensor was calibrated from (`board`, `ball_reference`, …), read by the given reader."""
-        if name not in self.record.pictures:
+    def image(self, name: str, read: Callable[[Path], Image]) -> Frame:
+        """An image that the sensor was calibrated from (`board`, `ball_reference`, …), read by the given reader."""
+        if name not in self.record.images:
             raise SensorFolderDamaged(
-                f"expected {self.path} to hold the picture {name!r}, got a sensor without it (imported?); calibrate again"
+                f"expected {self.path} to hold the image {name!r}, got a sensor without it (imported?); calibrate again"
             )
-        entry = self.record.pictures[name]
+        entry = self.record.images[name]
         return Frame(read(self.verified(entry.file, entry.sha256)))
 
     def verified(self, file: str, digest: str) -> Path:

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from ninedtact.capture.camera import Camera
-from ninedtact.capture.files import PICTURE_SUFFIXES, PictureFolder, VideoFile
+from ninedtact.capture.files import IMAGE_SUFFIXES, ImageFolder, VideoFile
 from ninedtact.capture.raspberry_pi import RaspberryPi
 from ninedtact.capture.settings import AS_SENSOR, CameraSettings
 from ninedtact.capture.source import FrameSource
@@ -13,7 +13,7 @@ from ninedtact.errors import NinedtactError
 
 ACCEPTED = (
     "a camera (0, /dev/video0, csi:0 on a Raspberry Pi), a stream (http://…, rtsp://…), a video file or a folder of "
-    "pictures"
+    "images"
 )
 
 
@@ -46,12 +46,12 @@ def stream_for(url: str) -> Stream:
 
 
 def recording_for(text: str) -> FrameSource:
-    """A folder of pictures or a video file that exists; raises `SourceUnknown`."""
+    """A folder of images or a video file that exists; raises `SourceUnknown`."""
     path = Path(text).expanduser()
     if text and path.is_dir():
-        return PictureFolder(path)
-    if path.suffix.lower() in PICTURE_SUFFIXES and path.is_file():
-        raise SourceUnknown(f"expected a source of many pictures, got the single picture {text}; name its folder")
+        return ImageFolder(path)
+    if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
+        raise SourceUnknown(f"expected a source of many images, got the single image {text}; name its folder")
     if path.is_file():
         return VideoFile(path)
     raise SourceUnknown(f"expected {ACCEPTED}, got '{text}', which is none of these; correct it")

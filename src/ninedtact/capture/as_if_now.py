@@ -9,7 +9,7 @@ from ninedtact.quantities import Frame
 
 
 class AsIfNow(FrameSource):
-    """A recording at its own pace, its pictures stamped when they are read, as a camera's would be: its own stamps are too
+    """A recording at its own pace, its images stamped when they are read, as a camera's would be: its own stamps are too
     old to be shown live. A source that is live passes unchanged.
     """
 
@@ -26,7 +26,7 @@ class AsIfNow(FrameSource):
         self._due_at = time.monotonic()
 
     def read(self) -> Frame:
-        """The next picture when it is due."""
+        """The next image when it is due."""
         if self._source.recorded_hz is None:
             return self._source.read()
         self._closing.wait(self._due_at - time.monotonic())

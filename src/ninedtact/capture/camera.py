@@ -24,7 +24,7 @@ Opener = Callable[[int | str], Capture]
 
 def open_capture(device: int | str) -> Capture:
     """Open a Video4Linux device; on other systems, whatever OpenCV uses there (settings are then often refused)."""
-    # OpenCV waits ten seconds for a camera that went silent, unless told otherwise before its first picture.
+    # OpenCV waits ten seconds for a camera that went silent, unless told otherwise before its first image.
     os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(SILENCE_LIMIT_S))
     hush_video()
     return cv2.VideoCapture(device, cv2.CAP_V4L2 if sys.platform == "linux" else cv2.CAP_ANY)
@@ -48,7 +48,7 @@ class Camera(FrameSource):
         return self._open_grabber().ask(settings_in_force)
 
     def open(self) -> None:
-        """Open, set, read back, and see one picture; raises `CameraNotFound` or `SettingRefused`."""
+        """Open, set, read back, and see one image; raises `CameraNotFound` or `SettingRefused`."""
         if self._grabber is None:
             capture = self._opener(self.device)
             try:
@@ -58,10 +58,10 @@ class Camera(FrameSource):
                 raise
 
     def read(self) -> Frame:
-        """Wait for the next picture; `CameraLost` after two seconds of silence."""
+        """Wait for the next image; `CameraLost` after two seconds of silence."""
         frame = patiently(self._open_grabber())
         if frame is None:
-            raise CameraLost(f"expected a picture from {self.name}, got none; see that it is plugged in")
+            raise CameraLost(f"expected an image from {self.name}, got none; see that it is plugged in")
         return frame
 
     def close(self) -> None:
@@ -81,13 +81,13 @@ class Camera(FrameSource):
         apply(self.settings, capture, self.name)
         grabber = Grabber(self.name, capture, arrival_ns)
         if patiently(grabber) is None:
-            raise CameraNotFound(f"expected a picture from {self.name}, got none; plug it in again, or try another one")
-        grabber.next_index = 0  # the first picture after opening is often half exposed and is not counted
+            raise CameraNotFound(f"expected an image from {self.name}, got none; plug it in again, or try another one")
+        grabber.next_index = 0  # the first image after opening is often half exposed and is not counted
         return grabber
 
 
 def patiently(grabber: Grabber) -> Frame | None:
-    """Read over a few damaged pictures, which a cheap USB board delivers now and then; None where nothing comes."""
+    """Read over a few damaged images, which a cheap USB board delivers now and then; None where nothing comes."""
     give_up_at = time.monotonic() + SILENCE_LIMIT_S
     for _ in range(DAMAGED_IN_A_ROW):
         frame = grabber.read()
@@ -97,9 +97,9 @@ def patiently(grabber: Grabber) -> Frame | None:
 
 
 def arrival_ns(capture: Capture) -> int:
-    """When the picture reached the driver, if it says so on the monotonic clock; otherwise now.
+    """When the image reached the driver, if it says so on the monotonic clock; otherwise now.
 
-    A driver queues a few pictures: one that is read late was taken earlier, and its stamp must say so.
+    A driver queues a few images: one that is read late was taken earlier, and its stamp must say so.
     """
     now = time.monotonic_ns()
     driver = int(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)

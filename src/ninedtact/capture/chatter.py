@@ -1,4 +1,4 @@
-"""What the picture libraries print on their own, kept off the screen: every trouble is told once, as our error."""
+"""What the image libraries print on their own, kept off the screen: every trouble is told once, as our error."""
 
 import os
 import sys

@@ -45,11 +45,11 @@ def _examine_open(source: FrameSource, model: str | None, frames: int) -> Checku
 
 
 def advice_on_rate(rate: FrameRate | None) -> list[str]:
-    """What to do about pictures that come twice."""
+    """What to do about images that come twice."""
     if rate is None or rate.duplicates <= TOLERATED_DUPLICATES * rate.frames:
         return []
     return [
-        f"{rate.duplicates} of {rate.frames} pictures repeat the one before: the camera makes {rate.true_hz:.1f} per "
+        f"{rate.duplicates} of {rate.frames} images repeat the one before: the camera makes {rate.true_hz:.1f} per "
         f"second, its board sends {rate.delivered_hz:.1f}; ask for a lower rate, a shorter exposure or more light"
     ]
 

@@ -22,7 +22,7 @@ class CameraDevice:
 
 
 def list_cameras(kernel_list: Path = KERNEL_LIST, device_folder: Path = Path("/dev")) -> list[CameraDevice]:
-    """All devices that can deliver pictures, in the order of their numbers; none where the system is not Linux."""
+    """All devices that can deliver images, in the order of their numbers; none where the system is not Linux."""
     nodes = sorted(kernel_list.glob("video*"), key=lambda node: (len(node.name), node.name))
     found = [CameraDevice(str(device_folder / node.name), _name_of(node)) for node in nodes]
     return [device for device in found if _captures(device.path)]
@@ -52,7 +52,7 @@ def _name_of(node: Path) -> str:
 
 
 def _captures(path: str) -> bool:
-    """Whether a device delivers pictures; a UVC camera also lists one that delivers only metadata.
+    """Whether a device delivers images; a UVC camera also lists one that delivers only metadata.
 
     A device that may not be asked counts as a camera: the user must hear of the missing permission.
     """

@@ -1,6 +1,6 @@
-"""Recordings that any program wrote: a video file, or a folder of pictures. They are sources like a camera.
+"""Recordings that any program wrote: a video file, or a folder of images. They are sources like a camera.
 
-Read directly they deliver every picture as fast as it is asked for; under `Freshest` they play at `recorded_hz`.
+Read directly they deliver every image as fast as it is asked for; under `Freshest` they play at `recorded_hz`.
 """
 
 import re
@@ -10,19 +10,19 @@ import cv2
 
 from ninedtact.capture.chatter import hush_video
 from ninedtact.capture.grabber import Grabber
-from ninedtact.capture.picture_list import PictureList
-from ninedtact.capture.pictures import PictureUnreadable, average_pictures, read_picture
+from ninedtact.capture.image_list import ImageList
+from ninedtact.capture.images import ImageUnreadable, average_images, read_image
 from ninedtact.capture.source import CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.quantities import Frame
 
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 RATE_WHERE_UNSAID_HZ = 30.0
 
-__all__ = ["PictureFolder", "VideoFile", "average_pictures", "read_picture"]
+__all__ = ["ImageFolder", "VideoFile", "average_images", "read_image"]
 
 
 class VideoFile(FrameSource):
-    """Every picture of a video file, then `SourceEnded`. A picture's stamp is the time at which it was read."""
+    """Every image of a video file, then `SourceEnded`. An image's stamp is the time at which it was read."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -30,7 +30,7 @@ class VideoFile(FrameSource):
         self._grabber: Grabber | None = None
 
     def open(self) -> None:
-        """Open at the first picture; raises `CameraNotFound` or `PictureUnreadable`."""
+        """Open at the first image; raises `CameraNotFound` or `ImageUnreadable`."""
         if self._grabber is not None:
             return
         if not self.path.is_file():
@@ -38,7 +38,7 @@ class VideoFile(FrameSource):
         hush_video()
         capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
-            raise PictureUnreadable(
+            raise ImageUnreadable(
                 f"expected a video in {self.path}, got something else or half a file; record it again"
             )
         rate_hz = capture.get(cv2.CAP_PROP_FPS)
@@ -46,13 +46,13 @@ class VideoFile(FrameSource):
         self._grabber = Grabber(self.name, capture)
 
     def read(self) -> Frame:
-        """The next picture; `SourceEnded` after the last."""
+        """The next image; `SourceEnded` after the last."""
         if self._grabber is None:
             raise SourceNotOpen(self.name)
         frame = self._grabber.read()
         if frame is None:
             read = self._grabber.next_index
-            raise SourceEnded(f"expected another picture, got the end of {self.name} after {read}; stop here")
+            raise SourceEnded(f"expected another image, got the end of {self.name} after {read}; stop here")
         return frame
 
     def close(self) -> None:
@@ -62,29 +62,29 @@ class VideoFile(FrameSource):
             grabber.release()
 
 
-class PictureFolder(FrameSource):
-    """The pictures of a folder in the order of their names (2 before 10), all of one size, then `SourceEnded`."""
+class ImageFolder(FrameSource):
+    """The images of a folder in the order of their names (2 before 10), all of one size, then `SourceEnded`."""
 
     def __init__(self, folder: str | Path, recorded_hz: float = 10.0) -> None:
         self.folder = Path(folder)
         self.name = f"folder {folder}"
         self.recorded_hz = recorded_hz
-        self._listed: PictureList | None = None
+        self._listed: ImageList | None = None
 
     def open(self) -> None:
-        """List the pictures; raises `CameraNotFound` where there are none."""
+        """List the images; raises `CameraNotFound` where there are none."""
         if self._listed is not None:
             return
-        pictures = pictures_in(self.folder)
-        if not pictures:
-            kinds = ", ".join(PICTURE_SUFFIXES)
-            raise CameraNotFound(f"expected a folder of pictures ({kinds}), got none in {self.folder}; check the path")
-        listed = PictureList(pictures, self.name, self.recorded_hz)
+        images = images_in(self.folder)
+        if not images:
+            kinds = ", ".join(IMAGE_SUFFIXES)
+            raise CameraNotFound(f"expected a folder of images ({kinds}), got none in {self.folder}; check the path")
+        listed = ImageList(images, self.name, self.recorded_hz)
         listed.open()
         self._listed = listed
 
     def read(self) -> Frame:
-        """The next picture; raises what `PictureList` raises."""
+        """The next image; raises what `ImageList` raises."""
         listed = self._listed
         if listed is None:
             raise SourceNotOpen(self.name)
@@ -97,12 +97,12 @@ class PictureFolder(FrameSource):
             listed.close()
 
 
-def pictures_in(folder: Path) -> list[Path]:
-    """The picture files of a folder, hidden ones left out, numbers in their names in counting order."""
+def images_in(folder: Path) -> list[Path]:
+    """The image files of a folder, hidden ones left out, numbers in their names in counting order."""
     if not folder.is_dir():
         return []
-    pictures = (path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
-    return sorted((path for path in pictures if not path.name.startswith(".")), key=counting_order)
+    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    return sorted((path for path in images if not path.name.startswith(".")), key=counting_order)
 
 
 def counting_order(path: Path) -> list[tuple[int, str]]:

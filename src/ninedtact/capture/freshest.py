@@ -1,4 +1,4 @@
-"""The newest picture of a source, fetched in the background, so that a slow reader is late by one picture at most."""
+"""The newest image of a source, fetched in the background, so that a slow reader is late by one image at most."""
 
 import time
 from threading import Condition, Event, Thread
@@ -9,15 +9,15 @@ from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
 
 
-class PictureStale(NinedtactError):
-    """No picture came that is both new to the reader and young enough."""
+class ImageStale(NinedtactError):
+    """No image came that is both new to the reader and young enough."""
 
 
 class Freshest(FrameSource):
-    """Serves each picture at most once and none older than `max_age_ms`; counts those that nobody read as dropped.
+    """Serves each image at most once and none older than `max_age_ms`; counts those that nobody read as dropped.
 
-    A recording plays at its `recorded_hz` and a slow reader misses pictures of it, as it would of a camera; read the
-    recording itself to get every one. Trouble of the source is raised to the reader, after the last fresh picture.
+    A recording plays at its `recorded_hz` and a slow reader misses images of it, as it would of a camera; read the
+    recording itself to get every one. Trouble of the source is raised to the reader, after the last fresh image.
     """
 
     def __init__(self, source: FrameSource, max_age_ms: float = 200.0, timeout_ms: float = 2000.0) -> None:
@@ -43,7 +43,7 @@ class Freshest(FrameSource):
         self._thread.start()
 
     def read(self) -> Frame:
-        """Wait for a picture that is new and fresh; `PictureStale` after `timeout_ms`, or the source's own trouble."""
+        """Wait for an image that is new and fresh; `ImageStale` after `timeout_ms`, or the source's own trouble."""
         if self._thread is None:
             raise SourceNotOpen(self.name)
         give_up_at = time.monotonic() + self._timeout_ms / 1000
@@ -71,9 +71,9 @@ class Freshest(FrameSource):
             return None
         return frame
 
-    def _stale(self) -> PictureStale:
-        return PictureStale(
-            f"expected a new picture younger than {self._max_age_ms:g} ms from {self.name}, got none within "
+    def _stale(self) -> ImageStale:
+        return ImageStale(
+            f"expected a new image younger than {self._max_age_ms:g} ms from {self.name}, got none within "
             f"{self._timeout_ms:g} ms; see that the camera is plugged in, and not slower than that"
         )
 

@@ -23,12 +23,12 @@ class Capture(Protocol):
 
 
 def on_arrival(capture: Capture) -> int:
-    """The stamp of a picture that was read just now, ns of the monotonic clock."""
+    """The stamp of an image that was read just now, ns of the monotonic clock."""
     return time.monotonic_ns()
 
 
 class Grabber:
-    """Reads, stamps and counts the pictures of one capture; one thread at a time gets at the device."""
+    """Reads, stamps and counts the images of one capture; one thread at a time gets at the device."""
 
     def __init__(self, name: str, capture: Capture, stamp_ns: Callable[[Capture], int] = on_arrival) -> None:
         self.next_index = 0
@@ -39,7 +39,7 @@ class Grabber:
         self._lock = Lock()
 
     def read(self) -> Frame | None:
-        """The next picture in its own memory, or None where the driver gave none; raises `SourceNotOpen`."""
+        """The next image in its own memory, or None where the driver gave none; raises `SourceNotOpen`."""
         with self._lock:
             if self._released:
                 raise SourceNotOpen(self._name)
@@ -50,7 +50,7 @@ class Grabber:
             return Frame(image, self._stamp_ns(self._capture), self.next_index - 1)
 
     def ask(self, question: Callable[[Capture], Answer]) -> Answer:
-        """Put a question to the device between two pictures; raises `SourceNotOpen`."""
+        """Put a question to the device between two images; raises `SourceNotOpen`."""
         with self._lock:
             if self._released:
                 raise SourceNotOpen(self._name)

@@ -13,7 +13,7 @@ from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, So
 from ninedtact.quantities import Frame
 
 SILENCE_LIMIT_S = 2.0
-PICTURES_TO_SETTLE = 30
+IMAGES_TO_SETTLE = 30
 RELATIVE_TOLERANCE = 0.05
 Control = float | int | bool
 HOW_TO_GET_IT = (
@@ -37,7 +37,7 @@ def open_picamera(number: int) -> Any:
 
 
 class RaspberryPi(FrameSource):
-    """A CSI camera by its number; settings are asked of libcamera and read back from the pictures' own data."""
+    """A CSI camera by its number; settings are asked of libcamera and read back from the images' own data."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class RaspberryPi(FrameSource):
         self._camera, self._next_index = camera, 0
 
     def read(self) -> Frame:
-        """Wait for the next picture; `CameraLost` after two seconds of silence."""
+        """Wait for the next image; `CameraLost` after two seconds of silence."""
         with self._lock:
             if self._camera is None:
                 raise SourceNotOpen(self.name)
@@ -85,7 +85,7 @@ class RaspberryPi(FrameSource):
         controls = dict(controls_of(self.settings))
         if unknown := [name for name in controls if name not in camera.camera_controls]:
             raise SettingRefused(f"expected {self.name} to take {unknown[0]}, got no such control; leave it out")
-        # picamera2 calls "RGB888" what lies in memory as blue, green, red. Without a queue a picture is never older
+        # picamera2 calls "RGB888" what lies in memory as blue, green, red. Without a queue an image is never older
         # than the wish for it.
         main = {"format": "RGB888", "size": self.settings.size_px or (640, 480)}
         camera.configure(camera.create_video_configuration(main=main, controls=controls, queue=False))
@@ -93,10 +93,10 @@ class RaspberryPi(FrameSource):
         self._read_back(camera, controls)
 
     def _read_back(self, camera: Any, controls: dict[str, Control]) -> None:
-        """libcamera applies controls a few pictures late: give it time, then refuse."""
+        """libcamera applies controls a few images late: give it time, then refuse."""
         wanted = {name: controls[name] for name in ("ExposureTime", "AnalogueGain") if name in controls}
         got: dict[str, Control] = {}
-        for _ in range(PICTURES_TO_SETTLE):
+        for _ in range(IMAGES_TO_SETTLE):
             _, got = self._capture(camera)
             if all(math.isclose(got[name], value, rel_tol=RELATIVE_TOLERANCE) for name, value in wanted.items()):
                 return
@@ -109,7 +109,7 @@ class RaspberryPi(FrameSource):
         try:
             (image,), metadata = job.get_result(timeout=SILENCE_LIMIT_S)
         except TimeoutError as silence:
-            raise CameraLost(f"expected a picture from {self.name}, got none; check the ribbon cable") from silence
+            raise CameraLost(f"expected an image from {self.name}, got none; check the ribbon cable") from silence
         return np.array(image[:, :, :3], order="C"), metadata
 
 

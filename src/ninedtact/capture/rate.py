@@ -1,4 +1,4 @@
-"""What a source really delivers: some USB boards send every picture twice and call it double the rate."""
+"""What a source really delivers: some USB boards send every image twice and call it double the rate."""
 
 import time
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from ninedtact.capture.source import FrameSource, SourceEnded
 from ninedtact.errors import NinedtactError
 
 SETTLING = 5
-"""Pictures that arrive in a burst after opening, left out."""
+"""Images that arrive in a burst after opening, left out."""
 
 
 class RateUnmeasurable(NinedtactError):
-    """Too few different pictures to speak of a rate."""
+    """Too few different images to speak of a rate."""
 
 
 @dataclass(frozen=True)
@@ -23,23 +23,23 @@ class FrameRate:
     """Rates of one measurement."""
 
     delivered_hz: float
-    """Pictures per second as they come."""
+    """Images per second as they come."""
     true_hz: float
-    """Pictures per second that differ from the one before."""
+    """Images per second that differ from the one before."""
     jitter_ms: float
-    """Standard deviation of the time between two different pictures."""
+    """Standard deviation of the time between two different images."""
     frames: int
     duplicates: int
-    """Pictures identical, byte by byte, to the one before."""
+    """Images identical, byte by byte, to the one before."""
 
 
 def measure_rate(source: FrameSource, frames: int = 60, limit_s: float = 5.0) -> FrameRate:
-    """Time up to `frames` pictures of an open source, `limit_s` at most; raises `RateUnmeasurable` below three."""
+    """Time up to `frames` images of an open source, `limit_s` at most; raises `RateUnmeasurable` below three."""
     stamps, is_new = arrivals(source, frames, limit_s)
     fresh = stamps[is_new]
     if len(fresh) < 3:
         raise RateUnmeasurable(
-            f"expected at least 3 different pictures from {source.name} in {limit_s:g} s, got {len(fresh)}; "
+            f"expected at least 3 different images from {source.name} in {limit_s:g} s, got {len(fresh)}; "
             "check the camera, and that its view is not all black"
         )
     return FrameRate(
@@ -52,7 +52,7 @@ def measure_rate(source: FrameSource, frames: int = 60, limit_s: float = 5.0) ->
 
 
 def arrivals(source: FrameSource, frames: int, limit_s: float) -> tuple[Float[Array, " n"], np.ndarray]:
-    """Arrival times in seconds, and which pictures differ from the one before."""
+    """Arrival times in seconds, and which images differ from the one before."""
     stamps: list[float] = []
     is_new: list[bool] = []
     before = None

@@ -39,7 +39,7 @@ class Reconnecting(FrameSource):
         self._first_index = self._next_index = 0
 
     def read(self) -> Frame:
-        """The next picture, however long the camera is away; indices go on counting over the gap."""
+        """The next image, however long the camera is away; indices go on counting over the gap."""
         while True:
             try:
                 frame = self._source.read()

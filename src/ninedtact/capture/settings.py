@@ -49,9 +49,9 @@ class CameraSettings:
 
 
 AS_SENSOR = CameraSettings()
-"""Raw pictures of the size that the published sensor has; all else as the camera has it."""
+"""Raw images of the size that the published sensor has; all else as the camera has it."""
 STEADY = CameraSettings(auto_exposure=False, auto_white_balance=False)
-"""What touch needs: a camera that regulates its own brightness answers a press by brightening the picture again."""
+"""What touch needs: a camera that regulates its own brightness answers a press by brightening the image again."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ def wishes_of(settings: CameraSettings) -> Iterator[Wish]:
         fourcc = cv2.VideoWriter.fourcc(*settings.pixel_format)
         yield Wish(f"pixel format {settings.pixel_format}", cv2.CAP_PROP_FOURCC, (float(fourcc),), remedy=modes)
     if settings.size_px is not None:
-        yield Wish("picture width", cv2.CAP_PROP_FRAME_WIDTH, (float(settings.size_px[0]),), remedy=modes)
-        yield Wish("picture height", cv2.CAP_PROP_FRAME_HEIGHT, (float(settings.size_px[1]),), remedy=modes)
+        yield Wish("image width", cv2.CAP_PROP_FRAME_WIDTH, (float(settings.size_px[0]),), remedy=modes)
+        yield Wish("image height", cv2.CAP_PROP_FRAME_HEIGHT, (float(settings.size_px[1]),), remedy=modes)
     if settings.rate_hz is not None:
         tolerance = 0.02 * settings.rate_hz  # 29.97 answers a wish for 30
-        yield Wish("pictures per second", cv2.CAP_PROP_FPS, (settings.rate_hz,), tolerance, modes)
+        yield Wish("images per second", cv2.CAP_PROP_FPS, (settings.rate_hz,), tolerance, modes)
     yield from _controls_of(settings)
 
 

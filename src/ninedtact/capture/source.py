@@ -1,6 +1,6 @@
-"""What a camera is to the rest of the package: something that is opened, read picture by picture, and closed.
+"""What a camera is to the rest of the package: something that is opened, read image by image, and closed.
 
-A source is stamped on arrival (monotonic clock) and counts its own pictures. Reading blocks; how long at most is each
+A source is stamped on arrival (monotonic clock) and counts its own images. Reading blocks; how long at most is each
 source's own setting, because only its driver can keep a limit. `Freshest` keeps a limit over any source.
 """
 
@@ -17,11 +17,11 @@ class CameraNotFound(NinedtactError):
 
 
 class CameraLost(NinedtactError):
-    """A camera that had delivered pictures stopped."""
+    """A camera that had delivered images stopped."""
 
 
 class SourceEnded(NinedtactError):
-    """A file or folder has no further picture."""
+    """A file or folder has no further image."""
 
 
 class SourceNotOpen(NinedtactError):
@@ -32,21 +32,21 @@ class SourceNotOpen(NinedtactError):
 
 
 class FrameSource(Openable):
-    """Anything that delivers pictures; `open` raises `CameraNotFound`, `SettingRefused` or `PictureUnreadable`."""
+    """Anything that delivers images; `open` raises `CameraNotFound`, `SettingRefused` or `ImageUnreadable`."""
 
     recorded_hz: float | None = None
-    """Pictures per second at which a recording was made; None for a live source, which paces itself."""
+    """Images per second at which a recording was made; None for a live source, which paces itself."""
 
     @abstractmethod
     def read(self) -> Frame:
-        """Wait for the next picture; its memory is its own.
+        """Wait for the next image; its memory is its own.
 
-        Raises `SourceEnded` after the last picture of a recording, `CameraLost` when a live source stops, and
+        Raises `SourceEnded` after the last image of a recording, `CameraLost` when a live source stops, and
         `SourceNotOpen` when it is not open.
         """
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield pictures until the source ends; a live source never does."""
+        """Yield images until the source ends; a live source never does."""
         while True:
             try:
                 frame = self.read()

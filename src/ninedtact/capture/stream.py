@@ -25,7 +25,7 @@ class Stream(FrameSource):
         self._grabber: Grabber | None = None
 
     def open(self) -> None:
-        """Connect and see one picture; raises `CameraNotFound`."""
+        """Connect and see one image; raises `CameraNotFound`."""
         if self._grabber is not None:
             return
         hush_video()
@@ -39,12 +39,12 @@ class Stream(FrameSource):
         self._grabber = grabber
 
     def read(self) -> Frame:
-        """Wait for the next picture; `CameraLost` when the stream breaks off or falls silent."""
+        """Wait for the next image; `CameraLost` when the stream breaks off or falls silent."""
         if self._grabber is None:
             raise SourceNotOpen(self.name)
         frame = self._grabber.read()
         if frame is None:
-            raise CameraLost(f"expected a picture from {self.name}, got none; check the camera and the network")
+            raise CameraLost(f"expected an image from {self.name}, got none; check the camera and the network")
         return frame
 
     def close(self) -> None:

@@ -57,7 +57,7 @@ Command = (
     | Annotated[Hardware, tyro.conf.subcommand("hardware", description=HARDWARE)]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
-DESCRIPTION = "The software of the 9DTact tactile sensor: pictures in, calibrated millimetres out."
+DESCRIPTION = "The software of the 9DTact tactile sensor: images in, calibrated millimetres out."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -14,27 +14,27 @@ from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.board.refusal import BoardNotFound
-    from ninedtact.calibration.flow import Calibration, CalibrationPictures
+    from ninedtact.calibration.flow import Calibration, CalibrationImages
     from ninedtact.calibration.sensor_folder import SensorFolder
 
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
 
 
-class PicturesMissing(NinedtactError):
-    """Neither four pictures nor a camera."""
+class ImagesMissing(NinedtactError):
+    """Neither four images nor a camera."""
 
 
 @dataclass(frozen=True)
 class Calibrate:
     """Calibrate a sensor from one press of the pin board and one of the ball.
 
-    Give the four pictures, and nothing is asked; or give --source, and the terminal guides you through the presses.
+    Give the four images, and nothing is asked; or give --source, and the terminal guides you through the presses.
     """
 
     out: Path
     """Sensor folder to write; an older calibration there is replaced."""
     board_reference: tuple[Path, ...] = ()
-    """Untouched skin before the board; several pictures are averaged."""
+    """Untouched skin before the board; several images are averaged."""
     board: tuple[Path, ...] = ()
     """The pin board pressed on the skin."""
     ball_reference: tuple[Path, ...] = ()
@@ -42,7 +42,7 @@ class Calibrate:
     ball: tuple[Path, ...] = ()
     """The ball pressed on the skin, 1 to 2 mm deep, straight down."""
     source: str | None = None
-    """Take the pictures with this camera: 0, /dev/video0, a stream's URL; or from a recording: a video, a folder."""
+    """Take the images with this camera: 0, /dev/video0, a stream's URL; or from a recording: a video, a folder."""
     automatic: bool = False
     """Leave the camera's automatic exposure and white balance on, for one that cannot switch them off; depths then drift."""
     ball_radius_mm: float | None = None
@@ -65,7 +65,7 @@ class Calibrate:
 
         require_replaceable(self.out)
         try:
-            made = calibrate(self.pictures(), self.resolved_design, self.options.settings(), self.id or self.out.name)
+            made = calibrate(self.images(), self.resolved_design, self.options.settings(), self.id or self.out.name)
         except BoardNotFound as refusal:
             raise with_overlay(refusal, self.out) from refusal
         sensor = write_sensor(self.out, made)
@@ -82,29 +82,29 @@ class Calibrate:
             return design
         return replace(design, ball=replace(design.ball, radius_mm=self.ball_radius_mm))
 
-    def pictures(self) -> "CalibrationPictures":
-        """From files, or from a guided session with a camera; raises `PicturesMissing`."""
+    def images(self) -> "CalibrationImages":
+        """From files, or from a guided session with a camera; raises `ImagesMissing`."""
         given = [name for name in PRESSES if getattr(self, name)]
         if len(given) == len(PRESSES) and self.source is None:
-            return self.read_pictures()
+            return self.read_images()
         if self.source is not None and not given:
-            from ninedtact.cli.guide import guided_pictures
+            from ninedtact.cli.guide import guided_images
 
-            return guided_pictures(self.source, self.resolved_design, self.options.settings(), self.automatic)
+            return guided_images(self.source, self.resolved_design, self.options.settings(), self.automatic)
         options = ", ".join("--" + name.replace("_", "-") for name in PRESSES)
         got = ", ".join("--" + name.replace("_", "-") for name in given) or "none of them"
         both = " and --source" if self.source is not None else ""
-        raise PicturesMissing(
-            f"expected all of {options}, or --source alone, got {got}{both}; give the four pictures or a camera"
+        raise ImagesMissing(
+            f"expected all of {options}, or --source alone, got {got}{both}; give the four images or a camera"
         )
 
-    def read_pictures(self) -> "CalibrationPictures":
-        """The four pictures, each the mean of the files given for it."""
-        from ninedtact.calibration.flow import CalibrationPictures
-        from ninedtact.capture.pictures import average_pictures, read_picture
+    def read_images(self) -> "CalibrationImages":
+        """The four images, each the mean of the files given for it."""
+        from ninedtact.calibration.flow import CalibrationImages
+        from ninedtact.capture.images import average_images, read_image
 
-        return CalibrationPictures(
-            **{name: average_pictures([read_picture(path) for path in getattr(self, name)]) for name in PRESSES}
+        return CalibrationImages(
+            **{name: average_images([read_image(path) for path in getattr(self, name)]) for name in PRESSES}
         )
 
 
@@ -115,7 +115,7 @@ def require_no_dimensions(path: Path, given: SensorDesign) -> None:
 
 
 def with_overlay(refusal: "BoardNotFound", out: Path) -> NinedtactError:
-    """The refusal, naming a picture of what was seen that is written beside the folder asked for."""
+    """The refusal, naming an image of what was seen that is written beside the folder asked for."""
     import cv2
 
     from ninedtact.calibration.certificate.drawing import not_found_overlay

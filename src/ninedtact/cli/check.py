@@ -17,45 +17,45 @@ if TYPE_CHECKING:
 
 
 class NothingToCheck(NinedtactError):
-    """No picture was named."""
+    """No image was named."""
 
 
 @dataclass(frozen=True)
 class Check:
     """Compare today's untouched skin with the calibrated one: light, camera and gel.
 
-    Exit code 0: fine; 1: something has changed, or a picture or the sensor folder cannot be read.
+    Exit code 0: fine; 1: something has changed, or an image or the sensor folder cannot be read.
     """
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote."""
     reference: tyro.conf.Positional[tuple[Path, ...]]
-    """Pictures of the untouched skin, taken today; each is judged by itself."""
+    """Images of the untouched skin, taken today; each is judged by itself."""
     json: bool = False
     """Print the verdict and all figures as one JSON object."""
 
     def run(self) -> int:
-        """Judge every picture; 1 where one is not fine."""
+        """Judge every image; 1 where one is not fine."""
         from ninedtact.calibration.drift.drift import drift, known_skin
         from ninedtact.calibration.drift.findings import findings
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.capture.pictures import read_picture
+        from ninedtact.capture.images import read_image
 
         if not self.reference:
             raise NothingToCheck(
-                "expected at least one picture of the untouched skin, got none; name it after the options"
+                "expected at least one image of the untouched skin, got none; name it after the options"
             )
         known = known_skin(load_sensor(self.sensor))
-        measured = [drift(known, read_picture(path)) for path in self.reference]
+        measured = [drift(known, read_image(path)) for path in self.reference]
         results = [result(path, one, findings(one)) for path, one in zip(self.reference, measured, strict=True)]
         answer(self.json, summary(self.sensor, results), lines(results))
         return int(any(found["findings"] for found in results))
 
 
 def result(path: Path, drift: "Drift", found: "list[Finding]") -> dict[str, Any]:
-    """One picture's verdict and figures."""
+    """One image's verdict and figures."""
     return {
-        "picture": str(path),
+        "image": str(path),
         "verdict": found[0].verdict if found else "fine",
         "findings": [asdict(finding) for finding in found],
         **figures(drift),
@@ -88,14 +88,14 @@ def summary(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]:
         "sensor": str(sensor),
         "verdict": worst["verdict"],
         "findings": worst["findings"],
-        "pictures": results,
+        "images": results,
     }
 
 
 def lines(results: list[dict[str, Any]]) -> Iterator[str]:
     """The verdicts for a person."""
     for found in results:
-        yield f"{found['picture']}: {found['verdict']}"
+        yield f"{found['image']}: {found['verdict']}"
         for finding in found["findings"]:
             yield f"  {finding['sentence']}{height(finding)}"
         yield f"  measured: {measured(found)}"
@@ -105,7 +105,7 @@ def height(finding: dict[str, Any]) -> str:
     """What the finding does to the height, where it does."""
     if finding["height_mm"] is None:
         return ""
-    return f" (height off by up to {finding['height_mm']:.2f} mm with the calibration's reference picture)"
+    return f" (height off by up to {finding['height_mm']:.2f} mm with the calibration's reference image)"
 
 
 def measured(found: dict[str, Any]) -> str:
@@ -117,5 +117,5 @@ def measured(found: dict[str, Any]) -> str:
     return (
         f"brightness {found['brightness_percent']:+.1f} %, light even to {found['uneven_percent']:.1f} %, {skin}, "
         f"marks on {found['changed_area_mm2']:.1f} mm², together worth up to {found['old_reference_height_mm']:.2f} mm "
-        "of height with the calibration's reference picture, none with today's"
+        "of height with the calibration's reference image, none with today's"
     )

@@ -1,4 +1,4 @@
-"""ninedtact demo: the twin of a sensor, calibrated from its own pictures, in the browser; no hardware is needed."""
+"""ninedtact demo: the twin of a sensor, calibrated from its own images, in the browser; no hardware is needed."""
 
 import json
 import sys
@@ -39,7 +39,7 @@ class Demo:
     design_file: DesignFile = None
     """Design file (TOML) of a sensor that is not built yet: its twin calibrates itself and is shown."""
     out: Path = Path("out/demo")
-    """Folder for the sensor, pictures and figures that it leaves."""
+    """Folder for the sensor, images and figures that it leaves."""
     rounds: int | None = None
     """End after so many rounds; without it, at a terminal, with Ctrl-C."""
     display_hz: float = 15.0
@@ -63,7 +63,7 @@ class Demo:
         sensor, wrenches = on_page(folder.shape, on_show(self.twin, self.resolved_rounds))
         with suppress(KeyboardInterrupt):
             serve(folder, sensor, wrenches, Place(self.out, self.display_hz, self.host, self.port))
-        print(f"stopped after {sensor.frames_read} pictures; look at {self.out}")
+        print(f"stopped after {sensor.frames_read} images; look at {self.out}")
         return 0
 
     def require_rounds(self) -> None:
@@ -100,14 +100,14 @@ class Demo:
         return load_sensor(self.sensor) if self.sensor is not None else self.calibrated()
 
     def calibrated(self) -> "SensorFolder":
-        """The twin as it calibrates itself: four pictures, as of any other sensor."""
-        from ninedtact.calibration.flow import CalibrationPictures, calibrate
+        """The twin as it calibrates itself: four images, as of any other sensor."""
+        from ninedtact.calibration.flow import CalibrationImages, calibrate
         from ninedtact.calibration.written import write_sensor
-        from ninedtact.simulation.gauges import gauge_pictures
+        from ninedtact.simulation.gauges import gauge_images
 
-        print("pressing the pin board and the ball on the twin, calibrating it from the four pictures …", flush=True)
-        pictures = CalibrationPictures(**vars(gauge_pictures(self.twin, self.design)))
-        folder = write_sensor(self.out / "sensor", calibrate(pictures, self.design, sensor_id="twin"))
+        print("pressing the pin board and the ball on the twin, calibrating it from the four images …", flush=True)
+        images = CalibrationImages(**vars(gauge_images(self.twin, self.design)))
+        folder = write_sensor(self.out / "sensor", calibrate(images, self.design, sensor_id="twin"))
         print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
         return folder
 
@@ -131,13 +131,13 @@ class Demo:
 
         stage = Stage(self.twin, [act], STEPS_HZ, real_time=False)
         contact = stage.contact(int(act.motion.lifted_s * STEPS_HZ - 1e-6))
-        picture = self.twin.renderer(contact, 1)
-        seen = reader(folder.shape.rectify(Frame(picture)))
+        image = self.twin.renderer(contact, 1)
+        seen = reader(folder.shape.rectify(Frame(image)))
         true = heights_like(contact, seen, self.twin.renderer.light.nearness_per_mm)
-        return Answer(act.indenter.name, picture, true, seen, contact.wrench())
+        return Answer(act.indenter.name, image, true, seen, contact.wrench())
 
     def leave_summary(self, answers: "list[Answer]") -> None:
-        """What was pressed and what was seen of it: a picture and its figures."""
+        """What was pressed and what was seen of it: an image and its figures."""
         from ninedtact.simulation.drawn_show import drawn_show
         from ninedtact.whole_file import write_whole
 

@@ -61,7 +61,7 @@ def device(text: str, on_lost: "Callable[[Exception], None]", on_back: "Callable
 
 
 def require_alike(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
-    """Refuse pictures and forces that are not of the same time; raises `DevicesApart`."""
+    """Refuse images and forces that are not of the same time; raises `DevicesApart`."""
     if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
         raise DevicesApart(
             f"expected --source and --force-torque to be both devices, both {SIM} or both recordings, got '{source}' and "

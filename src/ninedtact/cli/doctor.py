@@ -126,6 +126,6 @@ def camera_lines(camera: "Checkup") -> list[str]:
 def rate_words(camera: "Checkup") -> str:
     """How fast a camera is, in words."""
     if camera.rate is None:
-        return f"a recording at {camera.recorded_hz:g} pictures per second"
+        return f"a recording at {camera.recorded_hz:g} images per second"
     duplicates = f"{camera.rate.duplicates} of {camera.rate.frames} twice" if camera.rate.duplicates else "none twice"
-    return f"{camera.rate.true_hz:.1f} pictures per second, ± {camera.rate.jitter_ms:.1f} ms, {duplicates}"
+    return f"{camera.rate.true_hz:.1f} images per second, ± {camera.rate.jitter_ms:.1f} ms, {duplicates}"

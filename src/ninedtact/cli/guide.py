@@ -1,6 +1,6 @@
 """Calibration with a camera: the terminal guides a person through the two presses, hands free.
 
-Nothing is asked: each step watches the pictures, says what it sees, and goes on by itself when it has what it needs.
+Nothing is asked: each step watches the images, says what it sees, and goes on by itself when it has what it needs.
 """
 
 import sys
@@ -15,7 +15,7 @@ from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.brightness import Image
-    from ninedtact.calibration.flow import CalibrationPictures, CalibrationSettings
+    from ninedtact.calibration.flow import CalibrationImages, CalibrationSettings
     from ninedtact.calibration.guidance import Step
     from ninedtact.capture.source import FrameSource
 
@@ -43,11 +43,11 @@ class Terminal:
             print(file=sys.stderr)
 
 
-def guided_pictures(
+def guided_images(
     source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool
-) -> "CalibrationPictures":
-    """Take the four pictures with a camera; raises what the camera raises, and `SourceEnded` from a recording."""
-    from ninedtact.calibration.flow import CalibrationPictures
+) -> "CalibrationImages":
+    """Take the four images with a camera; raises what the camera raises, and `SourceEnded` from a recording."""
+    from ninedtact.calibration.flow import CalibrationImages
     from ninedtact.calibration.guidance import steps
 
     terminal = Terminal()
@@ -56,12 +56,12 @@ def guided_pictures(
         for step in steps(design, settings):
             terminal.title(step.instruction)
             taken[step.name] = followed(step, camera, taken, terminal)
-    return CalibrationPictures(**taken)
+    return CalibrationImages(**taken)
 
 
 @contextmanager
 def opened(source: str, automatic: bool) -> "Iterator[FrameSource]":
-    """The camera, newest picture first; a recording is read picture by picture instead."""
+    """The camera, newest image first; a recording is read image by image instead."""
     from ninedtact.capture.freshest import Freshest
     from ninedtact.capture.settings import AS_SENSOR, STEADY
 
@@ -71,18 +71,18 @@ def opened(source: str, automatic: bool) -> "Iterator[FrameSource]":
 
 
 def followed(step: "Step", camera: "FrameSource", taken: dict[str, "Image"], terminal: Terminal) -> "Image":
-    """Watch pictures until the step is content; the mean of the last few."""
+    """Watch images until the step is content; the mean of the last few."""
     watch = step.watch(taken)
     with terminal.line():
         for frame in camera:
             advice = watch(frame.image)
             terminal.live(advice.words)
-            if advice.picture is not None:
-                return advice.picture
+            if advice.image is not None:
+                return advice.image
     raise RecordingTooShort(
-        f"expected pictures until the step '{step.instruction}' was done, got the end of the recording; record it longer"
+        f"expected images until the step '{step.instruction}' was done, got the end of the recording; record it longer"
     )
 
 
 class RecordingTooShort(NinedtactError):
-    """A recording that ended before all four pictures were taken."""
+    """A recording that ended before all four images were taken."""

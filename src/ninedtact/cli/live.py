@@ -38,24 +38,24 @@ class LiveImpossible(NinedtactError):
 
 @dataclass(frozen=True)
 class Live:
-    """Watch a sensor in the browser: camera picture, heights, 3D surface, rates and costs. Ctrl-C ends it."""
+    """Watch a sensor in the browser: camera image, heights, 3D surface, rates and costs. Ctrl-C ends it."""
 
     source: str
-    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), recording, video file, folder of pictures; or sim, the twin of
+    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), recording, video file, folder of images; or sim, the twin of
     the sensor, pressed by several objects in turn, with the true wrench beside its shape."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote. A recording (.mcap) brings its own."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Untouched skin of this session; given more than once, the pictures are averaged. Without any, the first pictures
+    """Untouched skin of this session; given more than once, the images are averaged. Without any, the first images
     of the source are the untouched skin."""
     force: str = NONE
-    """The force read from every picture too: both (network and physics), network, physics, or a force model (.onnx)."""
+    """The force read from every image too: both (network and physics), network, physics, or a force model (.onnx)."""
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
     automatic: bool = False
     """Leave the camera's automatic exposure and white balance on, for one that cannot switch them off; heights then drift."""
     loop: bool = False
-    """Play a recording again and again. Without it, its last picture stays."""
+    """Play a recording again and again. Without it, its last image stays."""
     display_hz: float = 15.0
     """Readings shown per second at most; the sensor is read as fast as it delivers."""
     host: str = "127.0.0.1"
@@ -73,7 +73,7 @@ class Live:
             place = Place(self.out, self.display_hz, self.host, self.port)
             with suppress(KeyboardInterrupt):
                 serve(folder, sensor, wrenches, place, ends=self.source == SIM)
-        print(f"stopped after {sensor.frames_read} pictures")
+        print(f"stopped after {sensor.frames_read} images")
         return 0
 
     def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchLoop]]":
@@ -88,10 +88,10 @@ class Live:
     @property
     def references(self) -> "list[Frame]":
         """The untouched skin, as far as it was given."""
-        from ninedtact.capture.pictures import read_picture
+        from ninedtact.capture.images import read_image
         from ninedtact.quantities import Frame
 
-        return [Frame(read_picture(path)) for path in self.reference]
+        return [Frame(read_image(path)) for path in self.reference]
 
     def sensor_at_source(self, shape: "CalibratedShape") -> "Sensor":
         """The sensor on a camera or a recording, not yet opened."""

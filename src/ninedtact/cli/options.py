@@ -43,7 +43,7 @@ class CalibrationOptions:
     lens: Literal["lens", "paper"] = "lens"
     """Lens model, or the paper's map (central anchors, equidistant grid, cubic radial basis) for reproduction."""
     mounting_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
-    """Angle from the picture's columns to the sensor's x axis, clockwise on the screen."""
+    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
     method: Literal["physics", "ratio", "table"] = "physics"
     """Depth from the brightness factor, or from the paper's mapping list of grey differences."""
 
@@ -61,9 +61,9 @@ class CollectOptions:
     """Which moments become pairs; the defaults are the paper's, and ours where it has none."""
 
     tolerance_ms: float = 10.0
-    """The force/torque samples before and after a picture are at most so far from it; the wrench is interpolated."""
+    """The force/torque samples before and after an image are at most so far from it; the wrench is interpolated."""
     camera_late_ms: float = 0.0
-    """How long before its stamp a picture shows the skin."""
+    """How long before its stamp an image shows the skin."""
     no_contact: float = 0.03
     """Share of pairs without contact."""
     light_touch: float = 0.05
@@ -82,7 +82,7 @@ class CollectOptions:
     """Largest force that the force/torque sensor is made for along each axis; samples at its end are not saved."""
     range_nm: tuple[float, float, float] | None = None
     """Largest torque about each axis."""
-    untouched_pictures: int = 10
+    untouched_images: int = 10
     """Of the untouched skin, at every tare."""
 
     def settings(self) -> "CollectSettings":
@@ -99,5 +99,5 @@ class CollectOptions:
             camera_late_ms=self.camera_late_ms,
             no_contact=self.no_contact,
             light_touch=self.light_touch,
-            untouched_pictures=self.untouched_pictures,
+            untouched_images=self.untouched_images,
         )

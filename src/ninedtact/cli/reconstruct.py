@@ -1,4 +1,4 @@
-"""ninedtact reconstruct: pictures of a calibrated sensor → heights in millimetres, as files and figures."""
+"""ninedtact reconstruct: images of a calibrated sensor → heights in millimetres, as files and figures."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -18,54 +18,54 @@ Format = Literal["npy", "png", "ply", "stl", "obj"]
 
 
 class NothingToReconstruct(NinedtactError):
-    """No picture was named."""
+    """No image was named."""
 
 
 @dataclass(frozen=True)
 class Reconstruct:
-    """Reconstruct the shape of what touches, from pictures."""
+    """Reconstruct the shape of what touches, from images."""
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]]
-    """Untouched skin of the same session; given more than once, the pictures are averaged."""
+    """Untouched skin of the same session; given more than once, the images are averaged."""
     images: tyro.conf.Positional[tuple[Path, ...]]
-    """Pictures of the pressed skin, one or more."""
+    """Images of the pressed skin, one or more."""
     out: Path
     """Folder for the results."""
     formats: tuple[Format, ...] = ("npy", "png", "ply", "stl")
     """npy: heights in mm; png: 16 bits, 1 level = 1 µm; ply: points with normals and triangles; stl, obj: triangles."""
-    pictures: bool = True
-    """Also draw a colour picture and a shaded 3D picture."""
+    drawings: bool = True
+    """Also draw a colour image and a shaded 3D image."""
     json: bool = False
-    """Print the figures of every picture as one JSON object."""
+    """Print the figures of every image as one JSON object."""
 
     def run(self) -> int:
-        """Reconstruct every picture, the first bad one stopping the rest."""
+        """Reconstruct every image, the first bad one stopping the rest."""
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.capture.pictures import read_picture
+        from ninedtact.capture.images import read_image
         from ninedtact.quantities import Frame
 
         if not self.images:
             raise NothingToReconstruct(
-                "expected at least one picture of the pressed skin, got none; name it after the options"
+                "expected at least one image of the pressed skin, got none; name it after the options"
             )
         shape = load_sensor(self.sensor).shape
-        depth = shape.depth_reader(*[Frame(read_picture(path)) for path in self.reference])
+        depth = shape.depth_reader(*[Frame(read_image(path)) for path in self.reference])
         results = []
         for path, name in zip(self.images, names(self.images), strict=True):
-            height = depth(shape.rectify(Frame(read_picture(path))))
+            height = depth(shape.rectify(Frame(read_image(path))))
             results.append(self.result(path, name, height, depth))
-        found: dict[str, Any] = {"sensor": str(self.sensor), "pictures": results}
+        found: dict[str, Any] = {"sensor": str(self.sensor), "images": results}
         return answer(self.json, found, lines(results))
 
     def result(self, path: Path, name: str, height: "HeightMap", depth: "DepthReader") -> dict[str, Any]:
-        """Write one picture's files and return its figures."""
+        """Write one image's files and return its figures."""
         from ninedtact.shape.measures import summarise
 
         measured = summarise(height)
         return {
-            "picture": str(path),
+            "image": str(path),
             **asdict(measured),
             "max_indentation_error_mm": depth.error_mm(measured.max_indentation_mm),
             "files": {kind: str(file) for kind, file in self.written(name, height)},
@@ -74,7 +74,7 @@ class Reconstruct:
     def written(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
         """Write the files of one height map; kind and path of each."""
         from ninedtact.shape.export import export
-        from ninedtact.shape.picture import height_picture, shaded_picture
+        from ninedtact.shape.image import height_image, shaded_image
         from ninedtact.whole_file import write_whole
 
         self.out.mkdir(parents=True, exist_ok=True)
@@ -82,15 +82,15 @@ class Reconstruct:
             path = self.out / f"{name}_height.{ending}"
             export(height, path)
             yield ending, path
-        if self.pictures:
-            for kind, draw in (("colour", height_picture), ("shaded", shaded_picture)):
+        if self.drawings:
+            for kind, draw in (("colour", height_image), ("shaded", shaded_image)):
                 path = self.out / f"{name}_{kind}.png"
                 write_whole(path, draw(height))
-                yield f"{kind}_picture", path
+                yield f"{kind}_image", path
 
 
 def names(images: tuple[Path, ...]) -> list[str]:
-    """A name for every picture's files: its own, with its number where two would be alike."""
+    """A name for every image's files: its own, with its number where two would be alike."""
     stems = [path.stem for path in images]
     return [stem if stems.count(stem) == 1 else f"{stem}_{number}" for number, stem in enumerate(stems, start=1)]
 
@@ -99,7 +99,7 @@ def lines(results: list[dict[str, Any]]) -> Iterator[str]:
     """The figures for a person."""
     for result in results:
         yield (
-            f"{result['picture']}: deepest {result['max_indentation_mm']:.3f} ± {result['max_indentation_error_mm']:.3f} mm, "
+            f"{result['image']}: deepest {result['max_indentation_mm']:.3f} ± {result['max_indentation_error_mm']:.3f} mm, "
             f"contact {result['contact_area_mm2']:.1f} mm²"
         )
         if result["extrapolated_share"] > 0.01:

@@ -13,7 +13,7 @@ SIM = "sim"
 """What a person names it as a source."""
 TRUE_WRENCH = "true wrench, object on skin"
 SAMPLES_HZ = 60.0
-UNTOUCHED_PICTURES = 10
+UNTOUCHED_IMAGES = 10
 
 
 @dataclass(frozen=True)
@@ -34,5 +34,5 @@ def on_show(twin: "Twin", rounds: int | None = None) -> TwinOnShow:
     from ninedtact.simulation.stage import Stage
 
     stage = Stage(twin, show(), rounds=rounds)
-    untouched = tuple(Frame(twin.renderer(None, number)) for number in range(-UNTOUCHED_PICTURES, 0))
+    untouched = tuple(Frame(twin.renderer(None, number)) for number in range(-UNTOUCHED_IMAGES, 0))
     return TwinOnShow(SimulatedCamera(stage), SimulatedForceTorque(stage, SAMPLES_HZ, EXACT), untouched)

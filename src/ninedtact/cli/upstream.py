@@ -19,7 +19,7 @@ class ImportCalibration:
     """Turn a calibration of the original 9DTact project into a sensor folder.
 
     Pixels are rectified as they were there, depths read from its list. Nothing can be certified or checked for drift
-    without the pictures behind it: calibrate anew for that.
+    without the images behind it: calibrate anew for that.
     """
 
     folder: tyro.conf.Positional[Path]
@@ -86,7 +86,7 @@ def imported_lines(sensor: "SensorFolder") -> Iterator[str]:
     record = sensor.record
     yield f"sensor {sensor.id} imported: {sensor.path}"
     yield f"  scale  {record.grid.mm_per_px:.5f} mm per pixel, depth to {record.depth.curve.deepest_mm:.2f} mm"
-    yield "  no pictures came with it, so 'ninedtact check' cannot compare today's skin with them"
+    yield "  no images came with it, so 'ninedtact check' cannot compare today's skin with them"
 
 
 def exported_lines(sensor: "SensorFolder", out: Path) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """From a few presses of known weight to the newtons of one's own sensor.
 
-Pictures tell strain, not stress: the gel's modulus, which varies from batch to batch by a quarter, is a factor on all
-six axes that no picture shows. A kitchen scale does. Where presses of several weights show it, the factor may also
+Images tell strain, not stress: the gel's modulus, which varies from batch to batch by a quarter, is a factor on all
+six axes that no image shows. A kitchen scale does. Where presses of several weights show it, the factor may also
 grow or fall with the load (a gel that stiffens as it thins): F_true = k·F·(F/F_0)^c. Which of the two is believed is
 decided by leaving out one press at a time.
 """
@@ -43,14 +43,14 @@ class WeighedPress:
             raise AdaptationImpossible(f"expected a weight above zero, got {self.weighed_n:g} N; read the scale again")
         if not (0 < self.estimated_n < np.inf):
             raise AdaptationImpossible(
-                f"expected a press that the picture shows, got an estimate of {self.estimated_n:g} N under "
-                f"{self.weighed_n:.2f} N; let the object rest on the middle of the skin, and give the picture of that"
+                f"expected a press that the image shows, got an estimate of {self.estimated_n:g} N under "
+                f"{self.weighed_n:.2f} N; let the object rest on the middle of the skin, and give the image of that"
             )
         ratio = self.weighed_n / self.estimated_n
         if not 1 / WIDEST_FACTOR < ratio < WIDEST_FACTOR:
             raise AdaptationImpossible(
                 f"expected a weight near the estimated {self.estimated_n:.2f} N, got {self.weighed_n:.2f} N; give grams, and "
-                "the picture that was taken under that weight"
+                "the image that was taken under that weight"
             )
 
 

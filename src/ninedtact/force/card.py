@@ -41,7 +41,7 @@ class Card(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     highest: SixNumbers
     """Of the wrenches that it was trained with, about the skin's centre."""
     likeness: dict[str, Range]
-    """Numbers of the pictures that it was trained with (`likeness.py`)."""
+    """Numbers of the images that it was trained with (`likeness.py`)."""
     training: TrainingSummary
     evaluation: dict[str, Any]
     """Tables of `Evaluation.as_table`, by the name of what was evaluated on."""

@@ -25,12 +25,12 @@ ROWS: dict[str, tuple[str | tuple[str, ...], str]] = {
 WITH_UNITS = ("mae", "std")
 JUDGED_ON = """\
 Judged on twins and families of objects that had no part in the training. Every twin was calibrated from its own board and ball
-pictures and weighed with five presses of 100 to 500 g (`ninedtact adapt`). Skill is 1 − MAE / MAE of answering the median."""
+images and weighed with five presses of 100 to 500 g (`ninedtact adapt`). Skill is 1 − MAE / MAE of answering the median."""
 LIMITS = """\
-- **Not yet tested against a real force/torque sensor.** All pairs are of twins: pictures drawn, wrenches computed.
-- The gel's stiffness is not in a picture. The wrench is for a gel of {modulus:.3f} MPa, multiplied by what the sensor's own gel
+- **Not yet tested against a real force/torque sensor.** All pairs are of twins: images drawn, wrenches computed.
+- The gel's stiffness is not in an image. The wrench is for a gel of {modulus:.3f} MPa, multiplied by what the sensor's own gel
   has: without a weighed press (`ninedtact adapt`) that is the design's value, and its error is the wrench's.
-- Wrenches beyond {low} … {high} N and N·m, and pictures unlike the training's, carry a doubt.
+- Wrenches beyond {low} … {high} N and N·m, and images unlike the training's, carry a doubt.
 - Heights are read by the sensor's calibration: a bad one gives bad forces."""
 
 

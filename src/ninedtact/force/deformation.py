@@ -1,8 +1,8 @@
-"""What a touch did to the rectified picture, as networks are shown it: darker, brighter, reference (9DTact, section IV).
+"""What a touch did to the rectified image, as networks are shown it: darker, brighter, reference (9DTact, section IV).
 
 The one place where this is defined: checks while recording, training and live use call the same functions. Differences
-are of floating numbers, so nothing wraps. A picture and its reference are resized alike and before they are compared:
-the noise of a pixel, halved by its sign, would otherwise turn up as a change. The wrench of a picture does not depend
+are of floating numbers, so nothing wraps. An image and its reference are resized alike and before they are compared:
+the noise of a pixel, halved by its sign, would otherwise turn up as a change. The wrench of an image does not depend
 on its size.
 
 `Layout.ORIGINAL` is the three channels as the original project stores them in `mixed_image`, so that its published weights
@@ -29,17 +29,17 @@ from ninedtact.quantities import Deformation, Rectified
 LEVELS = 256
 ORIGINAL_SCALE, ORIGINAL_INVERSE = 3, 171
 RED_PER_LEVEL, GREEN_PER_LEVEL = 5.0, 7.0
-"""As bright as the original's own picture for people; a bulge is fainter than what it surrounds."""
+"""As bright as the original's own image for people; a bulge is fainter than what it surrounds."""
 SAME_SCALE = 1e-3
-"""Two pictures may differ by this part in their mm per pixel and still be of one sensor."""
+"""Two images may differ by this part in their mm per pixel and still be of one sensor."""
 
 
-class PicturesDoNotMatch(NinedtactError):
-    """A picture and its reference of different sizes, or a size that would distort the skin."""
+class ImagesDoNotMatch(NinedtactError):
+    """An image and its reference of different sizes, or a size that would distort the skin."""
 
 
 class NotAMixedImage(NinedtactError):
-    """A picture that the original project's arithmetic cannot have made."""
+    """An image that the original project's arithmetic cannot have made."""
 
 
 class Layout(StrEnum):
@@ -53,11 +53,11 @@ class Layout(StrEnum):
 
 @dataclass(frozen=True)
 class DeformationReader:
-    """The untouched picture of this session, to hold others against; raises `PicturesDoNotMatch`."""
+    """The untouched image of this session, to hold others against; raises `ImagesDoNotMatch`."""
 
     reference: Rectified
     shape: tuple[int, int] | None = None
-    """Rows and columns of what is given; as the pictures where nothing is said."""
+    """Rows and columns of what is given; as the images where nothing is said."""
 
     def __call__(self, rectified: Rectified) -> Deformation:
         """What is darker and brighter, at the size that was asked for."""
@@ -75,7 +75,7 @@ class DeformationReader:
 
 
 def deformation(rectified: Rectified, reference: Rectified, shape: tuple[int, int] | None = None) -> Deformation:
-    """One picture against its reference. shape: rows and columns. Raises `PicturesDoNotMatch`."""
+    """One image against its reference. shape: rows and columns. Raises `ImagesDoNotMatch`."""
     return DeformationReader(reference, shape)(rectified)
 
 
@@ -89,10 +89,10 @@ def resized(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
     return Rectified(grey, rectified.mm_per_px * cols / shape[1], rectified.stamp_ns)
 
 
-def parts(pictures: Any, references: Any) -> tuple[Any, Any]:
-    """Darker and brighter of pictures of one size, (…, rows, cols); NumPy's or torch's arrays, of integers too."""
-    xp = library_of(pictures)
-    change = xp.astype(references, xp.float32) - xp.astype(pictures, xp.float32)
+def parts(images: Any, references: Any) -> tuple[Any, Any]:
+    """Darker and brighter of images of one size, (…, rows, cols); NumPy's or torch's arrays, of integers too."""
+    xp = library_of(images)
+    change = xp.astype(references, xp.float32) - xp.astype(images, xp.float32)
     return xp.clip(change, 0, None), xp.clip(-change, 0, None)
 
 
@@ -113,7 +113,7 @@ def network_input(deformation: Deformation, layout: Layout = Layout.PLAIN) -> Fl
 
 
 def mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
-    """The original project's picture of it: blue the reference, green 3·brighter, red 3·darker, modulo 256.
+    """The original project's image of it: blue the reference, green 3·brighter, red 3·darker, modulo 256.
 
     Bit for bit where the deformation is of whole grey levels at their own size (`grey_of`).
     """
@@ -121,7 +121,7 @@ def mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
 
 
 def from_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, stamp_ns: int = 0) -> Deformation:
-    """What the original project's picture (BGR) was made of, exactly; raises `NotAMixedImage`."""
+    """What the original project's image (BGR) was made of, exactly; raises `NotAMixedImage`."""
     reference, brighter, darker = np.moveaxis(mixed.astype(np.int32), 2, 0)
     brighter, darker = (part * ORIGINAL_INVERSE % LEVELS for part in (brighter, darker))
     impossible = (darker > reference) | (brighter > LEVELS - 1 - reference) | ((darker > 0) & (brighter > 0))
@@ -135,12 +135,12 @@ def from_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, stamp
 
 
 def grey_of(image: UInt8[Array, "rows cols *bgr"], mm_per_px: float, stamp_ns: int = 0) -> Rectified:
-    """A rectified picture as stored, BGR or grey, in whole grey levels as the original project counts them."""
+    """A rectified image as stored, BGR or grey, in whole grey levels as the original project counts them."""
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     return Rectified(np.asarray(grey, np.float32), mm_per_px, stamp_ns)
 
 
-def deformation_picture(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
+def deformation_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     """For a person: red where darker, green where brighter, black where nothing changed; BGR."""
     green = cv2.convertScaleAbs(deformation.brighter, alpha=GREEN_PER_LEVEL)
     red = cv2.convertScaleAbs(deformation.darker, alpha=RED_PER_LEVEL)
@@ -148,12 +148,12 @@ def deformation_picture(deformation: Deformation) -> UInt8[Array, "rows cols 3"]
 
 
 def require_match(rectified: Rectified, reference: Rectified) -> None:
-    """Refuse pictures that are not of one grid."""
-    sizes = [side(picture.grey) for picture in (rectified, reference)]
+    """Refuse images that are not of one grid."""
+    sizes = [side(image.grey) for image in (rectified, reference)]
     scales = rectified.mm_per_px, reference.mm_per_px
     if sizes[0] != sizes[1] or abs(scales[0] / scales[1] - 1) > SAME_SCALE:
-        raise PicturesDoNotMatch(
-            f"expected a picture and its reference alike, got {sizes[0]} at {scales[0]:.4f} and {sizes[1]} at "
+        raise ImagesDoNotMatch(
+            f"expected an image and its reference alike, got {sizes[0]} at {scales[0]:.4f} and {sizes[1]} at "
             f"{scales[1]:.4f} mm per pixel; take the reference from the same sensor and session"
         )
 
@@ -163,7 +163,7 @@ def require_aspect(shape: tuple[int, int], wanted: tuple[int, int]) -> None:
     rows, cols = shape
     fitting = rows * wanted[1] / cols
     if min(wanted) < 1 or abs(wanted[0] - fitting) > 1:
-        raise PicturesDoNotMatch(
+        raise ImagesDoNotMatch(
             f"expected a size with the sides of {cols} x {rows} pixels, got {wanted[1]} x {wanted[0]}; ask for "
             f"{max(wanted[1], 1)} x {max(round(fitting), 1)}"
         )

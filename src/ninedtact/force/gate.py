@@ -1,7 +1,7 @@
 """Whether anything touches at all: without contact the force is zero, exactly.
 
-Something touches where the picture, held against untouched skin and smoothed over a millimetre, is darker than its own noise could
-make it anywhere. The noise is the picture's, so that the rule needs no setting for a sensor that it has not seen; a lamp
+Something touches where the image, held against untouched skin and smoothed over a millimetre, is darker than its own noise could
+make it anywhere. The noise is the image's, so that the rule needs no setting for a sensor that it has not seen; a lamp
 that is brighter or dimmer than it was is no touch. A reading without a reference is judged by its heights in the same way.
 """
 
@@ -20,7 +20,7 @@ Touching = Callable[[Reading], bool]
 CELL_MM = 0.53
 SMOOTHING_CELLS = 2.0
 DEVIATIONS = 9.0
-"""Of the smoothed noise; the worst of 1,200 untouched pictures of 120 twins came to 7.0. Of touches of 0.05 to 0.1 N it
+"""Of the smoothed noise; the worst of 1,200 untouched images of 120 twins came to 7.0. Of touches of 0.05 to 0.1 N it
 overlooks a tenth, of stronger ones two in a hundred."""
 LEAST = 1e-3
 """Relative darkening below which nothing counts: a reference is no better."""
@@ -34,10 +34,10 @@ def is_touched(reading: Reading) -> bool:
     if reading.reference is None:
         heights = on_cells(reading.height.z_mm, reading.height.mm_per_px)
         return is_changed(heights, LEAST_NOISE_MM, LEAST_MM)
-    picture, reference = (
+    image, reference = (
         on_cells(seen.grey, reading.rectified.mm_per_px) for seen in (reading.rectified, reading.reference)
     )
-    return is_changed(picture / np.maximum(reference, np.float32(1)), LEAST_NOISE, LEAST)
+    return is_changed(image / np.maximum(reference, np.float32(1)), LEAST_NOISE, LEAST)
 
 
 def is_changed(seen: View, least_noise: float, least: float) -> bool:

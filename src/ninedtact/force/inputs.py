@@ -3,7 +3,7 @@
     heights              Reading.height ─▶ heights at places ─▶ divided by the gel's thickness (─▶ and what is known of the sensor)
     deformation, mixed   Reading.rectified, .reference ─▶ darker, brighter, reference
 
-Training keeps heights in mm (`places.heights_at_places`) or grey pictures, changes them, and then calls the same functions as the
+Training keeps heights in mm (`places.heights_at_places`) or grey images, changes them, and then calls the same functions as the
 live path.
 """
 
@@ -25,7 +25,7 @@ from ninedtact.mechanics.library import library_of
 from ninedtact.quantities import HeightMap, Reading, Rectified
 
 WHOLE_MM_PER_PX = 0.0522
-"""Of the published rectified picture."""
+"""Of the published rectified image."""
 
 
 class InputImpossible(NinedtactError):
@@ -43,12 +43,12 @@ class Channels(StrEnum):
 
     @property
     def of_heights(self) -> bool:
-        """Whether they are made of the height map, and not of the picture."""
+        """Whether they are made of the height map, and not of the image."""
         return self in TRAITS_TOLD
 
     @property
     def layout(self) -> Layout:
-        """Of those made of pictures."""
+        """Of those made of images."""
         return Layout(self.value)
 
     @property
@@ -89,7 +89,7 @@ class InputSettings:
 
 
 def whole(channels: Channels) -> InputSettings:
-    """All pixels of the rectified picture."""
+    """All pixels of the rectified image."""
     view = FieldOfView()
     return InputSettings(channels, view.rows, view.cols, WHOLE_MM_PER_PX)
 
@@ -116,22 +116,22 @@ class NetworkInput:
     reader: DeformationReader | None = field(default=None, init=False, repr=False)
 
     def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
-        """Of one reading; raises `InputImpossible`, `PicturesDoNotMatch`."""
+        """Of one reading; raises `InputImpossible`, `ImagesDoNotMatch`."""
         if self.settings.channels.of_heights:
             return self.of_height(reading.height)
         if reading.reference is None:
             raise InputImpossible(
-                "expected a reading that carries the untouched picture of its session, got none; read with a Sensor"
+                "expected a reading that carries the untouched image of its session, got none; read with a Sensor"
             )
-        return self.of_picture(reading.rectified, reading.reference)
+        return self.of_image(reading.rectified, reading.reference)
 
     def of_height(self, height: HeightMap) -> Float32[Array, "channels rows cols"]:
         """Of a height map."""
         z_mm = heights_at_places(height, self.settings.grid)
         return np.asarray(height_channels(z_mm, self.traits.row, self.settings.channels))
 
-    def of_picture(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
-        """Of a picture and the untouched one, both shown whole whatever their pixels measure; raises `PicturesDoNotMatch`."""
+    def of_image(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
+        """Of an image and the untouched one, both shown whole whatever their pixels measure; raises `ImagesDoNotMatch`."""
         if self.reader is None or self.reader.reference is not reference:
             self.reader = DeformationReader(reference, (self.settings.rows, self.settings.cols))
         return network_input(self.reader(rectified), self.settings.channels.layout)
@@ -139,13 +139,13 @@ class NetworkInput:
 
 def height_channels(z_mm: Any, traits: Any, channels: Channels) -> Any:
     """Heights (…, rows, cols) and traits (…, 5) of NumPy or torch → (…, channels, rows, cols)."""
-    per_picture = traits[..., None, None]
-    relative = z_mm / per_picture[..., 0, :, :]
-    told = (per_picture[..., at, :, :] / float(usual) + 0 * relative for at, usual in enumerate(USUAL.row))
+    per_image = traits[..., None, None]
+    relative = z_mm / per_image[..., 0, :, :]
+    told = (per_image[..., at, :, :] / float(usual) + 0 * relative for at, usual in enumerate(USUAL.row))
     return library_of(relative).stack((relative, *islice(told, TRAITS_TOLD[channels])), axis=-3)
 
 
-def picture_channels(pictures: Any, references: Any, of: Channels) -> Any:
-    """Grey pictures and their references (…, rows, cols) of NumPy or torch → (…, 3, rows, cols)."""
-    darker, brighter = parts(pictures, references)
+def image_channels(images: Any, references: Any, of: Channels) -> Any:
+    """Grey images and their references (…, rows, cols) of NumPy or torch → (…, 3, rows, cols)."""
+    darker, brighter = parts(images, references)
     return channels(darker, brighter, references, of.layout)

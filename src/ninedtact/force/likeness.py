@@ -1,10 +1,10 @@
-"""Simple numbers of a network's input, by which a picture is known that is like none it was trained with.
+"""Simple numbers of a network's input, by which an image is known that is like none it was trained with.
 
 deepest      how deep the skin is pressed in, or how much darker it is, at most
-touched      part of the picture that is
+touched      part of the image that is
 changed      mean size of what is not as untouched
 rough        standard deviation of what a mean over 3 × 3 pixels takes away: noise, and sharp edges
-reference    mean brightness of the untouched picture (pictures only)
+reference    mean brightness of the untouched image (images only)
 trait 1 …    what is known of the sensor (where the network is told it)
 """
 
@@ -19,15 +19,15 @@ from ninedtact.force.inputs import Channels
 Inputs = Float32[Array, "n channels rows cols"]
 Range = tuple[float, float]
 TOUCHED_AT = {True: 0.02, False: 5.0}
-"""Of heights in gel thicknesses, of pictures in grey levels."""
+"""Of heights in gel thicknesses, of images in grey levels."""
 SHARES = (0.1, 99.9)
-"""Percentiles of the training's numbers between which a picture is like it…"""
+"""Percentiles of the training's numbers between which an image is like it…"""
 MARGIN = 0.2
 """… or beyond by this part of their distance."""
 
 
 def numbers(inputs: Inputs, channels: Channels) -> dict[str, Float64[Array, " n"]]:
-    """Of every picture."""
+    """Of every image."""
     pressed = pressed_in(inputs, channels)
     flat = pressed.reshape(len(inputs), -1)
     found: dict[str, Any] = {
@@ -65,7 +65,7 @@ def ranges(found: dict[str, Float64[Array, " n"]]) -> dict[str, Range]:
 
 
 def is_unlike(inputs: Float32[Array, "channels rows cols"], channels: Channels, known: dict[str, Range]) -> bool:
-    """Whether any number of one picture lies beyond those of training."""
+    """Whether any number of one image lies beyond those of training."""
     return any(
         not within(float(values[0]), known[name])
         for name, values in numbers(inputs[None], channels).items()

@@ -30,7 +30,7 @@ class ModelUnusable(NinedtactError):
 
 @dataclass(frozen=True)
 class Prediction:
-    """Wrenches of many pictures."""
+    """Wrenches of many images."""
 
     wrench: Float64[Array, "n 6"]
     scale: Float64[Array, "n 6"]

@@ -78,7 +78,7 @@ class NetworkForce(ForceEstimator):
 def doubts_about(
     seen: Float32[Array, "channels rows cols"], wrench: Float64[Array, "6"], card: Card
 ) -> Iterator[Doubt]:
-    """Whether training knew such wrenches and such pictures."""
+    """Whether training knew such wrenches and such images."""
     low, high = np.array(card.lowest), np.array(card.highest)
     margin = BEYOND * (high - low)
     if (wrench < low - margin).any() or (wrench > high + margin).any():

@@ -1,4 +1,4 @@
-"""Network and physics together: two readings of one picture, each axis weighed by how sure each of them is.
+"""Network and physics together: two readings of one image, each axis weighed by how sure each of them is.
 
 They err in different ways: the network by the likeness of its training, physics by what its mechanics leave out. What both say is
 better than either on most axes (docs/force.md).
@@ -31,7 +31,7 @@ class TogetherForce(ForceEstimator):
         self.name = f"{self.network.name} and physics"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """Means by inverse variance, the error of the surer one: what both read wrong in a picture, no mean takes away."""
+        """Means by inverse variance, the error of the surer one: what both read wrong in an image, no mean takes away."""
         learnt, read = self.network.estimate(reading), self.physics.estimate(reading)
         if not (learnt.touching and read.touching):
             error = np.minimum(learnt.error, read.error)

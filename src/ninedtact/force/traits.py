@@ -1,4 +1,4 @@
-"""What is known of a sensor beside its pictures, told to networks that ask: its gel's thickness, and how its light answers.
+"""What is known of a sensor beside its images, told to networks that ask: its gel's thickness, and how its light answers.
 
 The light tells more than light. Its numbers are fitted to a ball press with mechanics that are taken for granted; where a gel's
 base yields, they come out unlike those of any gel on a rigid one, and a network can tell by them what the heights that were

@@ -2,6 +2,6 @@
 
     SensorDesign ──▶ HardwareDesign ──rules──▶ parts ──▶ assembly ──▶ interference, figures, bill, folder of files
 
-`design.py` is the file to read first. build123d is loaded by `parts`, `assembly`, `pictures`, `drawings`, `guide` and `export`
+`design.py` is the file to read first. build123d is loaded by `parts`, `assembly`, `images`, `drawings`, `guide` and `export`
 alone.
 """

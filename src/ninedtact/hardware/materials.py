@@ -1,4 +1,4 @@
-"""What parts are made of: density, colour in pictures, and where the density comes from."""
+"""What parts are made of: density, colour in images, and where the density comes from."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ class Material:
     g_per_cm3: float
     source: str
     colour: Colour
-    """Red, green, blue, as pictures show it."""
+    """Red, green, blue, as images show it."""
 
 
 BLACK_PLASTIC = Material("black nylon, PETG or ABS print", 1.15, "between nylon 1.01 and PETG 1.27", (62, 64, 68))

@@ -2,7 +2,7 @@
 
 Each has one constant, fitted to finite elements: a neo-Hookean, incompressible layer of 2.5 mm bonded to a rigid base, a
 skin that sticks, a ball of 4 mm radius pressed straight in by 0.1 to 1.9 mm. Balls of 3 and 5 mm were kept for judging
-(`benchmarks/finite_strain.py`; docs/mechanics.md has table and pictures). Other shapes, drags and twists were not tried. A skin
+(`benchmarks/finite_strain.py`; docs/mechanics.md has table and images). Other shapes, drags and twists were not tried. A skin
 that slides needs no correction of its load within 4 % down to 1.7 mm.
 """
 

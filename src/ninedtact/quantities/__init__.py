@@ -1,7 +1,7 @@
 """The nouns that cross rooms. Each carries its own scale, unit and stamp; none shares memory with the next result.
 
-Axes, once for the whole package: the origin is the centre of the untouched skin; x runs along picture columns, y along
-picture rows, z outward through the skin (right-handed, as the camera sees it). Arrays are (rows, cols). The centre of
+Axes, once for the whole package: the origin is the centre of the untouched skin; x runs along image columns, y along
+image rows, z outward through the skin (right-handed, as the camera sees it). Arrays are (rows, cols). The centre of
 an array of n samples is index (n − 1)/2. Lengths are mm; stamps are ns of the monotonic clock, taken on arrival.
 """
 

@@ -33,15 +33,15 @@ class Wrench:
 
 @dataclass(frozen=True)
 class Deformation:
-    """What the touch did to the rectified picture: the three channels of the paper's network (docs/references.md).
+    """What the touch did to the rectified image: the three channels of the paper's network (docs/references.md).
 
     Grey levels, 0 to 255, as floating numbers: nothing wraps.
     """
 
     darker: Float32[Array, "rows cols"]
-    """max(reference − picture, 0)."""
+    """max(reference − image, 0)."""
     brighter: Float32[Array, "rows cols"]
-    """max(picture − reference, 0)."""
+    """max(image − reference, 0)."""
     reference: Float32[Array, "rows cols"]
     """The untouched skin of this session."""
     mm_per_px: float
@@ -88,7 +88,7 @@ class Doubt(StrEnum):
     OUT_OF_RANGE = "out of range"
     """The force is larger than anything that the estimator was made for."""
     UNLIKE_TRAINING = "unlike training"
-    """The picture is not like those that the estimator knows."""
+    """The image is not like those that the estimator knows."""
     NOT_CONVERGED = "not converged"
     """The answer was taken before it had settled."""
     PART_UNSEEN = "part unseen"
@@ -97,7 +97,7 @@ class Doubt(StrEnum):
 
 @dataclass(frozen=True)
 class WrenchEstimate:
-    """A wrench that was read from a picture, and how far to believe it."""
+    """A wrench that was read from an image, and how far to believe it."""
 
     wrench: Wrench
     error: Float64[Array, "6"]

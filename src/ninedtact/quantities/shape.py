@@ -1,4 +1,4 @@
-"""From picture to surface: frames, rectified pictures, heights, points and meshes."""
+"""From image to surface: frames, rectified images, heights, points and meshes."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -22,14 +22,14 @@ class Coverage(IntEnum):
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture as the camera gave it."""
+    """One image as the camera gave it."""
 
     image: UInt8[Array, "rows cols 3"]
     """BGR."""
     stamp_ns: int = 0
-    """Monotonic clock when the picture arrived; 0 for a picture without a time."""
+    """Monotonic clock when the image arrived; 0 for an image without a time."""
     index: int = 0
-    """Number of this picture in its source, counted by the source itself, drops included."""
+    """Number of this image in its source, counted by the source itself, drops included."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class HeightMap:
     """A `Coverage` value per pixel."""
     mm_per_px: float
     noise_mm: float = 0.0
-    """Standard deviation of one pixel's height from one picture to the next, as the calibration measured it."""
+    """Standard deviation of one pixel's height from one image to the next, as the calibration measured it."""
     camera_distance_mm: float = np.inf
     """From the camera to the untouched skin; infinite where every pixel is seen from straight below."""
     stamp_ns: int = 0

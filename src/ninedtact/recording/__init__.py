@@ -9,7 +9,7 @@ stored.py       Episode: the nouns of a file again
 sensor_copy.py  the sensor's folder into the file, and out of it
 replay.py       Replay, ReplayedWrenches: the sources once more
 recorder.py     sources in, episode out
-summary.py      rates, drops and gaps; export.py: pictures, tables and heights as files of their own
+summary.py      rates, drops and gaps; export.py: images, tables and heights as files of their own
 saved_pair.py   SavedPair, what `ninedtact collect` saves; episode_pairs.py: pairs_of(FILE) reads them
 collecting/     which moments it saves
 dataset/        pairs from any source as one data set, checked, shown, read in training

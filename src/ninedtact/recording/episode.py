@@ -20,17 +20,17 @@ from ninedtact.recording.messages import (
     EventKind,
     PairMark,
     Topic,
+    camera_image_message,
     definition,
     event_message,
     height_message,
     pair_message,
-    picture_message,
     wrench_message,
 )
 from ninedtact.recording.session import RECORD, Session
 
 CHUNK_BYTES = 2**19
-"""Less than a picture: whatever is written before a picture is on disk with it."""
+"""Less than an image: whatever is written before an image is on disk with it."""
 LONGEST_WAIT_S = 0.5
 """After which what was written is handed to the system, whatever its size."""
 
@@ -38,7 +38,7 @@ LONGEST_WAIT_S = 0.5
 class EpisodeWriter:
     """Writes an episode while it is open (`with`). One thread at a time.
 
-    Pictures are stored as they are (bgr8) in chunks that zstd compresses without loss (docs/recording.md has the figures).
+    Images are stored as they are (bgr8) in chunks that zstd compresses without loss (docs/recording.md has the figures).
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class EpisodeWriter:
         self.path, self.session = Path(path), session
         self.written: Counter[Topic] = Counter()
         self.dropped = 0
-        """Pictures that the source counted and nobody wrote."""
+        """Images that the source counted and nobody wrote."""
         self._topics = {*topics, Topic.EVENTS}
         self._attached = dict(attached or {})
         self._next_index: int | None = None
@@ -71,41 +71,41 @@ class EpisodeWriter:
         self._flushed_at = monotonic()
         return self
 
-    def picture(self, frame: Frame) -> None:
-        """A picture as it was read, and how many are missing before it."""
+    def image(self, frame: Frame) -> None:
+        """An image as it was read, and how many are missing before it."""
         missing = 0 if self._next_index is None else frame.index - self._next_index
         self._next_index = frame.index + 1
         if missing > 0:
             self.dropped += missing
             self.event(Event(frame.stamp_ns, EventKind.DROPPED, str(missing)))
-        self.kept_picture(frame)
+        self.kept_image(frame)
 
-    def kept_picture(self, frame: Frame) -> None:
-        """A picture that was chosen among many: those between are not missing."""
+    def kept_image(self, frame: Frame) -> None:
+        """An image that was chosen among many: those between are not missing."""
         wall_ns = self.session.wall_ns(frame.stamp_ns)
-        self._add(Topic.PICTURES, wall_ns, picture_message(frame.image, wall_ns), frame.index)
+        self._add(Topic.IMAGES, wall_ns, camera_image_message(frame.image, wall_ns), frame.index)
 
     def untouched(self, frame: Frame, tare: int) -> None:
-        """A picture of the untouched skin, of this tare."""
+        """An image of the untouched skin, of this tare."""
         wall_ns = self.session.wall_ns(frame.stamp_ns)
-        self._add(Topic.UNTOUCHED, wall_ns, picture_message(frame.image, wall_ns), tare)
+        self._add(Topic.UNTOUCHED, wall_ns, camera_image_message(frame.image, wall_ns), tare)
 
     def measured(self, wrench: Wrench) -> None:
         """What the force/torque sensor told."""
         self._wrench(Topic.MEASURED, wrench)
 
     def estimated(self, wrench: Wrench) -> None:
-        """What was estimated from a picture."""
+        """What was estimated from an image."""
         self._wrench(Topic.ESTIMATED, wrench)
 
     def height(self, height: HeightMap, index: int) -> None:
-        """The heights of the picture of this number, NaN out of view."""
+        """The heights of the image of this number, NaN out of view."""
         wall_ns = self.session.wall_ns(height.stamp_ns)
         z_mm = np.where(height.in_view, height.z_mm, np.float32(np.nan))
         self._add(Topic.HEIGHTS, wall_ns, height_message(z_mm, wall_ns), index)
 
     def pair(self, mark: PairMark) -> None:
-        """That a picture was saved as a pair; on disk when this returns."""
+        """That an image was saved as a pair; on disk when this returns."""
         wall_ns = self.session.wall_ns(mark.stamp_ns)
         self._add(Topic.PAIRS, wall_ns, pair_message(mark, wall_ns))
         self.flush()

@@ -1,4 +1,4 @@
-"""What an episode's marks say, put together: picture, wrench and untouched skin of each pair."""
+"""What an episode's marks say, put together: image, wrench and untouched skin of each pair."""
 
 from collections.abc import Iterator
 from functools import cached_property
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.recording.messages import EventKind, PairMark, Topic, picture_of
+from ninedtact.recording.messages import EventKind, PairMark, Topic, image_of
 from ninedtact.recording.saved_pair import KINDS, SavedPair, UntouchedSkin
 from ninedtact.recording.stored import Episode
 from ninedtact.recording.unreadable import RecordingUnreadable
@@ -46,11 +46,11 @@ class Collected:
         kinds = [kind for kind in KINDS if kind == mark.kind]
         if not kinds or mark.stamp_ns not in self.places or mark.untouched not in self.skins:
             raise RecordingUnreadable(
-                f"expected a pair of {', '.join(KINDS)} with its pictures in {self.episode.path}, got a {mark.kind!r} at "
+                f"expected a pair of {', '.join(KINDS)} with its images in {self.episode.path}, got a {mark.kind!r} at "
                 f"{mark.stamp_ns} ns; restore the file from a copy"
             )
         return SavedPair(
-            picture=self.episode.frame(self.places[mark.stamp_ns]).image,
+            image=self.episode.frame(self.places[mark.stamp_ns]).image,
             wrench=mark.wrench,
             object=mark.object,
             contact=mark.contact,
@@ -62,9 +62,9 @@ class Collected:
 
     @cached_property
     def places(self) -> dict[int, np.void]:
-        """Where the picture of each stamp is."""
-        stamps_ns = self.episode.stamps_ns(Topic.PICTURES).tolist()
-        return dict(zip(stamps_ns, self.episode.places(Topic.PICTURES), strict=True))
+        """Where the image of each stamp is."""
+        stamps_ns = self.episode.stamps_ns(Topic.IMAGES).tolist()
+        return dict(zip(stamps_ns, self.episode.places(Topic.IMAGES), strict=True))
 
     @cached_property
     def skins(self) -> dict[int, UntouchedSkin]:
@@ -72,13 +72,13 @@ class Collected:
         messages = self.episode.messages(Topic.UNTOUCHED)
         return {
             number: UntouchedSkin(
-                f"{self.episode.session.id}-u{number:03d}", tuple(locked(picture_of(one.data)) for one in of_tare)
+                f"{self.episode.session.id}-u{number:03d}", tuple(locked(image_of(one.data)) for one in of_tare)
             )
             for number, of_tare in groupby(messages, key=lambda message: message.sequence)
         }
 
 
-def locked(picture: Array) -> Array:
-    """The same picture, not to be written to."""
-    picture.flags.writeable = False
-    return picture
+def locked(image: Array) -> Array:
+    """The same image, not to be written to."""
+    image.flags.writeable = False
+    return image

@@ -1,4 +1,4 @@
-"""A recording as files of their own: pictures, tables, heights, and the sensor's folder."""
+"""A recording as files of their own: images, tables, heights, and the sensor's folder."""
 
 import csv
 import json
@@ -28,13 +28,13 @@ class ExportRefused(NinedtactError):
     """A folder with other content."""
 
 
-def export_episode(episode: Episode, out: Path, on_picture: Callable[[], None] = lambda: None) -> dict[str, int]:
+def export_episode(episode: Episode, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
     """Write everything into a new or empty folder; how many rows or files of each. Raises `ExportRefused`."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
     out.mkdir(parents=True, exist_ok=True)
     written = {
-        "pictures": pictures(episode, out, on_picture),
+        "images": images(episode, out, on_image),
         "untouched": untouched(episode, out),
         "measured": wrenches(episode, out / "wrench_measured.csv", Topic.MEASURED),
         "estimated": wrenches(episode, out / "wrench_estimated.csv", Topic.ESTIMATED),
@@ -47,19 +47,19 @@ def export_episode(episode: Episode, out: Path, on_picture: Callable[[], None] =
     return written
 
 
-def pictures(episode: Episode, out: Path, on_picture: Callable[[], None]) -> int:
-    """Every picture as PNG, named by its number, and a table of their times."""
+def images(episode: Episode, out: Path, on_image: Callable[[], None]) -> int:
+    """Every image as PNG, named by its number, and a table of their times."""
     rows = []
     for frame in episode.frames():
-        name = f"picture_{frame.index:08d}.png"
-        write_png(out / "pictures" / name, frame.image)
+        name = f"image_{frame.index:08d}.png"
+        write_png(out / "images" / name, frame.image)
         rows.append((name, *times(episode, frame.stamp_ns)))
-        on_picture()
-    return table(out / "pictures.csv", ("picture", *TIMES), rows)
+        on_image()
+    return table(out / "images.csv", ("image", *TIMES), rows)
 
 
 def untouched(episode: Episode, out: Path) -> int:
-    """The pictures of untouched skin, named by the tare that they belong to."""
+    """The images of untouched skin, named by the tare that they belong to."""
     count = 0
     for count, frame in enumerate(episode.frames(Topic.UNTOUCHED), start=1):
         write_png(out / "untouched" / f"untouched_{frame.index:03d}_{count:05d}.png", frame.image)
@@ -72,7 +72,7 @@ def wrenches(episode: Episode, path: Path, topic: Topic) -> int:
 
 
 def heights(episode: Episode, out: Path) -> int:
-    """Every height map in mm, NaN out of view, named by its picture's number."""
+    """Every height map in mm, NaN out of view, named by its image's number."""
     names = []
     for index, z_mm in episode.heights():
         out.mkdir(exist_ok=True)
@@ -84,10 +84,10 @@ def heights(episode: Episode, out: Path) -> int:
 def pairs(episode: Episode, path: Path) -> int:
     """A table of what was collected, undone contacts taken out."""
     rows = (
-        (f"picture_{mark.picture:08d}.png", mark.object, mark.contact, mark.kind, mark.untouched, *six(mark.wrench))
+        (f"image_{mark.image:08d}.png", mark.object, mark.contact, mark.kind, mark.untouched, *six(mark.wrench))
         for mark in Collected(episode).marks
     )
-    return table(path, ("picture", "object", "contact", "kind", "untouched", *SIX), rows)
+    return table(path, ("image", "object", "contact", "kind", "untouched", *SIX), rows)
 
 
 def events(episode: Episode, path: Path) -> int:
@@ -119,6 +119,6 @@ def table(path: Path, heading: Iterable[str], rows: Iterable[Iterable[Any]]) -> 
 
 
 def write_png(path: Path, image: np.ndarray) -> None:
-    """A picture, whole."""
+    """An image, whole."""
     path.parent.mkdir(exist_ok=True)
     write_whole(path, bytes(cv2.imencode(".png", image, QUICK_PNG)[1]))

@@ -18,8 +18,8 @@ from ninedtact.quantities import Wrench
 
 OWN_TYPES = {
     "ninedtact_msgs/msg/Pair": """
-std_msgs/Header header         # stamp of its picture in /camera/image_raw
-uint32 picture                 # sequence number of that picture
+std_msgs/Header header         # stamp of its image in /camera/image_raw
+uint32 image                 # sequence number of that image
 uint32 untouched               # sequence number of its reference in /skin/untouched
 string object
 string contact
@@ -39,9 +39,9 @@ NS_PER_S = 1_000_000_000
 class Topic(StrEnum):
     """What an episode may hold."""
 
-    PICTURES = "/camera/image_raw"
+    IMAGES = "/camera/image_raw"
     UNTOUCHED = "/skin/untouched"
-    """Pictures of the untouched skin; those of one tare share a sequence number."""
+    """Images of the untouched skin; those of one tare share a sequence number."""
     MEASURED = "/wrench/measured"
     """As the force/torque sensor told, nothing taken off."""
     ESTIMATED = "/wrench/estimated"
@@ -51,7 +51,7 @@ class Topic(StrEnum):
 
 
 TYPES = {
-    Topic.PICTURES: "sensor_msgs/msg/Image",
+    Topic.IMAGES: "sensor_msgs/msg/Image",
     Topic.UNTOUCHED: "sensor_msgs/msg/Image",
     Topic.MEASURED: "geometry_msgs/msg/WrenchStamped",
     Topic.ESTIMATED: "geometry_msgs/msg/WrenchStamped",
@@ -62,10 +62,10 @@ TYPES = {
 
 
 class EventKind(StrEnum):
-    """What happened beside pictures and wrenches."""
+    """What happened beside images and wrenches."""
 
     DROPPED = "dropped"
-    """Subject: how many pictures were lost before this moment."""
+    """Subject: how many images were lost before this moment."""
     TARED = "tared"
     """Subject: sequence number of the reference that begins here; words: what was taken off, N and N·m."""
     OBJECT = "object"
@@ -88,10 +88,10 @@ class Event:
 
 @dataclass(frozen=True)
 class PairMark:
-    """That a picture of the episode was saved as a pair."""
+    """That an image of the episode was saved as a pair."""
 
     stamp_ns: int
-    picture: int
+    image: int
     untouched: int
     object: str
     contact: str
@@ -114,9 +114,9 @@ def definition(name: str) -> bytes:
     return text.encode()
 
 
-def picture_message(image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
-    """A picture, BGR."""
-    return image_message(Topic.PICTURES, header(wall_ns, "camera"), image.shape[:2], "bgr8", image)
+def camera_image_message(image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
+    """An image, BGR."""
+    return image_message(Topic.IMAGES, header(wall_ns, "camera"), image.shape[:2], "bgr8", image)
 
 
 def height_message(z_mm: Float32[Array, "rows cols"], wall_ns: int) -> bytes:
@@ -139,7 +139,7 @@ def wrench_message(wrench: Wrench, wall_ns: int) -> bytes:
 
 def pair_message(mark: PairMark, wall_ns: int) -> bytes:
     """The mark of a pair."""
-    numbers = {"picture": mark.picture, "untouched": mark.untouched}
+    numbers = {"image": mark.image, "untouched": mark.untouched}
     words = {"object": mark.object, "contact": mark.contact, "kind": mark.kind}
     return encoded(Topic.PAIRS, header=header(wall_ns, "skin"), **numbers, **words, wrench=bare_wrench(mark.wrench))
 
@@ -150,9 +150,9 @@ def event_message(event: Event, wall_ns: int) -> bytes:
     return encoded(Topic.EVENTS, header=header(wall_ns, ""), **words)
 
 
-def picture_of(data: bytes) -> UInt8[Array, "rows cols 3"]:
-    """The picture in a message, in its own memory."""
-    message = decoded(Topic.PICTURES, data)
+def image_of(data: bytes) -> UInt8[Array, "rows cols 3"]:
+    """The image in a message, in its own memory."""
+    message = decoded(Topic.IMAGES, data)
     return message.data.reshape(message.height, message.width, 3).copy()
 
 
@@ -171,7 +171,7 @@ def pair_of(data: bytes, stamp_ns: int) -> PairMark:
     """The mark in a message."""
     told = decoded(Topic.PAIRS, data)
     wrench = with_stamp(told.wrench, stamp_ns)
-    return PairMark(stamp_ns, told.picture, told.untouched, told.object, told.contact, told.kind, wrench)
+    return PairMark(stamp_ns, told.image, told.untouched, told.object, told.contact, told.kind, wrench)
 
 
 def event_of(data: bytes, stamp_ns: int) -> Event:

@@ -14,7 +14,7 @@ from ninedtact.recording.messages import Topic
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
-PICTURES_AT_MOST = 128
+IMAGES_AT_MOST = 128
 """That wait to be written: some 120 MB."""
 SAMPLES_AT_MOST = 100_000
 WAIT_S = 0.05
@@ -23,9 +23,9 @@ REFERENCE_FRAMES = 10
 
 @dataclass
 class Interpretation:
-    """What pictures mean, written beside them: heights, and the wrench where there is an estimator.
+    """What images mean, written beside them: heights, and the wrench where there is an estimator.
 
-    The first pictures are taken for untouched skin, and read like all others.
+    The first images are taken for untouched skin, and read like all others.
     """
 
     shape: CalibratedShape
@@ -41,7 +41,7 @@ class Interpretation:
         return wrench | ({Topic.HEIGHTS} if self.heights else set())
 
     def write(self, frame: Frame, episode: EpisodeWriter) -> None:
-        """Read a picture."""
+        """Read an image."""
         for waiting, reader in self._readable(frame):
             rectified = self.shape.rectify(waiting)
             reading = Reading(waiting, rectified, reader(rectified), reference=reader.reference)
@@ -76,21 +76,21 @@ class Recorder:
             samples = None
             if self.force_torque is not None:
                 samples = opened.enter_context(Listening[Wrench](self.force_torque, SAMPLES_AT_MOST))
-            pictures = opened.enter_context(Listening[Frame](self.camera, PICTURES_AT_MOST))
+            images = opened.enter_context(Listening[Frame](self.camera, IMAGES_AT_MOST))
             try:
                 while not is_over():
-                    self._write_what_came(pictures, samples)
+                    self._write_what_came(images, samples)
                     on_progress()
             except SourceEnded:
                 return
 
-    def _write_what_came(self, pictures: Listening[Frame], samples: Listening[Wrench] | None) -> None:
+    def _write_what_came(self, images: Listening[Frame], samples: Listening[Wrench] | None) -> None:
         if samples is not None:
             for wrench in waiting(samples):
                 self.episode.measured(wrench)
-        heard = pictures.take(WAIT_S)
+        heard = images.take(WAIT_S)
         if heard is not None:
-            self.episode.picture(heard.item)
+            self.episode.image(heard.item)
             if self.interpretation is not None:
                 self.interpretation.write(heard.item, self.episode)
 

@@ -65,20 +65,20 @@ def opened_with(path: Path, topic: Topic) -> Episode:
 
 
 class Replay(FrameSource):
-    """The pictures of a recording, bit for bit, with their stamps and indexes as recorded, as fast as they are asked for."""
+    """The images of a recording, bit for bit, with their stamps and indexes as recorded, as fast as they are asked for."""
 
     def __init__(self, path: Path | str) -> None:
-        self._played = Played(Path(path), Topic.PICTURES)
+        self._played = Played(Path(path), Topic.IMAGES)
         self.path, self.name = self._played.path, self._played.name
 
     def open(self) -> None:
-        """Open it at its first picture; raises `CameraNotFound` or `RecordingUnreadable`."""
+        """Open it at its first image; raises `CameraNotFound` or `RecordingUnreadable`."""
         self._played.open()
         if self._played.episode is not None:
-            self.recorded_hz = rate_hz(self._played.episode.stamps_ns(Topic.PICTURES))
+            self.recorded_hz = rate_hz(self._played.episode.stamps_ns(Topic.IMAGES))
 
     def read(self) -> Frame:
-        """The next picture; `SourceEnded` after the last."""
+        """The next image; `SourceEnded` after the last."""
         return self._played.read(Episode.frame)
 
     def close(self) -> None:

@@ -24,25 +24,25 @@ class UntouchedSkin:
 
     id: str
     """Unlike that of any other, in any episode."""
-    pictures: tuple[UInt8[Array, "rows cols 3"], ...]
+    images: tuple[UInt8[Array, "rows cols 3"], ...]
     """Raw BGR, read-only: all pairs of the stretch share them. To be rectified one by one and averaged."""
 
 
 @dataclass(frozen=True)
 class SavedPair:
-    """One raw picture and the wrench that the object applied to the skin when it was taken."""
+    """One raw image and the wrench that the object applied to the skin when it was taken."""
 
-    picture: UInt8[Array, "rows cols 3"]
+    image: UInt8[Array, "rows cols 3"]
     """Raw BGR, as the camera gave it."""
     wrench: Wrench
-    """About the skin's centre, tare taken off; interpolated between the neighbouring samples to the picture's stamp."""
+    """About the skin's centre, tare taken off; interpolated between the neighbouring samples to the image's stamp."""
     object: str
     """`NOTHING` where nothing touches."""
     contact: str
     """Pairs of one contact are alike: splits keep them together. Unlike any other contact's, in any episode."""
     kind: Kind
     time_ns: int
-    """The picture's stamp, monotonic clock of the recording machine."""
+    """The image's stamp, monotonic clock of the recording machine."""
     sensor: str
     """Name of the tactile sensor, as in its sensor.toml; its folder is attached to the episode."""
     untouched: UntouchedSkin

@@ -37,7 +37,7 @@ class Session:
     purpose: str = "record"
     """The command that made it."""
     source: str = ""
-    """What the pictures came from, in words."""
+    """What the images came from, in words."""
     force_torque: str = ""
     """What the measured wrenches came from, in words."""
     settings: str = "{}"

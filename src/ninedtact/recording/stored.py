@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.source import CameraNotFound
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.messages import Event, PairMark, Topic, event_of, height_of, pair_of, picture_of, wrench_of
+from ninedtact.recording.messages import Event, PairMark, Topic, event_of, height_of, image_of, pair_of, wrench_of
 from ninedtact.recording.scan import (
     PLACE,
     Scan,
@@ -86,12 +86,12 @@ class Episode:
         return message.wall_ns - self.session.wall_minus_monotonic_ns
 
     def frame(self, place: np.void) -> Frame:
-        """One picture as it was read, its stamp and index too."""
+        """One image as it was read, its stamp and index too."""
         message = self.message(place)
-        return Frame(picture_of(message.data), self.stamp_ns(message), message.sequence)
+        return Frame(image_of(message.data), self.stamp_ns(message), message.sequence)
 
-    def frames(self, topic: Topic = Topic.PICTURES) -> Iterator[Frame]:
-        """All pictures."""
+    def frames(self, topic: Topic = Topic.IMAGES) -> Iterator[Frame]:
+        """All images."""
         return map(self.frame, self.places(topic))
 
     def wrench(self, place: np.void) -> Wrench:
@@ -104,7 +104,7 @@ class Episode:
         return map(self.wrench, self.places(topic))
 
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
-        """Number of the picture, and heights in mm."""
+        """Number of the image, and heights in mm."""
         return ((message.sequence, height_of(message.data)) for message in self.messages(Topic.HEIGHTS))
 
     def pairs(self) -> Iterator[PairMark]:

@@ -14,7 +14,7 @@ from ninedtact.recording.stored import Episode
 
 GAP = 2.5
 """Times the usual distance of two messages, from which something is missing."""
-STEADY = (Topic.PICTURES, Topic.MEASURED, Topic.ESTIMATED, Topic.HEIGHTS)
+STEADY = (Topic.IMAGES, Topic.MEASURED, Topic.ESTIMATED, Topic.HEIGHTS)
 """Topics that come at a rate, where they were not chosen one by one."""
 
 
@@ -47,7 +47,7 @@ class EpisodeFigures:
     finished: bool
     """Closed in order; if not, its last half second may be missing."""
     dropped: int
-    """Pictures that the source counted and nobody could write."""
+    """Images that the source counted and nobody could write."""
     topics: list[TopicFigures]
     pairs: dict[str, int]
     """Of each kind, undone contacts taken out."""
@@ -82,7 +82,7 @@ def summary(episode: Episode) -> EpisodeFigures:
 def topic_figures(episode: Episode, topic: Topic) -> TopicFigures:
     """Rate and gaps of one topic."""
     stamps_ns = episode.stamps_ns(topic)
-    chosen = topic is Topic.PICTURES and episode.session.purpose != "record"
+    chosen = topic is Topic.IMAGES and episode.session.purpose != "record"
     if topic not in STEADY or chosen or len(stamps_ns) < 3:
         return TopicFigures(topic.value, TYPES[topic], len(stamps_ns))
     longest_ms, gaps = gaps_of(stamps_ns)

@@ -1,4 +1,4 @@
-"""One sensor's calibrated shape path: everything between a frame and its height but the session's untouched picture."""
+"""One sensor's calibrated shape path: everything between a frame and its height but the session's untouched image."""
 
 from dataclasses import dataclass, replace
 
@@ -13,13 +13,13 @@ from ninedtact.shape.loss import Loss
 from ninedtact.shape.rectification import Rectification
 
 UNLIT = 15.0
-"""Mean grey level below which a picture is a dark room, not a skin."""
+"""Mean grey level below which an image is a dark room, not a skin."""
 KEPT_BYTES = 31 << 20
 """Just below the 32 MiB from which on glibc learns nothing (mallopt(3), M_MMAP_THRESHOLD)."""
 
 
 class ReferenceUnusable(NinedtactError):
-    """The untouched picture of this session cannot serve as one."""
+    """The untouched image of this session cannot serve as one."""
 
 
 @dataclass(frozen=True)
@@ -58,20 +58,20 @@ class CalibratedShape:
         )
 
 
-def mean_rectified(pictures: list[Rectified]) -> Rectified:
-    """Mean brightness of several pictures of the same skin."""
-    if not pictures:
-        raise ReferenceUnusable("expected at least one picture of the untouched skin, got none; take one first")
-    total = np.zeros_like(pictures[0].grey)
-    for picture in pictures:
-        cv2.accumulate(picture.grey, total)
-    total /= len(pictures)
+def mean_rectified(images: list[Rectified]) -> Rectified:
+    """Mean brightness of several images of the same skin."""
+    if not images:
+        raise ReferenceUnusable("expected at least one image of the untouched skin, got none; take one first")
+    total = np.zeros_like(images[0].grey)
+    for image in images:
+        cv2.accumulate(image.grey, total)
+    total /= len(images)
     if total.mean() < UNLIT:
         raise ReferenceUnusable(
-            f"expected a lit picture of the untouched skin, got a mean grey level of {total.mean():.0f} of 255; "
+            f"expected a lit image of the untouched skin, got a mean grey level of {total.mean():.0f} of 255; "
             "switch the sensor's light on and raise the exposure"
         )
-    return Rectified(total, pictures[0].mm_per_px, pictures[-1].stamp_ns)
+    return Rectified(total, images[0].mm_per_px, images[-1].stamp_ns)
 
 
 def keep_freed_memory() -> None:

@@ -1,9 +1,9 @@
-"""Rectified picture → signed height of the skin, by a calibrated depth curve.
+"""Rectified image → signed height of the skin, by a calibrated depth curve.
 
 Thinner gel is darker, thicker gel is brighter. Two signals say how much: the *difference* in grey levels (the paper's
-own, docs/references.md) and the *ratio* to the untouched picture, which is the one that is uniform over a picture whose
+own, docs/references.md) and the *ratio* to the untouched image, which is the one that is uniform over an image whose
 light is not. Either is quantised finely and looked up in one table. Where the calibration knows it, the light that
-the whole picture loses to what is dark is given back first, and the light that scatters is put back where it came from.
+the whole image loses to what is dark is given back first, and the light that scatters is put back where it came from.
 """
 
 from dataclasses import dataclass
@@ -138,7 +138,7 @@ FINE_SMOOTHING = Smoothing(2.5, 2.5)
 
 @dataclass(frozen=True)
 class DepthReader:
-    """A depth curve bound to the untouched picture of this session."""
+    """A depth curve bound to the untouched image of this session."""
 
     curve: DepthCurve
     reference: Rectified
@@ -173,7 +173,7 @@ class DepthReader:
 
     @cached_property
     def per_reference(self) -> Float32[Array, "rows cols"]:
-        """One over the untouched picture, nowhere too dim to divide by."""
+        """One over the untouched image, nowhere too dim to divide by."""
         return 1 / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
 
     def error_mm(self, indentation_mm: float) -> float:

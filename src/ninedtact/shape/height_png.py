@@ -37,7 +37,7 @@ class HeightNotStorable(NinedtactError):
     """A height that 16 bits of micrometres do not hold."""
 
 
-class HeightPictureUnreadable(NinedtactError):
+class HeightImageUnreadable(NinedtactError):
     """A PNG that is none, or that does not carry heights."""
 
 
@@ -50,7 +50,7 @@ def height_png(height: HeightMap) -> bytes:
 
 
 def levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
-    """The picture's grey levels."""
+    """The image's grey levels."""
     z_mm = np.where(height.in_view, height.z_mm, 0)
     # Written so that a height that is no number is refused too.
     if not (np.abs(z_mm) <= REACH_MM).all():
@@ -60,12 +60,12 @@ def levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
 
 
 def read_height_png(path: Path | str) -> HeightMap:
-    """Read back what `height_png` encoded; raises `HeightPictureUnreadable`."""
+    """Read back what `height_png` encoded; raises `HeightImageUnreadable`."""
     try:
         return decoded(Path(path).read_bytes())
     except (OSError, ValueError, KeyError, struct.error, cv2.error) as trouble:
-        raise HeightPictureUnreadable(
-            f"expected {path} to be an undamaged height picture (16-bit grey PNG with its scale as text), "
+        raise HeightImageUnreadable(
+            f"expected {path} to be an undamaged height image (16-bit grey PNG with its scale as text), "
             f"got: {trouble}; export it again"
         ) from trouble
 
@@ -73,11 +73,11 @@ def read_height_png(path: Path | str) -> HeightMap:
 def decoded(png: bytes) -> HeightMap:
     """The height map in the bytes of a PNG."""
     text = dict(data.decode("latin-1").split("\0", 1) for kind, data in chunks(png) if kind == b"tEXt")
-    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None or picture.dtype != np.uint16 or picture.ndim != 2:
-        raise ValueError("a picture that is not 16-bit grey")
-    seen = picture != OUT_OF_VIEW_LEVEL
-    z_mm = np.where(seen, (picture.astype(np.float32) - ZERO_LEVEL) / LEVELS_PER_MM, 0).astype(np.float32)
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint16 or image.ndim != 2:
+        raise ValueError("an image that is not 16-bit grey")
+    seen = image != OUT_OF_VIEW_LEVEL
+    z_mm = np.where(seen, (image.astype(np.float32) - ZERO_LEVEL) / LEVELS_PER_MM, 0).astype(np.float32)
     coverage = np.where(seen, Coverage.MEASURED, Coverage.OUT_OF_VIEW).astype(np.uint8)
     numbers = {name: float(text[name]) for name in SCALES}
     return HeightMap(z_mm, coverage, **numbers, stamp_ns=int(text["stamp_ns"]))

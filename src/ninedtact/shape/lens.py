@@ -1,8 +1,8 @@
-"""How a point of the skin's plane appears in the raw picture.
+"""How a point of the skin's plane appears in the raw image.
 
 The plane is seen through window and gel by a wide-angle lens: a homography (tilt, distance, position) followed by
 radial and tangential terms about a free centre (Brown 1971, as in OpenCV's camera model; docs/references.md). Points
-are (x, y): mm on the skin (sensor frame), pixels in the picture (columns, rows; pixel centres at integers).
+are (x, y): mm on the skin (sensor frame), pixels in the image (columns, rows; pixel centres at integers).
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ class PointNotSeen(NinedtactError):
 
 @runtime_checkable
 class Projection(Protocol):
-    """Anything that tells where a point of the skin appears in the raw picture."""
+    """Anything that tells where a point of the skin appears in the raw image."""
 
     def to_px(self, points_mm: Points) -> Points:
         """Pixels (x, y) at which these skin points appear."""
@@ -39,22 +39,22 @@ class LensModel:
     """Homography, then radial and tangential terms about a free centre."""
 
     homography: tuple[float, ...]
-    """Eight entries, row by row, the ninth being 1; mm to picture units."""
+    """Eight entries, row by row, the ninth being 1; mm to image units."""
     centre: tuple[float, float]
-    """Centre of the radial terms, in picture units."""
+    """Centre of the radial terms, in image units."""
     radial: tuple[float, ...]
     tangential: tuple[float, float]
     raw_shape: tuple[int, int]
-    """(rows, cols) of the raw picture. The picture unit is half the long side, measured from the middle."""
+    """(rows, cols) of the raw image. The image unit is half the long side, measured from the middle."""
 
     @property
     def unit_px(self) -> float:
-        """Pixels in one picture unit."""
+        """Pixels in one image unit."""
         return max(self.raw_shape) / 2
 
     @property
     def middle_px(self) -> Float[Array, "2"]:
-        """Where picture units are zero."""
+        """Where image units are zero."""
         rows, cols = self.raw_shape
         return np.array([(cols - 1) / 2, (rows - 1) / 2])
 
@@ -81,13 +81,13 @@ class LensModel:
         return self.distorted(self.in_plane(np.asarray(points_mm, float))) * self.unit_px + self.middle_px
 
     def in_plane(self, points_mm: Points) -> Points:
-        """The homography: mm to picture units before the lens bends them."""
+        """The homography: mm to image units before the lens bends them."""
         matrix = np.append(self.homography, 1.0).reshape(3, 3)
         ahead = np.column_stack([points_mm, np.ones(len(points_mm))]) @ matrix.T
         return ahead[:, :2] / ahead[:, 2:]
 
     def distorted(self, plane: Points) -> Points:
-        """The radial and tangential terms, picture units to picture units."""
+        """The radial and tangential terms, image units to image units."""
         offset = plane - self.centre
         squared = (offset**2).sum(axis=1, keepdims=True)
         growth = 1 + sum(k * squared ** (n + 1) for n, k in enumerate(self.radial))
@@ -113,7 +113,7 @@ class LensModel:
             if np.abs(miss).max(initial=0.0) < 1e-9 * self.unit_px:
                 return points
         raise PointNotSeen(
-            "expected pixels on the skin, got some that the lens model cannot reach; stay inside the picture"
+            "expected pixels on the skin, got some that the lens model cannot reach; stay inside the image"
         )
 
     def from_affine(self, points_px: Points) -> Points:

@@ -1,4 +1,4 @@
-"""The light that the whole picture loses when a part of the skin is dark, told from the picture itself."""
+"""The light that the whole image loses when a part of the skin is dark, told from the image itself."""
 
 from dataclasses import dataclass
 
@@ -16,13 +16,13 @@ ROUNDS = 4
 
 @dataclass(frozen=True)
 class Loss:
-    """c, relative, for a picture of which some is dark."""
+    """c, relative, for an image of which some is dark."""
 
     shade: float = 0.0
     """c per mean darkening of the view; zero where the calibration knows of none."""
 
     def __call__(self, grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]) -> float:
-        """c of this picture, zero or below; exactly zero where nothing is noticeably dark."""
+        """c of this image, zero or below; exactly zero where nothing is noticeably dark."""
         if self.shade == 0:
             return 0.0
         loss = 0.0

@@ -21,7 +21,7 @@ class ContactRule:
     """In standard deviations of a pixel: at 5, not one pixel in three million untouched ones passes by chance."""
     share_of_deepest: float = 0.25
     """Part of the greatest depth that a region must reach. What presses deep takes light away from everywhere, which
-    looks like a shallow press far from it: up to 0.3 mm in the corners of a real picture whose ball is 2 mm deep."""
+    looks like a shallow press far from it: up to 0.3 mm in the corners of a real image whose ball is 2 mm deep."""
 
     def threshold_mm(self, noise_mm: float) -> float:
         """The larger of the two."""
@@ -48,7 +48,7 @@ class ShapeSummary:
 def summarise(height: HeightMap, rule: ContactRule = ContactRule()) -> ShapeSummary:
     """Measure one height map; what is out of view does not count."""
     touched = contact(height, rule)
-    # Only inside the contact: rectified noise over the whole picture adds up to cubic millimetres.
+    # Only inside the contact: rectified noise over the whole image adds up to cubic millimetres.
     area_mm2 = np.where(touched, footprint_mm2(height), np.float32(0))
     volume_mm3 = area_mm2 * np.where(touched, -height.z_mm, np.float32(0))
     return ShapeSummary(

@@ -15,7 +15,7 @@ from ninedtact.shape.lens import Points
 
 @dataclass(frozen=True)
 class PinMap:
-    """Cubic radial-basis interpolation from the skin to the picture."""
+    """Cubic radial-basis interpolation from the skin to the image."""
 
     points_mm: Points
     points_px: Points

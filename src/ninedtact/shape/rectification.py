@@ -1,4 +1,4 @@
-"""Raw picture → grey picture on the skin's own square grid."""
+"""Raw image → grey image on the skin's own square grid."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,13 +17,13 @@ Area = tuple[float, float, float, float]
 """x from, x to, y from, y to, in mm on the skin."""
 
 
-class WrongPictureSize(NinedtactError):
-    """A picture of another size than the one calibrated."""
+class WrongImageSize(NinedtactError):
+    """An image of another size than the one calibrated."""
 
 
 @dataclass(frozen=True)
 class Rectification:
-    """For every pixel of the rectified grid, where in the raw picture its brightness comes from."""
+    """For every pixel of the rectified grid, where in the raw image its brightness comes from."""
 
     source_px: Float32[Array, "rows cols 2"]
     """Raw pixel (x, y) of every rectified pixel."""
@@ -33,22 +33,22 @@ class Rectification:
     """Where the calibration had evidence; heights outside are marked as extrapolated."""
 
     def __call__(self, frame: Frame) -> Rectified:
-        """Rectify one frame; raises `WrongPictureSize`."""
+        """Rectify one frame; raises `WrongImageSize`."""
         self.require_size(frame.image)
         grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
         return Rectified(self.resampled(grey), self.mm_per_px, frame.stamp_ns)
 
     def resampled(self, raw: Float32[Array, "raw_rows raw_cols"]) -> Float32[Array, "rows cols"]:
-        """Any raw grey field on the rectified grid, bilinear, edges repeated outside the picture."""
+        """Any raw grey field on the rectified grid, bilinear, edges repeated outside the image."""
         x, y = self.source_planes
         return np.asarray(cv2.remap(raw, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
     def require_size(self, image: UInt8[Array, "raw_rows raw_cols 3"]) -> None:
-        """Refuse a picture of another size."""
+        """Refuse an image of another size."""
         if image.shape[:2] != self.raw_shape:
             (rows, cols), (got_rows, got_cols) = self.raw_shape, image.shape[:2]
-            raise WrongPictureSize(
-                f"expected pictures of {cols}x{rows} pixels as this sensor was calibrated with, got {got_cols}x{got_rows}; "
+            raise WrongImageSize(
+                f"expected images of {cols}x{rows} pixels as this sensor was calibrated with, got {got_cols}x{got_rows}; "
                 "set the camera to that size, or calibrate again at the new one"
             )
 
@@ -81,7 +81,7 @@ def rectification(
     raw_shape: tuple[int, int],
     calibrated_area_mm: Area,
 ) -> Rectification:
-    """Lay the rectified grid on the skin and look where each of its pixels appears in the raw picture."""
+    """Lay the rectified grid on the skin and look where each of its pixels appears in the raw image."""
     shape = (field_of_view.rows, field_of_view.cols)
     points_mm = np.column_stack([axis.ravel() for axis in skin_grid_mm(shape, mm_per_px)]).astype(float)
     source = projection.to_px(points_mm).astype(np.float32).reshape(*shape, 2)

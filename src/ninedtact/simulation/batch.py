@@ -1,7 +1,7 @@
-"""Pictures of many contacts at once, in the array library of their skin: what a GPU draws data sets with.
+"""Images of many contacts at once, in the array library of their skin: what a GPU draws data sets with.
 
-The same steps as `simulation.picture.Renderer`, which draws one picture with OpenCV and is what this is tested against: seen
-height on the plane, law of light, point-spread, loss, lens. Noise and 8 bits are left to whoever stores the pictures.
+The same steps as `simulation.image.Renderer`, which draws one image with OpenCV and is what this is tested against: seen
+height on the plane, law of light, point-spread, loss, lens. Noise and 8 bits are left to whoever stores the images.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.library import library_of
 from ninedtact.mechanics.per_contact import over_grid
 from ninedtact.mechanics.transform import field_of, spectrum
-from ninedtact.simulation.picture import Renderer
+from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.seeing import FINER, STEPS
 
 Fields = Float[Any, "batch rows cols"]
@@ -25,22 +25,22 @@ Places = Float[Any, "batch a b"]
 
 @dataclass(frozen=True)
 class BatchRenderer:
-    """One sensor's way from many contacts to many pictures."""
+    """One sensor's way from many contacts to many images."""
 
     renderer: Renderer
     like: Any
     """Fields are made in this array's library, precision and device."""
 
     def factors(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols"]:
-        """Brightness of every raw pixel relative to untouched skin, one picture for each contact of the batch."""
+        """Brightness of every raw pixel relative to untouched skin, one image for each contact of the batch."""
         light = self.renderer.light
         seen = light.change(self.seen_mm(contacts))
         dark = library_of(seen).clip(-seen, min=0.0) * self.sensing
         lost = light.shade * library_of(seen).sum(dark, axis=(-2, -1), keepdims=True)
         return self.through_lens((1 + self.scattered(seen)) * (1 - lost))
 
-    def pictures(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols 3"]:
-        """BGR pictures without noise, 0 to 255."""
+    def images(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols 3"]:
+        """BGR images without noise, 0 to 255."""
         return self.factors(contacts)[..., None] * self.untouched
 
     def seen_mm(self, contacts: Contact) -> Fields:
@@ -78,7 +78,7 @@ class BatchRenderer:
 
     @cached_property
     def lens(self) -> "Between":
-        """Where on the plane, made finer, each raw pixel looks: the same in all pictures."""
+        """Where on the plane, made finer, each raw pixel looks: the same in all images."""
         plane, (cols, rows) = self.renderer.plane, (self.asarray(axis) for axis in self.renderer.lens)
         return between(cols, rows, (plane.rows * FINER, plane.cols * FINER))
 

@@ -11,12 +11,12 @@ from ninedtact.simulation.stage import Stage
 
 @dataclass
 class SimulatedCamera(FrameSource):
-    """Pictures of the stage, one per step of its motion, for ever or until its last round ends."""
+    """Images of the stage, one per step of its motion, for ever or until its last round ends."""
 
     stage: Stage
     is_open: bool = field(default=False, init=False)
     first: int = field(default=-1, init=False)
-    """Step of the first picture."""
+    """Step of the first image."""
     lock: Lock = field(default_factory=Lock, init=False, repr=False)
     """Of opening, reading and closing."""
 
@@ -33,15 +33,15 @@ class SimulatedCamera(FrameSource):
                 self.first, self.is_open = -1, True
 
     def read(self) -> Frame:
-        """Wait for the next picture; raises `SourceEnded` after the last round."""
+        """Wait for the next image; raises `SourceEnded` after the last round."""
         with self.lock:
             if not self.is_open:
                 raise SourceNotOpen(self.name)
             number, stamp_ns = self.pace.next()
             self.stage.require_time(number / self.stage.hz)
             self.first = number if self.first < 0 else self.first
-            picture = self.stage.twin.renderer(self.stage.contact(number), number)
-            return Frame(picture, stamp_ns, number - self.first)
+            image = self.stage.twin.renderer(self.stage.contact(number), number)
+            return Frame(image, stamp_ns, number - self.first)
 
     def close(self) -> None:
         """End it."""

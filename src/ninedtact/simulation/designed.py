@@ -2,7 +2,7 @@
 
 The gel's thickness t changes the light as the reflectance St/(1 + St) of its layer does (Kubelka and Munk 1931,
 docs/references.md): slope and saturation of the brightness law; scattering spreads light over a part of the thickness that
-stays the same. The camera's distance and the way light is bent into acrylic and silicone change the scale of the picture.
+stays the same. The camera's distance and the way light is bent into acrylic and silicone change the scale of the image.
 The exposure is taken to be set so that untouched skin is as bright as ever.
 """
 
@@ -13,11 +13,11 @@ import numpy as np
 
 from ninedtact.design import ACRYLIC, SILICONE, SensorDesign
 from ninedtact.mechanics.gel import bonded_layer
+from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.picture import Renderer
 from ninedtact.simulation.twin import Twin
-from ninedtact.simulation.untouched import untouched_picture
+from ninedtact.simulation.untouched import untouched_image
 from ninedtact.simulation.view import View, WideLens
 
 AVERAGE = SensorDesign()
@@ -30,7 +30,7 @@ def designed_twin(design: SensorDesign, seed: int = 0) -> Twin:
     """The twin that a sensor of this design would have; that of the published design is `default_twin`."""
     view = designed_lens(design).view()
     noise = Noise(shape=view.raw_shape, seed=seed)
-    renderer = Renderer(view, untouched_picture(lit_alike(view, design), seed=seed), designed_light(design), noise)
+    renderer = Renderer(view, untouched_image(lit_alike(view, design), seed=seed), designed_light(design), noise)
     area = design.sensing_area
     return Twin(
         "default" if design == AVERAGE else "designed",
@@ -69,7 +69,7 @@ def slope_per_mm(thickness_mm: float, light: Light) -> float:
 
 
 def designed_lens(design: SensorDesign) -> WideLens:
-    """The average lens, looking from this distance; a narrower lens spreads its picture over less skin."""
+    """The average lens, looking from this distance; a narrower lens spreads its image over less skin."""
     lens = WideLens()
     nearer = optical_mm(design) / optical_mm(AVERAGE)
     narrower = design.camera.lens_angle_deg / AVERAGE.camera.lens_angle_deg

@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import Wrench
-from ninedtact.simulation.picture import Image
+from ninedtact.simulation.image import Image
 from ninedtact.simulation.truth import heights, on_grid, pressure_mpa, shear_mpa
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class DrawnPress:
 
     contact: Contact
     indenter: Indenter
-    picture: Image
+    image: Image
     reach_mm: tuple[float, float]
     """Half of the shown area's sides."""
     along: tuple[float, float] = (1.0, 0.0)
@@ -59,7 +59,7 @@ class DrawnPress:
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top, y downwards as in the picture."""
+        """Left, right, bottom and top, y downwards as in the image."""
         (x, y), half = self.axes_mm, MM_PER_PX / 2
         return float(x[0] - half), float(x[-1] + half), float(y[-1] + half), float(y[0] - half)
 
@@ -73,7 +73,7 @@ class DrawnPress:
         for each in axes[1, :2]:
             each.remove()
         cut = figure.add_subplot(grid[1, :2])
-        self.draw_picture(seen)
+        self.draw_image(seen)
         self.draw_heights(height)
         self.draw_tractions(pressure)
         self.draw_cut(cut)
@@ -82,12 +82,12 @@ class DrawnPress:
         figure.savefig(buffer, format="png")
         return buffer.getvalue()
 
-    def draw_picture(self, axes: "Axes") -> None:
+    def draw_image(self, axes: "Axes") -> None:
         """What the camera sees."""
-        axes.imshow(self.picture[..., ::-1])
+        axes.imshow(self.image[..., ::-1])
         axes.set(xticks=[], yticks=[])
-        rows, cols = self.picture.shape[:2]
-        titled(axes, f"picture, {cols} x {rows} pixels")
+        rows, cols = self.image.shape[:2]
+        titled(axes, f"image, {cols} x {rows} pixels")
 
     def draw_heights(self, axes: "Axes") -> None:
         """The skin's height, blue where pressed in, red where it bulges, and the edge of the contact."""

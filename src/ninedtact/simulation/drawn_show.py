@@ -1,4 +1,4 @@
-"""Several presses below each other: picture, true heights, reconstructed heights, and the wrench.
+"""Several presses below each other: image, true heights, reconstructed heights, and the wrench.
 
 matplotlib is slow to import, so it is imported when a figure is drawn; its global state is never touched.
 """
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ninedtact.quantities import HeightMap, Wrench
 from ninedtact.simulation.drawn_press import DPI, INK, titled
-from ninedtact.simulation.picture import Image
+from ninedtact.simulation.image import Image
 from ninedtact.simulation.truth import mean_error_mm
 
 if TYPE_CHECKING:
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Answer:
-    """One press of a twin, and what a sensor made of its picture."""
+    """One press of a twin, and what a sensor made of its image."""
 
     name: str
-    picture: Image
+    image: Image
     true: HeightMap
     seen: HeightMap
     wrench: Wrench
@@ -45,16 +45,16 @@ def drawn_show(answers: Sequence[Answer]) -> bytes:
     figure = Figure(figsize=(14.6, 2.55 * len(answers)), dpi=DPI, facecolor="white", layout="constrained")
     rows = figure.subplots(len(answers), 4, squeeze=False, width_ratios=[1, 1, 1, 1.1])
     deepest, highest = (max(limit(answer) for answer in answers) for limit in (deepest_mm, highest_mm))
-    for (picture, true, seen, words), answer in zip(rows, answers, strict=True):
-        picture.imshow(answer.picture[..., ::-1])
-        titled(picture, answer.name)
+    for (image, true, seen, words), answer in zip(rows, answers, strict=True):
+        image.imshow(answer.image[..., ::-1])
+        titled(image, answer.name)
         for axes, height, title in (
             (true, answer.true, "true height"),
-            (seen, answer.seen, "reconstructed from the picture"),
+            (seen, answer.seen, "reconstructed from the image"),
         ):
             shown = draw_height(axes, height, deepest, highest)
             titled(axes, title)
-        for axes in (picture, true, seen):
+        for axes in (image, true, seen):
             axes.set(xticks=[], yticks=[])
         figure.colorbar(shown, ax=seen, label="height (mm)")
         words.axis("off")

@@ -1,4 +1,4 @@
-"""The four pictures that calibrate a twin, taken of itself: its board and its ball pressed as a hand presses them."""
+"""The four images that calibrate a twin, taken of itself: its board and its ball pressed as a hand presses them."""
 
 from dataclasses import dataclass, replace
 
@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.capture.pictures import average_pictures
+from ninedtact.capture.images import average_images
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.mechanics.contact import Effort
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.relief import Relief, relief_of
-from ninedtact.simulation.picture import Image
+from ninedtact.simulation.image import Image
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import Twin
 
@@ -22,7 +22,7 @@ PIN_TALL_MM = 1.5
 """Over the floor of the published board."""
 BOARD_DEPTH_MM = 0.7
 GUIDED_FRAMES, GUIDED_BOARD_MM = 8, 0.85
-"""Pictures averaged for each, as a guided calibration does; how deep a board is pressed whose imprints are as dark as real ones."""
+"""Images averaged for each, as a guided calibration does; how deep a board is pressed whose imprints are as dark as real ones."""
 BALL_DEPTH_MM = 1.8
 BALL_DRAG_MM = 0.2, -0.12
 """A hand never presses straight."""
@@ -30,7 +30,7 @@ ENOUGH = Effort(tolerance=5e-3)
 
 
 @dataclass(frozen=True)
-class GaugePictures:
+class GaugeImages:
     """What a calibration asks for, BGR; untouched skin before each press."""
 
     board_reference: Image
@@ -39,14 +39,14 @@ class GaugePictures:
     ball: Image
 
 
-def gauge_pictures(
+def gauge_images(
     twin: Twin,
     design: SensorDesign = SensorDesign(),
     first_number: int = 0,
     board_depth_mm: float = BOARD_DEPTH_MM,
     frames: int = 1,
-) -> GaugePictures:
-    """The twin's own calibration pictures; `first_number` picks their noise. frames: how many are averaged for each, as a
+) -> GaugeImages:
+    """The twin's own calibration images; `first_number` picks their noise. frames: how many are averaged for each, as a
     guided calibration averages eight. Gel that is thinner than the published one is pressed as much less deep."""
     finer = replace(twin, pitch_mm=design.pin_board.pitch_mm / PINS_PER_CELL)
     thinner = min(1.0, design.gel.thickness_mm / SensorDesign().gel.thickness_mm)
@@ -54,9 +54,9 @@ def gauge_pictures(
     ball = Press(BALL_DEPTH_MM * thinner, drag_mm=BALL_DRAG_MM).on(twin, Ball(design.ball.radius_mm), ENOUGH)
     contacts = None, board, None, ball
     numbers = [range(first_number + n * frames, first_number + (n + 1) * frames) for n in range(len(contacts))]
-    return GaugePictures(
+    return GaugeImages(
         *(
-            average_pictures([twin.renderer(contact, number) for number in some])
+            average_images([twin.renderer(contact, number) for number in some])
             for contact, some in zip(contacts, numbers, strict=True)
         )
     )

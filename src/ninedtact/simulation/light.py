@@ -1,12 +1,12 @@
 """What the camera sees of a skin that is not flat: one factor of brightness per point.
 
 White light comes back from the translucent gel and is lost in the black one behind it, so thin gel is dark and thick gel
-bright. The pressed picture is the untouched one times
+bright. The pressed image is the untouched one times
 
     (1 + c)·(1 + PSF ⊗ f(u))
 
 u is the height of the skin, f its brightness law, PSF a Gaussian (light scatters in the gel), and c the light that the
-whole picture loses to what is dark. Below zero, f follows the reflectance St/(1 + St) of a scattering layer of thickness t
+whole image loses to what is dark. Below zero, f follows the reflectance St/(1 + St) of a scattering layer of thickness t
 before black (Kubelka and Munk 1931, docs/references.md); above zero it is a line, whose slope is a fact of each sensor.
 """
 
@@ -62,7 +62,7 @@ class Light:
         return dark + self.bright_per_mm * xp.clip(height_mm, 0.0, None)
 
     def loss(self, change: Float[Array, "*view"]) -> float:
-        """c: what the whole picture loses when this much of the view is darker."""
+        """c: what the whole image loses when this much of the view is darker."""
         return -self.shade * float(np.maximum(-change, 0).mean())
 
 

@@ -1,4 +1,4 @@
-"""What a calibrated sensor delivers: grey pictures on the skin's own grid, drawn there, not on the raw picture first."""
+"""What a calibrated sensor delivers: grey images on the skin's own grid, drawn there, not on the raw image first."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,16 +11,16 @@ from numpy import ndarray as Array
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.mechanics.contact import Contact
 from ninedtact.quantities import centred_axis_mm
+from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.picture import Renderer
 from ninedtact.simulation.population.member import SensorMember
 from ninedtact.simulation.population.parts import Misreading
 from ninedtact.simulation.view import View
 
 FULL_COLS, FULL_MM_PER_PX = 460, 0.0522
-"""The published rectified picture of 24 mm; smaller ones show the same skin with larger pixels, wider skin has larger ones too."""
+"""The published rectified image of 24 mm; smaller ones show the same skin with larger pixels, wider skin has larger ones too."""
 STEPS = 12
-"""Of the search for a place in the raw picture; each leaves a fifth of the error of the one before."""
+"""Of the search for a place in the raw image; each leaves a fifth of the error of the one before."""
 
 Grey = UInt8[Array, "rows cols"]
 Plane = Float32[Array, "rows cols 2"]
@@ -28,7 +28,7 @@ Plane = Float32[Array, "rows cols 2"]
 
 @dataclass(frozen=True)
 class GreyEye:
-    """One sensor's way from skin to rectified grey pictures."""
+    """One sensor's way from skin to rectified grey images."""
 
     renderer: Renderer
     """Its view is the rectified grid."""
@@ -38,7 +38,7 @@ class GreyEye:
         """Without noise."""
         return np.asarray(cv2.cvtColor(self.renderer.untouched, cv2.COLOR_BGR2GRAY))
 
-    def picture(self, contact: Contact | None, rng: np.random.Generator) -> Grey:
+    def image(self, contact: Contact | None, rng: np.random.Generator) -> Grey:
         """Of this contact (None: nothing touches), with noise of its own."""
         return self.shot(self.factor(contact), rng)
 
@@ -47,19 +47,19 @@ class GreyEye:
         return self.renderer.factor(contact) if contact is not None and contact.touches else None
 
     def shot(self, factor: Float32[Array, "rows cols"] | None, rng: np.random.Generator) -> Grey:
-        """The picture, with noise of its own, of skin that is this much brighter than untouched."""
+        """The image, with noise of its own, of skin that is this much brighter than untouched."""
         clean = self.untouched if factor is None else self.untouched * factor
         noise = rng.standard_normal(clean.shape, np.float32) * np.float32(self.renderer.noise.grey_levels)
         return np.asarray(cv2.add(clean, noise, dtype=cv2.CV_8U))
 
 
 def mm_per_px(size: tuple[int, int], design: SensorDesign = SensorDesign()) -> float:
-    """Of rectified pictures of this size (cols, rows), as wide as the sensing area."""
+    """Of rectified images of this size (cols, rows), as wide as the sensing area."""
     return FULL_MM_PER_PX * FULL_COLS / size[0] * (design.sensing_area.width_mm / SensingArea().width_mm)
 
 
 def grey_eye(member: SensorMember, size: tuple[int, int]) -> GreyEye:
-    """The eye of a member, for pictures of (cols, rows). Small pictures are means over pixels, with less noise."""
+    """The eye of a member, for images of (cols, rows). Small images are means over pixels, with less noise."""
     raw = member.renderer()
     plane = read_places(size, mm_per_px(size, member.design), member.misreading)
     untouched = looked_up(raw.untouched, raw_places(raw.view, plane))
@@ -70,7 +70,7 @@ def grey_eye(member: SensorMember, size: tuple[int, int]) -> GreyEye:
 
 
 def read_places(size: tuple[int, int], mm_per_px: float, misreading: Misreading) -> Plane:
-    """Where on the skin the pixels of the rectified picture truly lie."""
+    """Where on the skin the pixels of the rectified image truly lie."""
     x, y = np.meshgrid(*(centred_axis_mm(side, mm_per_px) for side in size))
     cos, sin = np.cos(misreading.turn_rad), np.sin(misreading.turn_rad)
     turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
@@ -78,7 +78,7 @@ def read_places(size: tuple[int, int], mm_per_px: float, misreading: Misreading)
 
 
 def raw_places(view: View, plane_mm: Plane) -> Plane:
-    """Pixels (x, y) of the raw picture that see these places: the view read backwards, step by step."""
+    """Pixels (x, y) of the raw image that see these places: the view read backwards, step by step."""
     rows, cols = view.raw_shape
     across = (view.plane_mm[rows // 2, -1, 0] - view.plane_mm[rows // 2, 0, 0]) / (cols - 1)
     last = np.array([cols - 1, rows - 1], np.float32)
@@ -90,6 +90,6 @@ def raw_places(view: View, plane_mm: Plane) -> Plane:
 
 
 def looked_up(field: Float32[Array, "raw_rows raw_cols n"], px: Plane) -> Float32[Array, "rows cols n"]:
-    """A picture at these pixels (x, y), linearly."""
+    """An image at these pixels (x, y), linearly."""
     x, y = (np.ascontiguousarray(px[..., axis]) for axis in range(2))
     return np.asarray(cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

@@ -51,7 +51,7 @@ class Stage:
     twin: Twin
     acts: Sequence[Act]
     hz: float = 30.0
-    """Steps per second of the motion, and pictures per second of a camera that watches it."""
+    """Steps per second of the motion, and images per second of a camera that watches it."""
     real_time: bool = True
     rounds: int | None = None
     """After so many the sources end; None: never."""

@@ -12,7 +12,7 @@ from ninedtact.quantities import Coverage, HeightMap, centred_axis_mm
 from ninedtact.simulation.seeing import Sight, grid, sampled
 
 PRESSED_MM = 0.05
-"""Heights count as pressed in from here on: what the noise of a picture stays below."""
+"""Heights count as pressed in from here on: what the noise of an image stays below."""
 
 
 def heights(contact: Contact, shape: tuple[int, int], mm_per_px: float, nearness_per_mm: float = 0.0) -> HeightMap:

@@ -1,4 +1,4 @@
-"""A sensor that is not there: gel, light, lens, picture and noise of one that is, or of one that could be."""
+"""A sensor that is not there: gel, light, lens, image and noise of one that is, or of one that could be."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,17 +15,17 @@ from ninedtact.mechanics.patch import padded_patch
 from ninedtact.mechanics.per_contact import on_cpu
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
+from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.picture import Renderer
-from ninedtact.simulation.untouched import untouched_picture
+from ninedtact.simulation.untouched import untouched_image
 from ninedtact.simulation.view import WideLens
 
 PITCH_MM = 0.2
 MARGIN_MM = 4.0
 """Skin beyond the sensing area; see docs/mechanics.md for the error it leaves."""
 LIVE = Effort(tolerance=1e-2, must_converge=False)
-"""A hundredth of the depth: less than the noise of a picture shows."""
+"""A hundredth of the depth: less than the noise of an image shows."""
 
 
 class PoseOutOfView(NinedtactError):
@@ -112,5 +112,5 @@ class Twin:
 def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
     """The twin of no sensor in particular: the published gel, an average light and lens; the seed is that of its skin."""
     view = WideLens().view()
-    renderer = Renderer(view, untouched_picture(view, seed=seed), Light(), Noise(shape=view.raw_shape, seed=seed))
+    renderer = Renderer(view, untouched_image(view, seed=seed), Light(), Noise(shape=view.raw_shape, seed=seed))
     return Twin("default", partial(bonded_layer, gel=gel), renderer, thickness_mm=gel.thickness_mm)

@@ -1,4 +1,4 @@
-"""A plausible untouched skin, for twins that have no picture of one: eight white LEDs round a rectangle."""
+"""A plausible untouched skin, for twins that have no image of one: eight white LEDs round a rectangle."""
 
 import cv2
 import numpy as np
@@ -14,22 +14,22 @@ WAVE_PX = 200.0
 """Width of the clouds in gel and paint."""
 
 
-def untouched_picture(
+def untouched_image(
     view: View,
     mean_grey: float = 160.0,
     unevenness: float = 0.02,
     cast: tuple[float, float, float] = (1.0, 1.0, 1.0),
     seed: int = 0,
 ) -> Float32[Array, "raw_rows raw_cols 3"]:
-    """BGR picture without noise.
+    """BGR image without noise.
 
-    mean_grey: mean of the picture. unevenness: standard deviation of its clouds, relative. cast: gain of B, G and R.
+    mean_grey: mean of the image. unevenness: standard deviation of its clouds, relative. cast: gain of B, G and R.
     """
     rng = np.random.default_rng(seed)
     light = led_light(view, rng) * (1 + clouds(view.raw_shape, unevenness, rng))
     colours = [light * gain * (1 + clouds(view.raw_shape, unevenness / 3, rng)) for gain in cast]
-    picture = np.stack(colours, axis=-1)
-    return np.clip(picture * (mean_grey / picture.mean()), 0, 250).astype(np.float32)
+    image = np.stack(colours, axis=-1)
+    return np.clip(image * (mean_grey / image.mean()), 0, 250).astype(np.float32)
 
 
 def led_light(view: View, rng: np.random.Generator) -> Float[Array, "rows cols"]:

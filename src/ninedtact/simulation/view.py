@@ -1,4 +1,4 @@
-"""Where on the skin's plane each pixel of the raw picture looks: the rectification read backwards."""
+"""Where on the skin's plane each pixel of the raw image looks: the rectification read backwards."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +20,7 @@ class View:
 
     @property
     def raw_shape(self) -> tuple[int, int]:
-        """(rows, cols) of the raw picture."""
+        """(rows, cols) of the raw image."""
         rows, cols = self.plane_mm.shape[:2]
         return rows, cols
 
@@ -35,7 +35,7 @@ class View:
 class WideLens:
     """A wide-angle lens read backwards, from raw pixels to mm on the skin: polynomial in the radius, after a tilt.
 
-    Lengths in the picture are in units of half its long side. Defaults are the mean of three real sensors, which it follows
+    Lengths in the image are in units of half its long side. Defaults are the mean of three real sensors, which it follows
     to 0.05 mm.
     """
 
@@ -44,7 +44,7 @@ class WideLens:
     radial: tuple[float, float] = (-0.41, 0.207)
     """Growth with the second and fourth power of the radius."""
     centre: tuple[float, float] = (0.0, 0.0)
-    """Where the optical axis meets the picture."""
+    """Where the optical axis meets the image."""
     tilt: tuple[float, float] = (0.0, 0.0)
     """Perspective: relative change of scale per unit along x and y."""
     turn_rad: float = 0.0
@@ -53,8 +53,8 @@ class WideLens:
     """Of the skin's centre."""
 
     def view(self, raw_shape: tuple[int, int] = (480, 640)) -> View:
-        """Where every pixel of a picture of this size looks."""
-        x, y = picture_units(raw_shape)
+        """Where every pixel of an image of this size looks."""
+        x, y = image_units(raw_shape)
         x, y = x - self.centre[0], y - self.centre[1]
         square = x**2 + y**2
         grown = self.mm_per_unit * (1 + self.radial[0] * square + self.radial[1] * square**2)
@@ -64,7 +64,7 @@ class WideLens:
         return View(plane.astype(np.float32))
 
 
-def picture_units(raw_shape: tuple[int, int]) -> tuple[Float[Array, "rows cols"], Float[Array, "rows cols"]]:
+def image_units(raw_shape: tuple[int, int]) -> tuple[Float[Array, "rows cols"], Float[Array, "rows cols"]]:
     """x and y of every pixel from the middle, in units of half the long side."""
     rows, cols = raw_shape
     y, x = np.mgrid[0:rows, 0:cols].astype(float)

@@ -2,8 +2,8 @@
 
 from html import escape
 
+from ninedtact.shape.image.palette import ColourScale
 from ninedtact.shape.measures import ShapeSummary
-from ninedtact.shape.picture.palette import ColourScale
 from ninedtact.studio.ruler import signed
 from ninedtact.studio.status import Status
 

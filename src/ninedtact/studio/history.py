@@ -1,4 +1,4 @@
-"""The last seconds: how deep it was, at every reading, and how fast pictures came."""
+"""The last seconds: how deep it was, at every reading, and how fast images came."""
 
 from collections import deque
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The sensor thread: reads as fast as pictures come and keeps the newest; whoever looks never holds it up."""
+"""The sensor thread: reads as fast as images come and keeps the newest; whoever looks never holds it up."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -8,7 +8,7 @@ from types import TracebackType
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.freshest import PictureStale
+from ninedtact.capture.freshest import ImageStale
 from ninedtact.capture.source import SourceEnded
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Reading
@@ -39,9 +39,9 @@ class Moment:
     reading: Reading | None
     """The newest; None before the first."""
     heard_ns: int
-    """Stamp of the newest reading; while a reference is taken, of the newest picture; before any, of the opening."""
+    """Stamp of the newest reading; while a reference is taken, of the newest image; before any, of the opening."""
     delivered_hz: float
-    """Pictures per second that the source delivered, read or not."""
+    """Images per second that the source delivered, read or not."""
     read_hz: float
     history: Float64[Array, "2 n"]
     """Seconds before now (before the end of a recording that has ended), and the deepest indentation in mm then."""
@@ -52,7 +52,7 @@ class Moment:
 class SensorLoop:
     """Reads a sensor in a thread of its own while it is open (`with`); its source should be a `Freshest`.
 
-    Without a depth reader in the sensor, the first pictures are the untouched skin.
+    Without a depth reader in the sensor, the first images are the untouched skin.
     """
 
     def __init__(self, sensor: Sensor) -> None:
@@ -80,7 +80,7 @@ class SensorLoop:
             )
 
     def take_reference(self) -> None:
-        """Take the skin of the next pictures for untouched. Returns at once; it is tried until it succeeds."""
+        """Take the skin of the next images for untouched. Returns at once; it is tried until it succeeds."""
         self._reference_wanted.set()
 
     def __enter__(self) -> "SensorLoop":
@@ -100,7 +100,7 @@ class SensorLoop:
 
     @property
     def _heard_ns(self) -> int:
-        # A picture that has come but is not yet a reading must not make the reading before it look new.
+        # An image that has come but is not yet a reading must not make the reading before it look new.
         if self._reading is None or self._phase is Phase.REFERENCE:
             return self.sensor.heard_ns
         return self._reading.frame.stamp_ns
@@ -120,7 +120,7 @@ class SensorLoop:
             if self._reference_wanted.is_set():
                 self._take_reference()
             self._keep(self.sensor.read())
-        except PictureStale:
+        except ImageStale:
             pass  # `heard_ns` says since when
         except ReferenceUnusable as refusal:
             self._note(Phase.REFERENCE, refusal)
@@ -143,8 +143,8 @@ class SensorLoop:
             return Phase.ENDED, None
         source, wanted = self.sensor.source.name, self.sensor.reference_frames
         return Phase.FAILED, RecordingTooShort(
-            f"expected {source} to begin with {wanted} pictures of the untouched skin and go on, got "
-            f"{self.sensor.frames_read} pictures in all; give pictures of the untouched skin with --reference"
+            f"expected {source} to begin with {wanted} images of the untouched skin and go on, got "
+            f"{self.sensor.frames_read} images in all; give images of the untouched skin with --reference"
         )
 
     def _note(self, phase: Phase, trouble: BaseException | None) -> None:

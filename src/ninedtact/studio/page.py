@@ -1,4 +1,4 @@
-"""Where everything stands: pictures left, the skin in the middle; state, figures, buttons and costs right."""
+"""Where everything stands: images left, the skin in the middle; state, figures, buttons and costs right."""
 
 from typing import Any, Literal
 
@@ -26,7 +26,7 @@ SHOWN_S = 8.0
 MOST_TIMES = 10.0
 """Largest exaggeration of heights."""
 SKINS = ("coloured points", "shaded surface")
-SAVED_AS = "the camera's picture as .png, heights in mm as .npy, .png and .ply"
+SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply"
 
 
 class Page:
@@ -39,7 +39,7 @@ class Page:
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(title)
         server.scene.set_background_image(BACKGROUND)
-        self._lay_out_pictures()
+        self._lay_out_images()
         self._lay_out_controls()
 
     @property
@@ -54,7 +54,7 @@ class Page:
     def show(self, view: View, look: Look) -> None:
         """Draw one reading, all parts of it together."""
         with self._server.atomic():
-            self._picture.image = view.picture[..., ::-1]
+            self._image.image = view.image[..., ::-1]
             self._heights.image = view.heights[..., ::-1]
             self._figures.content = figures_card(view.summary, view.is_past)
             self._scene.show(view.surface, look, view.is_past)
@@ -78,10 +78,10 @@ class Page:
             first = report.wrenches[0].wrench if report.wrenches and not report.status.is_past else None
             self._scene.push(first)
 
-    def _lay_out_pictures(self) -> None:
+    def _lay_out_images(self) -> None:
         panel = self._server.gui.add_panel()
         with panel.add_tab("Seen from inside"):
-            self._picture = self._server.gui.add_image(BLANK, label="camera", format="jpeg", jpeg_quality=85)
+            self._image = self._server.gui.add_image(BLANK, label="camera", format="jpeg", jpeg_quality=85)
             self._heights = self._server.gui.add_image(BLANK, label="height of the skin", format="jpeg")
             self._server.gui.add_html(legend_card(self._studio.scale))
         panel.dock_left()
@@ -148,7 +148,7 @@ def rates(report: Report) -> dict[str, str]:
     """How fast it goes, from camera to browser."""
     dropped = report.shown.dropped if report.shown else 0
     return {
-        "camera": f"{report.moment.delivered_hz:.1f} pictures/s",
+        "camera": f"{report.moment.delivered_hz:.1f} images/s",
         "read": f"{report.moment.read_hz:.1f} /s, {dropped} dropped",
         "shown": f"{report.shown_hz:.1f} /s",
     }

@@ -26,7 +26,7 @@ class Repeating(FrameSource):
         self._first_index = self._next_index = 0
 
     def read(self) -> Frame:
-        """The next picture; after the last comes the first."""
+        """The next image; after the last comes the first."""
         try:
             frame = self._source.read()
         except SourceEnded:

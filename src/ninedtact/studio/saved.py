@@ -13,11 +13,11 @@ FORMATS = ("npy", "png", "ply")
 
 
 def save_reading(reading: Reading, folder: Path) -> list[Path]:
-    """Write the camera's picture and the heights (mm) under a name made of the time; raises `FileNotWritten`."""
+    """Write the camera's image and the heights (mm) under a name made of the time; raises `FileNotWritten`."""
     folder.mkdir(parents=True, exist_ok=True)
     name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}"
-    picture, heights = folder / f"{name}_picture.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
-    write_whole(picture, cv2.imencode(".png", reading.frame.image)[1].tobytes())
+    image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
+    write_whole(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())
     for path in heights:
         export(reading.height, path)
-    return [picture, *heights]
+    return [image, *heights]

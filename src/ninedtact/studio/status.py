@@ -7,7 +7,7 @@ from ninedtact.quantities import Reading
 from ninedtact.studio.loop import Moment, Phase
 
 SILENT_AFTER_MS = 1000.0
-"""Ten pictures of the slowest camera in use. A person then no longer takes what is shown for the present."""
+"""Ten images of the slowest camera in use. A person then no longer takes what is shown for the present."""
 
 Tone = Literal["live", "busy", "held", "lost"]
 
@@ -25,7 +25,7 @@ class Status:
         return self.tone == "lost"
 
 
-WAITING = Status("busy", "waiting for the first picture…")
+WAITING = Status("busy", "waiting for the first image…")
 
 
 def status_of(moment: Moment, shown: Reading | None, frozen: bool, now_ns: int) -> Status:
@@ -36,9 +36,9 @@ def status_of(moment: Moment, shown: Reading | None, frozen: bool, now_ns: int) 
     if moment.phase is Phase.FAILED:
         return last_words(moment)
     if moment.phase is Phase.ENDED:
-        return Status("held", f"recording ended, its last picture is shown ({duration(age_ms)} old)")
+        return Status("held", f"recording ended, its last image is shown ({duration(age_ms)} old)")
     if silent_ms > SILENT_AFTER_MS:
-        return Status("lost", f"no picture for {duration(silent_ms)}: unplugged? reconnecting…")
+        return Status("lost", f"no image for {duration(silent_ms)}: unplugged? reconnecting…")
     if moment.phase is Phase.REFERENCE:
         return taking_reference(moment.trouble)
     if reading is None:

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Reading
 from ninedtact.sensor import Stopwatch
-from ninedtact.shape.picture.palette import ColourScale
+from ninedtact.shape.image.palette import ColourScale
 from ninedtact.studio.history import Rate
 from ninedtact.studio.loop import Moment, Phase, SensorLoop
 from ninedtact.studio.saved import save_reading
@@ -17,7 +17,7 @@ from ninedtact.studio.status import Status, last_words, status_of
 from ninedtact.studio.view import View, drawn, scale_of
 from ninedtact.studio.wrench_loop import WrenchLoop, WrenchMoment
 
-WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first picture"
+WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first image"
 
 
 class NothingToSave(NinedtactError):

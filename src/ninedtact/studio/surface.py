@@ -31,7 +31,7 @@ class Surface:
 
 
 def surface_of(height: HeightMap, colours_bgr: UInt8[Array, "rows cols 3"]) -> Surface:
-    """Every so-manieth point of a height map, with its colour in a picture of the same size."""
+    """Every so-manieth point of a height map, with its colour in an image of the same size."""
     every = step_for(height)
     cloud, seen = point_cloud(height, every), height.in_view[::every, ::every]
     colours = colours_bgr[::every, ::every][seen][:, ::-1]

@@ -8,12 +8,12 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import Reading
 from ninedtact.shape.depth import DepthCurve
+from ninedtact.shape.image.palette import ColourScale, colourise
 from ninedtact.shape.measures import ShapeSummary, summarise
-from ninedtact.shape.picture.palette import ColourScale, colourise
 from ninedtact.studio.surface import Surface, surface_of
 
 FADED = 0.35
-"""Brightness left to pictures of the past."""
+"""Brightness left to images of the past."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class View:
     """One reading, drawn."""
 
     reading: Reading
-    picture: UInt8[Array, "raw_rows raw_cols 3"]
+    image: UInt8[Array, "raw_rows raw_cols 3"]
     """BGR, as the camera gave it."""
     heights: UInt8[Array, "rows cols 3"]
     """BGR, false colours."""
@@ -35,7 +35,7 @@ class View:
         if self.is_past:
             return self
         surface = replace(self.surface, colours=darker(self.surface.colours))
-        return replace(self, picture=darker(self.picture), heights=darker(self.heights), surface=surface, is_past=True)
+        return replace(self, image=darker(self.image), heights=darker(self.heights), surface=surface, is_past=True)
 
 
 def drawn(reading: Reading, scale: ColourScale) -> View:
@@ -52,5 +52,5 @@ def scale_of(curve: DepthCurve) -> ColourScale:
 
 
 def darker(colours: UInt8[Array, "*shape 3"]) -> UInt8[Array, "*shape 3"]:
-    """The same picture, dim."""
+    """The same image, dim."""
     return (colours * np.float32(FADED)).astype(np.uint8)

@@ -17,13 +17,13 @@ def test_the_same_touch_elsewhere_is_the_same_force_with_another_arm() -> None:
     net = MomentsNetwork(settings, 6, UNIT, blocks=1).double().eval()
     for weights in net.cells.parameters():
         torch.nn.init.normal_(weights, std=0.1)
-    pictures = torch.zeros(3, 1, 120, 140, dtype=torch.float64)
+    images = torch.zeros(3, 1, 120, 140, dtype=torch.float64)
     touch = torch.randn(20, 24, dtype=torch.float64)
-    pictures[1, 0, 40:60, 40:64] = touch
+    images[1, 0, 40:60, 40:64] = touch
     down, right = 3 * CELL_PX, 7 * CELL_PX
-    pictures[2, 0, 40 + down : 60 + down, 40 + right : 64 + right] = touch
+    images[2, 0, 40 + down : 60 + down, 40 + right : 64 + right] = touch
     with torch.no_grad():
-        empty, here, there = net(pictures).double() * torch.tensor(UNIT)
+        empty, here, there = net(images).double() * torch.tensor(UNIT)
     force, torque = (here - empty)[:3], (here - empty)[3:]
     arm_m = torch.tensor([0.3 * right, 0.3 * down, 0.0], dtype=torch.float64) / 1e3
     moved = there - empty

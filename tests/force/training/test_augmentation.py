@@ -1,4 +1,4 @@
-"""A touch seen otherwise keeps its label right: for a wrench that a law reads out of the picture, moving the picture and moving
+"""A touch seen otherwise keeps its label right: for a wrench that a law reads out of the image, moving the image and moving
 the wrench come to the same."""
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ def usual(n: int) -> torch.Tensor:
     return torch.from_numpy(np.tile(USUAL.row, (n, 1)))
 
 
-def pictures(n: int) -> Tensor:
+def images(n: int) -> Tensor:
     """Lopsided dents, each of three round ones of different depth, away from the border."""
     torch.manual_seed(0)
     z_mm = torch.zeros(n, ROWS, COLS)
@@ -53,12 +53,12 @@ def cross(a: Tensor, b: Tensor) -> Tensor:
 
 
 def batch(n: int) -> TouchBatch:
-    z_mm = pictures(n)
+    z_mm = images(n)
     return TouchBatch(z_mm, law(z_mm), None, usual(n))
 
 
 def moves(**given: list[float] | list[list[float]]) -> Move:
-    """As given for each of n pictures; nothing else is done to them."""
+    """As given for each of n images; nothing else is done to them."""
     n = len(next(iter(given.values())))
     nothing = {"mirror": torch.ones(n, 2), "turn_rad": torch.zeros(n), "shift_mm": torch.zeros(n, 2)}
     return Move(**{**nothing, "scale": torch.ones(n), **{name: torch.tensor(value) for name, value in given.items()}})
@@ -74,13 +74,13 @@ MOVES = {
 
 
 @pytest.mark.parametrize("name", MOVES)
-def test_moving_the_picture_and_moving_the_wrench_come_to_the_same(name: str) -> None:
+def test_moving_the_image_and_moving_the_wrench_come_to_the_same(name: str) -> None:
     before = batch(3)
     after = moved(before, MOVES[name], MM_PER_PX)
     size = before.wrench.abs().amax(0)
     assert (size > 0).all() and ((after.wrench - before.wrench).abs() / size).amax() > 0.1
     # Between pixels, interpolation itself moves a dent by up to a hundredth of a mm.
-    assert ((law(after.pictures) - after.wrench).abs() / size).max() < 0.04
+    assert ((law(after.images) - after.wrench).abs() / size).max() < 0.04
 
 
 def test_signs_of_a_mirrored_wrench() -> None:
@@ -89,45 +89,45 @@ def test_signs_of_a_mirrored_wrench() -> None:
     along_y = moved(one, moves(mirror=[[1.0, -1.0]]), MM_PER_PX)
     assert along_x.wrench[0].tolist() == [-1, 2, 3, 4, -5, -6]
     assert along_y.wrench[0].tolist() == [1, -2, 3, -4, 5, -6]
-    assert torch.allclose(along_x.pictures, one.pictures.flip(2), atol=1e-6)
+    assert torch.allclose(along_x.images, one.images.flip(2), atol=1e-6)
 
 
-def test_a_scaled_picture_has_a_wider_dent_and_the_same_wrench() -> None:
+def test_a_scaled_image_has_a_wider_dent_and_the_same_wrench() -> None:
     one = batch(1)
     wider = moved(one, moves(scale=[1.1]), MM_PER_PX)
     assert torch.equal(wider.wrench, one.wrench)
-    assert float(wider.pictures.sum() / one.pictures.sum()) == pytest.approx(1.21, rel=0.01)
+    assert float(wider.images.sum() / one.images.sum()) == pytest.approx(1.21, rel=0.01)
 
 
 def test_chance_decides_and_nothing_else() -> None:
     again = [Augmentation()(batch(8), MM_PER_PX, torch.Generator().manual_seed(seed)) for seed in (3, 3, 4)]
-    assert torch.equal(again[0].pictures, again[1].pictures) and torch.equal(again[0].wrench, again[1].wrench)
-    assert not torch.equal(again[0].pictures, again[2].pictures)
+    assert torch.equal(again[0].images, again[1].images) and torch.equal(again[0].wrench, again[1].wrench)
+    assert not torch.equal(again[0].images, again[2].images)
     same = NOTHING_CHANGED(batch(8), MM_PER_PX, torch.Generator().manual_seed(3))
-    assert torch.allclose(same.pictures, batch(8).pictures, atol=1e-5) and torch.equal(same.wrench, batch(8).wrench)
+    assert torch.allclose(same.images, batch(8).images, atol=1e-5) and torch.equal(same.wrench, batch(8).wrench)
 
 
 def test_errors_of_heights_are_as_large_as_asked_for() -> None:
     flat = TouchBatch(torch.zeros(500, 24, 32), torch.zeros(500, 6), None, usual(500))
     only = replace(NOTHING_CHANGED, heights=HeightErrors(0.0, 0.01, 0.001, 0.0, 0.0))
-    z_mm = only(flat, 0.3, torch.Generator().manual_seed(0)).pictures
+    z_mm = only(flat, 0.3, torch.Generator().manual_seed(0)).images
     assert float(z_mm.mean((1, 2)).std()) == pytest.approx(0.01, rel=0.1)
     assert float((z_mm[:, :, -1] - z_mm[:, :, 0]).mean(1).std()) == pytest.approx(31 * 0.3 * 0.001, rel=0.1)
     noisy = replace(NOTHING_CHANGED, heights=HeightErrors(0.0, 0.0, 0.0, 0.02, 0.6))
-    noise = noisy(flat, 0.3, torch.Generator().manual_seed(0)).pictures
+    noise = noisy(flat, 0.3, torch.Generator().manual_seed(0)).images
     assert float(noise.std((1, 2)).mean()) == pytest.approx(0.01, rel=0.1)
     neighbours = float((noise[:, :, 1:] * noise[:, :, :-1]).mean() / (noise**2).mean())
     assert 0.2 < neighbours < 0.98
 
 
-def test_a_brighter_lamp_changes_picture_and_reference_alike_and_drift_the_reference_alone() -> None:
+def test_a_brighter_lamp_changes_image_and_reference_alike_and_drift_the_reference_alone() -> None:
     grey = torch.full((400, 8, 8), 100.0)
     lit = TouchBatch(grey, torch.zeros(400, 6), grey, usual(400))
     lamp = LightErrors(0.05, 0.0, 0.0)(lit, torch.Generator().manual_seed(0))
-    assert lamp.references is not None and torch.allclose(lamp.pictures, lamp.references)
-    assert float(lamp.pictures.mean((1, 2)).std()) == pytest.approx(5, rel=0.15)
+    assert lamp.references is not None and torch.allclose(lamp.images, lamp.references)
+    assert float(lamp.images.mean((1, 2)).std()) == pytest.approx(5, rel=0.15)
     drift = LightErrors(0.0, 0.01, 0.0)(lit, torch.Generator().manual_seed(0))
-    assert drift.references is not None and torch.equal(drift.pictures, grey)
+    assert drift.references is not None and torch.equal(drift.images, grey)
     assert float(drift.references.mean((1, 2)).std()) == pytest.approx(1, rel=0.15)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from toy import of_heights, of_pictures
+from toy import of_heights, of_images
 
 from ninedtact.force.inputs import Channels
 from ninedtact.force.training.batches import ExampleBatches, Order
@@ -35,7 +35,7 @@ def test_all_rows_are_judged_and_only_whole_batches_are_learnt() -> None:
 
 
 def test_a_batch_is_a_copy_and_carries_its_own_references() -> None:
-    examples = of_pictures()
+    examples = of_images()
     batch = ExampleBatches(examples)[np.array([0, 3])].floating()
     assert batch.references is not None
     assert batch.references[:, 0, 0].tolist() == [120, 150]
@@ -60,6 +60,6 @@ def test_told_errors_cover_what_they_claim(tail: str) -> None:
         np.testing.assert_allclose(np.median(told / true_scale[10000:], axis=0), 1, rtol=0.05)
 
 
-def test_too_few_pictures_change_nothing() -> None:
+def test_too_few_images_change_nothing() -> None:
     gain, power = gain_and_power(np.ones((5, 6)), np.ones((5, 6)))
     assert (gain == 1).all() and (power == 1).all()

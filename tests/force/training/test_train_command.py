@@ -20,7 +20,7 @@ from ninedtact.force.model_file import read_model
 from ninedtact.force.traits import Traits
 from ninedtact.recording.dataset.columns import write_rows, write_untouched
 from ninedtact.recording.dataset.heights import height_pairs
-from ninedtact.recording.dataset.rows import Row, UntouchedPicture
+from ninedtact.recording.dataset.rows import Row, UntouchedImage
 from ninedtact.recording.dataset.sensor_heights import SensorMissing
 from ninedtact.simulation.population.member import member
 from ninedtact.whole_file import write_whole
@@ -30,7 +30,7 @@ GRID = InputSettings(Channels.HEIGHTS_AND_GEL, 16, 24, 1.0)
 ON_CPU = ("--accelerator", "cpu")
 
 
-def picture_of(load_n: float, seed: int, size: tuple[int, int] = (460, 345)) -> np.ndarray:
+def image_of(load_n: float, seed: int, size: tuple[int, int] = (460, 345)) -> np.ndarray:
     """A dark disc somewhere, the darker the harder."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: size[1], : size[0]]
@@ -39,8 +39,8 @@ def picture_of(load_n: float, seed: int, size: tuple[int, int] = (460, 345)) -> 
     return np.clip(140 + change + rng.normal(0, 0.7, x.shape), 0, 255).astype(np.uint8)
 
 
-def png(picture: np.ndarray) -> bytes:
-    return cv2.imencode(".png", picture)[1].tobytes()
+def png(image: np.ndarray) -> bytes:
+    return cv2.imencode(".png", image)[1].tobytes()
 
 
 def data_set(
@@ -50,7 +50,7 @@ def data_set(
     (folder / "data").mkdir(parents=True)
     write_untouched(
         folder / "references.parquet",
-        [UntouchedPicture(f"{name}/0", png(picture_of(0, 99, size)), name) for name in "ab"],
+        [UntouchedImage(f"{name}/0", png(image_of(0, 99, size)), name) for name in "ab"],
     )
     rows = [row_of(number, objects, size) for number in range(pairs)]
     if bad:
@@ -64,7 +64,7 @@ def row_of(number: int, objects: int, size: tuple[int, int]) -> Row:
     load, sensor = 0.5 + number / 4, "ab"[number // 2 % 2]
     wrench = np.array([0.1 * load, -0.05 * load, -load, 0.001 * number, 0.002, 0.0001 * load], np.float32)
     return Row(
-        *(f"{number:03d}", png(picture_of(load, number, size)), f"{sensor}/0", wrench, f"thing_{number % objects}"),
+        *(f"{number:03d}", png(image_of(load, number, size)), f"{sensor}/0", wrench, f"thing_{number % objects}"),
         *(f"c{number}", 0, None, sensor, "rule", "made by hand", MM_PER_PX),
     )
 
@@ -87,8 +87,8 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
     pairs = height_pairs(folder, sensors_for(folder, sensors, 1, progress=False).by_name, GRID.grid)
     assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(24)]
     row = pairs.ids.tolist().index("005")
-    reader = twin_sensor.shape.reader_against(grey_of(picture_of(0, 99), MM_PER_PX))
-    height = reader(grey_of(picture_of(0.5 + 5 / 4, 5), MM_PER_PX))
+    reader = twin_sensor.shape.reader_against(grey_of(image_of(0, 99), MM_PER_PX))
+    height = reader(grey_of(image_of(0.5 + 5 / 4, 5), MM_PER_PX))
     live = NetworkInput(GRID, Traits(2.2)).of_height(height)
     kept = height_channels(pairs.z_mm[row].astype(np.float32), Traits(2.2).row, GRID.channels)
     np.testing.assert_allclose(kept, live, atol=1e-3)
@@ -136,19 +136,19 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = ["--out", str(tmp_path / "out")]
-    pictures = ["--channels", "deformation", "--size", "32", "24"]
+    images = ["--channels", "deformation", "--size", "32", "24"]
     assert "give --sensors" in told(capsys, ["--data", str(folder), *out])
     one = data_set(tmp_path / "one", pairs=8, objects=1, size=(32, 24))
-    assert "different objects" in told(capsys, ["--data", str(one), *out, *pictures])
+    assert "different objects" in told(capsys, ["--data", str(one), *out, *images])
     bad = data_set(tmp_path / "bad", pairs=8, size=(32, 24), bad=True)
-    assert "1 not finite" in told(capsys, ["--data", str(bad), *out, *pictures])
-    assert "Parquet" in told(capsys, ["--data", str(tmp_path / "none"), *out, *pictures])
+    assert "1 not finite" in told(capsys, ["--data", str(bad), *out, *images])
+    assert "Parquet" in told(capsys, ["--data", str(tmp_path / "none"), *out, *images])
     assert "multiples of 4" in told(capsys, ["--data", str(folder), *out, "--size", "30", "20"])
     assert "one of moments" in told(capsys, ["--data", str(folder), *out, "--network", "alexnet"])
     assert not (tmp_path / "out").exists()
 
 
-def test_pictures_that_no_calibration_fits_are_refused(sensors: Path, tmp_path: Path) -> None:
+def test_images_that_no_calibration_fits_are_refused(sensors: Path, tmp_path: Path) -> None:
     small = data_set(tmp_path / "small", pairs=4, size=(64, 48))
     calibrated = sensors_for(small, sensors, 1, progress=False).by_name
     with pytest.raises(SensorMissing, match="460 x 345, as sensor 'a'"):
@@ -173,7 +173,7 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
 ) -> None:
     tried: list[str] = []
 
-    def refuse(pictures: object, design: object, *, sensor_id: str) -> None:
+    def refuse(images: object, design: object, *, sensor_id: str) -> None:
         tried.append(sensor_id)
         raise NinedtactError("expected a ball, got none; press one")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from toy import PAIRS, PICTURES, ROWS, of_heights, of_pictures, toy_settings
+from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
 from ninedtact.force.inputs import Channels
 from ninedtact.force.model_file import read_model
@@ -144,15 +144,15 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) -> None:
-    settings = replace(PAPER, network="moments", input=PICTURES, epochs=1, batch=32)
-    examples = about_point(of_pictures(), settings.about_mm)
+    settings = replace(PAPER, network="moments", input=IMAGES, epochs=1, batch=32)
+    examples = about_point(of_images(), settings.about_mm)
     labels = labels_of(examples.wrench[ROWS.train], settings)
     learner = Learner(settings, labels)
     parts = (examples.wrench[ROWS.train] - np.array(labels.offset)) / np.array(labels.unit)
     assert parts.min() == pytest.approx(0, abs=1e-5) and parts.max() == pytest.approx(1, abs=1e-5)
     fit(learner, examples, ROWS, tmp_path, CPU)
     evaluation = Lesson(learner.model.eval(), examples, ROWS, settings).evaluation
-    np.testing.assert_allclose(evaluation.predictions.truth, of_pictures().wrench[ROWS.test], atol=1e-6)
+    np.testing.assert_allclose(evaluation.predictions.truth, of_images().wrench[ROWS.test], atol=1e-6)
     assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
 
 
@@ -170,8 +170,8 @@ def test_presets_are_as_published() -> None:
     [
         (of_heights(), Rows(np.arange(0), np.arange(4)), "got 0 and 4"),
         (of_heights(), Rows(np.arange(4), np.arange(0)), "got 4 and 0"),
-        (of_pictures(), ROWS, "got pictures with references"),
-        (replace(of_heights(), pictures=np.zeros((PAIRS, 8, 8))), ROWS, "got 8 x 8"),
+        (of_images(), ROWS, "got images with references"),
+        (replace(of_heights(), images=np.zeros((PAIRS, 8, 8))), ROWS, "got 8 x 8"),
     ],
 )
 def test_what_cannot_be_learnt_from_is_refused(examples: Examples, rows: Rows, says: str, tmp_path: Path) -> None:

@@ -37,13 +37,13 @@ def of_heights() -> Examples:
     return Examples(z_mm.astype(np.float16), wrench, *names)
 
 
-def of_pictures() -> Examples:
+def of_images() -> Examples:
     """Two sensors with a reference each."""
     heights = of_heights()
     references = np.stack([np.full((GRID.rows, GRID.cols), grey, np.uint8) for grey in (120, 150)])
     of = np.arange(PAIRS) % 2
-    pictures = np.rint(references[of] * (1 + 0.3 * heights.pictures.astype(float))).astype(np.uint8)
-    return replace(heights, pictures=pictures, references=references, reference_of=of)
+    images = np.rint(references[of] * (1 + 0.3 * heights.images.astype(float))).astype(np.uint8)
+    return replace(heights, images=images, references=references, reference_of=of)
 
 
-PICTURES = replace(GRID, channels=Channels.DEFORMATION)
+IMAGES = replace(GRID, channels=Channels.DEFORMATION)

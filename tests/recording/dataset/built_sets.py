@@ -35,11 +35,11 @@ def rows_in(folder: Path) -> list[dict[str, Any]]:
 
 def references_in(folder: Path) -> dict[str, np.ndarray]:
     rows = pq.read_table(folder / "references.parquet").to_pylist()
-    return {row["reference"]: decoded(row["picture"]) for row in rows}
+    return {row["reference"]: decoded(row["image"]) for row in rows}
 
 
-def decoded(picture: dict[str, Any]) -> np.ndarray:
-    return cv2.imdecode(np.frombuffer(picture["bytes"], np.uint8), cv2.IMREAD_UNCHANGED)
+def decoded(image: dict[str, Any]) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(image["bytes"], np.uint8), cv2.IMREAD_UNCHANGED)
 
 
 def listed(report: Report) -> set[tuple[str, str]]:

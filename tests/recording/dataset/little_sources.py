@@ -32,13 +32,13 @@ def touched(skin: np.ndarray, load_n: float, seed: int = 0) -> np.ndarray:
     return np.clip(skin + change[..., None] + noise, 0, 255).astype(np.uint8)
 
 
-def grey(picture: np.ndarray) -> np.ndarray:
-    return cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+def grey(image: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
 
 
-def mixed_of(picture: np.ndarray, skin: np.ndarray) -> np.ndarray:
+def mixed_of(image: np.ndarray, skin: np.ndarray) -> np.ndarray:
     """As the original's collect_data.py writes it."""
-    change = grey(skin).astype(np.float32) - grey(picture)
+    change = grey(skin).astype(np.float32) - grey(image)
     return mixed_image(
         Deformation(np.maximum(change, 0), np.maximum(-change, 0), grey(skin).astype(np.float32), mm_per_px=0.5)
     )
@@ -61,16 +61,16 @@ class LittleTree:
     skin: np.ndarray
 
     def add(self, thing: str, stem: str, load_n: float, seed: int) -> None:
-        picture, wrench = touched(self.skin, load_n, seed), wrench_about_sensor(load_n, seed)
-        self.put_picture("image", thing, stem, picture)
-        self.put_picture("mixed_image", thing, stem, mixed_of(picture, self.skin))
+        image, wrench = touched(self.skin, load_n, seed), wrench_about_sensor(load_n, seed)
+        self.put_image("image", thing, stem, image)
+        self.put_image("mixed_image", thing, stem, mixed_of(image, self.skin))
         self.put_wrench(thing, stem, wrench)
         self.put_wrench(thing, f"{stem}_norm", (wrench - LOWEST) / SPAN)
 
-    def put_picture(self, kind: str, thing: str, stem: str, picture: np.ndarray) -> Path:
+    def put_image(self, kind: str, thing: str, stem: str, image: np.ndarray) -> Path:
         path = self.root / kind / thing / f"{stem}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+        path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
         return path
 
     def put_wrench(self, thing: str, stem: str, six: np.ndarray) -> Path:

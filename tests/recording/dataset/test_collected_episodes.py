@@ -26,7 +26,7 @@ from ninedtact.shape.depth import DepthCurve, Smoothing
 RAW, MM_PER_PX = (48, 64), 0.5
 PX_PER_MM = 1 / (MM_PER_PX * max(RAW) / 2)
 SIX = np.array([0.5, 0, -3, 0.01, -0.02, 0.003])
-TOPICS = (Topic.PICTURES, Topic.UNTOUCHED, Topic.MEASURED, Topic.PAIRS)
+TOPICS = (Topic.IMAGES, Topic.UNTOUCHED, Topic.MEASURED, Topic.PAIRS)
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def episode(path: Path, attached: dict[str, bytes] | None = None) -> None:
             for index in range(2):
                 writer.untouched(Frame(skin, begin_ns + index, index), tare)
             frame = Frame(touched(skin, 3.0, tare), begin_ns + 100, 10 + tare)
-            writer.picture(frame)
+            writer.image(frame)
             wrench = Wrench(SIX[:3], SIX[3:], stamp_ns=frame.stamp_ns)
             writer.pair(
                 PairMark(frame.stamp_ns, frame.index, tare, f"cup_{tare}", f"{path.stem}-c{tare}", "rule", wrench)
@@ -78,9 +78,9 @@ def test_pairs_are_rectified_with_the_sensor_that_rides_along(sensor: SensorFold
     references = references_in(tmp_path / "out")
     assert len(references) == 2
     for tare, row in enumerate(rows):
-        pictures = (touched(skin, 3.0, tare), skin)
-        expected = [np.rint(sensor.rectification(Frame(picture)).grey).astype(np.uint8) for picture in pictures]
-        assert np.array_equal(decoded(row["picture"]), expected[0])
+        images = (touched(skin, 3.0, tare), skin)
+        expected = [np.rint(sensor.rectification(Frame(image)).grey).astype(np.uint8) for image in images]
+        assert np.array_equal(decoded(row["image"]), expected[0])
         assert np.array_equal(references[row["reference"]], expected[1])
         assert row["wrench"] == pytest.approx(SIX, abs=1e-6)
         assert (row["object"], row["sensor"], row["kind"]) == (f"cup_{tare}", "little", "rule")

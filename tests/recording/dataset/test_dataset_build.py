@@ -49,12 +49,12 @@ def test_the_twin_s_output_comes_through_byte_by_byte(twins: Path, tmp_path: Pat
     before, after = rows_in(twins), rows_in(tmp_path / "out")
     assert len(before) == len(after) == 18
     for old, new in zip(before, after, strict=True):
-        assert new["picture"]["bytes"] == old["picture"]["bytes"]
+        assert new["image"]["bytes"] == old["image"]["bytes"]
         assert [new[name] for name in KEPT] == [old[name] for name in KEPT]
         assert new["mm_per_px"] == old["mm_per_px"] == pytest.approx(mm_per_px((64, 48)))
     assert len({row["id"] for row in after}) == 18
-    for name, picture in references_in(twins).items():
-        assert np.array_equal(references_in(tmp_path / "out")[name], picture)
+    for name, image in references_in(twins).items():
+        assert np.array_equal(references_in(tmp_path / "out")[name], image)
 
 
 def test_a_built_one_built_again_is_the_same(twins: Path, tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_several_sources_keep_their_ids_apart(twins: Path, tree: LittleTree, tmp
     rows = rows_in(tmp_path / "out")
     assert len(rows) == len({row["id"] for row in rows}) == 2 * 18 + 2 * 6 + 5
     assert {row["source"] for row in rows} == {"twins", "again", "Dataset", "lab2", "press"}
-    assert built.report.counts == {"duplicate picture": 18 + 6}
+    assert built.report.counts == {"duplicate image": 18 + 6}
     assert {row["reference"] for row in rows} <= set(references_in(tmp_path / "out"))
     of_twins = {row["contact"] for row in rows if row["source"] == "twins"}
     assert not of_twins & {row["contact"] for row in rows if row["source"] == "again"}
@@ -115,11 +115,11 @@ def test_a_card_says_what_a_person_needs(tree: LittleTree, twins: Path, tmp_path
 
 def test_hugging_face_opens_it(tree: LittleTree, twins: Path, tmp_path: Path) -> None:
     datasets = pytest.importorskip("datasets", reason="expected Hugging Face datasets to try it; install datasets")
-    pytest.importorskip("PIL", reason="expected Pillow, which decodes the pictures; install pillow")
+    pytest.importorskip("PIL", reason="expected Pillow, which decodes the images; install pillow")
     built_from(tmp_path / "out", tree.root, twins)
     opened = datasets.load_dataset(str(tmp_path / "out"), cache_dir=str(tmp_path / "hf"))["train"]
     assert len(opened) == 24
-    assert opened[0]["picture"].size == (48, 36)
+    assert opened[0]["image"].size == (48, 36)
     assert opened[0]["id"] == "Dataset/1/1"
     references = datasets.load_dataset(str(tmp_path / "out"), "references", cache_dir=str(tmp_path / "hf"))["train"]
     assert len(references) == 3
@@ -246,7 +246,7 @@ def test_damaged_data_sets_are_refused(twins: Path, tmp_path: Path) -> None:
     with pytest.raises(DataSetDamaged, match="whole Parquet file"):
         built_from(tmp_path / "out", copy)
     pq.write_table(pq.read_table(last).drop_columns(["wrench"]), first)
-    with pytest.raises(DataSetDamaged, match="columns picture and wrench"):
+    with pytest.raises(DataSetDamaged, match="columns image and wrench"):
         built_from(tmp_path / "out", copy)
 
 

@@ -20,7 +20,7 @@ from ninedtact.recording.dataset.report import (
     require_usable,
     write_report,
 )
-from ninedtact.recording.dataset.rows import MEANINGS, Fault, Row, UntouchedPicture
+from ninedtact.recording.dataset.rows import MEANINGS, Fault, Row, UntouchedImage
 from ninedtact.simulation.dataset.pair import png
 
 SKIN = untouched()
@@ -29,8 +29,8 @@ PRESSED = np.array([0.2, -0.1, -3.0, 0.01, 0.01, 0.001], np.float32)
 
 def row(name: str, seed: int, load_n: float = 3.0) -> Row:
     """A good one."""
-    picture = png(grey(touched(SKIN, load_n, seed)))
-    return Row(name, picture, "skin", PRESSED, "cup", "c1", seed, 1000 * seed, "ours", "rule", "test", 0.5, 1.0)
+    image = png(grey(touched(SKIN, load_n, seed)))
+    return Row(name, image, "skin", PRESSED, "cup", "c1", seed, 1000 * seed, "ours", "rule", "test", 0.5, 1.0)
 
 
 def wrench(*six: float) -> np.ndarray:
@@ -43,8 +43,8 @@ def data_set(folder: Path, *rows: Row) -> Path:
     write_rows(folder / "data" / "train-00000-of-00002.parquet", rows[:half])
     write_rows(folder / "data" / "train-00001-of-00002.parquet", rows[half:])
     small = png(cv2.resize(grey(SKIN), (24, 18)))
-    pictures = [UntouchedPicture("skin", png(grey(SKIN)), "ours"), UntouchedPicture("small", small, "ours")]
-    write_untouched(folder / "references.parquet", [*pictures, UntouchedPicture("broken", b"?", "ours")])
+    images = [UntouchedImage("skin", png(grey(SKIN)), "ours"), UntouchedImage("small", small, "ours")]
+    write_untouched(folder / "references.parquet", [*images, UntouchedImage("broken", b"?", "ours")])
     return folder
 
 
@@ -55,8 +55,8 @@ ODD = {
     Fault.UNSYNCHRONISED: {"gap_ms": -35.0},
     Fault.WRONG_SIZE: {"reference": "small"},
     Fault.NO_REFERENCE: {"reference": "unheard of"},
-    Fault.UNREADABLE: {"picture": b"\x89PNG\r\n\x1a\n"},
-    Fault.NOT_DARKER: {"picture": png(grey(touched(SKIN, 0.0, 77)))},
+    Fault.UNREADABLE: {"image": b"\x89PNG\r\n\x1a\n"},
+    Fault.NOT_DARKER: {"image": png(grey(touched(SKIN, 0.0, 77)))},
     Fault.UNFELT: {"wrench": wrench(0, 0.01, 0, 0, 0, 0)},
 }
 
@@ -77,9 +77,9 @@ def test_a_reference_that_cannot_be_read_is_none(tmp_path: Path, reference: str 
 
 
 def test_what_came_before_is_found_across_files(tmp_path: Path) -> None:
-    rows = [row("a", 1), row("b", 2), row("a", 3), replace(row("e", 4), picture=row("b", 2).picture)]
+    rows = [row("a", 1), row("b", 2), row("a", 3), replace(row("e", 4), image=row("b", 2).image)]
     found = check_folder(data_set(tmp_path, *rows))
-    assert listed(found) == {("duplicate id", "a"), ("duplicate picture", "e")}
+    assert listed(found) == {("duplicate id", "a"), ("duplicate image", "e")}
     says = {finding.id: finding.says for finding in found.listed}
     assert "row 0 of train-00000-of-00002.parquet" in says["a"]
     assert says["e"].startswith("b shows the same")

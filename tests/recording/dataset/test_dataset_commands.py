@@ -119,9 +119,9 @@ def test_a_sheet_shows_what_is_darker_in_red(tmp_path: Path) -> None:
     reds = [sheet[:180, left : left + 240, 2].mean() for left in (0, 244, 488)]
     assert reds == sorted(reds)
     assert reds[0] > 3
-    pictures = sheet[:180, :240]
-    assert pictures[..., 2].max() > 100
-    assert (pictures[..., 0] <= pictures[..., 1:].max(-1)).all()
+    images = sheet[:180, :240]
+    assert images[..., 2].max() > 100
+    assert (images[..., 0] <= images[..., 1:].max(-1)).all()
 
 
 def test_a_sheet_of_nothing_is_refused(tmp_path: Path, twins: Path) -> None:

@@ -1,4 +1,4 @@
-"""A data set in training: the right pictures with the right wrenches, fast, and decoded once."""
+"""A data set in training: the right images with the right wrenches, fast, and decoded once."""
 
 import resource
 import shutil
@@ -37,26 +37,26 @@ def test_rows_are_those_of_the_files(folder: Path) -> None:
     assert list(pairs.times_ns) == [row["time_ns"] for row in rows]
     assert len(set(pairs.ids)) == 18
     batch = pairs.batch(np.array([17, 3, 3]))
-    for picture, reference, at in zip(batch.pictures, batch.references, batch.indices, strict=True):
-        assert np.array_equal(picture, decoded(rows[at]["picture"]))
+    for image, reference, at in zip(batch.images, batch.references, batch.indices, strict=True):
+        assert np.array_equal(image, decoded(rows[at]["image"]))
         assert np.array_equal(reference, untouched[rows[at]["reference"]])
     assert np.array_equal(batch.wrenches, pairs.wrenches[[17, 3, 3]])
 
 
-def test_pictures_are_means_over_areas_at_the_size_asked_for(folder: Path) -> None:
+def test_images_are_means_over_areas_at_the_size_asked_for(folder: Path) -> None:
     pairs, rows = DataSet.open(folder, size=(32, 24)), rows_in(folder)
-    pictures = pairs.pictures(np.arange(18))
-    assert pictures.shape == (18, 24, 32)
-    for picture, row in zip(pictures, rows, strict=True):
-        means = decoded(row["picture"]).reshape(24, 2, 32, 2).mean((1, 3))
-        assert np.abs(picture - means).max() <= 0.5
+    images = pairs.images(np.arange(18))
+    assert images.shape == (18, 24, 32)
+    for image, row in zip(images, rows, strict=True):
+        means = decoded(row["image"]).reshape(24, 2, 32, 2).mean((1, 3))
+        assert np.abs(image - means).max() <= 0.5
     assert pairs.mm_per_px == pytest.approx(mm_per_px((32, 24)))
 
 
 def test_a_built_set_reads_like_the_twin_s(folder: Path, tmp_path: Path) -> None:
     built_from(tmp_path / "built", folder)
     theirs, ours = DataSet.open(folder, size=(32, 24)), DataSet.open(tmp_path / "built", size=(32, 24))
-    assert np.array_equal(theirs.files.pictures, ours.files.pictures)
+    assert np.array_equal(theirs.files.images, ours.files.images)
     assert list(theirs.ids) == list(ours.ids)
     assert np.array_equal(theirs.mm_per_px, ours.mm_per_px)
     assert theirs.sources.names == ours.sources.names == ("pairs",)
@@ -83,14 +83,14 @@ def test_some_pairs_are_a_data_set_too(folder: Path) -> None:
     last = some.take(np.array([len(some) - 1]))
     at = np.flatnonzero(wanted)[-1]
     assert last.ids[0] == pairs.ids[at]
-    assert np.array_equal(last.batch(np.array([0])).pictures, pairs.pictures(np.array([at])))
-    assert np.array_equal(last.batch(np.array([0])).references, pairs.reference_pictures(np.array([at])))
+    assert np.array_equal(last.batch(np.array([0])).images, pairs.images(np.array([at])))
+    assert np.array_equal(last.batch(np.array([0])).references, pairs.reference_images(np.array([at])))
 
 
 def test_batches_hold_every_pair_once(folder: Path) -> None:
     pairs = DataSet.open(folder, size=(32, 24))
     batches = list(pairs.batches(5, np.random.default_rng(1)))
-    assert [len(batch.pictures) for batch in batches] == [5, 5, 5, 3]
+    assert [len(batch.images) for batch in batches] == [5, 5, 5, 3]
     order = np.concatenate([batch.indices for batch in batches])
     assert sorted(order) == list(range(18))
     assert list(order) != list(range(18))
@@ -107,12 +107,12 @@ def test_splits_go_by_its_names(folder: Path) -> None:
 
 def test_what_is_handed_out_is_a_copy(folder: Path) -> None:
     pairs = DataSet.open(folder, size=(32, 24))
-    pairs.pictures(np.array([0]))[:] = 7
-    assert (pairs.pictures(np.array([0])) != 7).any()
-    assert not pairs.files.pictures.flags.writeable
+    pairs.images(np.array([0]))[:] = 7
+    assert (pairs.images(np.array([0])) != 7).any()
+    assert not pairs.files.images.flags.writeable
 
 
-def test_pictures_are_decoded_once_and_again_where_the_files_changed(
+def test_images_are_decoded_once_and_again_where_the_files_changed(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     decoded_files: list[str] = []
@@ -132,11 +132,11 @@ def test_pictures_are_decoded_once_and_again_where_the_files_changed(
     assert len(decoded_files) == 8
     assert len(list((folder / "cache").glob("32x24-*"))) == 1
     row = rows_in(folder)[0]
-    assert np.array_equal(again.pictures(np.array([0]))[0], small(row["picture"]))
+    assert np.array_equal(again.images(np.array([0]))[0], small(row["image"]))
 
 
-def small(picture: dict[str, bytes]) -> np.ndarray:
-    return cv2.resize(decoded(picture), (32, 24), interpolation=cv2.INTER_AREA)
+def small(image: dict[str, bytes]) -> np.ndarray:
+    return cv2.resize(decoded(image), (32, 24), interpolation=cv2.INTER_AREA)
 
 
 def noting(function, told):  # type: ignore[no-untyped-def]
@@ -150,7 +150,7 @@ def noting(function, told):  # type: ignore[no-untyped-def]
 def test_several_threads_decode_the_same(folder: Path, tmp_path: Path) -> None:
     one = DataSet.open(folder, (32, 24), tmp_path / "one")
     three = DataSet.open(folder, (32, 24), tmp_path / "three", threads=3)
-    assert np.array_equal(one.files.pictures, three.files.pictures)
+    assert np.array_equal(one.files.images, three.files.images)
     assert not (folder / "cache").exists()
 
 
@@ -177,7 +177,7 @@ def test_a_full_disk_is_one_sentence_and_nothing_half(folder: Path) -> None:
 
 def test_a_cache_that_may_not_be_made_is_told(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(FileNotWritten, match="another one for decoded pictures"):
+    with pytest.raises(FileNotWritten, match="another one for decoded images"):
         DataSet.open(folder, cache=tmp_path / "file")
 
 
@@ -193,19 +193,19 @@ def test_pairs_that_nothing_can_be_learnt_from_are_refused(folder: Path, column:
         DataSet.open(folder)
 
 
-def test_damaged_pictures_and_impossible_sizes_are_refused(folder: Path) -> None:
+def test_damaged_images_and_impossible_sizes_are_refused(folder: Path) -> None:
     with pytest.raises(SizeImpossible, match="at least 8 x 8"):
         DataSet.open(folder, size=(4, 3))
     first = min((folder / "data").iterdir())
     rows = pq.read_table(first).to_pylist()
-    rows[1]["picture"]["bytes"] = rows[1]["picture"]["bytes"][:50]
+    rows[1]["image"]["bytes"] = rows[1]["image"]["bytes"][:50]
     pq.write_table(pa.Table.from_pylist(rows, pq.read_schema(first)), first)
     with pytest.raises(DataSetDamaged, match=r"cut short.*row 1 of .*--drop"):
         DataSet.open(folder)
     assert not list((folder / "cache").glob("*x*"))
 
 
-def test_training_reads_thousands_of_pictures_a_second(folder: Path) -> None:
+def test_training_reads_thousands_of_images_a_second(folder: Path) -> None:
     """2,000 a second on one core is asked for; measured are some 70,000 (benchmarks/dataset_reading.py)."""
     pairs, rng = DataSet.open(folder), np.random.default_rng(0)
     began = process_time()

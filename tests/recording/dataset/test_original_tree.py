@@ -17,7 +17,7 @@ from ninedtact.recording.dataset.rows import LeftOut, Row
 from ninedtact.recording.dataset.sources.source import SourceUnknown, Statements, axes_of
 
 
-def test_pictures_references_and_wrenches_are_the_stored_ones(tree: LittleTree, tmp_path: Path) -> None:
+def test_images_references_and_wrenches_are_the_stored_ones(tree: LittleTree, tmp_path: Path) -> None:
     built = built_from(tmp_path / "out", tree.root)
     assert built.report.listed == []
     rows = rows_in(tmp_path / "out")
@@ -26,8 +26,8 @@ def test_pictures_references_and_wrenches_are_the_stored_ones(tree: LittleTree, 
     assert np.array_equal(reference, grey(tree.skin))
     for row in rows:
         thing, number = (int(part) for part in row["id"].split("/")[1:])
-        picture = touched(tree.skin, 1.5 + number, 10 * thing + number)
-        assert np.array_equal(decoded(row["picture"]), grey(picture))
+        image = touched(tree.skin, 1.5 + number, 10 * thing + number)
+        assert np.array_equal(decoded(row["image"]), grey(image))
         assert row["object"] == row["contact"] == f"Dataset/{thing}"
         assert (row["kind"], row["sensor"], row["step"], row["time_ns"]) == ("rule", "Dataset", number, None)
 
@@ -55,16 +55,16 @@ def test_another_origin_and_other_axes_may_be_stated(tree: LittleTree, tmp_path:
             axes_of(wrong)
 
 
-def test_a_mixed_image_alone_holds_picture_and_reference_even_where_it_wrapped(tmp_path: Path) -> None:
+def test_a_mixed_image_alone_holds_image_and_reference_even_where_it_wrapped(tmp_path: Path) -> None:
     """Three times a darkening of more than 85 levels begins again at zero; nothing is lost by it."""
     tree = LittleTree(tmp_path / "in" / "Dataset", untouched())
-    picture = touched(tree.skin, 9.0, 1)
-    assert (grey(tree.skin).astype(int) - grey(picture)).max() > 85
-    tree.put_picture("mixed_image", "1", "1", mixed_of(picture, tree.skin))
+    image = touched(tree.skin, 9.0, 1)
+    assert (grey(tree.skin).astype(int) - grey(image)).max() > 85
+    tree.put_image("mixed_image", "1", "1", mixed_of(image, tree.skin))
     tree.put_wrench("1", "1", wrench_about_sensor(9.0))
     assert built_from(tmp_path / "out", tmp_path / "in").report.listed == []
     (row,) = rows_in(tmp_path / "out")
-    assert np.array_equal(decoded(row["picture"]), grey(picture))
+    assert np.array_equal(decoded(row["image"]), grey(image))
 
 
 def test_images_alone_have_no_reference_unless_one_is_named(tree: LittleTree, tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_what_is_missing_or_odd_is_listed(tree: LittleTree, tmp_path: Path) -> N
     (root / "mixed_image/1/2.png").unlink()
     (root / "image/1/3.png").write_bytes((root / "image/1/3.png").read_bytes()[:90])
     np.save(root / "wrench/2/1_norm.npy", np.full(6, 0.5))
-    tree.put_picture("image", "2", "2", touched(tree.skin, 2.0, 99))
+    tree.put_image("image", "2", "2", touched(tree.skin, 2.0, 99))
     np.save(root / "wrench/2/3.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     (root / "wrench/2/notes.txt").write_text("ran out of glue")
     (root / "wrench/.DS_Store").write_bytes(b"mac")
@@ -93,7 +93,7 @@ def test_what_is_missing_or_odd_is_listed(tree: LittleTree, tmp_path: Path) -> N
     built = built_from(tmp_path / "out", root)
     assert listed(built.report) == {
         ("missing wrench", "Dataset/1/1"),
-        ("missing picture", "Dataset/1/2"),
+        ("missing image", "Dataset/1/2"),
         ("unreadable", "Dataset/1/3"),
         ("other norm", "Dataset/2/1"),
         ("other mixed image", "Dataset/2/2"),

@@ -12,15 +12,15 @@ from ninedtact.recording.dataset.report import NothingUsable
 from ninedtact.recording.dataset.sources.source import Statements
 
 
-def test_pictures_forces_and_references_are_the_stored_ones(tmp_path: Path) -> None:
+def test_images_forces_and_references_are_the_stored_ones(tmp_path: Path) -> None:
     arrays = little_episode(tmp_path / "force" / "p3_static" / "0_press_10.npz")
     built = built_from(tmp_path / "out", f"htt={tmp_path / 'force'}", statements=Statements(sensor="9dtact_nus"))
     assert built.report.listed == []
     rows = rows_in(tmp_path / "out")
     assert [row["id"] for row in rows] == [f"htt/p3_static/0_press_10/{step:05d}" for step in range(5)]
     assert np.array([row["wrench"] for row in rows]) == pytest.approx(arrays["6d_force"] - 1.5, abs=1e-6)
-    for row, picture in zip(rows, arrays["tactile_img"], strict=True):
-        assert np.array_equal(decoded(row["picture"]), grey(picture[..., ::-1]))
+    for row, image in zip(rows, arrays["tactile_img"], strict=True):
+        assert np.array_equal(decoded(row["image"]), grey(image[..., ::-1]))
         assert (row["object"], row["contact"]) == ("htt/probe_3", "htt/p3_static/0_press_10")
         assert (row["sensor"], row["time_ns"], row["mm_per_px"]) == ("9dtact_nus", None, None)
     assert [row["kind"] for row in rows] == ["light_touch", *["stream"] * 4]
@@ -65,9 +65,9 @@ def scramble(path: Path) -> None:
         ({"6d_force": np.zeros((4, 6))}, r"6d_force of shape \(5, 6\)"),
         ({"6d_force": np.array([[None] * 6] * 5)}, "Python objects"),
         ({"6d_force": None}, "the arrays tactile_img"),
-        ({"tactile_img": np.zeros((5, 24, 24), np.uint8)}, "8-bit pictures"),
-        ({"tactile_img": np.zeros((5, 24, 24, 3), np.float32)}, "8-bit pictures"),
-        ({"ref_frame": np.zeros((24, 24), np.uint8)}, "one RGB picture"),
+        ({"tactile_img": np.zeros((5, 24, 24), np.uint8)}, "8-bit images"),
+        ({"tactile_img": np.zeros((5, 24, 24, 3), np.float32)}, "8-bit images"),
+        ({"ref_frame": np.zeros((24, 24), np.uint8)}, "one RGB image"),
         ({"ref_force": np.zeros(3)}, "six numbers"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,

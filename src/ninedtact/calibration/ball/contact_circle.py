@@ -1,4 +1,4 @@
-"""Where a ball touched: its dark disc in a rectified picture, found by where the skin neither darkens nor brightens.
+"""Where a ball touched: its dark disc in a rectified image, found by where the skin neither darkens nor brightens.
 
 Pressed gel is darker, the rim that bulges around it is brighter; between them the change is zero, and that circle is
 the edge of the disc. It needs no threshold: only the background far away is taken as the zero.
@@ -21,7 +21,7 @@ EDGE_SMOOTHING_PX = 1.0
 RAYS = 120
 STEP_PX = 0.25
 FAINTEST_DROP = 3.0
-"""Grey levels: what drifts between two pictures of untouched skin stays below it (real pictures: 0.6)."""
+"""Grey levels: what drifts between two images of untouched skin stays below it (real images: 0.6)."""
 SECOND_CONTACT = 0.35
 """Another spot this deep, relative to the deepest, is another contact."""
 LEAST_OF_CIRCLE = 0.6
@@ -31,7 +31,7 @@ ROUNDNESS = 0.12
 
 
 class BallRefused(NinedtactError):
-    """The ball picture cannot calibrate depth, and why."""
+    """The ball image cannot calibrate depth, and why."""
 
 
 @dataclass(frozen=True)
@@ -72,18 +72,18 @@ def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
 
 
 def require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
-    """Refuse an untouched picture and a swapped pair."""
+    """Refuse an untouched image and a swapped pair."""
     drop, rise = -float(calm.min()), float(calm.max())
     needed = max(FAINTEST_DROP, 3 * noise)
     if max(drop, rise) < needed:
         raise BallRefused(
             f"expected the ball's dark disc, at least {needed:.0f} grey levels darker than the reference, got no contact "
-            f"(largest change {max(drop, rise):.1f} levels); press the ball while the second picture is taken"
+            f"(largest change {max(drop, rise):.1f} levels); press the ball while the second image is taken"
         )
     if rise > drop:
         raise BallRefused(
             f"expected a dark disc where the ball presses, got a bright one (+{rise:.0f} against −{drop:.0f} grey levels); "
-            "the pictures look swapped: give the untouched one as the reference"
+            "the images look swapped: give the untouched one as the reference"
         )
 
 
@@ -99,7 +99,7 @@ def require_one_contact(calm: Float32[Array, "rows cols"], spot: Bool[Array, "ro
     border[1:-1, 1:-1] = False
     if (spot & border).any():
         raise BallRefused(
-            "expected the whole disc in view, got one cut by the picture's border; press nearer to the middle"
+            "expected the whole disc in view, got one cut by the image's border; press nearer to the middle"
         )
     labels, count = ndimage.label(calm < SECOND_CONTACT * calm.min())
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
@@ -158,7 +158,7 @@ def require_round(shape: tuple[int, ...], centre_px: tuple[float, float], radius
     x, y = centre_px
     if min(x, y, shape[1] - 1 - x, shape[0] - 1 - y) < radius_px:
         raise BallRefused(
-            "expected the whole disc in view, got one cut by the picture's border; press nearer to the middle"
+            "expected the whole disc in view, got one cut by the image's border; press nearer to the middle"
         )
 
 

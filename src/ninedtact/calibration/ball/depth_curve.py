@@ -8,7 +8,7 @@ from scipy.optimize import isotonic_regression
 from ninedtact.shape.depth import DepthCurve, Signal
 
 LEVEL: dict[Signal, float] = {"difference": 1.0, "ratio": 1 / 160}
-"""Width of one entry of the list: a grey level, and what a grey level is in a picture of usual brightness."""
+"""Width of one entry of the list: a grey level, and what a grey level is in an image of usual brightness."""
 FIRST_LEVEL = 4
 """Below this the curve is a straight line from zero: the edge of the disc is blurred, so its own first levels would
 turn one grey level of drifting light into a tenth of a millimetre."""

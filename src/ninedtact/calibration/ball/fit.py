@@ -1,6 +1,6 @@
 """One press of a ball of known radius → depth curve.
 
-`physics`, the default, fits contact mechanics and light to the whole picture (ball/physics.py). The older two go by the
+`physics`, the default, fits contact mechanics and light to the whole image (ball/physics.py). The older two go by the
 disc: inside it the skin lies on the ball, so the depth that every line of sight meets is known; it is paired with the
 pixel's darkening. The camera is near, so a line of sight meets deep skin farther in than shallow skin: left out, as in
 the paper, it doubles the error of `ratio` on a real press (benchmarks/ball_accuracy.py). The
@@ -8,7 +8,7 @@ rule "the disc's edge is at depth zero" is the paper's: real gel piles up at the
 deep (docs/accuracy.md).
 
 Of these, `table` is the paper's mapping list of grey differences, made right; `ratio` does the same with the brightness
-factor, which holds all over the picture.
+factor, which holds all over the image.
 """
 
 from collections.abc import Callable
@@ -64,7 +64,7 @@ class BallFit:
     """The same on one half of the disc with the curve of the other half, mean over four cuts."""
     warnings: tuple[str, ...]
     noise_mm: float = 0.0
-    """Standard deviation of one pixel's height from picture to picture, filters included."""
+    """Standard deviation of one pixel's height from image to image, filters included."""
     physical: PhysicalBall | None = None
     """The fit of mechanics and light, by the method that makes one."""
 
@@ -87,7 +87,7 @@ class BallFit:
 
     @property
     def loss(self) -> Loss:
-        """The light that the whole picture loses, where the method knows it."""
+        """The light that the whole image loses, where the method knows it."""
         return Loss() if self.physical is None else Loss(self.physical.fit.light.shade)
 
     @property
@@ -96,7 +96,7 @@ class BallFit:
         return None if self.physical is None else self.physical.deblurring
 
     def reader(self, before: Rectified, coverage: UInt8[Array, "rows cols"]) -> DepthReader:
-        """How the calibrated sensor reads, against this untouched picture."""
+        """How the calibrated sensor reads, against this untouched image."""
         smoothing = self.press.smoothing if self.deblurring is None else FINE_SMOOTHING
         return DepthReader(self.curve, before, coverage, smoothing, loss=self.loss, deblurring=self.deblurring)
 
@@ -111,20 +111,20 @@ def fit_ball(
     beliefs: tuple[Belief, ...] = (),
     near: Vector | None = None,
 ) -> BallFit:
-    """Find the disc and fit the curve; raises `BallRefused`, `PictureUnusable`, `WrongPictureSize`.
+    """Find the disc and fit the curve; raises `BallRefused`, `ImageUnusable`, `WrongImageSize`.
 
-    reference, press: raw pictures (rows, cols, 3) of the untouched skin and of the ball pressed on it. beliefs, near: as for
+    reference, press: raw images (rows, cols, 3) of the untouched skin and of the ball pressed on it. beliefs, near: as for
     `fit_twin`.
     """
-    require_same_size("ball picture", reference, press)
+    require_same_size("ball image", reference, press)
     require_usable("ball reference", reference)
-    require_usable("ball picture", press)
+    require_usable("ball image", press)
     before, after = rectify(Frame(reference)), rectify(Frame(press))
     circle = find_contact_circle(uniform_change(before, after))
     require_depth(design.ball, circle, rectify.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
     seen = BallPress(before, after, circle, design.ball, design.camera, smoothing)
     fit = fit_physics(seen, design, beliefs, near) if method == "physics" else fit_curve(centred(seen), method)
-    # Two pictures' noise is in their difference; a reading against an averaged reference has one picture's.
+    # Two images' noise is in their difference; a reading against an averaged reference has one image's.
     noise = noise_levels(relative_change(reference, press)) / np.sqrt(2)
     reader = partial(fit.reader, coverage=rectify.coverage)
     return replace(fit, noise_mm=repeatability_mm(reader, rectify, reference, noise))
@@ -135,7 +135,7 @@ def fit_physics(
 ) -> BallFit:
     """Mechanics and light together, and how well the result reads the ball back."""
     physical = PhysicalBall(fit_twin(press.before, press.after, press.circle, design, beliefs, near))
-    require_like_ball(physical.fit.rmse_grey_picture, press.circle)
+    require_like_ball(physical.fit.rmse_grey_image, press.circle)
     curve, half_mae_mm = physical.curve(physical.disc), physical.half_mae_mm()
     placed = press.about(physical.centre_px)
     fit_mae_mm, honest = physical.error_mm(curve, physical.disc), physical.honest(curve, half_mae_mm)
@@ -164,7 +164,7 @@ def repeatability_mm(
 ) -> float:
     """Scatter of the height when the camera's noise is put on an even press half-way down the range.
 
-    reader: makes one from an untouched picture. noise: standard deviation of one raw pixel, grey levels. Lens and filters
+    reader: makes one from an untouched image. noise: standard deviation of one raw pixel, grey levels. Lens and filters
     are passed through, so what they leave of the noise is what a reading has.
     """
     raw = grey_float(reference)
@@ -172,6 +172,6 @@ def repeatability_mm(
     half_way = curve.darkening[-1] / 2
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
     noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
-    before, after = (Rectified(rectify.resampled(picture), rectify.mm_per_px) for picture in (raw, noisy))
+    before, after = (Rectified(rectify.resampled(image), rectify.mm_per_px) for image in (raw, noisy))
     height = replace(reader(before), loss=Loss())(after)
     return float(np.std(height.z_mm[height.in_view]))

@@ -15,7 +15,7 @@ UNEVEN = 0.08
 WORST_REST = 0.06
 """Part of the darkening that may stay unexplained (a straight real press 0.008, a sheared one 0.04, a roller 0.07)."""
 REFERENCE_DRIFT = 3.0
-"""Grey levels of change between two untouched pictures that deserve a word."""
+"""Grey levels of change between two untouched images that deserve a word."""
 
 
 def require_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float, widest: float = 1.0) -> None:
@@ -66,6 +66,6 @@ def reference_warnings(board_reference: Image, ball_reference: Image) -> tuple[s
     if drift <= REFERENCE_DRIFT:
         return ()
     return (
-        f"the untouched pictures before the board and before the ball differ by {drift:.1f} grey levels (at most "
+        f"the untouched images before the board and before the ball differ by {drift:.1f} grey levels (at most "
         f"{REFERENCE_DRIFT:.0f} expected): fix exposure and white balance, let the light warm up, and check the gel",
     )

@@ -1,4 +1,4 @@
-"""The `physics` method: depth by contact mechanics and light, fitted together to the whole ball picture.
+"""The `physics` method: depth by contact mechanics and light, fitted together to the whole ball image.
 
 The curve is the sensor's law of light (`simulation.light`), darker and brighter, so it tells bulges too; it needs no rule
 about where the ball's disc ends.
@@ -49,7 +49,7 @@ class PhysicalBall:
 
     @property
     def centre_px(self) -> Float[Array, "2"]:
-        """The fitted middle of the contact, (x, y) in the rectified picture."""
+        """The fitted middle of the contact, (x, y) in the rectified image."""
         (rows, cols), mm_per_px = self.seen_mm.shape, self.fit.forward.observed.before.mm_per_px
         place = np.array([self.fit.named["x_mm"], self.fit.named["y_mm"]])
         return np.asarray(place / mm_per_px + np.array([(cols - 1) / 2, (rows - 1) / 2]))
@@ -92,7 +92,7 @@ class PhysicalBall:
 
     @cached_property
     def darkening(self) -> Float32[Array, "rows cols"]:
-        """Of the ball picture, as a reading takes it: lost and scattered light put back."""
+        """Of the ball image, as a reading takes it: lost and scattered light put back."""
         reader = self.reader(self.law(self.fit.light), self.deblurring)
         index = reader.index(self.fit.forward.observed.after.grey)
         return FINE_SMOOTHING(1 - index.astype(np.float32) / np.float32(STEPS["ratio"]))

@@ -1,4 +1,4 @@
-"""A ball pressed on the skin, as two rectified pictures and the disc in them: pairs of depth and darkening."""
+"""A ball pressed on the skin, as two rectified images and the disc in them: pairs of depth and darkening."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,7 +22,7 @@ CENTRING_TERMS = 7
 
 @dataclass(frozen=True)
 class BallPress:
-    """The untouched and the pressed picture, the disc found in them, and the ball that made it."""
+    """The untouched and the pressed image, the disc found in them, and the ball that made it."""
 
     before: Rectified
     after: Rectified
@@ -68,7 +68,7 @@ class BallPress:
         return float(np.abs(height.indentation_mm - self.depth_mm)[where].mean())
 
     def halves(self) -> list[Bool[Array, "rows cols"]]:
-        """Left, right, upper and lower half of the picture about the disc's centre."""
+        """Left, right, upper and lower half of the image about the disc's centre."""
         rows, cols = np.indices(self.before.grey.shape)
         left, upper = cols < self.circle.centre_px[0], rows < self.circle.centre_px[1]
         return [np.asarray(half) for half in (left, ~left, upper, ~upper)]

@@ -1,6 +1,6 @@
-"""One press of the pin board → where every point of the skin appears in the picture.
+"""One press of the pin board → where every point of the skin appears in the image.
 
-    pictures → relative change → dark spots → lattice → lens → imprint centres on the skin → lens
+    images → relative change → dark spots → lattice → lens → imprint centres on the skin → lens
 
 Nothing here is a threshold that a person tunes: spots compete as lattices, and a lattice counts by how well a lens
 explains it.
@@ -43,7 +43,7 @@ class BoardFit:
     mounting: Mounting
     lens_fit: LensFit
     nodes: Int[Array, "n 2"]
-    """Lattice node of every pin, (column, row) along the picture's axes."""
+    """Lattice node of every pin, (column, row) along the image's axes."""
     points_mm: Points
     points_px: Points
     """Seen where `found`, predicted by the lens elsewhere."""
@@ -53,7 +53,7 @@ class BoardFit:
     noise: float
     change: Float32[Array, "rows cols"]
     refined: LensModel | None = None
-    """A lens that the whole picture told, not the imprints' centres alone (`calibration.board_press`)."""
+    """A lens that the whole image told, not the imprints' centres alone (`calibration.board_press`)."""
 
     @property
     def lens(self) -> LensModel:
@@ -69,13 +69,13 @@ class BoardFit:
 def fit_board(
     reference: Image, press: Image, board: PinBoard, mounting: Mounting | Literal["auto"] = "auto"
 ) -> BoardFit:
-    """Find the pins at sub-pixel accuracy and fit the lens; raises `BoardNotFound`, `PictureUnusable`.
+    """Find the pins at sub-pixel accuracy and fit the lens; raises `BoardNotFound`, `ImageUnusable`.
 
-    reference, press: raw pictures (rows, cols, 3) of the untouched and of the pressed skin, of one size.
+    reference, press: raw images (rows, cols, 3) of the untouched and of the pressed skin, of one size.
     """
-    require_same_size("board picture", reference, press)
+    require_same_size("board image", reference, press)
     require_usable("board reference", reference)
-    require_usable("board picture", press)
+    require_usable("board image", press)
     change = relative_change(reference, press)
     sighting = best_sighting(change, board, mounting)
     if sighting is None or not could_be_board(sighting, board):
@@ -88,10 +88,10 @@ def refined(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sigh
     cols, rows = lattice_size(board, sighting.mounting)
     nodes = np.array([(column, row) for row in range(rows) for column in range(cols)])
     points_mm = skin_points_mm(nodes, board, sighting.mounting)
-    picture, noise, fit = smoothed(change, SMOOTHING_PX), noise_levels(change), sighting.fit
+    image, noise, fit = smoothed(change, SMOOTHING_PX), noise_levels(change), sighting.fit
     strays = np.zeros(len(nodes), bool)
     for _ in range(REFINEMENTS):
-        points_px, contrast, found = look(picture, fit.lens, points_mm, noise, board)
+        points_px, contrast, found = look(image, fit.lens, points_mm, noise, board)
         found &= ~strays
         require_enough(change, board, nodes, found, points_px, sighting)
         fit = fit_lens(points_mm[found], points_px[found], fit.lens)

@@ -1,4 +1,4 @@
-"""Where exactly a pin touched: the centre of its imprint, found on the skin rather than in the picture.
+"""Where exactly a pin touched: the centre of its imprint, found on the skin rather than in the image.
 
 Each imprint is looked at through the lens model, as it would look from straight above: there it is round, its window
 is a disc, and its centroid is not pulled by the slant. Lens and centres are refined in turn.
@@ -31,7 +31,7 @@ class Patches:
 
     @property
     def depth(self) -> Float[Array, " n"]:
-        """Contrast of each imprint, in the picture's unit."""
+        """Contrast of each imprint, in the image's unit."""
         return self.darkening.max(axis=(1, 2))
 
     @property
@@ -42,20 +42,20 @@ class Patches:
         return np.column_stack([(weight * axis).sum(axis=(1, 2)) / total for axis in (self.x_mm, self.y_mm)])
 
 
-def centred_mm(picture: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Points:
+def centred_mm(image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Points:
     """Centres of the imprints near these points, as this lens places them on the skin."""
     for _ in range(CENTROID_STEPS):
-        points_mm = points_mm + patches(picture, lens, points_mm, radius_mm).centroid_mm
+        points_mm = points_mm + patches(image, lens, points_mm, radius_mm).centroid_mm
     return points_mm
 
 
-def patches(picture: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Patches:
+def patches(image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Patches:
     """Look at the skin around each point through the lens, within a disc."""
     axis = np.linspace(-radius_mm, radius_mm, SAMPLES)
     x, y = np.meshgrid(axis, axis)
     offsets = np.column_stack([x.ravel(), y.ravel()])
     source = lens.to_px((points_mm[:, None] + offsets).reshape(-1, 2)).astype(np.float32)
-    seen = sampled(picture, source).reshape(len(points_mm), SAMPLES, SAMPLES)
+    seen = sampled(image, source).reshape(len(points_mm), SAMPLES, SAMPLES)
     distance = np.hypot(x, y)
     ring = (distance > 0.85 * radius_mm) & (distance <= radius_mm)
     darker = ring_plane(seen, ring, x, y) - seen
@@ -75,9 +75,9 @@ def ring_plane(
     return np.tensordot(planes.T, columns, axes=1)
 
 
-def sampled(picture: Float32[Array, "rows cols"], points_px: Float32[Array, "n 2"]) -> Float32[Array, " n"]:
+def sampled(image: Float32[Array, "rows cols"], points_px: Float32[Array, "n 2"]) -> Float32[Array, " n"]:
     """Bilinear samples; OpenCV wants a map of moderate sides."""
     side = int(np.ceil(np.sqrt(len(points_px))))
     padded = np.resize(points_px, (side, side, 2))
-    field = cv2.remap(picture, padded[..., 0], padded[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    field = cv2.remap(image, padded[..., 0], padded[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(field).ravel()[: len(points_px)]

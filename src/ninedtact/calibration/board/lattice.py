@@ -1,7 +1,7 @@
 """Order spots as a square lattice seen through a lens, without knowing pitch, position, tilt or distortion.
 
 A lattice grows from a seed: each next node is sought where its neighbours' own steps say it should be, so that the step
-may change across the picture as the lens bends it. Noise does not grow far; the lattice with most contrast wins.
+may change across the image as the lens bends it. Noise does not grow far; the lattice with most contrast wins.
 """
 
 from collections import deque
@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from ninedtact.calibration.board.blobs import Blobs
 
 Node = tuple[int, int]
-"""(column, row) on the lattice, along picture columns and picture rows."""
+"""(column, row) on the lattice, along image columns and image rows."""
 
 SEEDS = 16
 NEIGHBOURS = 8

@@ -50,17 +50,17 @@ def anchored_mm_per_px_error(points_mm: Points, points_px: Points, pitch_mm: flo
 
 def integer_centres(fit: BoardFit) -> Points:
     """Centre of each spot's pixels that are darker than half its depth, cut to whole pixels; predicted pins stay."""
-    picture = smoothed(fit.change, 1.5)
+    image = smoothed(fit.change, 1.5)
     half_step = 0.45 * fit.board.pitch_mm / central_mm_per_px(fit.lens, fit.board.pitch_mm)
-    seen = [whole_centre(picture, point, round(half_step)) for point in fit.points_px]
+    seen = [whole_centre(image, point, round(half_step)) for point in fit.points_px]
     return np.where(fit.found[:, None], seen, fit.points_px)
 
 
-def whole_centre(picture: Float32[Array, "rows cols"], point_px: Point, reach_px: int) -> Point:
+def whole_centre(image: Float32[Array, "rows cols"], point_px: Point, reach_px: int) -> Point:
     """Integer centroid of the thresholded spot around one point."""
     column, row = np.round(point_px).astype(int)
     top, left = max(row - reach_px, 0), max(column - reach_px, 0)
-    piece = picture[top : row + reach_px + 1, left : column + reach_px + 1]
+    piece = image[top : row + reach_px + 1, left : column + reach_px + 1]
     level = (np.median(piece) + piece[row - top, column - left]) / 2
     spots, _ = ndimage.label(piece < level)
     rows, columns = np.nonzero(spots == spots[row - top, column - left])
@@ -68,7 +68,7 @@ def whole_centre(picture: Float32[Array, "rows cols"], point_px: Point, reach_px
 
 
 def left_out_errors_mm(points_mm: Points, points_px: Points) -> Points:
-    """Leave-one-out errors of the paper's map, picture to skin, each pin predicted by a map through all others."""
+    """Leave-one-out errors of the paper's map, image to skin, each pin predicted by a map through all others."""
     return np.array([left_out_error_mm(points_mm, points_px, pin) for pin in range(len(points_mm))])
 
 

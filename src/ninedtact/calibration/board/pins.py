@@ -22,21 +22,21 @@ STRAY, STRAY_TIMES = 0.10, 5.0
 
 
 def look(
-    picture: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, noise: float, board: PinBoard
+    image: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, noise: float, board: PinBoard
 ) -> tuple[Points, Float[Array, " n"], Bool[Array, " n"]]:
     """Centre and contrast of the imprint at each pin's place, and whether it is one."""
     radius_mm = IMPRINT_RADIUS * board.pitch_mm
-    seen_mm = centred_mm(picture, lens, points_mm, radius_mm)
+    seen_mm = centred_mm(image, lens, points_mm, radius_mm)
     points_px = lens.to_px(seen_mm)
-    contrast = patches(picture, lens, seen_mm, radius_mm).depth
+    contrast = patches(image, lens, seen_mm, radius_mm).depth
     near = np.hypot(*(seen_mm - points_mm).T) < MOST_OFFSET * board.pitch_mm
     margin_px = board.pin_diameter_mm / 2 / central_mm_per_px(lens, board.pitch_mm)
     dark = contrast > max(FAINTEST * float(np.median(contrast)), FAINTEST_NOISE * noise)
-    return points_px, contrast, dark & near & in_picture(points_px, picture.shape, margin_px)
+    return points_px, contrast, dark & near & in_image(points_px, image.shape, margin_px)
 
 
-def in_picture(points_px: Points, shape: tuple[int, ...], margin_px: float) -> Bool[Array, " n"]:
-    """Whether a pin's own width around these pixels is inside the picture."""
+def in_image(points_px: Points, shape: tuple[int, ...], margin_px: float) -> Bool[Array, " n"]:
+    """Whether a pin's own width around these pixels is inside the image."""
     x, y = points_px.T
     rows, cols = shape
     return (x >= margin_px) & (y >= margin_px) & (x <= cols - 1 - margin_px) & (y <= rows - 1 - margin_px)

@@ -15,7 +15,7 @@ UNTOUCHED = 4.0
 
 
 class BoardNotFound(NinedtactError):
-    """The pin board is not in the picture, or not enough of it."""
+    """The pin board is not in the image, or not enough of it."""
 
     def __init__(self, sentence: str, found: int, expected: int, seen_px: Points, change: Float32[Array, "rows cols"]):
         super().__init__(sentence)
@@ -26,11 +26,11 @@ class BoardNotFound(NinedtactError):
 def not_found(
     change: Float32[Array, "rows cols"], board: PinBoard, seen_px: Points, sighting: Sighting | None = None
 ) -> BoardNotFound:
-    """The refusal, in words that help: swapped pictures and no contact at all are told apart."""
+    """The refusal, in words that help: swapped images and no contact at all are told apart."""
     if np.ptp(smoothed(change, 2.0)) < UNTOUCHED * noise_levels(change):
-        seen_px, advice = seen_px[:0], "nothing touched the skin: press the board while the second picture is taken"
+        seen_px, advice = seen_px[:0], "nothing touched the skin: press the board while the second image is taken"
     elif looks_swapped(change, board, sighting):
-        advice = "the pictures look swapped: give the untouched one as the reference"
+        advice = "the images look swapped: give the untouched one as the reference"
     else:
         advice = "press harder, hold the board flatter so that all pins touch, and check that it is the design's board"
     words = f"expected {board.count} pins ({board.cols} x {board.rows}), found {len(seen_px)}; {advice}"

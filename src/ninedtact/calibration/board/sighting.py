@@ -1,4 +1,4 @@
-"""Is there a lattice in the picture that may be the board, and where?
+"""Is there a lattice in the image that may be the board, and where?
 
 Lattices are grown from dark spots of every likely size; the one that holds most pins, best explained by a lens, is the
 sighting that a closer look starts from.
@@ -20,7 +20,7 @@ from ninedtact.design import PinBoard
 from ninedtact.shape.lens import Points
 
 SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
-"""Spot sizes tried, as parts of the picture's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""
+"""Spot sizes tried, as parts of the image's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""
 FEWEST = 0.5
 """Part of the pins that a lattice must have to be looked at as the board."""
 CLEAR = 0.08

@@ -2,7 +2,7 @@
 
 A pin presses the skin towards the camera, so that lines of sight that converge show its imprint farther out than the pin is: a
 lens fitted to pins alone takes that for magnification. Here the twin that the ball told draws the whole board, and is fitted to the
-board's picture: its depth and tilt, the nearness of the eye, and the lens with them. What tells nearness from magnification is
+board's image: its depth and tilt, the nearness of the eye, and the lens with them. What tells nearness from magnification is
 the imprint's form: its bottom is displaced more than its rim. Gauss–Newton; the lens by the gradient of what was drawn.
 """
 
@@ -26,7 +26,7 @@ unlike the design's, or unlike each other, tell nothing (real boards so far 0.04
 MOST_UNLIKE = 0.2
 """Relative difference of the scattering under pins and under the ball (real boards so far 0.5, drawn ones up to 0.1)."""
 LENS_TERMS = 3
-"""Radial terms: a whole picture affords what 63 pins may not."""
+"""Radial terms: a whole image affords what 63 pins may not."""
 START = BoardPress(0.8, 0.0, 0.0, 0.495, 0.03, 0.5)
 LEAST = BoardPress(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
 MOST_THICKNESS = 0.9
@@ -42,12 +42,12 @@ FEWER = 7
 """Of the observed points, for the lens that moves them as asked."""
 GRADIENT_MM = 0.05
 UNIT_MM, LIGHT_TERMS = 10.0, 3
-"""For the light's slopes over the picture."""
+"""For the light's slopes over the image."""
 
 
 @dataclass(frozen=True)
 class BoardPressFit:
-    """What the board's picture told."""
+    """What the board's image told."""
 
     press: BoardPress
     deviation: BoardPress
@@ -59,7 +59,7 @@ class BoardPressFit:
     contrast_grey: float
     """Of the imprints."""
     ball_scattering_mm: float
-    """As the ball's picture had it."""
+    """As the ball's image had it."""
     settled: bool
 
     @property
@@ -87,12 +87,12 @@ class Step:
 
 @dataclass(frozen=True)
 class BoardMatch:
-    """A board's picture and the twin that draws it."""
+    """A board's image and the twin that draws it."""
 
     observed: ObservedBoard
     forward: BoardForward
     lens: LensModel
-    """Through which the picture was rectified."""
+    """Through which the image was rectified."""
 
     def fitted(self, press: BoardPress) -> BoardPressFit:
         """From a start."""
@@ -118,7 +118,7 @@ class BoardMatch:
 
     def found(self, press: BoardPress, lens: LensModel, step: "Step", settled: bool) -> BoardPressFit:
         """What the last round says of itself."""
-        points = independent_points(self.observed.picture(step.rest))
+        points = independent_points(self.observed.image(step.rest))
         variance = np.sum(step.rest**2) / max(points - step.slopes.shape[1], 1.0)
         covariance = np.linalg.pinv(step.slopes.T @ step.slopes, hermitian=True) * variance
         told = BoardPress(*np.sqrt(np.maximum(np.diag(covariance), 0))[: len(LARGEST)].tolist())
@@ -153,14 +153,14 @@ class BoardMatch:
 
 def lens_moves(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
     """How the places that pixels see move with a lens, mm; ways that are independent, each by a millimetre (RMS)."""
-    in_picture = parameter_derivative(lens, at_mm).reshape(len(at_mm), 2, -1)
-    moves = np.linalg.solve(lens.px_per_mm(at_mm), in_picture)
+    in_image = parameter_derivative(lens, at_mm).reshape(len(at_mm), 2, -1)
+    moves = np.linalg.solve(lens.px_per_mm(at_mm), in_image)
     ways, _, _ = np.linalg.svd(moves.reshape(2 * len(at_mm), -1), full_matrices=False)
     return ways.reshape(moves.shape) * np.sqrt(len(at_mm))
 
 
 def seen_at(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
-    """Places that pixels see, from places near them (Newton); raises `PointNotSeen` where the lens folds the picture over."""
+    """Places that pixels see, from places near them (Newton); raises `PointNotSeen` where the lens folds the image over."""
     for _ in range(NEWTON):
         slope = lens.px_per_mm(near_mm)
         if not (np.linalg.det(slope) > 0).all():
@@ -172,7 +172,7 @@ def seen_at(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
 
 
 def fit_board_press(observed: ObservedBoard, fit: TwinFit, start: BoardPress = START) -> BoardPressFit:
-    """Fit the board's picture, rectified through its lens, with the twin that the ball told."""
+    """Fit the board's image, rectified through its lens, with the twin that the ball told."""
     board = observed.board
     lens = with_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
     return BoardMatch(observed, BoardForward(fit, board.board), lens).fitted(start)

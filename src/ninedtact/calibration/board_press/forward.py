@@ -1,4 +1,4 @@
-"""How deep the board is pressed, and how it is seen → the picture that a twin predicts, on the skin's untouched plane."""
+"""How deep the board is pressed, and how it is seen → the image that a twin predicts, on the skin's untouched plane."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -40,7 +40,7 @@ class BoardPress:
     """A board loads all the gel at once, so the little by which it yields in volume shows, as it does not under a ball."""
     nearness_per_mm: float
     scattering_mm: float
-    """Standard deviation of the point-spread. The ball's picture has told it: another one says that the board is not as drawn."""
+    """Standard deviation of the point-spread. The ball's image has told it: another one says that the board is not as drawn."""
 
 
 @dataclass(frozen=True)
@@ -114,5 +114,5 @@ class BoardForward:
         return Drawn(self.patch, field)
 
     def imprints_mm(self, drawn: Drawn, pins_mm: Points) -> Points:
-        """Where on the plane the imprints of these pins are seen, found as in a picture."""
+        """Where on the plane the imprints of these pins are seen, found as in an image."""
         return centred_mm(drawn.field, drawn, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)

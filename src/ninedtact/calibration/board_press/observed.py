@@ -1,4 +1,4 @@
-"""The board's picture as numbers to fit: brightness relative to untouched skin at points among the pins."""
+"""The board's image as numbers to fit: brightness relative to untouched skin at points among the pins."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,16 +15,16 @@ from ninedtact.shape.lens import Points
 from ninedtact.shape.rectification import skin_grid_mm
 
 AROUND = 0.6
-"""How far around a pin the picture is fitted, in pitches: up to half-way to the next one, and a little over."""
+"""How far around a pin the image is fitted, in pitches: up to half-way to the next one, and a little over."""
 EVERY_PX = 3
 """Of rows and columns."""
 LEAST_SPREAD = 0.1
-"""Of the middle's pixels per square millimetre: a lens fitted to pins may fold the picture over beyond the outermost."""
+"""Of the middle's pixels per square millimetre: a lens fitted to pins may fold the image over beyond the outermost."""
 
 
 @dataclass(frozen=True)
 class ObservedBoard:
-    """Two rectified pictures, before and under the board."""
+    """Two rectified images, before and under the board."""
 
     before: Rectified
     after: Rectified
@@ -46,14 +46,14 @@ class ObservedBoard:
         return np.asarray(among)
 
     def spread(self, points_mm: Points) -> Float[Array, " n"]:
-        """Pixels of the raw picture per square millimetre there, over that in the middle; below zero where it is folded over."""
+        """Pixels of the raw image per square millimetre there, over that in the middle; below zero where it is folded over."""
         lens = self.board.lens
         here, middle = (np.linalg.det(lens.px_per_mm(points)) for points in (points_mm, np.zeros((1, 2))))
         return np.asarray(here / middle)
 
     @cached_property
     def points_mm(self) -> Points:
-        """Of the chosen pixels, as the lens has them that the pictures were rectified with."""
+        """Of the chosen pixels, as the lens has them that the images were rectified with."""
         axes = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
         return np.column_stack([axis[self.chosen] for axis in axes]).astype(float)
 
@@ -67,11 +67,11 @@ class ObservedBoard:
 
     @property
     def mean_grey(self) -> float:
-        """Of the untouched picture: what turns relative brightness into grey levels."""
+        """Of the untouched image: what turns relative brightness into grey levels."""
         return float(self.before.grey.mean())
 
-    def picture(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
-        """Values of the chosen pixels as a coarse picture, not-a-number elsewhere."""
+    def image(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
+        """Values of the chosen pixels as a coarse image, not-a-number elsewhere."""
         whole = np.full(self.chosen.shape, np.nan)
         whole[self.chosen] = values
         return whole[::EVERY_PX, ::EVERY_PX]

@@ -1,6 +1,6 @@
 """Board and ball explained by one twin: each in turn with what the other told.
 
-The ball's picture tells light and gel, through a lens; the board's picture, drawn in that light, tells how deep its imprints are
+The ball's image tells light and gel, through a lens; the board's image, drawn in that light, tells how deep its imprints are
 and from how near they are seen, and so the lens; the ball is fitted again through it.
 """
 
@@ -33,13 +33,13 @@ class Together:
     rectify: Rectification
     ball: BallFit
     told: BoardPressFit | None = None
-    """By the board's picture; None where no physics was fitted to the ball's."""
+    """By the board's image; None where no physics was fitted to the ball's."""
 
-    def next(self, pictures: tuple[Image, Image], lens_on_grid: LensOnGrid, fit_of_ball: FitOfBall) -> "Together":
+    def next(self, images: tuple[Image, Image], lens_on_grid: LensOnGrid, fit_of_ball: FitOfBall) -> "Together":
         """After one more turn; where the board is not as the twin draws it, the same, and what it told beside it."""
         if self.ball.physical is None:
             return self
-        fit, before, after = self.ball.physical.fit, *(self.rectify(Frame(image)) for image in pictures)
+        fit, before, after = self.ball.physical.fit, *(self.rectify(Frame(image)) for image in images)
         observed = ObservedBoard(before, after, self.board)
         told = fit_board_press(observed, fit, START if self.told is None else self.told.press)
         if not told.believed:
@@ -50,13 +50,13 @@ class Together:
 
 
 def in_turns(
-    first: Together, pictures: tuple[Image, Image], lens_on_grid: LensOnGrid, fit_of_ball: FitOfBall
+    first: Together, images: tuple[Image, Image], lens_on_grid: LensOnGrid, fit_of_ball: FitOfBall
 ) -> Together:
-    """From board and ball each for itself. pictures: raw, before and under the board."""
+    """From board and ball each for itself. images: raw, before and under the board."""
     found = first
     for _ in range(TURNS):
         try:
-            found = found.next(pictures, lens_on_grid, fit_of_ball)
+            found = found.next(images, lens_on_grid, fit_of_ball)
         except BallRefused:
             return found
         if found.told is None or not found.told.believed:

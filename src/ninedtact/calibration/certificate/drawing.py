@@ -1,4 +1,4 @@
-"""What the drawings of a calibration share, and the picture of a board that was refused.
+"""What the drawings of a calibration share, and the image of a board that was refused.
 
 The refusal is drawn with OpenCV, at once; the certificate's figures with matplotlib, which is slow to import, so it is
 imported when a figure is drawn, and its global state is never touched.
@@ -24,7 +24,7 @@ Box = tuple[float, float, float, float]
 """Left, bottom, width, height, as parts of a figure."""
 
 LEAST_SPAN = 12.0
-"""Grey levels from black to white at least: a picture with nothing in it stays calm, its noise is not blown up."""
+"""Grey levels from black to white at least: an image with nothing in it stays calm, its noise is not blown up."""
 TAILS_PERCENT = 0.5
 """Part of the pixels, at either end, that may burn out."""
 SPOT_BGR = (0, 160, 255)
@@ -36,11 +36,11 @@ WIDTH_IN, DPI = 4.5, 220
 INK, PALE_INK = "#22262b", "#6b7280"
 
 
-def stretched(picture: Float32[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
-    """The picture from black to white."""
-    low, high = np.percentile(picture, [TAILS_PERCENT, 100 - TAILS_PERCENT])
+def stretched(image: Float32[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
+    """The image from black to white."""
+    low, high = np.percentile(image, [TAILS_PERCENT, 100 - TAILS_PERCENT])
     span = max(high - low, LEAST_SPAN)
-    return np.asarray(np.clip((picture - (low + high) / 2) * (255 / span) + 127.5, 0, 255), np.uint8)
+    return np.asarray(np.clip((image - (low + high) / 2) * (255 / span) + 127.5, 0, 255), np.uint8)
 
 
 def not_found_overlay(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:

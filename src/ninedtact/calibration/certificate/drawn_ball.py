@@ -30,14 +30,14 @@ LEAST_ERROR_SCALE_MM = 0.1
 
 
 def skin_box(calibration: Calibration) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of the rectified picture in mm, y downwards."""
+    """Left, right, bottom and top of the rectified image in mm, y downwards."""
     before = calibration.ball.press.before
     (rows, cols), mm_per_px = before.grey.shape, before.mm_per_px
     return -cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px
 
 
-def disc_picture(calibration: Calibration) -> bytes:
-    """PNG of the rectified ball picture with the contact circle and its centre."""
+def disc_image(calibration: Calibration) -> bytes:
+    """PNG of the rectified ball image with the contact circle and its centre."""
     figure, press = sheet(), calibration.ball.press
     axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.84), "x (mm)", "y (mm)")
     axes.imshow(stretched(press.after.grey), cmap="gray", vmin=0, vmax=255, extent=skin_box(calibration))
@@ -59,7 +59,7 @@ def centre_mm(press: BallPress) -> tuple[float, float]:
     return (x - (cols - 1) / 2) * press.before.mm_per_px, (y - (rows - 1) / 2) * press.before.mm_per_px
 
 
-def curve_picture(calibration: Calibration) -> bytes:
+def curve_image(calibration: Calibration) -> bytes:
     """PNG of the depth curve over all pixels of the disc, with the band of their scatter."""
     from matplotlib.colors import LogNorm
 
@@ -112,7 +112,7 @@ def other_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis
     return top
 
 
-def residual_picture(calibration: Calibration) -> bytes:
+def residual_image(calibration: Calibration) -> bytes:
     """PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
     ball, press = calibration.ball, calibration.ball.press
     error_mm = np.where(ball.disc, read_back_mm(calibration) - ball.true_mm, np.nan)
@@ -132,7 +132,7 @@ def read_back_mm(calibration: Calibration) -> Float32[Array, "rows cols"]:
     return fit.reader(fit.press.before, calibration.rectify.coverage)(fit.press.after).indentation_mm
 
 
-def cuts_picture(calibration: Calibration) -> bytes:
+def cuts_image(calibration: Calibration) -> bytes:
     """PNG of two cuts through the middle of the ball, as pressed and as read back."""
     press, read_mm = calibration.ball.press, read_back_mm(calibration)
     figure, column, row = sheet(), *np.rint(press.circle.centre_px).astype(int)

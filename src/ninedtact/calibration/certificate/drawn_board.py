@@ -26,7 +26,7 @@ VIEW: dict[str, Any] = {"color": "#2f6fed", "linewidth": 1.0, "linestyle": (0, (
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 
 
-def detection_picture(calibration: Calibration) -> bytes:
+def detection_image(calibration: Calibration) -> bytes:
     """PNG of what the board changed: found pins, missing pins, the sensor's axes, the view's outline."""
     board, grey = calibration.board, stretched(smoothed(calibration.board.change, SMOOTHING_PX))
     rows, cols = grey.shape
@@ -48,7 +48,7 @@ def outline(grid: Float[Array, "rows cols 2"]) -> Float[Array, "n 2"]:
 
 
 def draw_missing(axes: "Axes", board: BoardFit) -> None:
-    """Circles where missing pins are predicted, their names in the gap towards the middle of the picture."""
+    """Circles where missing pins are predicted, their names in the gap towards the middle of the image."""
     missing_px, (rows, cols) = board.points_px[~board.found], board.change.shape
     axes.plot(*missing_px.T, "o", color=MISSING, markerfacecolor="none", markersize=10, markeredgewidth=1.6)
     ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
@@ -70,7 +70,7 @@ def draw_skin_axes(axes: "Axes", board: BoardFit) -> None:
         axes.text(x, y, name, color=colour, fontsize=11, fontweight="bold", ha="center", va="center")
 
 
-def left_out_picture(calibration: Calibration) -> bytes:
+def left_out_image(calibration: Calibration) -> bytes:
     """PNG of the error of every pin predicted from all others: arrows magnified, coloured by length, in mm."""
     figure, board = sheet(), calibration.board
     axes = plain_axes(figure, (0.13, 0.135, 0.69, 0.785), "x (mm)", "y (mm)")

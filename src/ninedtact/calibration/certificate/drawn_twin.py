@@ -19,10 +19,10 @@ OBSERVED, PREDICTED = "#2563eb", "#c2410c"
 RING_MM = 0.1
 
 
-def rest_picture(fit: TwinFit) -> bytes:
+def rest_image(fit: TwinFit) -> bytes:
     """PNG of observed minus predicted brightness in grey levels, around the contact."""
     observed, named = fit.forward.observed, fit.named
-    rest = observed.picture(fit.rest_grey)
+    rest = observed.image(fit.rest_grey)
     (rows, cols), mm_per_px = observed.before.grey.shape, observed.before.mm_per_px
     box = (-cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px)
     figure, end = sheet(), max(LEAST_SCALE_GREY, float(np.nanpercentile(np.abs(rest), 99)))
@@ -40,7 +40,7 @@ def draw_drag(axes: "Axes", middle_mm: tuple[float, float], drag_mm: tuple[float
     axes.annotate("", end, start, arrowprops=style)
 
 
-def profile_picture(fit: TwinFit) -> bytes:
+def profile_image(fit: TwinFit) -> bytes:
     """PNG of the radial profile, as seen and as predicted, over the height of the fitted skin."""
     figure = sheet()
     upper = plain_axes(figure, (0.13, 0.5, 0.85, 0.475), "", "brightness (grey levels)")
@@ -77,7 +77,7 @@ def twin_rows(twin: TwinTable) -> list[tuple[str, str]]:
     """Every parameter with its standard deviation, and what it is hardest to tell from."""
     fit = twin.fit
     rows = [
-        ("unexplained, whole picture", f"{fit.rmse_grey_picture:.2f} grey levels"),
+        ("unexplained, whole image", f"{fit.rmse_grey_image:.2f} grey levels"),
         ("unexplained, radial profile", f"{fit.rmse_grey_radial:.2f} grey levels"),
         ("worth independent observations", f"{fit.independent_points:.0f}"),
     ]
@@ -91,7 +91,7 @@ def twin_rows(twin: TwinTable) -> list[tuple[str, str]]:
 
 
 def imprint_rows(told: ImprintFigures) -> list[tuple[str, str]]:
-    """What the board's picture told, and whether it was taken."""
+    """What the board's image told, and whether it was taken."""
     taken = "taken into the lens" if told.believed else "not taken: the board is not as drawn"
     return [
         ("board: imprints' depth", f"{told.depth_mm:.2f} mm ± {told.depth_error_mm:.2f}, {taken}"),

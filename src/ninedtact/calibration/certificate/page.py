@@ -2,25 +2,25 @@
 
 from base64 import b64encode
 
-from ninedtact.calibration.certificate.drawn_ball import curve_picture, cuts_picture, disc_picture, residual_picture
-from ninedtact.calibration.certificate.drawn_board import detection_picture, left_out_picture
-from ninedtact.calibration.certificate.drawn_twin import profile_picture, rest_picture, twin_rows
+from ninedtact.calibration.certificate.drawn_ball import curve_image, cuts_image, disc_image, residual_image
+from ninedtact.calibration.certificate.drawn_board import detection_image, left_out_image
+from ninedtact.calibration.certificate.drawn_twin import profile_image, rest_image, twin_rows
 from ninedtact.calibration.certificate.verdict import headline, verdict, worst
 from ninedtact.calibration.flow import Calibration
 from ninedtact.calibration.record import BallFigures, BoardFigures, SensorRecord
 from ninedtact.design import SensorDesign
 
-PICTURES = {
-    "detection": detection_picture,
-    "left_out": left_out_picture,
-    "disc": disc_picture,
-    "curve": curve_picture,
-    "residual": residual_picture,
-    "cuts": cuts_picture,
+IMAGES = {
+    "detection": detection_image,
+    "left_out": left_out_image,
+    "disc": disc_image,
+    "curve": curve_image,
+    "residual": residual_image,
+    "cuts": cuts_image,
 }
 LENS = {"lens": "homography with radial and tangential terms", "paper": "the paper's map through the pins"}
 METHOD = {
-    "physics": "contact mechanics and light, fitted to the whole picture",
+    "physics": "contact mechanics and light, fitted to the whole image",
     "ratio": "the ball's cap against the fraction of the untouched brightness",
     "table": "the ball's cap against grey-level difference (the paper's)",
 }
@@ -29,7 +29,7 @@ Rows = list[tuple[str, str]]
 
 
 def certificate_html(calibration: Calibration) -> str:
-    """The page as one HTML document that needs nothing else: pictures are inside it, it loads and runs nothing."""
+    """The page as one HTML document that needs nothing else: images are inside it, it loads and runs nothing."""
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -48,7 +48,7 @@ def certificate_html(calibration: Calibration) -> str:
         level=worst(record.certificate),
         lines=verdict(record.certificate),
         warnings=record.certificate.warnings,
-        pictures={name: b64encode(content).decode() for name, content in drawn(calibration).items()},
+        images={name: b64encode(content).decode() for name, content in drawn(calibration).items()},
         board_rows=[*board_rows(record.certificate.board), *view_rows(record)],
         ball_rows=ball_rows(record.certificate.ball),
         twin_rows=twin_rows(record.twin) if record.twin else [],
@@ -57,12 +57,12 @@ def certificate_html(calibration: Calibration) -> str:
 
 
 def drawn(calibration: Calibration) -> dict[str, bytes]:
-    """Every picture of the page as PNG; those of the twin where there is one."""
-    pictures = {name: draw(calibration) for name, draw in PICTURES.items()}
+    """Every image of the page as PNG; those of the twin where there is one."""
+    images = {name: draw(calibration) for name, draw in IMAGES.items()}
     physical = calibration.ball.physical
     if physical is not None:
-        pictures |= {"rest": rest_picture(physical.fit), "profile": profile_picture(physical.fit)}
-    return pictures
+        images |= {"rest": rest_image(physical.fit), "profile": profile_image(physical.fit)}
+    return images
 
 
 def board_rows(board: BoardFigures) -> Rows:
@@ -76,12 +76,12 @@ def board_rows(board: BoardFigures) -> Rows:
         ("imprint of a pin (median)", f"{board.contrast_grey_levels:.1f} grey levels"),
         ("noise of a raw pixel", f"{board.noise_grey_levels:.2f} grey levels"),
         ("lens", LENS[board.lens]),
-        ("sensor's x axis, from the picture's", f"{board.mounting_deg}° clockwise"),
+        ("sensor's x axis, from the image's", f"{board.mounting_deg}° clockwise"),
     ]
 
 
 def original_in_words(board: BoardFigures) -> str:
-    """The original's error on the same pictures, and how this lens compares."""
+    """The original's error on the same images, and how this lens compares."""
     words = f"{board.loo_rms_mm_original:.3f} mm"
     if board.lens == "paper":
         return words
@@ -97,8 +97,8 @@ def view_rows(record: SensorRecord) -> Rows:
             "field of view",
             f"{view.cols * grid.mm_per_px:.2f} \N{MULTIPLICATION SIGN} {view.rows * grid.mm_per_px:.2f} mm",
         ),
-        ("rectified picture", f"{view.cols} \N{MULTIPLICATION SIGN} {view.rows} pixels"),
-        ("raw picture", f"{grid.raw_cols} \N{MULTIPLICATION SIGN} {grid.raw_rows} pixels"),
+        ("rectified image", f"{view.cols} \N{MULTIPLICATION SIGN} {view.rows} pixels"),
+        ("raw image", f"{grid.raw_cols} \N{MULTIPLICATION SIGN} {grid.raw_rows} pixels"),
     ]
 
 
@@ -115,7 +115,7 @@ def ball_rows(ball: BallFigures) -> Rows:
         ("darkening there", f"{ball.drop_grey_levels:.1f} grey levels"),
         ("mean depth per grey level", f"{ball.deepest_mm / ball.drop_grey_levels:.3f} mm"),
         ("unevenness of the bulge", f"{ball.asymmetry:.1%} of the darkening"),
-        ("overexposed skin", f"{ball.overexposed:.1%} of the picture"),
+        ("overexposed skin", f"{ball.overexposed:.1%} of the image"),
         ("method", METHOD[ball.method]),
     ]
 

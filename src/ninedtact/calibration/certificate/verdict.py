@@ -42,7 +42,7 @@ class Limit:
 MISSING = Limit(0.0, MOST_MISSING)
 """Part of the pins. A complete board leaves no corner of the view to extrapolation; the board's own limit ends it."""
 LEFT_OUT_RMS_MM = Limit(0.06, 0.1)
-"""About one rectified pixel; beyond two, the map is visibly worse than the picture that it makes."""
+"""About one rectified pixel; beyond two, the map is visibly worse than the image that it makes."""
 LEFT_OUT_MAX_MM = Limit(0.18, 0.3)
 """Three times the limits of the RMS: the largest of some sixty random errors is about twice their RMS, so more than
 that is one pin gone wrong."""
@@ -52,7 +52,7 @@ CONTRAST_TO_NOISE = Limit(10.0, 0.0)
 """Below, noise moves the centre of a pin by more than a tenth of its width. It shows in the left-out error, which does
 the failing; this line names the cause."""
 OVEREXPOSED = Limit(0.01, 0.05)
-"""Part of the picture. Overexposed skin cannot brighten and darkens late: there, heights are wrong in silence."""
+"""Part of the image. Overexposed skin cannot brighten and darkens late: there, heights are wrong in silence."""
 UNEVEN_BULGE = Limit(UNEVEN, float("inf"))
 """Part of the drop. What a sheared press does to depth, the halves of the disc measure, and they do the failing."""
 RANGE_MM = Limit(1.0, 0.5)
@@ -128,7 +128,7 @@ def board_lines(board: BoardFigures) -> list[Line]:
             CONTRAST_TO_NOISE.level(contrast),
             f"Imprints: {board.contrast_grey_levels:.1f} grey levels deep, {contrast:.0f} times the camera's noise "
             f"(expected: at least {CONTRAST_TO_NOISE.good:g} times)",
-            "press harder, give more light and less gain, or average several pictures",
+            "press harder, give more light and less gain, or average several images",
         ),
     ]
 
@@ -138,7 +138,7 @@ def ball_lines(ball: BallFigures) -> list[Line]:
     return [
         line(
             OVEREXPOSED.level(ball.overexposed),
-            f"Light: {ball.overexposed:.1%} of the untouched picture is overexposed "
+            f"Light: {ball.overexposed:.1%} of the untouched image is overexposed "
             f"(expected: at most {OVEREXPOSED.good:.0%})",
             "lower the exposure, the gain or the light",
         ),
@@ -161,7 +161,7 @@ def ball_lines(ball: BallFigures) -> list[Line]:
         ),
         line(
             NOISE_MM.level(ball.noise_mm),
-            f"Noise: the depth of one pixel scatters by {ball.noise_mm:.4f} mm from picture to picture "
+            f"Noise: the depth of one pixel scatters by {ball.noise_mm:.4f} mm from image to image "
             f"(expected: at most {NOISE_MM.good:g} mm)",
             "give more light and less gain",
         ),

@@ -1,6 +1,6 @@
 """What a drift means, in words: each finding with its figure, what it would do to the height, and what to do.
 
-Limits are wide enough that untouched pictures of real sensors, taken before the board and before the ball, pass.
+Limits are wide enough that untouched images of real sensors, taken before the board and before the ball, pass.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ PRESSED_ALL_OVER = 0.2
 FARTHEST_PX = 0.6
 """0.03 mm on the skin. Real skins lie up to 0.45 px elsewhere after the board has been pressed on them."""
 FARTHEST_TURN_DEG = 0.3
-"""1.7 px at the picture's border; real skins turn by up to 0.1°."""
+"""1.7 px at the image's border; real skins turn by up to 0.1°."""
 CERTAIN = 2.0
 """Standard errors taken off a motion before it is judged."""
 DIMMEST_LIGHT = 0.03
@@ -46,7 +46,7 @@ class Finding:
     verdict: Verdict
     sentence: str
     height_mm: float | None
-    """Error of the height that it would cause with the calibration's reference picture; none where it causes none."""
+    """Error of the height that it would cause with the calibration's reference image; none where it causes none."""
 
 
 def findings(drift: Drift) -> list[Finding]:
@@ -67,7 +67,7 @@ def contact(drift: Drift) -> Finding | None:
     return Finding(
         "something touches the gel",
         f"the skin is pressed about {depth_mm:.2f} mm deep over {place.area_mm2:.1f} mm² around {spot(place)}; take "
-        "everything off the sensor and take the picture again; if it stays, the gel is damaged or has taken the shape",
+        "everything off the sensor and take the image again; if it stays, the gel is damaged or has taken the shape",
         depth_mm,
     )
 
@@ -90,7 +90,7 @@ def mirrored(drift: Drift) -> Finding | None:
     """The camera, or its driver, turned round."""
     if drift.flipped is None:
         return None
-    sentence = f"the picture is the calibrated one {drift.flipped}; set the camera's rotation and mirroring as before"
+    sentence = f"the image is the calibrated one {drift.flipped}; set the camera's rotation and mirroring as before"
     return Finding("camera moved", sentence, drift.height_mm)
 
 
@@ -107,7 +107,7 @@ def motion(drift: Drift) -> Finding | None:
         f"the skin appears {far_px:.1f} ± {skin.shift_error_px:.1f} px ({far_px * drift.known.mm_per_raw_px:.2f} mm) "
         f"away and turned by {skin.turn_deg:.1f}° since the board was pressed: positions are off by that; fix camera "
         "and gel in their housing and calibrate again",
-        drift.known.worst_height_mm(skin.undone(drift.known.depth_picture)),
+        drift.known.worst_height_mm(skin.undone(drift.known.depth_image)),
     )
 
 
@@ -151,7 +151,7 @@ def brightness(drift: Drift) -> Finding | None:
         return None
     return Finding(
         "light dimmer" if change < 0 else "light brighter",
-        f"the picture is {amount(change)} than when calibrated; check the LEDs and their supply, fix exposure and "
+        f"the image is {amount(change)} than when calibrated; check the LEDs and their supply, fix exposure and "
         "gain, and let the light warm up",
         height_mm(drift, change),
     )
@@ -170,7 +170,7 @@ def colour(drift: Drift) -> Finding | None:
 
 
 def height_mm(drift: Drift, change: float) -> float:
-    """Depth that a relative change passes for at the picture's mean brightness."""
+    """Depth that a relative change passes for at the image's mean brightness."""
     grey = float(drift.known.rectified.grey.mean())
     return float(drift.known.height_mm(np.array(change), np.array(grey)))
 

@@ -1,6 +1,6 @@
-"""How far one faintly structured picture is shifted and turned against another, with an error that can be believed.
+"""How far one faintly structured image is shifted and turned against another, with an error that can be believed.
 
-Least squares after Lucas & Kanade (1981) with a turn as third unknown, over the whole picture; errors by leaving out
+Least squares after Lucas & Kanade (1981) with a turn as third unknown, over the whole image; errors by leaving out
 one tile at a time (docs/references.md). A motion is (shift x, shift y, turn), the turn as the way it moves the middle
 of the right border, all in pixels; turns are positive clockwise on the screen.
 """
@@ -16,7 +16,7 @@ Field = Float32[Array, "down across"]
 Motion = Float[Array, "3"]
 
 MARGIN_PX = 12
-"""The frame of the picture shows housing and glare instead of skin."""
+"""The frame of the image shows housing and glare instead of skin."""
 TILES = (6, 8)
 GOOD = 0.5
 """Likeness above which the motion found from rest needs no second first guess."""
@@ -29,7 +29,7 @@ OUTLIER = 6.0
 
 @dataclass(frozen=True)
 class Registration:
-    """A motion, its standard errors, and how alike the pictures are once it is undone."""
+    """A motion, its standard errors, and how alike the images are once it is undone."""
 
     motion: Motion
     error: Motion
@@ -37,7 +37,7 @@ class Registration:
 
 
 def registered(earlier: Field, later: Field) -> Registration:
-    """The motion from the earlier picture to the later."""
+    """The motion from the earlier image to the later."""
     found = fitted(earlier, later, np.zeros(3))
     if found.likeness > GOOD:
         return found
@@ -56,7 +56,7 @@ def fitted(earlier: Field, later: Field, motion: Motion) -> Registration:
 
 
 def equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles 3 3"], Float[Array, "tiles 3"]]:
-    """Normal equations of every tile: gradient times motion is what the later picture lacks."""
+    """Normal equations of every tile: gradient times motion is what the later image lacks."""
     down, right = np.gradient((earlier + later) / 2)
     y, x = (np.indices(earlier.shape) - (np.array(earlier.shape)[:, None, None] - 1) / 2) / (earlier.shape[1] / 2)
     columns = np.stack([right, down, x * down - y * right], axis=-1)
@@ -96,22 +96,22 @@ def correlation(first: Field, second: Field) -> float:
     return float((first * second).sum() / scale) if scale > 0 else 0.0
 
 
-def undone(picture: Array, motion: Motion, border: int = cv2.BORDER_REPLICATE) -> Array:
-    """A picture of any type with a motion undone; OpenCV's name for what lies beyond its border."""
-    rows, cols = picture.shape[:2]
+def undone(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICATE) -> Array:
+    """An image of any type with a motion undone; OpenCV's name for what lies beyond its border."""
+    rows, cols = image.shape[:2]
     middle, angle = np.array([(cols - 1) / 2, (rows - 1) / 2]), motion[2] / (cols / 2)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     matrix = np.column_stack([turn, middle + motion[:2] - turn @ middle])
     way = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(picture, matrix, (cols, rows), flags=way, borderMode=border))
+    return np.asarray(cv2.warpAffine(image, matrix, (cols, rows), flags=way, borderMode=border))
 
 
-def inside(picture: Array) -> Array:
+def inside(image: Array) -> Array:
     """Without the frame."""
-    return picture[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
+    return image[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
 
 
-def tiles(picture: Array) -> list[Array]:
+def tiles(image: Array) -> list[Array]:
     """The inside in equal pieces, more along the longer side."""
-    down, across = TILES if picture.shape[0] <= picture.shape[1] else TILES[::-1]
-    return [tile for band in np.array_split(inside(picture), down) for tile in np.array_split(band, across, axis=1)]
+    down, across = TILES if image.shape[0] <= image.shape[1] else TILES[::-1]
+    return [tile for band in np.array_split(inside(image), down) for tile in np.array_split(band, across, axis=1)]

@@ -1,4 +1,4 @@
-"""What has changed between two rectified pictures of untouched skin, taken apart: light, and local marks.
+"""What has changed between two rectified images of untouched skin, taken apart: light, and local marks.
 
     brightness today / brightness then  =  gain · smooth field (light) · residue (marks on the skin, or a contact)
 
@@ -27,7 +27,7 @@ ROUNDS = 8
 TUKEY = 4.685
 FAINTEST_MARK = 0.012
 """Two grey levels: untouched skin of real sensors differs by at most half of it between two sessions (contours of the
-camera's shading correction move with the light), and by 0.001 from picture to picture."""
+camera's shading correction move with the light), and by 0.001 from image to image."""
 MARK_TIMES_NOISE = 5.0
 SMALLEST_MARK_MM2 = 0.1
 UNEVEN = 0.05
@@ -55,7 +55,7 @@ class SkinChange:
     """Today's brightness over the calibrated one's, in parts."""
 
     gain: float
-    """Factor of the whole picture, the median."""
+    """Factor of the whole image, the median."""
     field: Field
     """Smooth relative change beside the gain."""
     residue: Field

@@ -38,7 +38,7 @@ def confidence(slopes: Float[Array, "rows parameters"], rest: Float[Array, " n"]
 def independent_points(rest: Float[Array, "rows cols"]) -> float:
     """How many observations speak independently: their number over the sum of their mutual correlations.
 
-    rest: what a fit leaves, as a picture; not-a-number where nothing was observed.
+    rest: what a fit leaves, as an image; not-a-number where nothing was observed.
     """
     seen = np.isfinite(rest)
     known, values = seen.astype(float), rest[seen]

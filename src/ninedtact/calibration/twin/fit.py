@@ -68,7 +68,7 @@ class TwinFit:
         return self.forward.contact(press_of(self.named))
 
     @property
-    def rmse_grey_picture(self) -> float:
+    def rmse_grey_image(self) -> float:
         """Root mean square of the rest over all observed points."""
         return float(np.sqrt(np.mean(self.rest_grey**2)))
 
@@ -114,7 +114,7 @@ class TwinFit:
 
 @dataclass(frozen=True)
 class Belief:
-    """What is known of a parameter beside the picture."""
+    """What is known of a parameter beside the image."""
 
     name: str
     value: float
@@ -123,7 +123,7 @@ class Belief:
 
 @dataclass(frozen=True)
 class Prior:
-    """Beliefs as observations beside those of the picture."""
+    """Beliefs as observations beside those of the image."""
 
     beliefs: tuple[Belief, ...] = ()
     deviation_grey: float = 0.0
@@ -151,13 +151,13 @@ def fit_twin(
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball, found at `circle`.
 
-    beliefs: what other pictures told. near: parameters to start from, where they are about known.
+    beliefs: what other images told. near: parameters to start from, where they are about known.
     """
     began = perf_counter()
     middle_mm = skin_place_mm(before, circle.centre_px)
     forward = Forward(ObservedPress(before, after, middle_mm), design)
     free, searched = fitted(forward, first_guess(forward, circle), Prior()) if near is None else (near, 0)
-    points = independent_points(forward.observed.picture(forward.solved(free)[1]))
+    points = independent_points(forward.observed.image(forward.solved(free)[1]))
     prior = prior_of(forward, free, points, beliefs)
     vector, again = fitted(forward, free, prior)
     slopes, rest = forward.solved(vector)
@@ -179,7 +179,7 @@ def first_guess(forward: Forward, circle: ContactCircle) -> Vector:
 
 
 def fitted(forward: Forward, start: Vector, prior: Prior) -> tuple[Vector, int]:
-    """Least squares from a start; and how many pictures that took."""
+    """Least squares from a start; and how many images that took."""
 
     def miss(vector: Vector) -> Float[Array, " n"]:
         return np.append(forward.solved(vector)[1], prior.miss(vector))
@@ -213,7 +213,7 @@ def jacobian(forward: Forward, vector: Vector) -> Float[Array, "n parameters"]:
     return np.column_stack(columns)
 
 
-def skin_place_mm(picture: Rectified, px: tuple[float, float]) -> tuple[float, float]:
-    """A place of a rectified picture, (x, y) in pixels, in mm on the skin."""
-    rows, cols = picture.grey.shape
-    return (px[0] - (cols - 1) / 2) * picture.mm_per_px, (px[1] - (rows - 1) / 2) * picture.mm_per_px
+def skin_place_mm(image: Rectified, px: tuple[float, float]) -> tuple[float, float]:
+    """A place of a rectified image, (x, y) in pixels, in mm on the skin."""
+    rows, cols = image.grey.shape
+    return (px[0] - (cols - 1) / 2) * image.mm_per_px, (px[1] - (rows - 1) / 2) * image.mm_per_px

@@ -1,4 +1,4 @@
-"""Parameters → the picture that they predict: contact mechanics, then light, then lines of sight."""
+"""Parameters → the image that they predict: contact mechanics, then light, then lines of sight."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache

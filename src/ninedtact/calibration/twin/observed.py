@@ -12,7 +12,7 @@ from ninedtact.quantities import Rectified
 from ninedtact.shape.rectification import skin_grid_mm
 
 REACH_MM = 8.0
-"""Radius around the contact within which the picture is fitted."""
+"""Radius around the contact within which the image is fitted."""
 SMOOTHING_PX = 1.5
 EVERY_PX = 2
 """Of rows and columns; smoothing has made neighbours alike."""
@@ -21,7 +21,7 @@ DIMMEST = 1.0
 
 @dataclass(frozen=True)
 class ObservedPress:
-    """Two rectified pictures, before and after, around the contact."""
+    """Two rectified images, before and after, around the contact."""
 
     before: Rectified
     after: Rectified
@@ -65,11 +65,11 @@ class ObservedPress:
 
     @property
     def mean_grey(self) -> float:
-        """Of the untouched picture: what turns relative brightness into grey levels."""
+        """Of the untouched image: what turns relative brightness into grey levels."""
         return float(self.before.grey.mean())
 
-    def picture(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
-        """Values of the chosen pixels as a coarse picture, not-a-number elsewhere."""
+    def image(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
+        """Values of the chosen pixels as a coarse image, not-a-number elsewhere."""
         whole = np.full(self.chosen.shape, np.nan)
         whole[self.chosen] = values
         return whole[::EVERY_PX, ::EVERY_PX]

@@ -30,7 +30,7 @@ SEARCHED = (
     Parameter("saturation", 0.0, 5.0, 0.05, 0.5),
     Parameter("nearness_per_mm", 0.0, 0.08, 0.004, 0.05),
 )
-"""Those that the picture depends on in no simple way. Given them, three more are a linear problem: the level 1 + c, and
+"""Those that the image depends on in no simple way. Given them, three more are a linear problem: the level 1 + c, and
 (1 + c) times the slopes of dark and bright."""
 NAMES = tuple(parameter.name for parameter in SEARCHED)
 

@@ -1,18 +1,18 @@
-"""A calibrated sensor → its twin: the gel, light, lens, picture and noise that its own four pictures told."""
+"""A calibrated sensor → its twin: the gel, light, lens, image and noise that its own four images told."""
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from ninedtact.calibration.brightness import Image
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.pictures import read_picture
+from ninedtact.capture.images import read_image
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.gel import bonded_layer
 from ninedtact.shape.rectification import Rectification, skin_grid_mm
+from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.picture import Renderer
 from ninedtact.simulation.twin import Twin
 from ninedtact.simulation.view import View, coarse_pixels, spread_out
 
@@ -25,20 +25,20 @@ class TwinMissing(NinedtactError):
 
 
 def twin_of(folder: SensorFolder) -> Twin:
-    """The twin in a sensor's folder; raises `TwinMissing`, and `SensorFolderDamaged` where its pictures are gone."""
+    """The twin in a sensor's folder; raises `TwinMissing`, and `SensorFolderDamaged` where its images are gone."""
     table = folder.record.twin
     if table is None:
         raise TwinMissing(
             f"expected {folder.path} to hold a twin, got a sensor without one; run ninedtact simulate fit --sensor {folder.path}"
         )
-    untouched = folder.picture("ball_reference", read_picture).image
+    untouched = folder.image("ball_reference", read_image).image
     return twin_from(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
 
 
 def twin_from(
     name: str, gel: Gel, light: Light, rectify: Rectification, untouched: Image, noise_grey_levels: float
 ) -> Twin:
-    """The twin of a sensor, on the untouched picture that it was calibrated from."""
+    """The twin of a sensor, on the untouched image that it was calibrated from."""
     noise = Noise(noise_grey_levels, rectify.raw_shape)
     renderer = Renderer(view_of(rectify), untouched.astype(np.float32), light, noise)
     return Twin(name, lambda wave_number: bonded_layer(wave_number, gel), renderer, thickness_mm=gel.thickness_mm)

@@ -7,7 +7,7 @@ from scipy.optimize import isotonic_regression
 
 from ninedtact.calibration.ball.depth_curve import anchored
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.pictures import read_picture
+from ninedtact.capture.images import read_image
 from ninedtact.quantities import Coverage
 from ninedtact.shape.depth import DepthCurve
 
@@ -27,7 +27,7 @@ def curve_from_list(pixel_to_depth_mm: Float[Array, " levels"]) -> DepthCurve:
 def list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
     """Depth for every whole grey level up to the end of the sensor's curve.
 
-    A ratio becomes grey levels at the mean brightness of the sensor's own untouched picture; where the picture is
+    A ratio becomes grey levels at the mean brightness of the sensor's own untouched image; where the image is
     brighter or darker than that, the list's depths are off as they are with the original's own lists.
     """
     curve = sensor.record.depth.curve
@@ -39,5 +39,5 @@ def list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
 def mean_brightness(sensor: SensorFolder) -> float:
     """Mean grey level of the untouched skin before the ball; raises `SensorFolderDamaged`."""
     rectify = sensor.rectification
-    rectified = rectify(sensor.picture("ball_reference", read_picture))
+    rectified = rectify(sensor.image("ball_reference", read_image))
     return float(rectified.grey[rectify.coverage != Coverage.OUT_OF_VIEW].mean())

@@ -34,7 +34,7 @@ KEPT = "upstream"
 """Folder in an imported sensor that keeps the four files as they were, so that an export can give them back."""
 MAP = "rectification.npy"
 CAMERA_NOISE = 0.5
-"""Grey levels of one pixel; no picture came with the folder, and the cameras seen so far have 0.42."""
+"""Grey levels of one pixel; no image came with the folder, and the cameras seen so far have 0.42."""
 USUAL_GREY = 160
 
 
@@ -43,7 +43,7 @@ def import_upstream(
 ) -> SensorFolder:
     """Write a sensor folder from `sensor_N`, or from a folder that holds one; pixels are rectified exactly as there.
 
-    The crop is the design's field of view. There is no certificate, and no picture to compare today's skin with; the
+    The crop is the design's field of view. There is no certificate, and no image to compare today's skin with; the
     noise is that of a usual camera through this sensor's list. An older sensor folder at `out` is replaced.
     Raises `UpstreamFolderDamaged`, `SensorFolderRefused`, `FileNotWritten`, `OSError`.
     """

@@ -1,10 +1,10 @@
 """The calibration folder of the original 9DTact project, as its files stand on the disk (docs/references.md).
 
-    sensor_N/camera_calibration/row_index.npy, col_index.npy    raw pixel that each pixel of the rectified picture shows
+    sensor_N/camera_calibration/row_index.npy, col_index.npy    raw pixel that each pixel of the rectified image shows
     sensor_N/camera_calibration/position_scale.npy              row and column of the central pin, mm per pixel
     sensor_N/depth_calibration/Pixel_to_Depth.npy               depth in mm for every grey level of darkening
 
-The rectified picture has the raw picture's size. What lies outside the raw picture shows pixel (0, 0). The size of the
+The rectified image has the raw image's size. What lies outside the raw image shows pixel (0, 0). The size of the
 crop about the central pin is not in the folder but in the user's `shape_config.yaml` (`crop_size`, rows first); it
 starts at int(centre - size / 2).
 """
@@ -49,7 +49,7 @@ class UpstreamCalibration:
 
     @property
     def mm_per_px(self) -> float:
-        """Scale of the rectified picture."""
+        """Scale of the rectified image."""
         return float(self.position_scale[2])
 
     def start(self, view: FieldOfView) -> tuple[int, int]:
@@ -58,7 +58,7 @@ class UpstreamCalibration:
         return int(row - view.rows / 2), int(col - view.cols / 2)
 
     def source_px(self, view: FieldOfView) -> Float32[Array, "view_rows view_cols 2"]:
-        """Raw pixel (x, y) of every pixel of the crop, outside the picture where there is none."""
+        """Raw pixel (x, y) of every pixel of the crop, outside the image where there is none."""
         row, col = self.start(view)
         crop = np.s_[row : row + view.rows, col : col + view.cols]
         source = np.stack([self.col_index[crop], self.row_index[crop]], axis=-1).astype(np.float32)
@@ -90,7 +90,7 @@ def write_upstream(folder: Path, calibration: UpstreamCalibration) -> None:
 
 
 def read_index(path: Path, axis: int) -> Int32[Array, "rows cols"]:
-    """An index map that stays inside the raw picture, which has the map's own size."""
+    """An index map that stays inside the raw image, which has the map's own size."""
     index = read_numbers(path, 2)
     require_whole_numbers(path, index)
     size = index.shape[axis]

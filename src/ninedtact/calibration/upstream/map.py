@@ -1,4 +1,4 @@
-"""A sensor's rectification as the original project's index maps: of the raw picture's size, nearest pixel."""
+"""A sensor's rectification as the original project's index maps: of the raw image's size, nearest pixel."""
 
 import numpy as np
 from jaxtyping import Float, Int32
@@ -32,17 +32,17 @@ def index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, int]]:
 
 
 def require_room(rectify: Rectification) -> None:
-    """Refuse a grid larger than the raw picture, whose size the maps have."""
+    """Refuse a grid larger than the raw image, whose size the maps have."""
     (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
     if rows > raw_rows or cols > raw_cols:
         raise UpstreamCannotHold(
-            f"expected raw pictures of at least {cols} x {rows} pixels, the size of the rectified one, got "
-            f"{raw_cols} x {raw_rows}; calibrate the sensor with larger pictures"
+            f"expected raw images of at least {cols} x {rows} pixels, the size of the rectified one, got "
+            f"{raw_cols} x {raw_rows}; calibrate the sensor with larger images"
         )
 
 
 def grid_start(rectify: Rectification) -> tuple[int, int]:
-    """First row and column of the grid in the maps: where its middle lies as in the raw picture, if there is room."""
+    """First row and column of the grid in the maps: where its middle lies as in the raw image, if there is room."""
     (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
     x, y = rectify.source_px[rows // 2, cols // 2]
     top = np.clip(round(float(y)) - rows // 2, 0, raw_rows - rows)

@@ -1,4 +1,4 @@
-"""ninedtact collect: pairs of picture and wrench from pressing, dragging and twisting objects by hand."""
+"""ninedtact collect: pairs of image and wrench from pressing, dragging and twisting objects by hand."""
 
 import json
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ class CollectImpossible(NinedtactError):
 class Collect:
     """Collect pairs: press, drag and twist objects by hand.
 
-    A pair of picture and wrench is saved by itself whenever the wrench differs from all that were saved in the same contact.
+    A pair of image and wrench is saved by itself whenever the wrench differs from all that were saved in the same contact.
     Leave the skin untouched for the first seconds. Keys: n next object, u undo the last contact, t tare, q end.
     """
 
@@ -202,4 +202,4 @@ def lines(out: Path, collector: "Collector") -> Iterator[str]:
     yield f"  {', '.join(f'{number} {kind}' for kind, number in counters.kinds.items() if number)}"
     yield from (f"  {number:8d}  {name}" for name, number in counters.objects.items() if number)
     for fault, number in collector.refused.items():
-        yield f"  {number} pictures not saved: {collector.sentence(fault)}"
+        yield f"  {number} images not saved: {collector.sentence(fault)}"

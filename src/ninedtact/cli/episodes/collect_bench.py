@@ -35,7 +35,7 @@ class Bench:
     """Of a recording's stamps."""
 
     def feed(self) -> "Generator[Fed, None, None]":
-        """Pictures and samples, in one stream; opens both."""
+        """Images and samples, in one stream; opens both."""
         from ninedtact.recording.collecting.feed import in_turn, live
 
         return live(self.camera, self.force_torque) if self.is_live else in_turn(self.camera, self.force_torque)
@@ -65,16 +65,16 @@ def devices(
 
 
 def recording(source: str, force_torque: str, trust: "TrustSettings") -> Bench:
-    """The pictures and the wrenches of recordings, with their own stamps."""
+    """The images and the wrenches of recordings, with their own stamps."""
     from ninedtact.capture.force_torque.trusted import Trusted
     from ninedtact.recording.replay import Replay, ReplayedWrenches
     from ninedtact.recording.stored import Episode
 
-    pictures, samples = (Path(text).expanduser() for text in (source, force_torque))
-    with Episode(pictures) as episode:
+    images, samples = (Path(text).expanduser() for text in (source, force_torque))
+    with Episode(images) as episode:
         ahead_ns = episode.session.wall_minus_monotonic_ns
     forces = Trusted(ReplayedWrenches(samples), trust)
-    return Bench(Replay(pictures), forces, is_live=False, wall_minus_monotonic_ns=ahead_ns)
+    return Bench(Replay(images), forces, is_live=False, wall_minus_monotonic_ns=ahead_ns)
 
 
 def twin(folder: "SensorFolder", objects: tuple[str, ...], touches: int, seed: int, trust: "TrustSettings") -> Bench:

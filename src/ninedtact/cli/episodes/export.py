@@ -11,7 +11,7 @@ from ninedtact.cli.answer import answer
 
 @dataclass(frozen=True)
 class Export:
-    """Write a recording out: pictures as PNG, wrenches, pairs and times as CSV, heights as .npy, the sensor's folder."""
+    """Write a recording out: images as PNG, wrenches, pairs and times as CSV, heights as .npy, the sensor's folder."""
 
     recording: Annotated[Path, tyro.conf.Positional]
     """File that `ninedtact record` or `ninedtact collect` wrote."""
@@ -32,9 +32,9 @@ class Export:
         from ninedtact.recording.stored import Episode
 
         with Episode(self.recording) as episode:
-            pictures = len(episode.places(Topic.PICTURES))
-            with tqdm(total=pictures, unit="pictures", disable=self.json) as bar:
-                written = export_episode(episode, self.out, on_picture=bar.update)
+            images = len(episode.places(Topic.IMAGES))
+            with tqdm(total=images, unit="images", disable=self.json) as bar:
+                written = export_episode(episode, self.out, on_image=bar.update)
         found = {"out": str(self.out), "written": written}
         return answer(
             self.json, found, [f"{self.out}:", *(f"  {number:8d}  {what}" for what, number in written.items())]

@@ -33,7 +33,7 @@ class RecordImpossible(NinedtactError):
 
 @dataclass(frozen=True)
 class Record:
-    """Record a sensor: pictures as they come, without loss, measured wrenches, heights if asked for. Ctrl-C ends it well."""
+    """Record a sensor: images as they come, without loss, measured wrenches, heights if asked for. Ctrl-C ends it well."""
 
     source: str
     """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the sensor's twin."""
@@ -46,9 +46,9 @@ class Record:
     seconds: float | None = None
     """For how long; without it, until Ctrl-C or the end of the source."""
     heights: bool = False
-    """Also write the heights; the first ten pictures are the untouched skin then."""
+    """Also write the heights; the first ten images are the untouched skin then."""
     force: str = "none"
-    """Also write the wrench that physics or a force model (.onnx) reads from the pictures; the same holds of the first ten."""
+    """Also write the wrench that physics or a force model (.onnx) reads from the images; the same holds of the first ten."""
     automatic: bool = False
     """Leave the camera's automatic exposure and white balance on, for one that cannot switch them off."""
     json: bool = False
@@ -76,7 +76,7 @@ class Record:
 
         camera, force_torque = self.sources(folder)
         meaning = self.interpretation(folder)
-        topics = {Topic.PICTURES, *(meaning.topics if meaning else ()), *([Topic.MEASURED] if force_torque else ())}
+        topics = {Topic.IMAGES, *(meaning.topics if meaning else ()), *([Topic.MEASURED] if force_torque else ())}
         session = self.session(folder, camera, force_torque, meaning)
         episode = EpisodeWriter(self.out, session, topics, attachments_of(folder.path))
         with ending(self.seconds) as until, episode, progress(self.seconds, quiet=self.json) as show:
@@ -86,7 +86,7 @@ class Record:
         return episode
 
     def interpretation(self, folder: "SensorFolder") -> "Interpretation | None":
-        """What is written beside the pictures, if anything."""
+        """What is written beside the images, if anything."""
         from ninedtact.cli.force.estimators import NONE, estimator_for
         from ninedtact.recording.recorder import Interpretation
 
@@ -170,7 +170,7 @@ def counts(episode: "EpisodeWriter") -> dict[str, int]:
 def lines(out: Path, episode: "EpisodeWriter") -> Iterator[str]:
     """The same for a person."""
     size_mb = out.stat().st_size / 1e6
-    yield f"{out}: {size_mb:.1f} MB, {episode.dropped} pictures dropped"
+    yield f"{out}: {size_mb:.1f} MB, {episode.dropped} images dropped"
     yield from (f"  {number:8d}  {topic}" for topic, number in counts(episode).items())
 
 

@@ -43,7 +43,7 @@ class Replay:
 def lines(path: Path, found: "EpisodeFigures") -> Iterator[str]:
     """The figures for a person."""
     yield f"{path}: {found.seconds:.1f} s from {found.began}, {path.stat().st_size / 1e6:.1f} MB"
-    yield f"  sensor {found.sensor}, pictures from {found.source}"
+    yield f"  sensor {found.sensor}, images from {found.source}"
     if found.force_torque:
         yield f"  forces from {found.force_torque}"
     for topic in found.topics:
@@ -53,7 +53,7 @@ def lines(path: Path, found: "EpisodeFigures") -> Iterator[str]:
             else f", {topic.rate_hz:.1f} Hz, {topic.gaps} gaps, longest {topic.longest_gap_ms:.0f} ms"
         )
         yield f"  {topic.messages:8d}  {topic.topic} ({topic.type}){rate}"
-    yield f"  {found.dropped} pictures dropped"
+    yield f"  {found.dropped} images dropped"
     if found.pairs:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in found.pairs.items())}"
     if not found.finished:

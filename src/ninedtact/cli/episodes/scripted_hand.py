@@ -22,7 +22,7 @@ UNTOUCHED_S = 1.5
 """Before the first touch: as long as a tare takes, and some."""
 LOADS_N = (3.5, 10.0)
 HZ, SAMPLES_HZ, SPEED = 20.0, 200.0, 1.5
-"""Pictures and samples per second, and times a calm hand."""
+"""Images and samples per second, and times a calm hand."""
 PLACE_MM, DRAG_MM, TWIST_DEG, TILT_DEG = 3.0, 0.9, 15.0, 4.0
 
 
@@ -43,7 +43,7 @@ class ScriptedHand:
         return SimulatedCamera(self.stage), SimulatedForceTorque(self.stage, SAMPLES_HZ)
 
     def object_at(self, frame: "Frame") -> str:
-        """The object in the hand when a picture was taken."""
+        """The object in the hand when an image was taken."""
         at_s = (frame.stamp_ns - self.stage.clock.began_ns) / 1e9
         return self.names[self.stage.act_at(at_s)[0] % len(self.names)]
 

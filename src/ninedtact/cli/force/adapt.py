@@ -23,18 +23,18 @@ class NothingWeighed(NinedtactError):
 
 @dataclass(frozen=True)
 class Adapt:
-    """Adapt the force of a sensor to its own gel, by pictures of presses whose weight is known.
+    """Adapt the force of a sensor to its own gel, by images of presses whose weight is known.
 
-    A kitchen scale is enough: put the sensor on it, take a picture of the untouched skin, set the scale to zero, then
-    press with something blunt and note the grams of each picture. Four presses from 50 g to 800 g do well.
+    A kitchen scale is enough: put the sensor on it, take an image of the untouched skin, set the scale to zero, then
+    press with something blunt and note the grams of each image. Four presses from 50 g to 800 g do well.
     """
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote; what is found is kept there, in force.toml."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]]
-    """Untouched skin of the same session; given more than once, the pictures are averaged."""
+    """Untouched skin of the same session; given more than once, the images are averaged."""
     press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]]
-    """A picture and its grams, as --press five.png 512; once for every press."""
+    """An image and its grams, as --press five.png 512; once for every press."""
     force: str = BOTH
     """What is adapted: both (network and physics), network, physics, or a force model (.onnx)."""
     dry_run: bool = False
@@ -65,16 +65,16 @@ class Adapt:
         return answer(self.json, figures, lines(presses, judged, kept))
 
     def weighed(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[WeighedPress]":
-        """Every press as the estimator reads it; raises `AdaptationImpossible`, naming the picture."""
-        from ninedtact.capture.picture_list import PictureList
-        from ninedtact.capture.pictures import read_picture
+        """Every press as the estimator reads it; raises `AdaptationImpossible`, naming the image."""
+        from ninedtact.capture.image_list import ImageList
+        from ninedtact.capture.images import read_image
         from ninedtact.force.adaptation import AdaptationImpossible, WeighedPress, newtons
         from ninedtact.quantities import Frame
         from ninedtact.sensor import Sensor
 
-        depth = shape.depth_reader(*[Frame(read_picture(path)) for path in self.reference])
-        pictures = PictureList([path for path, _ in self.press])
-        with Sensor(pictures, shape, depth=depth, estimator=estimator) as sensor:
+        depth = shape.depth_reader(*[Frame(read_image(path)) for path in self.reference])
+        images = ImageList([path for path, _ in self.press])
+        with Sensor(images, shape, depth=depth, estimator=estimator) as sensor:
             for (path, grams), reading in zip(self.press, sensor, strict=True):
                 estimator.forget()
                 assert reading.force is not None

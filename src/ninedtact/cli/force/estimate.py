@@ -1,4 +1,4 @@
-"""ninedtact estimate: pictures or a recording of a calibrated sensor → the six-axis force, with its error."""
+"""ninedtact estimate: images or a recording of a calibrated sensor → the six-axis force, with its error."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -23,19 +23,19 @@ COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz
 
 
 class NothingToEstimate(NinedtactError):
-    """No picture was named, or several things that are not pictures."""
+    """No image was named, or several things that are not images."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate the six-axis force on the skin from pictures, a video or a recording. Live: ninedtact live --force."""
+    """Estimate the six-axis force on the skin from images, a video or a recording. Live: ninedtact live --force."""
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Pictures of the touched skin; or one video, folder of pictures, or recording (.mcap)."""
+    """Images of the touched skin; or one video, folder of images, or recording (.mcap)."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Untouched skin of the same session; given more than once, the pictures are averaged. A video, folder or recording may
+    """Untouched skin of the same session; given more than once, the images are averaged. A video, folder or recording may
     begin with untouched skin instead."""
     force: str = BOTH
     """both (network and physics), network (the model that ships), physics (no training), or a force model (.onnx)."""
@@ -47,7 +47,7 @@ class Estimate:
     """Print the wrenches as one JSON object."""
 
     def run(self) -> int:
-        """Estimate every picture; nothing is written where one of them is bad."""
+        """Estimate every image; nothing is written where one of them is bad."""
         from ninedtact.cli.devices import sensor_of
 
         with sensor_of(self.sensor, self.source[0] if self.source else "") as folder:
@@ -61,7 +61,7 @@ class Estimate:
         return answer(self.json, figures, lines(found, self.out))
 
     def readings(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
-        """Every picture read, with a name of its own."""
+        """Every image read, with a name of its own."""
         from ninedtact.sensor import Sensor
 
         references = self.references
@@ -70,44 +70,44 @@ class Estimate:
             yield from named(self.source, sensor)
 
     def frames(self) -> "FrameSource":
-        """The pictures that were named, as a source; raises `NothingToEstimate`."""
+        """The images that were named, as a source; raises `NothingToEstimate`."""
         from ninedtact.capture.settings import AS_SENSOR
         from ninedtact.cli.devices import source_named
 
         if not self.source:
-            raise NothingToEstimate("expected pictures of the touched skin, got none; name them after the options")
-        if all(is_picture(text) for text in self.source):
+            raise NothingToEstimate("expected images of the touched skin, got none; name them after the options")
+        if all(is_image(text) for text in self.source):
             if not self.reference:
                 raise NothingToEstimate(
-                    "expected --reference with single pictures, got none; name a picture of the untouched skin"
+                    "expected --reference with single images, got none; name an image of the untouched skin"
                 )
-            from ninedtact.capture.picture_list import PictureList
+            from ninedtact.capture.image_list import ImageList
 
-            return PictureList([Path(text).expanduser() for text in self.source])
+            return ImageList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:
             raise NothingToEstimate(
-                f"expected pictures, or one video, folder or recording, got {len(self.source)} names that are not all "
-                "pictures; run the command once for each"
+                f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
+                "images; run the command once for each"
             )
         return source_named(self.source[0], AS_SENSOR)
 
     @property
     def references(self) -> "list[Frame]":
         """The untouched skin, as far as it was given."""
-        from ninedtact.capture.pictures import read_picture
+        from ninedtact.capture.images import read_image
         from ninedtact.quantities import Frame
 
-        return [Frame(read_picture(path)) for path in self.reference]
+        return [Frame(read_image(path)) for path in self.reference]
 
     def row(self, name: str, reading: "Reading") -> dict[str, Any]:
-        """One picture's figures, plain numbers."""
+        """One image's figures, plain numbers."""
         import numpy as np
 
         force = reading.force
         assert force is not None
         wrench = force.wrench.about(np.array(self.about_mm, float))
         return {
-            "picture": name,
+            "image": name,
             "time_ns": reading.frame.stamp_ns,
             "touching": force.touching,
             **dict(zip(COLUMNS, [*wrench.six.tolist(), *force.error.tolist()], strict=True)),
@@ -115,26 +115,26 @@ class Estimate:
         }
 
 
-def is_picture(text: str) -> bool:
-    """Whether the text names one picture."""
+def is_image(text: str) -> bool:
+    """Whether the text names one image."""
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
 def named(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
-    """Pictures by their file, those of a recording by their number."""
+    """Images by their file, those of a recording by their number."""
     for number, reading in enumerate(sensor):
-        yield (source[number] if is_picture(source[0]) else str(reading.frame.index)), reading
+        yield (source[number] if is_image(source[0]) else str(reading.frame.index)), reading
 
 
 def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """One line for every picture; raises `FileNotWritten`."""
+    """One line for every image; raises `FileNotWritten`."""
     import csv
     from io import StringIO
 
     from ninedtact.whole_file import write_whole
 
     text = StringIO()
-    table = csv.DictWriter(text, ["picture", "time_ns", "touching", *COLUMNS, "doubts"])
+    table = csv.DictWriter(text, ["image", "time_ns", "touching", *COLUMNS, "doubts"])
     table.writeheader()
     table.writerows({**row, "doubts": "; ".join(row["doubts"])} for row in rows)
     write_whole(path, text.getvalue().encode())
@@ -144,13 +144,13 @@ def lines(rows: list[dict[str, Any]], out: Path | None) -> Iterator[str]:
     """For a person."""
     for row in rows:
         if not row["touching"]:
-            yield f"{row['picture']}: nothing touches"
+            yield f"{row['image']}: nothing touches"
             continue
         forces = "  ".join(f"{name[:2]} {row[name]:+.2f} ± {row['e' + name[:2]]:.2f} N" for name in COLUMNS[:3])
         torques = "  ".join(
             f"{name[:2]} {row[name] * 1e3:+.1f} ± {row['e' + name[:2]] * 1e3:.1f}" for name in COLUMNS[3:6]
         )
         doubts = f"  ({', '.join(row['doubts'])})" if row["doubts"] else ""
-        yield f"{row['picture']}: {forces}  {torques} N·mm{doubts}"
+        yield f"{row['image']}: {forces}  {torques} N·mm{doubts}"
     if out is not None:
         yield f"  wrenches: {out}"

@@ -103,5 +103,5 @@ def from_file(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimat
 
 
 def gel_of(folder: "SensorFolder") -> "Gel":
-    """As the picture of its ball press shows it, else as designed."""
+    """As the image of its ball press shows it, else as designed."""
     return folder.record.design.gel if folder.record.twin is None else folder.record.twin.gel

@@ -1,4 +1,4 @@
-"""An estimator on a data set: every picture read by its own sensor, the answers beside the truth."""
+"""An estimator on a data set: every image read by its own sensor, the answers beside the truth."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -50,7 +50,7 @@ def sensors_for(data: Path, given: Path | None, workers: int, progress: bool) ->
     if given is None and not (members := members_of(data)):
         raise SensorsNotKnown(
             f"expected the calibrations of the sensors of {data}, got none; give --sensors, a folder that holds a sensor folder "
-            "of each name, or train on pictures: --channels deformation"
+            "of each name, or train on images: --channels deformation"
         )
     if given is None:
         given = data / OWN
@@ -94,13 +94,13 @@ def is_tried(folder: Path) -> bool:
 
 def calibrate_twin(member: "SensorMember", out: Path) -> None:
     """A sensor folder of it, or the reason why there can be none."""
-    from ninedtact.calibration.flow import CalibrationPictures, calibrate
+    from ninedtact.calibration.flow import CalibrationImages, calibrate
     from ninedtact.calibration.written import write_sensor
-    from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_pictures
+    from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images
 
-    pictures = gauge_pictures(member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
+    images = gauge_images(member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
     try:
-        made = calibrate(CalibrationPictures(**vars(pictures)), member.design, sensor_id=member.name)
+        made = calibrate(CalibrationImages(**vars(images)), member.design, sensor_id=member.name)
     except NinedtactError as refusal:
         out.mkdir(parents=True, exist_ok=True)
         write_whole(out / REFUSED, str(refusal).encode())

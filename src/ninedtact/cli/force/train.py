@@ -58,7 +58,7 @@ class Train:
     out: Path
     """Folder for the model, curves, logs and checkpoints: new, empty, or begun with the same options."""
     preset: Literal["ours", "paper"] = "ours"
-    """ours: a small network on heights; paper: DenseNet-169 on whole pictures, as published. The options below change it."""
+    """ours: a small network on heights; paper: DenseNet-169 on whole images, as published. The options below change it."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name: heights are read by these. Twins make their own."""
     network: str | None = None
@@ -86,7 +86,7 @@ class Train:
     licence: str = "MIT"
     """Of the model."""
     reading_workers: int = 1
-    """Processes that read pictures into heights."""
+    """Processes that read images into heights."""
     hardware: tyro.conf.OmitArgPrefixes[Hardware] = Hardware()
     json: bool = False
     """Print the figures as one JSON object."""

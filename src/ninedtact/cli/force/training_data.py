@@ -28,7 +28,7 @@ class TrainingData:
 
     def read(self) -> tuple["Examples", Sequence[str]]:
         """Examples with labels as of one modulus where the moduli are known, and their ids."""
-        examples, ids = self.of_heights() if self.grid.channels.of_heights else self.of_pictures()
+        examples, ids = self.of_heights() if self.grid.channels.of_heights else self.of_images()
         return at_one_modulus(examples, members_of(self.folder)), ids
 
     def of_heights(self) -> tuple["Examples", Sequence[str]]:
@@ -54,8 +54,8 @@ class TrainingData:
         names = pairs.objects.tolist(), pairs.sensors.tolist()
         return Examples(pairs.z_mm, pairs.wrenches, *names, traits=traits), pairs.ids.tolist()
 
-    def of_pictures(self) -> tuple["Examples", Sequence[str]]:
-        """Grey pictures with their references."""
+    def of_images(self) -> tuple["Examples", Sequence[str]]:
+        """Grey images with their references."""
         from ninedtact.force.training.examples import Examples
         from ninedtact.recording.dataset.reader import DataSet
 
@@ -64,7 +64,7 @@ class TrainingData:
         names = pairs.objects.each.tolist(), pairs.sensors.each.tolist()
         codes, files = pairs.references.codes, pairs.files
         return Examples(
-            files.pictures, pairs.wrenches, *names, references=files.references, reference_of=codes
+            files.images, pairs.wrenches, *names, references=files.references, reference_of=codes
         ), pairs.ids.tolist()
 
 

@@ -17,7 +17,7 @@ PRESSES = ((0.0, 0.0, 1.0), (2.5, 1.5, 1.0), (0.0, 0.0, 2.5), (-2.5, -1.5, 5.0),
 PITCH_MM = 0.3
 """Of the grid on which they are solved: a ball is smooth."""
 UNTOUCHED = 8
-"""Pictures averaged."""
+"""Images averaged."""
 
 
 def weighed(estimator: "ForceEstimator", member: "SensorMember", shape: "CalibratedShape") -> "ForceEstimator":

@@ -14,7 +14,7 @@ from ninedtact.cli.hardware.described import Described
 
 @dataclass(frozen=True)
 class Export:
-    """Write STEP, STL, DXF, drawings, circuit board, bill of materials and pictures of one sensor into a folder."""
+    """Write STEP, STL, DXF, drawings, circuit board, bill of materials and images of one sensor into a folder."""
 
     out: Path
     """Folder to write, whole or not at all; one that this command wrote before is replaced."""

@@ -1,4 +1,4 @@
-"""ninedtact hardware guide: how to build the sensor, step by step, with pictures of its own parts."""
+"""ninedtact hardware guide: how to build the sensor, step by step, with images of its own parts."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +12,10 @@ from ninedtact.cli.hardware.described import Described
 
 @dataclass(frozen=True)
 class Guide:
-    """Write the fabrication guide of a design: a page in Markdown and a picture of the parts after each step."""
+    """Write the fabrication guide of a design: a page in Markdown and an image of the parts after each step."""
 
     out: Path
-    """Folder for fabrication.md and pictures/; other files there stay."""
+    """Folder for fabrication.md and images/; other files there stay."""
     described: Annotated[Described, tyro.conf.arg(name="")] = Described()
     json: bool = False
     """Print the files as one JSON object."""

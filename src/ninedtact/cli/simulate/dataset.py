@@ -1,4 +1,4 @@
-"""ninedtact simulate dataset: pairs of picture and wrench from many twins, as a folder that Hugging Face opens."""
+"""ninedtact simulate dataset: pairs of image and wrench from many twins, as a folder that Hugging Face opens."""
 
 import sys
 from collections.abc import Iterator
@@ -26,14 +26,14 @@ class DatasetStopped(NinedtactError):
 
 @dataclass(frozen=True)
 class Dataset:
-    """Make a data set of pictures and six-axis wrenches. Run again after a stop, it goes on where it was."""
+    """Make a data set of images and six-axis wrenches. Run again after a stop, it goes on where it was."""
 
     out: Path
     """Folder for the data set: new, empty, or begun with the same options."""
     pairs: int = 10_000
-    """How many pictures with their wrenches."""
+    """How many images with their wrenches."""
     size: tuple[int, int] = (460, 345)
-    """Columns and rows of the pictures; all sizes show the sensing area's width, 24 mm as published."""
+    """Columns and rows of the images; all sizes show the sensing area's width, 24 mm as published."""
     sensors: int = 20
     """How many different sensors take turns."""
     objects: int = 175

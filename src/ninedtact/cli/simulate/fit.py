@@ -1,4 +1,4 @@
-"""ninedtact simulate fit: a sensor's own calibration pictures → its twin."""
+"""ninedtact simulate fit: a sensor's own calibration images → its twin."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Fit:
-    """Make the twin of a calibrated sensor from its four pictures alone, and write it into the sensor's folder.
+    """Make the twin of a calibrated sensor from its four images alone, and write it into the sensor's folder.
 
     The lens is fitted to the board again, mechanics and light to the ball. Depth is read by the physics method from then on.
     """
@@ -42,7 +42,7 @@ class Fit:
         fit = twin.fit
         yield f"twin of {self.sensor} fitted in {fit.seconds:.1f} s"
         yield (
-            f"  unexplained  {fit.rmse_grey_picture:.2f} grey levels over the picture, {fit.rmse_grey_radial:.2f} of the "
+            f"  unexplained  {fit.rmse_grey_image:.2f} grey levels over the image, {fit.rmse_grey_radial:.2f} of the "
             "radial profile"
         )
         yield f"  press        {fit.depth_mm:.2f} mm deep, dragged by ({fit.drag_mm[0]:+.2f}, {fit.drag_mm[1]:+.2f}) mm"

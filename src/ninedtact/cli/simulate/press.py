@@ -1,4 +1,4 @@
-"""ninedtact simulate press: one press of one object on a twin, as picture, heights, tractions and wrench."""
+"""ninedtact simulate press: one press of one object on a twin, as image, heights, tractions and wrench."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class Press:
-    """Press one object on the twin of a sensor: picture, heights, pressure, shear, wrench, and a figure of them all."""
+    """Press one object on the twin of a sensor: image, heights, pressure, shear, wrench, and a figure of them all."""
 
     object: str
     """What presses: ball:4 (mm), cylinder, cone, punch, ellipsoid, gear_07, a mesh file (part.stl, part.stl@in), thingi10k:ID."""
@@ -105,10 +105,10 @@ class Press:
         from ninedtact.simulation.drawn_press import DrawnPress
         from ninedtact.simulation.truth import pressure_mpa, shear_mpa
 
-        picture = self.twin.renderer(contact, 1)
-        drawn = DrawnPress(contact, indenter, picture, self.twin.renderer.view.reach_mm, self.cut)
+        image = self.twin.renderer(contact, 1)
+        drawn = DrawnPress(contact, indenter, image, self.twin.renderer.view.reach_mm, self.cut)
         return {
-            "picture.png": encoded(picture),
+            "image.png": encoded(image),
             "untouched.png": encoded(self.twin.renderer(None, 0)),
             "pressure.npy": saved(pressure_mpa(contact, *self.grid)),
             "shear.npy": saved(shear_mpa(contact, *self.grid)),
@@ -117,7 +117,7 @@ class Press:
 
     @cached_property
     def grid(self) -> tuple[tuple[int, int], float]:
-        """Shape and mm per pixel of heights and tractions: those of the published rectified picture."""
+        """Shape and mm per pixel of heights and tractions: those of the published rectified image."""
         design = design_or_published(self.design_file)
         view, wider = design.field_of_view, design.sensing_area.width_mm / SensingArea().width_mm
         return (view.rows, view.cols), MM_PER_PX * wider
@@ -175,11 +175,11 @@ def lines(found: dict[str, Any], out: Path) -> Iterator[str]:
     yield f"  open {out / 'figure.png'}"
 
 
-def encoded(picture: "np.ndarray") -> bytes:
-    """A picture as .png."""
+def encoded(image: "np.ndarray") -> bytes:
+    """An image as .png."""
     import cv2
 
-    return cv2.imencode(".png", picture)[1].tobytes()
+    return cv2.imencode(".png", image)[1].tobytes()
 
 
 def saved(field: "np.ndarray") -> bytes:

@@ -36,7 +36,7 @@ def write_report(out: Path, evaluation: Evaluation) -> Iterator[tuple[str, Path]
 
 
 def page(evaluation: Evaluation, drawn: dict[str, bytes]) -> str:
-    """One HTML document: pictures are inside it, it loads and runs nothing."""
+    """One HTML document: images are inside it, it loads and runs nothing."""
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -59,5 +59,5 @@ def page(evaluation: Evaluation, drawn: dict[str, bytes]) -> str:
         coverage=[*coverage_rows(evaluation)],
         sensors=[*part_rows(evaluation.by_sensor)],
         worst=[*part_rows(sorted(evaluation.by_object, key=lambda part: -part.mae[:3].mean())[:WORST])],
-        pictures={name: b64encode(content).decode() for name, content in drawn.items()},
+        images={name: b64encode(content).decode() for name, content in drawn.items()},
     )

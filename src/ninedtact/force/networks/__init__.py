@@ -1,4 +1,4 @@
-"""Networks of force, by name: a picture of any kind → six numbers, or six and the logarithms of their scales.
+"""Networks of force, by name: an image of any kind → six numbers, or six and the logarithms of their scales.
 
     moments                      ours: small, and exact about places (`moments.py`)
     densenet121 … densenet201    the paper's is 169; names of parameters are torchvision's

@@ -45,7 +45,7 @@ def transition(channels: int) -> nn.Sequential:
 
 
 class DenseNet(nn.Module):
-    """Pictures of any size → `outputs` numbers."""
+    """Images of any size → `outputs` numbers."""
 
     def __init__(self, growth: int, blocks: tuple[int, ...], first: int, channels: int, outputs: int) -> None:
         super().__init__()

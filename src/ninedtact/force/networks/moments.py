@@ -21,7 +21,7 @@ Layer = nn.Sequential
 
 
 def convolution(before: int, after: int, kernel: int, stride: int = 1) -> Layer:
-    """Convolution and normalisation; the padding keeps the picture's centre where it is."""
+    """Convolution and normalisation; the padding keeps the image's centre where it is."""
     padding = (kernel - stride + 1) // 2
     return Layer(nn.Conv2d(before, after, kernel, stride, padding, bias=False), nn.BatchNorm2d(after))
 
@@ -65,7 +65,7 @@ class Moments(nn.Module):
 
 
 class MomentsNetwork(nn.Module):
-    """Pictures of one size → six numbers, or twelve with the logarithms of their scales."""
+    """Images of one size → six numbers, or twelve with the logarithms of their scales."""
 
     def __init__(self, settings: InputSettings, outputs: int, unit: tuple[float, ...], blocks: int = BLOCKS) -> None:
         super().__init__()
@@ -92,5 +92,5 @@ class MomentsNetwork(nn.Module):
 
 
 def spread(before: int, after: int) -> Layer:
-    """How sure the answer is, from what the whole picture holds."""
+    """How sure the answer is, from what the whole image holds."""
     return Layer(nn.Linear(before, WIDTH), nn.Hardswish(), nn.Linear(WIDTH, after))

@@ -10,11 +10,11 @@ from ninedtact.force.networks.vit import PATCH_PX, VisionTransformer
 
 NAMES = ("moments", *densenet.LAYERS, *resnet.LAYERS, "vit")
 SMALLEST_PX = 32
-"""Sides of a picture that is halved five times."""
+"""Sides of an image that is halved five times."""
 
 
 class NetworkUnknown(NinedtactError):
-    """A name that no network has, or a picture that it cannot take."""
+    """A name that no network has, or an image that it cannot take."""
 
 
 def network(name: str, settings: InputSettings, outputs: int, unit: tuple[float, ...]) -> nn.Module:
@@ -43,5 +43,5 @@ def require_size(name: str, settings: InputSettings) -> None:
     smallest = {"moments": 4, "vit": PATCH_PX}.get(name, SMALLEST_PX)
     if min(rows, cols) < smallest:
         raise NetworkUnknown(
-            f"expected at least {smallest} x {smallest} pixels for {name}, got {cols} x {rows}; take larger pictures"
+            f"expected at least {smallest} x {smallest} pixels for {name}, got {cols} x {rows}; take larger images"
         )

@@ -57,7 +57,7 @@ def shortcut(channels: int, width: int, stride: int) -> nn.Sequential | None:
 
 
 class ResNet(nn.Module):
-    """Pictures of any size → `outputs` numbers."""
+    """Images of any size → `outputs` numbers."""
 
     def __init__(
         self, block: type[Basic] | type[Bottleneck], layers: tuple[int, ...], channels: int, outputs: int

@@ -10,7 +10,7 @@ DEPTH = 8
 
 
 class VisionTransformer(nn.Module):
-    """Pictures of any size → `outputs` numbers; places are told by sines, so that no size is learnt."""
+    """Images of any size → `outputs` numbers; places are told by sines, so that no size is learnt."""
 
     def __init__(self, channels: int, outputs: int) -> None:
         super().__init__()

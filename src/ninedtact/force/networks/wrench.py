@@ -9,7 +9,7 @@ from ninedtact.force.inputs import InputSettings
 from ninedtact.force.networks.named import network
 
 SMALLEST_LOG, LARGEST_LOG = -8.0, 5.0
-"""Of a scale in units of the labels' scale: no picture is surer or less sure than that."""
+"""Of a scale in units of the labels' scale: no image is surer or less sure than that."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class WrenchNetwork(nn.Module):
         self.offset: Tensor
         self.gain: Tensor
         self.power: Tensor
-        """The scale that is told is gain · scale^power, in units: as held-out pictures showed (`training.intervals`)."""
+        """The scale that is told is gain · scale^power, in units: as held-out images showed (`training.intervals`)."""
 
     def forward(self, x: Tensor) -> tuple[Tensor, ...]:
         """N and N·m."""

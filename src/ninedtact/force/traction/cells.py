@@ -1,4 +1,4 @@
-"""The grid that tractions are read on: about half a millimetre, over the picture that is seen and some skin around it.
+"""The grid that tractions are read on: about half a millimetre, over the image that is seen and some skin around it.
 
 Fields of the view are (rows, cols). Fields of the skin are larger and periodic: the view is their first rows and columns,
 what follows is skin below (right of) the view, then, wrapped around, skin above (left of) it.
@@ -19,13 +19,13 @@ COARSEST_MM = 0.7
 AROUND_MM = 3.3
 """Skin beyond the view that scatters light into it, and that keeps periodic images of the contact away."""
 BEYOND = 1
-"""Cells on every side beyond the picture where pressure may be, too: near its border, skin that is pressed in is seen displaced
-outwards, out of the picture."""
+"""Cells on every side beyond the image where pressure may be, too: near its border, skin that is pressed in is seen displaced
+outwards, out of the image."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A view of (rows, cols) square cells: the picture, and `BEYOND` cells around it."""
+    """A view of (rows, cols) square cells: the image, and `BEYOND` cells around it."""
 
     rows: int
     cols: int
@@ -37,8 +37,8 @@ class Cells:
         return self.rows, self.cols
 
     @property
-    def picture_shape(self) -> tuple[int, int]:
-        """Of the part that is on the picture."""
+    def image_shape(self) -> tuple[int, int]:
+        """Of the part that is on the image."""
         return self.rows - 2 * BEYOND, self.cols - 2 * BEYOND
 
     @cached_property
@@ -69,6 +69,6 @@ class Cells:
 
 
 def cells_over(shape: tuple[int, int], mm_per_px: float) -> Cells:
-    """Cells over a picture of this shape, none longer than about `COARSEST_MM`."""
+    """Cells over an image of this shape, none longer than about `COARSEST_MM`."""
     rows, cols = (max(8, int(np.ceil(side * mm_per_px / COARSEST_MM))) for side in shape)
     return Cells(rows + 2 * BEYOND, cols + 2 * BEYOND, float(np.sqrt(shape[0] * shape[1] / (rows * cols)) * mm_per_px))

@@ -1,4 +1,4 @@
-"""How certain the wrench is: what the picture leaves open, and what is uncertain of the sensor."""
+"""How certain the wrench is: what the image leaves open, and what is uncertain of the sensor."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ THICKNESS_POWER = 1.0
 
 @dataclass(frozen=True)
 class Certainty:
-    """Standard deviations that no single picture tells, relative."""
+    """Standard deviations that no single image tells, relative."""
 
     modulus: float = 0.05
     """Of the gel's shear modulus, as a known weight gives it."""
@@ -24,7 +24,7 @@ class Certainty:
     model: float = 0.08
     """Of what the cells and the linear gel leave out, found on twins."""
     alike: float = 2.0
-    """How many times more the picture leaves open than if its cells erred independently: what is wrong in the calibration is
+    """How many times more the image leaves open than if its cells erred independently: what is wrong in the calibration is
     wrong in the same way all around a contact. Found on twins."""
 
     @property
@@ -39,7 +39,7 @@ class Certainty:
 
 
 def covariance(found: Explained) -> Float64[Array, "6 6"]:
-    """Of the six sums over the shear modulus, given the picture: S H⁻¹ Sᵀ."""
+    """Of the six sums over the shear modulus, given the image: S H⁻¹ Sᵀ."""
     sizes = found.lowest.sizes(sums(found.round))
     return np.asarray(sizes @ sizes.T)
 

@@ -1,4 +1,4 @@
-"""Force without training: pressure and shear under the contact, read out of the picture by the gel's compliance.
+"""Force without training: pressure and shear under the contact, read out of the image by the gel's compliance.
 
     reading ──observation──▶ light on cells ──gate──▶ touched? ──inversion──▶ tractions ──sums──▶ wrench and its error
 
@@ -56,7 +56,7 @@ class TractionForce(ForceEstimator):
     name: str = "force by physics"
     last: Explained | None = field(default=None, init=False, repr=False)
     inversions: dict[Cells, Inversion] = field(default_factory=dict, init=False, repr=False)
-    """One for each size of picture met."""
+    """One for each size of image met."""
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """The wrench about the skin's centre; raises `TractionImpossible` for a reading that cannot be used."""
@@ -104,7 +104,7 @@ class TractionForce(ForceEstimator):
         return (seen.beyond > 0.5) | (seen.z_mm < -DEEPEST_PART * self.gel.thickness_mm)
 
     def inversion_for(self, height: HeightMap) -> Inversion:
-        """For pictures of this size, made when the first is met."""
+        """For images of this size, made when the first is met."""
         cells = cells_over(height.z_mm.shape, height.mm_per_px)
         if cells not in self.inversions:
             self.forget()
@@ -114,7 +114,7 @@ class TractionForce(ForceEstimator):
         return self.inversions[cells]
 
     def forget(self) -> None:
-        """Begin the next from its own picture."""
+        """Begin the next from its own image."""
         self.last = None
 
 

@@ -1,4 +1,4 @@
-"""What tractions are read from: the picture itself, by the sensor's law of light; or a height map, where no light is known.
+"""What tractions are read from: the image itself, by the sensor's law of light; or a height map, where no light is known.
 
 Light says more. A height map is light that was put back where it came from, as far as noise allowed, then looked up; parts
 of a contact that are narrower than light scatters come out blurred, and what is dark there and what is bright do not
@@ -37,7 +37,7 @@ class Evidence(ABC):
 
 @dataclass(frozen=True)
 class ByLight(Evidence):
-    """The picture itself, by the sensor's law of light."""
+    """The image itself, by the sensor's law of light."""
 
     curve: DepthCurve
     loss: Loss
@@ -58,12 +58,12 @@ class ByLight(Evidence):
         change = seen_at(self.changed(reading.rectified, reading.reference, cells), pixel)
         return Observation(change, max(roughness(change), LEAST_NOISE), self.error(below.z_mm), *facts(below), beyond)
 
-    def changed(self, picture: Rectified, reference: Rectified, cells: Cells) -> View:
+    def changed(self, image: Rectified, reference: Rectified, cells: Cells) -> View:
         """Relative change of brightness of every cell, the light that is lost everywhere given back."""
         if not self.kept or self.kept[0][0] is not reference or self.kept[0][1].shape != cells.shape:
             self.kept[:] = [(reference, np.maximum(shrunk(reference.grey, cells), np.float32(1)))]
-        lost = self.loss(picture.grey, reference.grey)
-        return shrunk(picture.grey, cells) / self.kept[0][1] * np.float32(1 / (1 + lost)) - np.float32(1)
+        lost = self.loss(image.grey, reference.grey)
+        return shrunk(image.grey, cells) / self.kept[0][1] * np.float32(1 / (1 + lost)) - np.float32(1)
 
     def error(self, z_mm: View) -> View:
         """The depth curve's error as brightness, the mean over its range: what is wrong in one place is wrong near it, too."""

@@ -14,7 +14,7 @@ class Effort:
     rounds: int = 4
     """Of linearising, from a cold start."""
     warm_rounds: int = 1
-    """The same where the last picture's answer is at hand."""
+    """The same where the last image's answer is at hand."""
     solves: int = 30
     """Of the quadratic, in each round."""
     enough: float = 1.0

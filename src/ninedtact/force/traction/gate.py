@@ -1,7 +1,7 @@
 """Whether anything touches, and where.
 
-Something touches where the picture, smoothed over a millimetre, is darker than its noise could make it anywhere. The noise
-is the picture's own, so the rule needs no setting for a sensor that it has not seen.
+Something touches where the image, smoothed over a millimetre, is darker than its noise could make it anywhere. The noise
+is the image's own, so the rule needs no setting for a sensor that it has not seen.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Gate:
 
     smoothing_cells: float = 1.5
     deviations: float = 9.0
-    """Of the smoothed noise; the worst of 110 untouched pictures of 39 sensors came to 7.7."""
+    """Of the smoothed noise; the worst of 110 untouched images of 39 sensors came to 7.7."""
     least: float = 1e-3
     """Relative darkening (mm, where heights are observed) below which nothing counts: a reference is no better."""
     shallow_mm: float = 0.02
@@ -48,7 +48,7 @@ class Gate:
         return np.asarray(cv2.dilate((parts_with(pressed, deep) | dark).astype(np.float32), RIM))
 
     def darker(self, seen: Observation) -> View:
-        """By how much every place is darker than the picture's level, smoothed."""
+        """By how much every place is darker than the image's level, smoothed."""
         level = np.median(seen.change[seen.in_view > 0])
         return np.asarray(cv2.GaussianBlur((level - seen.change) * seen.in_view, (0, 0), self.smoothing_cells))
 

@@ -2,7 +2,7 @@
 
 Minimised: ‖(seen − predicted)/σ‖² + ‖pressure‖² and ‖shear modes‖² in the measure of what is known of presses (`prior`),
 with pressure nowhere negative, and both zero where the skin is not pressed in. σ is no choice: it is the noise of this
-picture and the error of this sensor's calibration, or what the best explanation leaves, where that is more (discrepancy
+image and the error of this sensor's calibration, or what the best explanation leaves, where that is more (discrepancy
 principle; docs/force_physics.md has the sources).
 """
 
@@ -31,7 +31,7 @@ WINKLER_PER_MM = 3.9
 SHALLOWEST_MM = 0.02
 """Indentation below which the prior of pressure is not narrowed any more."""
 LEVEL = 0.003
-"""Standard deviation of the light that the whole picture has more or less than it should, relative."""
+"""Standard deviation of the light that the whole image has more or less than it should, relative."""
 
 
 @dataclass(frozen=True)

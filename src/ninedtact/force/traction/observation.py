@@ -30,7 +30,7 @@ class Observation:
     change: View
     """Relative change of brightness; mm where heights are what is observed."""
     noise: float
-    """Standard deviation of the same from picture to picture, one cell."""
+    """Standard deviation of the same from image to image, one cell."""
     error: View
     """What the calibration leaves uncertain in it."""
     z_mm: View
@@ -49,7 +49,7 @@ def facts(below: HeightMap) -> tuple[View, View]:
 def placed(height: HeightMap, cells: Cells) -> tuple[HeightMap, Float32[Array, "2 rows cols"], View]:
     """The map on the cells' places; where, on a grid of lines of sight as coarse, each place is seen; what is too deep."""
     require_view(bool(height.in_view.any()))
-    seen = part(height.coverage != Coverage.OUT_OF_VIEW.value, cells) * on_picture(cells)
+    seen = part(height.coverage != Coverage.OUT_OF_VIEW.value, cells) * on_image(cells)
     coverage = np.where(seen > 0.5, Coverage.MEASURED, Coverage.OUT_OF_VIEW).astype(np.uint8)
     coarse = replace(height, z_mm=shrunk(height.z_mm, cells), coverage=coverage, mm_per_px=cells.pitch_mm)
     pixel = pixel_meeting(coarse, np.stack(cells.places_mm))
@@ -82,8 +82,8 @@ def seen_at(field: View, pixel: Float32[Array, "2 rows cols"]) -> View:
 
 
 def shrunk(field: Float32[Array, "a b"], cells: Cells) -> View:
-    """Means over the cells; beyond the picture its border is repeated."""
-    down, across = (averaging(*sides) for sides in zip(field.shape, cells.picture_shape, strict=True))
+    """Means over the cells; beyond the image its border is repeated."""
+    down, across = (averaging(*sides) for sides in zip(field.shape, cells.image_shape, strict=True))
     return down @ field @ across.T
 
 
@@ -96,9 +96,9 @@ def averaging(pixels: int, cells: int) -> Float32[Array, "view pixels"]:
     return np.pad(inside, ((BEYOND, BEYOND), (0, 0)), mode="edge").astype(np.float32)
 
 
-def on_picture(cells: Cells) -> Float32[Array, "rows cols"]:
-    """One on the picture's cells, zero around it."""
-    return np.pad(np.ones(cells.picture_shape, np.float32), BEYOND)
+def on_image(cells: Cells) -> Float32[Array, "rows cols"]:
+    """One on the image's cells, zero around it."""
+    return np.pad(np.ones(cells.image_shape, np.float32), BEYOND)
 
 
 def roughness(field: Float[Array, "rows cols"]) -> float:

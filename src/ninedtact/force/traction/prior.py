@@ -1,4 +1,4 @@
-"""What is known of tractions before the picture is looked at: statistics of presses (docs/force_physics.md has the figures).
+"""What is known of tractions before the image is looked at: statistics of presses (docs/force_physics.md has the figures).
 
 In units of the shear modulus. Pressure: correlated as exp(−r/ℓ), ℓ = 1.9 mm, and in proportion to how deep the touch is.
 Shear: pressure times a smooth ratio, of which one part is the same all over the contact (the hand's pull: 0.12 on each axis)

@@ -1,4 +1,4 @@
-"""How much each cell of the picture is believed."""
+"""How much each cell of the image is believed."""
 
 from dataclasses import dataclass
 from functools import cached_property

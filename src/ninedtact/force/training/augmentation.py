@@ -1,4 +1,4 @@
-"""The same touch seen otherwise, so that its label stays right: `geometry` changes picture and wrench, `disturbance` the picture.
+"""The same touch seen otherwise, so that its label stays right: `geometry` changes image and wrench, `disturbance` the image.
 
 Works on batches on their own device, before channels are made of them, and draws from the generator that it is given.
 """
@@ -14,13 +14,13 @@ from ninedtact.force.training.geometry import Moves
 
 @dataclass(frozen=True)
 class Augmentation:
-    """How much is changed; every picture of a batch for itself."""
+    """How much is changed; every image of a batch for itself."""
 
     moves: Moves = Moves()
     heights: HeightErrors = HeightErrors()
     """Done to heights."""
     light: LightErrors = LightErrors()
-    """Done to pictures."""
+    """Done to images."""
 
     def __call__(self, batch: TouchBatch, mm_per_px: float, generator: torch.Generator) -> TouchBatch:
         """Another batch of the same touches."""

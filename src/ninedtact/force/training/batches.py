@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from ninedtact.force.inputs import Channels, height_channels, picture_channels
+from ninedtact.force.inputs import Channels, height_channels, image_channels
 from ninedtact.force.training.examples import Examples
 from ninedtact.force.traits import USUAL
 
@@ -20,7 +20,7 @@ from ninedtact.force.traits import USUAL
 class TouchBatch:
     """Some examples on one device; numbers as they are stored until `floating`."""
 
-    pictures: Tensor
+    images: Tensor
     """(n, rows, cols) heights in mm, or grey levels."""
     wrench: Tensor
     references: Tensor | None
@@ -40,9 +40,9 @@ class TouchBatch:
     def channels(self, of: Channels) -> Tensor:
         """What the network is shown."""
         if self.references is None:
-            made: Tensor = height_channels(self.pictures, self.traits, of)
+            made: Tensor = height_channels(self.images, self.traits, of)
         else:
-            made = picture_channels(self.pictures, self.references, of)
+            made = image_channels(self.images, self.references, of)
         return made.contiguous(memory_format=torch.channels_last)
 
 
@@ -58,7 +58,7 @@ class ExampleBatches(Dataset[TouchBatch]):
         if examples.references is not None and examples.reference_of is not None:
             references = copied(examples.references[examples.reference_of[rows]])
         traits = np.tile(USUAL.row, (len(rows), 1)) if examples.traits is None else examples.traits[rows]
-        return TouchBatch(copied(examples.pictures[rows]), copied(examples.wrench[rows]), references, copied(traits))
+        return TouchBatch(copied(examples.images[rows]), copied(examples.wrench[rows]), references, copied(traits))
 
 
 def copied(array: Array) -> Tensor:

@@ -1,4 +1,4 @@
-"""A training drawn: what was learnt and what held-out pictures say, epoch by epoch.
+"""A training drawn: what was learnt and what held-out images say, epoch by epoch.
 
 matplotlib is slow to import, so it is imported when the figure is drawn; its global state is never touched.
 """
@@ -22,7 +22,7 @@ INK, PALE_INK = "#22262b", "#6b7280"
 
 
 def curves(rows: Sequence[Row], median_mae: Sequence[float], best_epoch: int) -> bytes:
-    """A PNG. median_mae: by axis, of always answering the median of the held-out pictures."""
+    """A PNG. median_mae: by axis, of always answering the median of the held-out images."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.8), dpi=130, facecolor="white", layout="constrained")

@@ -1,4 +1,4 @@
-"""What spoils a picture and leaves the wrench as it is: errors of a height map, and of light and camera."""
+"""What spoils an image and leaves the wrench as it is: errors of a height map, and of light and camera."""
 
 from dataclasses import dataclass, replace
 from math import ceil
@@ -12,7 +12,7 @@ from ninedtact.force.training.batches import TouchBatch
 
 @dataclass(frozen=True)
 class HeightErrors:
-    """Of a depth calibration and of its picture; standard deviations but where it says most."""
+    """Of a depth calibration and of its image; standard deviations but where it says most."""
 
     gain: float = 0.03
     """Of what is pressed in and, apart from it, of what bulges."""
@@ -27,12 +27,12 @@ class HeightErrors:
 
     def __call__(self, batch: TouchBatch, mm_per_px: float, generator: Generator) -> TouchBatch:
         """Heights in mm, each with errors of its own."""
-        z_mm = batch.pictures
+        z_mm = batch.images
         pressed, bulging = (1 + self.gain * normal(generator, len(z_mm), 1, 1) for _ in range(2))
         gained = torch.where(z_mm < 0, z_mm * pressed, z_mm * bulging)
         return replace(
             batch,
-            pictures=gained + self.plane(z_mm, mm_per_px, generator) + self.noise(z_mm, mm_per_px, generator),
+            images=gained + self.plane(z_mm, mm_per_px, generator) + self.noise(z_mm, mm_per_px, generator),
             traits=self.doubtful(batch.traits, generator),
         )
 
@@ -51,7 +51,7 @@ class HeightErrors:
         return self.offset_mm * offset + along_x * x + along_y * y[:, None]
 
     def noise(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
-        """As smooth in all pictures of a batch, in each as strong as chance has it."""
+        """As smooth in all images of a batch, in each as strong as chance has it."""
         if self.noise_most_mm == 0:
             return torch.zeros_like(z_mm)
         width_px = self.noise_width_most_mm / mm_per_px * torch.rand((), generator=generator, device=z_mm.device)
@@ -65,21 +65,19 @@ class LightErrors:
     """Of light and camera; standard deviations but where it says most."""
 
     gain: float = 0.05
-    """Of picture and reference: another lamp."""
+    """Of image and reference: another lamp."""
     drift: float = 0.004
-    """Of the reference against the picture: the lamp has warmed up since."""
+    """Of the reference against the image: the lamp has warmed up since."""
     noise_most_grey: float = 0.7
 
     def __call__(self, batch: TouchBatch, generator: Generator) -> TouchBatch:
-        """Grey levels, each picture and its reference with errors of their own."""
+        """Grey levels, each image and its reference with errors of their own."""
         assert batch.references is not None
-        n = len(batch.pictures)
+        n = len(batch.images)
         gain, drift = (1 + part * normal(generator, n, 1, 1) for part in (self.gain, self.drift))
         strength = self.noise_most_grey * torch.rand(n, 1, 1, generator=generator, device=generator.device)
-        pictures = batch.pictures * gain + strength * normal(generator, *batch.pictures.shape)
-        return replace(
-            batch, pictures=pictures.clamp(0, 255), references=(batch.references * gain * drift).clamp(0, 255)
-        )
+        images = batch.images * gain + strength * normal(generator, *batch.images.shape)
+        return replace(batch, images=images.clamp(0, 255), references=(batch.references * gain * drift).clamp(0, 255))
 
 
 def normal(generator: Generator, *shape: int) -> Tensor:

@@ -1,4 +1,4 @@
-"""What is learnt from: pictures or heights with the wrench of each, in memory or mapped from a file."""
+"""What is learnt from: images or heights with the wrench of each, in memory or mapped from a file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,26 +24,26 @@ class ExamplesUnusable(NinedtactError):
 class Examples:
     """Pairs at the size of the network's input; raises `ExamplesUnusable`. What is large may be mapped from a file."""
 
-    pictures: Shaped[Array, "n rows cols"]
+    images: Shaped[Array, "n rows cols"]
     """Heights in mm on the network's grid (`inputs.heights_at_places`), or grey levels; of any type of number."""
     wrench: Float32[Array, "n 6"]
     """N and N·m about the skin's centre."""
     objects: Sequence[str]
     sensors: Sequence[str]
     references: Shaped[Array, "m rows cols"] | None = None
-    """Untouched pictures; none for heights."""
+    """Untouched images; none for heights."""
     reference_of: Int[Array, " n"] | None = None
-    """Which of them each picture is held against."""
+    """Which of them each image is held against."""
     traits: Float32[Array, "n traits"] | None = None
     """Of the sensor of each (`Traits.row`); usual ones where nothing is said."""
 
     def __post_init__(self) -> None:
-        n = len(self.pictures)
+        n = len(self.images)
         columns = (self.wrench, self.objects, self.sensors, self.reference_of, self.traits)
         if any(column is not None and len(column) != n for column in columns) or self.wrench.shape != (n, AXES):
             raise ExamplesUnusable(
-                f"expected a wrench of six, object, sensor and the rest for each of {n} pictures, got columns of other "
-                "lengths; give one of each for every picture"
+                f"expected a wrench of six, object, sensor and the rest for each of {n} images, got columns of other "
+                "lengths; give one of each for every image"
             )
         if not np.isfinite(self.wrench).all():
             bad = ~np.isfinite(self.wrench).all(1)
@@ -58,7 +58,7 @@ class Examples:
         return replace(self, wrench=(self.wrench * softer).astype(np.float32))
 
     def __len__(self) -> int:
-        return len(self.pictures)
+        return len(self.images)
 
 
 def require_learnable(examples: Examples, rows: Rows, settings: InputSettings) -> None:
@@ -68,15 +68,15 @@ def require_learnable(examples: Examples, rows: Rows, settings: InputSettings) -
             f"expected at least {FEWEST} pairs to learn from and others to check with, got {len(rows.train)} and "
             f"{len(rows.test)}; hold out more or less, or record more"
         )
-    size = examples.pictures.shape[1:]
+    size = examples.images.shape[1:]
     if size != (settings.rows, settings.cols):
         raise ExamplesUnusable(
-            f"expected pictures of {settings.cols} x {settings.rows}, got {size[1]} x {size[0]}; read the data at that size"
+            f"expected images of {settings.cols} x {settings.rows}, got {size[1]} x {size[0]}; read the data at that size"
         )
     if settings.channels.of_heights != (examples.references is None) or (examples.reference_of is None) != (
         examples.references is None
     ):
-        given = "heights" if examples.references is None else "pictures with references"
+        given = "heights" if examples.references is None else "images with references"
         raise ExamplesUnusable(
             f"expected examples for the channels {settings.channels.value!r}, got {given}; give the others, or ask for other "
             "channels"

@@ -45,7 +45,7 @@ def rewrite_card(path: Path, card: Card, out: Path) -> None:
 
 
 def graph_of(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
-    """For any number of pictures at once."""
+    """For any number of images at once."""
     network.cpu().eval()
     shown = torch.zeros(2, *card.input.shape)
     with quiet(), torch.no_grad():

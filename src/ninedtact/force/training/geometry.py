@@ -1,8 +1,8 @@
-"""Mirrored, turned, shifted and scaled: pictures and wrenches alike.
+"""Mirrored, turned, shifted and scaled: images and wrenches alike.
 
 A point X of the skin goes to scale·R·M·X + t: M mirrors, R turns about the skin's centre, t shifts. A force goes to R·M·F; a torque
 turns as a force does and changes its sign with every mirror, for it is an axial vector; a shifted force has another arm,
-T + t × F. The scale is an error of the calibration: the picture alone has it.
+T + t × F. The scale is an error of the calibration: the image alone has it.
 """
 
 from dataclasses import dataclass, replace
@@ -22,18 +22,18 @@ class Moves:
     mirror: bool = True
     """Along x, along y, both or neither, as often."""
     moved_share: float = 0.5
-    """Part of the pictures that are turned, shifted and scaled; the others stay sharp."""
+    """Part of the images that are turned, shifted and scaled; the others stay sharp."""
     turn_most_deg: float = 10.0
     shift_most_mm: float = 0.6
     scale: float = 0.005
     """Standard deviation."""
 
     def __call__(self, batch: TouchBatch, mm_per_px: float, generator: torch.Generator) -> TouchBatch:
-        """Every picture by its own move."""
+        """Every image by its own move."""
         return moved(batch, self.drawn(len(batch.wrench), generator), mm_per_px)
 
     def drawn(self, n: int, generator: torch.Generator) -> "Move":
-        """One move for each picture."""
+        """One move for each image."""
         device = generator.device
 
         def even(*shape: int) -> Tensor:
@@ -49,7 +49,7 @@ class Moves:
 
 @dataclass(frozen=True)
 class Move:
-    """Of n pictures: signs (n, 2) along x and y, angles (n) from x to y, shifts (n, 2) in mm, scales (n)."""
+    """Of n images: signs (n, 2) along x and y, angles (n) from x to y, shifts (n, 2) in mm, scales (n)."""
 
     mirror: Tensor
     turn_rad: Tensor
@@ -65,12 +65,12 @@ class Move:
 
 
 def moved(batch: TouchBatch, move: Move, mm_per_px: float) -> TouchBatch:
-    """Pictures, references and wrenches after it."""
-    grid = where_from(move, batch.pictures.shape, mm_per_px)
+    """Images, references and wrenches after it."""
+    grid = where_from(move, batch.images.shape, mm_per_px)
     references = None if batch.references is None else looked_up(batch.references, grid)
     return replace(
         batch,
-        pictures=looked_up(batch.pictures, grid),
+        images=looked_up(batch.images, grid),
         references=references,
         wrench=wrench_after(move, batch.wrench),
     )
@@ -90,7 +90,7 @@ def wrench_after(move: Move, wrench: Tensor) -> Tensor:
 
 
 def where_from(move: Move, shape: torch.Size, mm_per_px: float) -> Tensor:
-    """For every pixel of the moved pictures, the place in the old ones, as `grid_sample` counts: (n, rows, cols, 2)."""
+    """For every pixel of the moved images, the place in the old ones, as `grid_sample` counts: (n, rows, cols, 2)."""
     n, rows, cols = shape
     # From the centre to the centre of the last pixel.
     half_mm = torch.tensor([(cols - 1) / 2, (rows - 1) / 2], device=move.shift_mm.device) * mm_per_px

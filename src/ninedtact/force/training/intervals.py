@@ -1,6 +1,6 @@
-"""Errors that cover what they claim, as pictures of held-out sensors and objects show.
+"""Errors that cover what they claim, as images of held-out sensors and objects show.
 
-A network's own scale b knows which pictures are hard, but not how large errors are where it was not trained. What is told is
+A network's own scale b knows which images are hard, but not how large errors are where it was not trained. What is told is
 gain · b^power, both by axis: the power so that errors over it are distributed like Laplace's, their 90 % quantile ln 10 / ln 2
 times the median; the gain so that the quantiles are right themselves.
 """
@@ -14,7 +14,7 @@ LAPLACE = -np.log1p(-np.array(SHARES))
 """|error| / scale below which these shares of a Laplace distribution lie."""
 POWERS = np.linspace(0.5, 1.3, 33)
 FEWEST = 20
-"""Pictures that quantiles need."""
+"""Images that quantiles need."""
 
 Six = Float64[Array, "6"]
 

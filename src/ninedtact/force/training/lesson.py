@@ -24,7 +24,7 @@ from ninedtact.force.training.intervals import gain_and_power
 from ninedtact.force.training.settings import TrainingSettings
 
 MOST_LOOKED_AT = 5000
-"""Pictures whose numbers tell what training saw."""
+"""Images whose numbers tell what training saw."""
 LEFT_OUT = ("published", "by_object", "by_sensor")
 """Of the evaluation that the card holds."""
 WITH = ("ninedtact", "torch", "lightning", "numpy")
@@ -117,7 +117,7 @@ class Lesson:
 
     @property
     def likeness(self) -> dict[str, Range]:
-        """Numbers of the pictures as training saw them."""
+        """Numbers of the images as training saw them."""
         train = self.rows.train
         looked_at = train[:: -(-len(train) // MOST_LOOKED_AT)]
         channels = self.settings.input.channels

@@ -39,9 +39,9 @@ class Prediction:
     signal_per_n: float
     """Largest darkening under that load, grey levels."""
     depth_noise_mm: float
-    """Of one pixel of one picture, at the skin's surface."""
+    """Of one pixel of one image, at the skin's surface."""
     mm_per_px: float
-    """Of the raw picture, in the middle."""
+    """Of the raw image, in the middle."""
     blur_mm: float
     """Standard deviation to which scattered light rounds edges."""
     view_radius_mm: float

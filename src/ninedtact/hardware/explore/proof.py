@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.calibration.flow import CalibrationPictures, calibrate
+from ninedtact.calibration.flow import CalibrationImages, calibrate
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import traction_force
@@ -12,7 +12,7 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import Frame, Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.simulation.designed import designed_twin
-from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_pictures
+from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.truth import heights_like, mean_error_mm
 from ninedtact.simulation.twin import Twin
@@ -35,8 +35,8 @@ class Proof:
 def proof(design: SensorDesign) -> Proof:
     """Some ten seconds; raises `BoardNotFound`, `BallRefused` where the design cannot be calibrated, and what pressing raises."""
     twin = designed_twin(design)
-    pictures = gauge_pictures(twin, design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
-    made = calibrate(CalibrationPictures(**vars(pictures)), design)
+    images = gauge_images(twin, design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
+    made = calibrate(CalibrationImages(**vars(images)), design)
     shape, gel = SensorFolder(Path(), made.record).shape, made.record.twin.gel if made.record.twin else design.gel
     contact = other_press(design).on(twin, OTHER_BALL)
     reading = read(shape, twin, contact)
@@ -54,7 +54,7 @@ def other_press(design: SensorDesign) -> Press:
 
 
 def read(shape: CalibratedShape, twin: Twin, contact: Contact) -> Reading:
-    """What the sensor makes of one picture of this contact."""
+    """What the sensor makes of one image of this contact."""
     depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-GUIDED_FRAMES, 0)))
     frame = Frame(twin.renderer(contact, 1))
     rectified = shape.rectify(frame)

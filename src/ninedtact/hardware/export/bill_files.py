@@ -20,7 +20,7 @@ def bill_csv(items: Sequence[Item]) -> bytes:
 
 
 def bill_html(design: HardwareDesign, items: Sequence[Item]) -> bytes:
-    """A page that loads nothing but the pictures beside it."""
+    """A page that loads nothing but the images beside it."""
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

@@ -15,11 +15,11 @@ from ninedtact.hardware.export.cutting import dxf
 from ninedtact.hardware.export.folder import MANIFEST, new_parts_folder
 from ninedtact.hardware.export.shop_notes import cut_path, shop_notes
 from ninedtact.hardware.export.solid_files import assembly_step, printable, step
+from ninedtact.hardware.images.scenes import exploded_image, part_image, section_image, sensor_image
+from ninedtact.hardware.images.shaded import Image
 from ninedtact.hardware.led_board.export import write_layout
 from ninedtact.hardware.materials import MADE_OF
 from ninedtact.hardware.parts.catalogue import TO_MAKE, BuiltPart
-from ninedtact.hardware.pictures.scenes import exploded_picture, part_picture, section_picture, sensor_picture
-from ninedtact.hardware.pictures.shaded import Image
 from ninedtact.hardware.report import BuiltSensor
 from ninedtact.whole_file import write_whole
 
@@ -69,7 +69,7 @@ def part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
         yield f"{part.way}/{part.name}.stl", printable(part.solid)
     if part.way == "cut":
         yield cut_path(part), dxf(part.solid)
-    yield f"pictures/{part.name}.png", encoded(part_picture(part))
+    yield f"images/{part.name}.png", encoded(part_image(part))
     if part.way in TO_MAKE:
         sheet = Sheet(part, table(sensor.design, part))
         yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.files())
@@ -78,8 +78,8 @@ def part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
 def assembly_files(sensor: BuiltSensor) -> Iterator[File]:
     """The finished sensor."""
     yield "assembly/sensor.step", assembly_step(sensor.bodies)
-    for name, drawn in (("sensor", sensor_picture), ("exploded", exploded_picture), ("section", section_picture)):
-        yield f"pictures/{name}.png", encoded(drawn(sensor.bodies))
+    for name, drawn in (("sensor", sensor_image), ("exploded", exploded_image), ("section", section_image)):
+        yield f"images/{name}.png", encoded(drawn(sensor.bodies))
 
 
 def manifest_of(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
@@ -100,6 +100,6 @@ def manifest_of(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
     return {"lengths": "mm", **told, "parts": parts, "files": [*names, MANIFEST]}
 
 
-def encoded(picture: Image) -> bytes:
+def encoded(image: Image) -> bytes:
     """As PNG."""
-    return cv2.imencode(".png", picture)[1].tobytes()
+    return cv2.imencode(".png", image)[1].tobytes()

@@ -1,1 +1,1 @@
-"""How to build a sensor, step by step, each with a picture of the parts in that state."""
+"""How to build a sensor, step by step, each with an image of the parts in that state."""

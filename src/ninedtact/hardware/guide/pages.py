@@ -1,4 +1,4 @@
-"""The guide as Markdown with its pictures."""
+"""The guide as Markdown with its images."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,10 +12,10 @@ from ninedtact.hardware.guide.steps import Step, steps
 from ninedtact.hardware.report import BuiltSensor
 from ninedtact.whole_file import write_whole
 
-PAGE, PICTURES = "fabrication.md", "pictures"
+PAGE, IMAGES = "fabrication.md", "images"
 INTRODUCTION = """# How to build a sensor
 
-Made by `ninedtact hardware guide`: numbers and pictures are those of {whose}, {area} mm of sensing area
+Made by `ninedtact hardware guide`: numbers and images are those of {whose}, {area} mm of sensing area
 under {gel} mm of gel. `ninedtact hardware export --out parts` writes the files that the parts are made from, and
 `parts/bom.html` lists what to buy. Silicones, ratios and curing are those of the paper
 ([references.md](references.md#9dtact)). How to press in inserts, how to keep off bubbles and glue, and every check are ours.
@@ -51,23 +51,23 @@ def whose(design: HardwareDesign) -> str:
 def section(number: int, step: Step) -> str:
     """One step."""
     return (
-        f"## {number}. {step.title}\n\n{step.do}\n\n![{step.title}]({PICTURES}/{picture_name(number, step)})\n\n"
+        f"## {number}. {step.title}\n\n{step.do}\n\n![{step.title}]({IMAGES}/{image_name(number, step)})\n\n"
         f"**It worked if:** {step.check}\n"
     )
 
 
-def picture_name(number: int, step: Step) -> str:
+def image_name(number: int, step: Step) -> str:
     """In the order of the steps."""
     return f"fabrication_{number:02d}_{step.state}.png"
 
 
 def write_guide(sensor: BuiltSensor, out: Path) -> Iterator[Path]:
-    """Page and pictures, each whole; raises `FileNotWritten`."""
-    (out / PICTURES).mkdir(parents=True, exist_ok=True)
+    """Page and images, each whole; raises `FileNotWritten`."""
+    (out / IMAGES).mkdir(parents=True, exist_ok=True)
     states = States(sensor)
     for number, step in enumerate(steps(sensor), start=1):
-        path = out / PICTURES / picture_name(number, step)
-        write_whole(path, cv2.imencode(".png", states.scene(step.state).picture())[1].tobytes())
+        path = out / IMAGES / image_name(number, step)
+        write_whole(path, cv2.imencode(".png", states.scene(step.state).image())[1].tobytes())
         yield path
     write_whole(out / PAGE, guide_text(sensor).encode())
     yield out / PAGE

@@ -7,9 +7,9 @@ from build123d import Axis, Part, Pos, Rot
 
 from ninedtact.hardware.assembly.bodies import Body
 from ninedtact.hardware.guide.steps import State
+from ninedtact.hardware.images.scenes import coloured, cut_open
+from ninedtact.hardware.images.shaded import ABOVE, BELOW, Eye, Image, shaded
 from ninedtact.hardware.materials import MADE_OF
-from ninedtact.hardware.pictures.scenes import coloured, cut_open
-from ninedtact.hardware.pictures.shaded import ABOVE, BELOW, Eye, Image, shaded
 from ninedtact.hardware.report import BuiltSensor
 
 SIZE_PX = 800, 600
@@ -20,14 +20,14 @@ BETWEEN_MM = 24.0
 
 @dataclass(frozen=True)
 class Scene:
-    """What a picture shows."""
+    """What an image shows."""
 
     bodies: list[Body]
     eye: Eye = ABOVE
     cut: bool = False
     """The half at -y taken away."""
 
-    def picture(self) -> Image:
+    def image(self) -> Image:
         """Drawn."""
         return shaded(coloured(cut_open(self.bodies) if self.cut else self.bodies), self.eye, SIZE_PX)
 

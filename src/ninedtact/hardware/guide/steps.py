@@ -35,7 +35,7 @@ class Step:
     """One step of the guide."""
 
     state: State
-    """Of the parts, which its picture shows."""
+    """Of the parts, which its image shows."""
     title: str
     do: str
     check: str
@@ -150,7 +150,7 @@ def assembled(sensor: BuiltSensor) -> Iterator[Step]:
         "Leave the shell upside down, so that the ring stays, and lower the base with camera and board onto it, the cable through "
         f"its gap. Four M2 x {design.fasteners.screw_mm:g} screws, crosswise.",
         f"It measures {design.plan.outer[0]:.1f} x {design.plan.outer[1]:.1f} x {design.levels.top:.1f} mm. "
-        "`ninedtact live` shows an evenly bright picture without a dark ring or a bright spot at its rim.",
+        "`ninedtact live` shows an evenly bright image without a dark ring or a bright spot at its rim.",
     )
     yield Step(
         "calibrated",

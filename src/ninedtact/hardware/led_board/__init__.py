@@ -12,5 +12,5 @@ layout.py      all of that, as copper
 check.py       each net in one piece, none touching another, all far enough from edges and holes
 current.py     resistor → current → brightness, heat, limits
 designators.py the parts' names on the silkscreen, in the letters of lettering.py
-export.py      write_led_board(): KiCad board, Gerbers, drill files, placement, parts list, picture
+export.py      write_led_board(): KiCad board, Gerbers, drill files, placement, parts list, image
 """

@@ -10,10 +10,10 @@ from ninedtact.hardware.led_board.drawing import Layer, drawn
 from ninedtact.hardware.led_board.drill import drilled
 from ninedtact.hardware.led_board.edge import edges
 from ninedtact.hardware.led_board.gerber import outlined, plotted
+from ninedtact.hardware.led_board.image import image
 from ninedtact.hardware.led_board.kicad import kicad_board
 from ninedtact.hardware.led_board.kicad_project import kicad_project
 from ninedtact.hardware.led_board.layout import SIDES, Layout
-from ninedtact.hardware.led_board.picture import picture
 from ninedtact.hardware.led_board.placement import Side
 from ninedtact.hardware.led_board.tables import notes, parts_list, placements
 from ninedtact.whole_file import write_whole
@@ -58,8 +58,8 @@ def contents(layout: Layout) -> dict[str, bytes]:
     return {
         **{f"gerbers/{name}": content for name, content in fabrication.items()},
         **{name: text.encode() for name, text in texts.items()},
-        f"{NAME}.png": picture(layout),
-        f"{NAME}.svg": picture(layout, "svg"),
+        f"{NAME}.png": image(layout),
+        f"{NAME}.svg": image(layout, "svg"),
         f"{NAME}_gerbers.zip": zipped({**fabrication, f"{NAME}_notes.txt": texts[f"{NAME}_notes.txt"].encode()}),
     }
 

@@ -1,12 +1,12 @@
 """Which moments of pressing, dragging and twisting by hand become pairs, and which are not to be trusted.
 
 settings.py      what is asked for
-feed.py          pictures and samples in one stream, live or in turn
+feed.py          images and samples in one stream, live or in turn
 wrench_track.py  the wrench at a moment between two samples
 trust.py         samples that freeze, jump, saturate; clocks that drift
-skin_seen.py     whether a picture shows untouched skin
+skin_seen.py     whether an image shows untouched skin
 tare.py          the untouched skin, and the wrench of nothing
-moment.py        a picture and its wrench; rest.py: what moments without touch tell
+moment.py        an image and its wrench; rest.py: what moments without touch tell
 worth.py         why to save a moment, and which contact it belongs to
 counters.py      what was saved, per range of each axis
 collector.py     Collector: all of it together; read this one first

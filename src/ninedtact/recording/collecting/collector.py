@@ -1,6 +1,6 @@
-"""Pictures and samples in, saved pairs out.
+"""Images and samples in, saved pairs out.
 
-picture ──waits until what comes after it is known──▶ wrench at its moment ──trusted?──▶ worth keeping? ──▶ episode
+image ──waits until what comes after it is known──▶ wrench at its moment ──trusted?──▶ worth keeping? ──▶ episode
 
 Everything goes by stamps, nothing by the clock on the wall: what is collected live, from a twin or from a recording is collected
 by the same steps.
@@ -29,9 +29,9 @@ from ninedtact.recording.listening import Heard
 from ninedtact.recording.messages import Event, EventKind, PairMark, Topic
 from ninedtact.recording.saved_pair import NOTHING
 
-TOPICS = (Topic.PICTURES, Topic.UNTOUCHED, Topic.MEASURED, Topic.PAIRS)
+TOPICS = (Topic.IMAGES, Topic.UNTOUCHED, Topic.MEASURED, Topic.PAIRS)
 PATIENCE_NS = 1_000_000_000
-"""After which a picture no longer waits for samples."""
+"""After which an image no longer waits for samples."""
 
 
 @dataclass
@@ -48,7 +48,7 @@ class Collector:
         self.worth, self.rest = Worth(self.settings, SamplingRule(self.settings.rule, self.rng)), Rest(self.settings)
         self.counters = Counters(self.settings.rule.ranges)
         self.refused: Counter[Fault] = Counter()
-        """Pictures that were not saved because something is wrong."""
+        """Images that were not saved because something is wrong."""
         self.told: Fault | None = None
         """What is wrong now."""
         self.now: Moment | None = None
@@ -59,7 +59,7 @@ class Collector:
         self.trust = SampleTrust(int(self.settings.trust.frozen_ms * 1e6))
         self.clocks = ClockTrust(self.settings.tolerance_ms), ClockTrust(self.settings.tolerance_ms)
         self.pending: deque[tuple[Frame, str]] = deque()
-        """Pictures that wait for what comes after them, and the object in the hand."""
+        """Images that wait for what comes after them, and the object in the hand."""
         self.taring: Taring | None = Taring(0, self.settings)
         self.untouched: Untouched | None = None
         self.object = ""
@@ -67,7 +67,7 @@ class Collector:
         self._object_decided = ""
 
     def hear(self, heard: Heard[Frame | Wrench | WrenchUntrusted]) -> None:
-        """A picture, a sample, or a sample that must not be used; pictures and samples each in the order of their stamps."""
+        """An image, a sample, or a sample that must not be used; images and samples each in the order of their stamps."""
         if isinstance(heard.item, Frame):
             self.clocks[0].note(heard.item.stamp_ns, heard.at_ns)
             self._see(heard.item)
@@ -99,7 +99,7 @@ class Collector:
             self._decide_pending()
 
     def tare(self) -> None:
-        """Weigh the untouched skin anew, and take its picture."""
+        """Weigh the untouched skin anew, and take its image."""
         self.pending.clear()
         self.taring = Taring(self.untouched.number + 1 if self.untouched else 0, self.settings, self.untouched)
 
@@ -184,8 +184,8 @@ class Collector:
         frame, name = moment.frame, NOTHING if kind == "no_contact" else self._object_decided
         contact = f"{self.episode.session.id}-{self.worth.contact:05d}"
         assert self.untouched is not None
-        numbers = {"picture": frame.index, "untouched": self.untouched.number}
-        self.episode.kept_picture(frame)
+        numbers = {"image": frame.index, "untouched": self.untouched.number}
+        self.episode.kept_image(frame)
         self.episode.pair(
             PairMark(frame.stamp_ns, **numbers, object=name, contact=contact, kind=kind, wrench=moment.wrench)
         )

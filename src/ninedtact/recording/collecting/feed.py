@@ -1,4 +1,4 @@
-"""Pictures and samples in one stream: live ones as they come, those of recordings and stepped twins in turn."""
+"""Images and samples in one stream: live ones as they come, those of recordings and stepped twins in turn."""
 
 from collections.abc import Generator
 
@@ -9,8 +9,8 @@ from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.listening import Heard, Listening
 
 AHEAD_NS = 300_000_000
-"""By which samples are read before the next picture is."""
-PICTURES_AT_MOST, SAMPLES_AT_MOST = 128, 100_000
+"""By which samples are read before the next image is."""
+IMAGES_AT_MOST, SAMPLES_AT_MOST = 128, 100_000
 WAIT_S = 0.02
 
 Fed = Heard[Frame | Wrench | WrenchUntrusted] | None
@@ -21,19 +21,19 @@ def live(camera: FrameSource, force_torque: WrenchSource) -> Generator[Fed, None
     """What two devices deliver, each read in a thread of its own; raises what they raise, ends with a recording."""
     with (
         Listening[Wrench](force_torque, SAMPLES_AT_MOST, WrenchUntrusted) as samples,
-        Listening[Frame](camera, PICTURES_AT_MOST) as pictures,
+        Listening[Frame](camera, IMAGES_AT_MOST) as images,
     ):
         try:
             while True:
                 while (sample := samples.take()) is not None:
                     yield sample
-                yield pictures.take(WAIT_S)
+                yield images.take(WAIT_S)
         except SourceEnded:
             return
 
 
 def in_turn(camera: FrameSource, force_torque: WrenchSource) -> Generator[Fed, None, None]:
-    """Every picture and every sample in the order of their stamps, as fast as they are asked for, until one ends."""
+    """Every image and every sample in the order of their stamps, as fast as they are asked for, until one ends."""
     newest_ns = 0
     with force_torque, camera:
         try:

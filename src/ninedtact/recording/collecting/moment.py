@@ -1,4 +1,4 @@
-"""A picture and the wrench of its moment, before anything is decided about them."""
+"""An image and the wrench of its moment, before anything is decided about them."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class Moment:
     """Grey levels from the untouched skin."""
 
     def looks_untouched(self, settings: CollectSettings) -> bool:
-        """Whether the picture shows nothing; between this and a touch it shows neither."""
+        """Whether the image shows nothing; between this and a touch it shows neither."""
         return self.change < settings.touched_levels / 2
 
     def rests(self, settings: CollectSettings) -> bool:

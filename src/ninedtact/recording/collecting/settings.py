@@ -14,7 +14,7 @@ class CollectionImpossible(NinedtactError):
 
 @dataclass(frozen=True)
 class CollectSettings:
-    """When a picture and a wrench are a pair worth keeping."""
+    """When an image and a wrench are a pair worth keeping."""
 
     rule: RuleSettings = RuleSettings()
     """The paper's rule for pairs within a contact."""
@@ -23,14 +23,14 @@ class CollectSettings:
     tare: TareSettings = TareSettings()
     """How the untouched skin is weighed."""
     tolerance_ms: float = 10.0
-    """The samples before and after a picture are at most so far from it; the wrench is interpolated between them."""
+    """The samples before and after an image are at most so far from it; the wrench is interpolated between them."""
     camera_late_ms: float = 0.0
-    """How long before its stamp a picture shows the skin: half the exposure, and the way to the computer."""
+    """How long before its stamp an image shows the skin: half the exposure, and the way to the computer."""
     no_contact: float = 0.03
     """Share of pairs without contact."""
     light_touch: float = 0.05
     """Share of pairs with contact that press less than the rule begins with."""
-    untouched_pictures: int = 10
+    untouched_images: int = 10
     """Of the skin before the first touch and at every tare."""
     rest: Six = (0.2, 0.2, 0.2, 0.015, 0.015, 0.01)
     """What an untouched skin may weigh, N and N·m about its centre; more calls for a tare."""
@@ -48,10 +48,10 @@ class CollectSettings:
                 f"expected shares of zero or more, together below 1, got {self.no_contact} without contact and "
                 f"{self.light_touch} touching lightly; correct them"
             )
-        if not (self.untouched_pictures >= 1 and self.touched_levels > 0 and min(self.rest) > 0):
+        if not (self.untouched_images >= 1 and self.touched_levels > 0 and min(self.rest) > 0):
             raise CollectionImpossible(
-                f"expected at least one picture of untouched skin, and levels and rest above zero, got "
-                f"{self.untouched_pictures}, {self.touched_levels} and {self.rest}; correct them"
+                f"expected at least one image of untouched skin, and levels and rest above zero, got "
+                f"{self.untouched_images}, {self.touched_levels} and {self.rest}; correct them"
             )
 
     @property

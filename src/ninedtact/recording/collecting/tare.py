@@ -33,7 +33,7 @@ class Untouched:
 
 @dataclass
 class Taring:
-    """Gathers pictures and samples until they are enough and still; begins anew when something moves."""
+    """Gathers images and samples until they are enough and still; begins anew when something moves."""
 
     number: int
     settings: CollectSettings
@@ -45,9 +45,9 @@ class Taring:
     """For a person, while it goes on."""
 
     def see(self, frame: Frame) -> None:
-        """A picture; only as many as are wanted are kept."""
+        """An image; only as many as are wanted are kept."""
         self.frames.append(frame)
-        del self.frames[: -self.settings.untouched_pictures]
+        del self.frames[: -self.settings.untouched_images]
         if not self.wrenches:
             self.advice = NO_SAMPLES
 
@@ -59,9 +59,9 @@ class Taring:
 
     @property
     def is_enough(self) -> bool:
-        """Whether there are as many pictures, and samples for as long, as were asked for."""
+        """Whether there are as many images, and samples for as long, as were asked for."""
         long_ns = self.wrenches[-1].stamp_ns - self.wrenches[0].stamp_ns if self.wrenches else 0
-        return len(self.frames) >= self.settings.untouched_pictures and long_ns >= self.settings.tare.seconds * 1e9
+        return len(self.frames) >= self.settings.untouched_images and long_ns >= self.settings.tare.seconds * 1e9
 
     def untouched(self) -> Untouched | None:
         """What was found, when it is enough and still."""

@@ -27,8 +27,8 @@ class Fault(StrEnum):
     FAULTY = "the force/torque sensor calls its samples wrong"
     SHIFTED = "the force/torque sensor jumped or was away, and was not seen at rest since: lift the object"
     NOT_AT_REST = "the skin looks untouched, but the force/torque sensor is not at rest: lift the object and tare (t)"
-    UNPAIRED = "no force/torque samples near enough to the picture in time"
-    CLOCK = "the clocks of pictures and forces drift apart: stop and begin anew"
+    UNPAIRED = "no force/torque samples near enough to the image in time"
+    CLOCK = "the clocks of images and forces drift apart: stop and begin anew"
 
 
 FAULTS = {WrenchFrozen: Fault.FROZEN, WrenchJumped: Fault.JUMPED, WrenchSaturated: Fault.SATURATED}
@@ -98,7 +98,7 @@ class ClockTrust:
     watch_ends_ns: int = field(default=0, init=False)
 
     def note(self, stamp_ns: int, heard_ns: int) -> None:
-        """A picture or sample came."""
+        """An image or sample came."""
         self.watch_ends_ns = self.watch_ends_ns or heard_ns + WATCH_NS
         self.least_ns = min(self.least_ns, heard_ns - stamp_ns)
         if heard_ns < self.watch_ends_ns:

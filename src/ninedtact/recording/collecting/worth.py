@@ -38,7 +38,7 @@ class Worth:
         self.rule.lifted()
 
     def _note_touch(self, moment: Moment) -> None:
-        # A touch that was seen goes on until the picture shows nothing.
+        # A touch that was seen goes on until the image shows nothing.
         levels = self.settings.touched_levels / (2 if self.touching else 1)
         touching = self.rule.touching or moment.change > levels
         self.contact += touching != self.touching

@@ -22,7 +22,7 @@ from ninedtact.recording.dataset.columns import bytes_of, copy_rows, rows_of, si
 from ninedtact.recording.dataset.folder import BuildFolder, begin, remove_parts
 from ninedtact.recording.dataset.parts import PartFiles, make_part
 from ninedtact.recording.dataset.report import Report, read_report, require_usable, write_report
-from ninedtact.recording.dataset.rows import UntouchedPicture, writable
+from ninedtact.recording.dataset.rows import UntouchedImage, writable
 from ninedtact.recording.dataset.sources.source import Part, Source
 from ninedtact.recording.dataset.workers import as_done
 from ninedtact.simulation.dataset.percentiles import lines
@@ -131,14 +131,14 @@ def move_pairs(part: Path, final: Path, unwanted: set[int]) -> None:
         part.replace(final)
 
 
-def untouched_once(files: Sequence[PartFiles]) -> Iterator[UntouchedPicture]:
-    """The untouched pictures of all parts, each one once."""
+def untouched_once(files: Sequence[PartFiles]) -> Iterator[UntouchedImage]:
+    """The untouched images of all parts, each one once."""
     told: set[str] = set()
     for file in files:
         for row in rows_of(file.untouched):
             if row["reference"] not in told:
                 told.add(row["reference"])
-                yield UntouchedPicture(row["reference"], bytes_of(row["picture"]) or b"", row["sensor"])
+                yield UntouchedImage(row["reference"], bytes_of(row["image"]) or b"", row["sensor"])
 
 
 def contents_of(folder: BuildFolder) -> Contents:

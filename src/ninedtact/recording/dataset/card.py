@@ -14,18 +14,18 @@ LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")
 COLUMNS = """\
 | column | what |
 |---|---|
-| picture | the rectified sensor picture, grey |
-| reference | id of the picture of the untouched skin, in config `references` |
+| image | the rectified sensor image, grey |
+| reference | id of the image of the untouched skin, in config `references` |
 | wrench | Fx Fy Fz in N, Tx Ty Tz in N·m, of the object on the skin: pressing gives Fz < 0 |
 | object | what touches; `none` where nothing does |
 | contact | rows that share it are of one continuous contact; splits should keep them together |
-| step, time_ns | within the contact or session; time of the picture, where it is known |
+| step, time_ns | within the contact or session; time of the image, where it is known |
 | sensor | which one |
-| kind | `rule`: kept by the paper's rule for collecting; `light_touch`; `no_contact`; `stream`: every picture of an episode |
+| kind | `rule`: kept by the paper's rule for collecting; `light_touch`; `no_contact`; `stream`: every image of an episode |
 | id | unlike all others |
 | source | where the pair came from |
-| mm_per_px | scale of the picture, where it is known |
-| gap_ms | from picture to wrench, where both have a time |"""
+| mm_per_px | scale of the image, where it is known |
+| gap_ms | from image to wrench, where both have a time |"""
 
 
 class LicenceImpossible(NinedtactError):
@@ -67,7 +67,7 @@ def card(contents: Contents, sources: Iterable[Source], licence: str | None, rep
     return "\n".join(
         [
             *head(licence),
-            "# Pictures and wrenches of 9DTact sensors",
+            "# Images and wrenches of 9DTact sensors",
             "",
             f"Built by `ninedtact dataset build` {version}: {contents.pairs} pairs ({counted}) of {len(contents.sensors)} "
             f"sensors and {contents.things} objects.",
@@ -99,7 +99,7 @@ def card(contents: Contents, sources: Iterable[Source], licence: str | None, rep
 
 def head(licence: str | None) -> Iterator[str]:
     """What Hugging Face reads."""
-    yield from ("---", "pretty_name: 9DTact, pictures and wrenches")
+    yield from ("---", "pretty_name: 9DTact, images and wrenches")
     if licence:
         yield f"license: {licence.lower()}"
     yield from ("tags: [tactile-sensing, robotics]", "configs:")

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
 from ninedtact.recording.dataset.arrow import pa, pq
-from ninedtact.recording.dataset.rows import Row, UntouchedPicture, writable
+from ninedtact.recording.dataset.rows import Row, UntouchedImage, writable
 from ninedtact.simulation.dataset.table import COLUMNS as TWINS_COLUMNS
 from ninedtact.simulation.dataset.table import REFERENCE_COLUMNS, schema, stored
 from ninedtact.whole_file import whole_file
@@ -24,7 +24,7 @@ COLUMNS = {
     "mm_per_px": (pa.float32(), {"dtype": "float32", "_type": "Value"}),
     "gap_ms": (pa.float32(), {"dtype": "float32", "_type": "Value"}),
 }
-NEEDED = ("picture", "wrench")
+NEEDED = ("image", "wrench")
 GROUP = 100
 """Rows that are in memory at once, and that a reader can pick."""
 Thing = TypeVar("Thing")
@@ -36,7 +36,7 @@ class DataSetDamaged(NinedtactError):
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
     """A file of pairs, whole or not at all; raises `FileNotWritten`."""
-    write(path, ({**plain(row), "picture": stored(row.picture)} for row in rows), COLUMNS)
+    write(path, ({**plain(row), "image": stored(row.image)} for row in rows), COLUMNS)
 
 
 def plain(row: Row) -> dict[str, Any]:
@@ -45,16 +45,14 @@ def plain(row: Row) -> dict[str, Any]:
     return {name: writable(value) if isinstance(value, str) else value for name, value in values.items()}
 
 
-def write_untouched(path: Path, pictures: Iterable[UntouchedPicture]) -> None:
-    """The untouched pictures, whole or not at all; raises `FileNotWritten`."""
-    rows = (
-        {"reference": writable(it.id), "picture": stored(it.picture), "sensor": writable(it.sensor)} for it in pictures
-    )
+def write_untouched(path: Path, images: Iterable[UntouchedImage]) -> None:
+    """The untouched images, whole or not at all; raises `FileNotWritten`."""
+    rows = ({"reference": writable(it.id), "image": stored(it.image), "sensor": writable(it.sensor)} for it in images)
     write(path, rows, REFERENCE_COLUMNS)
 
 
 def write(path: Path, rows: Iterable[dict[str, Any]], columns: dict[str, tuple[Any, dict[str, Any]]]) -> None:
-    """Rows of any columns; pictures are compressed already."""
+    """Rows of any columns; images are compressed already."""
     form = schema(columns)
     with whole_file(path) as file, pq.ParquetWriter(file, form, compression="snappy") as writer:
         for group in groups(rows, GROUP):
@@ -125,7 +123,7 @@ def damaged(path: Path, trouble: Exception) -> DataSetDamaged:
 
 
 def bytes_of(stored: Any) -> bytes | None:
-    """What a picture column holds."""
+    """What an image column holds."""
     return stored.get("bytes") if isinstance(stored, dict) else stored if isinstance(stored, bytes) else None
 
 

@@ -1,8 +1,8 @@
-"""The pictures of a data set, decoded once: one file of bytes at the size that a network wants, mapped into memory.
+"""The images of a data set, decoded once: one file of bytes at the size that a network wants, mapped into memory.
 
-    cache/160x120-<digest>/pictures.npy      (n, rows, cols) uint8, in the order of the Parquet files
+    cache/160x120-<digest>/images.npy      (n, rows, cols) uint8, in the order of the Parquet files
                            references.npy    (m, rows, cols) uint8, in the order of references.parquet
-                           stored.npy        (n, 2) rows and columns that each picture was stored with
+                           stored.npy        (n, 2) rows and columns that each image was stored with
 
 The digest is of the Parquet files' contents; they are read again where size or time of one has changed. The folder appears whole
 or not at all.
@@ -27,16 +27,16 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
 from ninedtact.recording.dataset.columns import DataSetDamaged, bytes_of, opened, rows_of
-from ninedtact.recording.dataset.rows import NotAPicture, decoded
+from ninedtact.recording.dataset.rows import NotAImage, decoded
 from ninedtact.recording.dataset.sources.table import REFERENCES, pair_files
 from ninedtact.whole_file import FileNotWritten, write_whole
 
-PICTURES, UNTOUCHED, STORED, FILES = "pictures.npy", "references.npy", "stored.npy", "files.json"
+IMAGES, UNTOUCHED, STORED, FILES = "images.npy", "references.npy", "stored.npy", "files.json"
 SMALLEST_PX = 8
 
 
 class SizeImpossible(NinedtactError):
-    """Pictures of a size that no network takes."""
+    """Images of a size that no network takes."""
 
 
 class KnownFile(msgspec.Struct, frozen=True):
@@ -48,25 +48,25 @@ class KnownFile(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class DecodedPictures:
+class DecodedImages:
     """Mapped files; what is taken from them is a copy."""
 
-    pictures: UInt8[Array, "n rows cols"]
+    images: UInt8[Array, "n rows cols"]
     references: UInt8[Array, "m rows cols"]
     stored: Int32[Array, "n 2"]
-    """Rows and columns of each picture as it is stored."""
+    """Rows and columns of each image as it is stored."""
 
 
-def decoded_pictures(
+def decoded_images(
     folder: Path, size: tuple[int, int], cache: Path | None = None, threads: int = 1, *, progress: bool = False
-) -> DecodedPictures:
-    """All pictures of a data set, decoded now where they are not yet.
+) -> DecodedImages:
+    """All images of a data set, decoded now where they are not yet.
 
     size: columns and rows. cache: where to keep them, `folder/cache` where nothing is said. Raises `DataSetDamaged`,
     `SizeImpossible` and `FileNotWritten`.
     """
     if min(size) < SMALLEST_PX:
-        raise SizeImpossible(f"expected pictures of at least {SMALLEST_PX} x {SMALLEST_PX}, got {size}; ask for more")
+        raise SizeImpossible(f"expected images of at least {SMALLEST_PX} x {SMALLEST_PX}, got {size}; ask for more")
     cache = folder / "cache" if cache is None else cache
     files = [*pair_files(folder), folder / REFERENCES]
     final = cache / f"{size[0]}x{size[1]}-{digest_of(files, cache)}"
@@ -74,7 +74,7 @@ def decoded_pictures(
         with new_folder(final) as partial:
             decode(files, partial, size, threads, progress)
         remove_others(final)
-    return DecodedPictures(*(np.load(final / name, mmap_mode="r") for name in (PICTURES, UNTOUCHED, STORED)))
+    return DecodedImages(*(np.load(final / name, mmap_mode="r") for name in (IMAGES, UNTOUCHED, STORED)))
 
 
 def digest_of(files: Sequence[Path], cache: Path) -> str:
@@ -105,21 +105,21 @@ def known_file(file: Path, before: KnownFile | None) -> KnownFile:
 
 
 def decode(files: Sequence[Path], folder: Path, size: tuple[int, int], threads: int, progress: bool) -> None:
-    """Every picture into its place; raises `DataSetDamaged`, `OSError`."""
+    """Every image into its place; raises `DataSetDamaged`, `OSError`."""
     from tqdm import tqdm
 
     *pairs, references = files
     counts = [opened(file).metadata.num_rows for file in pairs]
     shape = (size[1], size[0])
     with (
-        ArrayFile(folder / PICTURES, (sum(counts), *shape)) as pictures,
+        ArrayFile(folder / IMAGES, (sum(counts), *shape)) as images,
         ArrayFile(folder / UNTOUCHED, (opened(references).metadata.num_rows, *shape)) as untouched,
         ThreadPoolExecutor(max(threads, 1)) as pool,
-        tqdm(total=sum(counts), unit="picture", disable=not progress) as bar,
+        tqdm(total=sum(counts), unit="image", disable=not progress) as bar,
     ):
         decode_file(references, untouched, 0)
         begins = [0, *accumulate(counts)]
-        jobs = [pool.submit(decode_file, file, pictures, at) for file, at in zip(pairs, begins, strict=False)]
+        jobs = [pool.submit(decode_file, file, images, at) for file, at in zip(pairs, begins, strict=False)]
         try:
             stored = []
             for job in jobs:
@@ -131,33 +131,33 @@ def decode(files: Sequence[Path], folder: Path, size: tuple[int, int], threads: 
 
 
 def decode_file(file: Path, target: "ArrayFile", at: int) -> Int32[Array, "n 2"]:
-    """One Parquet file's pictures from place `at` on; the rows and columns they were stored with."""
+    """One Parquet file's images from place `at` on; the rows and columns they were stored with."""
     stored = []
-    for number, row in enumerate(rows_of(file, ["picture"])):
+    for number, row in enumerate(rows_of(file, ["image"])):
         try:
-            picture = decoded(bytes_of(row["picture"]))
-        except NotAPicture as trouble:
+            image = decoded(bytes_of(row["image"]))
+        except NotAImage as trouble:
             raise DataSetDamaged(
                 f"{trouble} (row {number} of {file}); or leave it out: ninedtact dataset build --drop --out NEW {file.parent}"
             ) from trouble
-        target.put(at + number, resized(picture, target.shape[1:]))
-        stored.append(picture.shape)
+        target.put(at + number, resized(image, target.shape[1:]))
+        stored.append(image.shape)
     return np.array(stored, np.int32).reshape(-1, 2)
 
 
-def resized(picture: UInt8[Array, "_ _"], shape: tuple[int, ...]) -> UInt8[Array, "rows cols"]:
+def resized(image: UInt8[Array, "_ _"], shape: tuple[int, ...]) -> UInt8[Array, "rows cols"]:
     """Means over the area of each pixel; interpolated where there are more than before."""
-    if picture.shape == shape:
-        return picture
-    return np.asarray(cv2.resize(picture, (shape[1], shape[0]), interpolation=cv2.INTER_AREA))
+    if image.shape == shape:
+        return image
+    return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=cv2.INTER_AREA))
 
 
 class ArrayFile:
-    """A .npy file of pictures that threads fill in any order. Written, not mapped: a full disk is an error, not a crash."""
+    """A .npy file of images that threads fill in any order. Written, not mapped: a full disk is an error, not a crash."""
 
     def __init__(self, path: Path, shape: tuple[int, int, int]) -> None:
         self.path, self.shape = path, shape
-        self.picture_bytes = shape[1] * shape[2]
+        self.image_bytes = shape[1] * shape[2]
 
     def __enter__(self) -> "ArrayFile":
         self._file = self.path.open("wb")
@@ -165,12 +165,12 @@ class ArrayFile:
         np.lib.format.write_array_header_1_0(self._file, header)
         self._file.flush()
         self._begin = self._file.tell()
-        os.ftruncate(self._file.fileno(), self._begin + self.shape[0] * self.picture_bytes)
+        os.ftruncate(self._file.fileno(), self._begin + self.shape[0] * self.image_bytes)
         return self
 
-    def put(self, number: int, picture: UInt8[Array, "rows cols"]) -> None:
-        """One picture in its place; raises `OSError`."""
-        content, at = picture.tobytes(), self._begin + number * self.picture_bytes
+    def put(self, number: int, image: UInt8[Array, "rows cols"]) -> None:
+        """One image in its place; raises `OSError`."""
+        content, at = image.tobytes(), self._begin + number * self.image_bytes
         while content:
             written = os.pwrite(self._file.fileno(), content, at)
             content, at = content[written:], at + written
@@ -194,7 +194,7 @@ def new_folder(final: Path) -> Iterator[Path]:
         if not (final / STORED).is_file():
             raise FileNotWritten(
                 f"expected to write {final}, got: {trouble.strerror or trouble}; free the disk, or name another folder for decoded "
-                "pictures"
+                "images"
             ) from trouble
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -206,7 +206,7 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as trouble:
         raise FileNotWritten(
-            f"expected to make the folder {path}, got: {trouble.strerror or trouble}; name another one for decoded pictures"
+            f"expected to make the folder {path}, got: {trouble.strerror or trouble}; name another one for decoded images"
         ) from trouble
 
 
@@ -229,7 +229,7 @@ def is_alive(process: int) -> bool:
 
 
 def remove_others(final: Path) -> None:
-    """Pictures of this size from before the files changed."""
+    """Images of this size from before the files changed."""
     for folder in final.parent.glob(f"{final.name.split('-')[0]}-*"):
         if folder != final:
             shutil.rmtree(folder, ignore_errors=True)

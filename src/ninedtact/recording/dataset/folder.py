@@ -47,7 +47,7 @@ class BuildFolder:
 
     @property
     def references(self) -> Path:
-        """The untouched pictures."""
+        """The untouched images."""
         return self.path / REFERENCES
 
     @property

@@ -1,4 +1,4 @@
-"""The skin's heights in a data set's pictures, on a network's grid: each picture read by its own sensor's calibration, once.
+"""The skin's heights in a data set's images, on a network's grid: each image read by its own sensor's calibration, once.
 
     cache/heights-<digest>/train-00000-of-00040.npy …      (n, rows, cols) float16 mm, a file for each Parquet file
 
@@ -66,7 +66,7 @@ def height_pairs(
 
 
 def require_sensors(names: Shaped[Array, " n"], sensors: Mapping[str, CalibratedSensor]) -> None:
-    """Refuse pictures that nothing is known about."""
+    """Refuse images that nothing is known about."""
     missing = sorted(set(names.tolist()) - set(sensors))
     if missing:
         raise SensorMissing(

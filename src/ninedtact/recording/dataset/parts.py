@@ -1,4 +1,4 @@
-"""One part of a source → files of its own: pairs, untouched pictures, and notes of what was wrong.
+"""One part of a source → files of its own: pairs, untouched images, and notes of what was wrong.
 
 Every part depends on its source alone, so parts are made in any order, by any number of processes, and those that are there
 already are left as they are. The notes come last: where they are, the part is whole.
@@ -12,7 +12,7 @@ import msgspec
 
 from ninedtact.recording.dataset.checks import CheckSettings, FileCheck, Untouched, checked_file
 from ninedtact.recording.dataset.columns import write_rows, write_untouched
-from ninedtact.recording.dataset.rows import Finding, LeftOut, Row, UntouchedPicture, writable
+from ninedtact.recording.dataset.rows import Finding, LeftOut, Row, UntouchedImage, writable
 from ninedtact.recording.dataset.sources.source import Part
 from ninedtact.whole_file import write_whole
 
@@ -31,7 +31,7 @@ class PartFiles:
 
     @property
     def untouched(self) -> Path:
-        """The untouched pictures that they name."""
+        """The untouched images that they name."""
         return self.folder / f"{self.number:05d}.untouched.parquet"
 
     @property
@@ -55,14 +55,14 @@ class Sorter:
 
     part: Part
     file: str
-    untouched: dict[str, UntouchedPicture] = field(default_factory=dict)
+    untouched: dict[str, UntouchedImage] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
 
     def rows(self) -> Iterator[Row]:
         """All rows."""
         number = 0
         for item in self.part.items():
-            if isinstance(item, UntouchedPicture):
+            if isinstance(item, UntouchedImage):
                 self.untouched.setdefault(item.id, item)
             elif isinstance(item, LeftOut):
                 self.findings.append(Finding(item.fault, writable(item.id), writable(item.says), None, self.file))

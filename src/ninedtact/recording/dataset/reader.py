@@ -1,7 +1,7 @@
-"""A data set in training: names and wrenches in memory, pictures on disk, decoded once.
+"""A data set in training: names and wrenches in memory, images on disk, decoded once.
 
     pairs = DataSet.open("pairs", size=(160, 120))
-    batch = pairs.batch(indices)            # pictures, references, wrenches
+    batch = pairs.batch(indices)            # images, references, wrenches
     train = pairs.take(rows)                # some of them, the same files
 
 Rows are in the order of the Parquet files. What is handed out is a copy.
@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 from ninedtact.force.splits import Pairs
 from ninedtact.recording.dataset.arrow import pa, pq
 from ninedtact.recording.dataset.columns import DataSetDamaged, damaged
-from ninedtact.recording.dataset.decoded import DecodedPictures, decoded_pictures
+from ninedtact.recording.dataset.decoded import DecodedImages, decoded_images
 from ninedtact.recording.dataset.sources.table import NO_OBJECT, REFERENCES, TWINS_WIDTH_MM, pair_files
 
 NO_TIME = -1
@@ -51,9 +51,9 @@ class Labels:
 class Batch:
     """Some pairs, as numbers."""
 
-    pictures: UInt8[Array, "b rows cols"]
+    images: UInt8[Array, "b rows cols"]
     references: UInt8[Array, "b rows cols"]
-    """The untouched picture of each."""
+    """The untouched image of each."""
     wrenches: Float32[Array, "b 6"]
     """N and N·m about the skin's centre."""
     indices: Int64[Array, " b"]
@@ -66,7 +66,7 @@ class DataSet:
 
     folder: Path
     size: tuple[int, int]
-    """Columns and rows of its pictures."""
+    """Columns and rows of its images."""
     ids: Shaped[Array, " n"]
     wrenches: Float32[Array, "n 6"]
     """N and N·m about the skin's centre."""
@@ -76,14 +76,14 @@ class DataSet:
     kinds: Labels
     sources: Labels
     references: Labels
-    """Names in the order of `reference_pictures`."""
+    """Names in the order of `reference_images`."""
     times_ns: Int64[Array, " n"]
     """−1 where no time is known."""
     mm_per_px: Float64[Array, " n"]
-    """Of the pictures at this size, along their columns; not a number where it is not known."""
+    """Of the images at this size, along their columns; not a number where it is not known."""
     rows: Int64[Array, " n"]
     """Where the pairs are in the files."""
-    files: DecodedPictures
+    files: DecodedImages
 
     @staticmethod
     def open(
@@ -94,7 +94,7 @@ class DataSet:
         *,
         progress: bool = False,
     ) -> "DataSet":
-        """Read a data set; the first time at this size, its pictures are decoded (`decoded.decoded_pictures`).
+        """Read a data set; the first time at this size, its images are decoded (`decoded.decoded_images`).
 
         size: columns and rows. Raises `DataSetDamaged`, also for wrenches that are not numbers and pairs without a reference.
         """
@@ -104,7 +104,7 @@ class DataSet:
         wrenches = six_of(table)
         codes = codes_in(references, table["reference"].to_pylist())
         require_whole(folder, wrenches, codes)
-        files = decoded_pictures(folder, size, cache, threads, progress=progress)
+        files = decoded_images(folder, size, cache, threads, progress=progress)
         objects = [name or NO_OBJECT for name in words(table, "object")]
         return DataSet(
             folder,
@@ -126,19 +126,19 @@ class DataSet:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def pictures(self, indices: Index) -> UInt8[Array, "b rows cols"]:
-        """Some pictures."""
-        return np.asarray(self.files.pictures[self.rows[indices]])
+    def images(self, indices: Index) -> UInt8[Array, "b rows cols"]:
+        """Some images."""
+        return np.asarray(self.files.images[self.rows[indices]])
 
-    def reference_pictures(self, indices: Index) -> UInt8[Array, "b rows cols"]:
-        """The untouched pictures of some pairs."""
+    def reference_images(self, indices: Index) -> UInt8[Array, "b rows cols"]:
+        """The untouched images of some pairs."""
         return np.asarray(self.files.references[self.references.codes[indices]])
 
     def batch(self, indices: Index) -> Batch:
         """Some pairs."""
         return Batch(
-            self.pictures(indices),
-            self.reference_pictures(indices),
+            self.images(indices),
+            self.reference_images(indices),
             self.wrenches[indices],
             np.asarray(indices, np.int64),
         )
@@ -167,7 +167,7 @@ COLUMNS = ("wrench", "reference", "object", "contact", "sensor", "kind", "source
 
 
 def columns_of(files: Iterable[Path]) -> Any:
-    """All but the pictures, and where each row is; raises `DataSetDamaged`."""
+    """All but the images, and where each row is; raises `DataSetDamaged`."""
     tables = []
     for file in files:
         try:
@@ -208,13 +208,13 @@ def six_of(table: Any) -> Float32[Array, "n 6"]:
 
 
 def times_of(table: Any) -> Int64[Array, " n"]:
-    """When each picture was taken."""
+    """When each image was taken."""
     if "time_ns" not in table.column_names:
         return np.full(table.num_rows, NO_TIME, np.int64)
     return table["time_ns"].fill_null(NO_TIME).to_numpy().astype(np.int64)
 
 
-def scale_of(table: Any, files: DecodedPictures, size: tuple[int, int]) -> Float64[Array, " n"]:
+def scale_of(table: Any, files: DecodedImages, size: tuple[int, int]) -> Float64[Array, " n"]:
     """mm per pixel at the size that was asked for."""
     stored_cols = files.stored[:, 1].astype(float)
     if "mm_per_px" in table.column_names:
@@ -231,7 +231,7 @@ def labels(each: list[str]) -> Labels:
 
 
 def names_in(references: Path) -> list[str]:
-    """Of the untouched pictures; raises `DataSetDamaged`."""
+    """Of the untouched images; raises `DataSetDamaged`."""
     try:
         return list(pq.read_table(references, columns=["reference"])["reference"].to_pylist())
     except (pa.ArrowException, OSError) as trouble:

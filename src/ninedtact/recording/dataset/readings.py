@@ -1,4 +1,4 @@
-"""Pictures of a data set as a sensor would have read them: what estimators of force are judged on."""
+"""Images of a data set as a sensor would have read them: what estimators of force are judged on."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ def judged(
     bound: dict[tuple[str, str], DepthReader],
     file: Path,
 ) -> JudgedPair:
-    """One row, read by its own sensor's calibration against its own untouched picture."""
+    """One row, read by its own sensor's calibration against its own untouched image."""
     sensor, reference = str(row["sensor"] or ""), str(row["reference"])
     if (sensor, reference) not in bound:
         if sensor not in sensors:
@@ -66,10 +66,10 @@ def judged(
                 "each name"
             )
         bound[sensor, reference] = reader_for(
-            sensors[sensor], grey({**row, "picture": untouched[reference]}, file), sensor
+            sensors[sensor], grey({**row, "image": untouched[reference]}, file), sensor
         )
-    reader, picture = bound[sensor, reference], grey(row, file)
+    reader, image = bound[sensor, reference], grey(row, file)
     nothing = Frame(np.zeros((1, 1, 3), np.uint8))
-    reading = Reading(nothing, picture, reader(picture), reference=reader.reference)
+    reading = Reading(nothing, image, reader(image), reference=reader.reference)
     wrench = np.asarray(row["wrench"], np.float32)
     return JudgedPair(reading, wrench, str(row["object"] or NO_OBJECT), sensor, str(row["kind"] or ""))

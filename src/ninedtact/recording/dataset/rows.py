@@ -1,4 +1,4 @@
-"""What a data set is made of: a row is one rectified picture with its wrench; beside the rows, untouched skin, and what was
+"""What a data set is made of: a row is one rectified image with its wrench; beside the rows, untouched skin, and what was
 left out."""
 
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.picture_files import fault_of
+from ninedtact.capture.image_files import fault_of
 from ninedtact.errors import NinedtactError
 
 
 class Fault(StrEnum):
     """What can be wrong with a pair."""
 
-    MISSING_PICTURE = "missing picture"
+    MISSING_IMAGE = "missing image"
     MISSING_WRENCH = "missing wrench"
     UNREADABLE = "unreadable"
     NO_REFERENCE = "no reference"
@@ -28,25 +28,25 @@ class Fault(StrEnum):
     WRONG_SIZE = "wrong size"
     NOT_DARKER = "not darker"
     UNFELT = "unfelt"
-    DUPLICATE_PICTURE = "duplicate picture"
+    DUPLICATE_IMAGE = "duplicate image"
     DUPLICATE_ID = "duplicate id"
     OTHER_NORM = "other norm"
     OTHER_MIXED = "other mixed image"
 
 
 MEANINGS = {
-    Fault.MISSING_PICTURE: "a wrench without a picture; cannot be a row",
-    Fault.MISSING_WRENCH: "a picture without a wrench; cannot be a row",
+    Fault.MISSING_IMAGE: "a wrench without an image; cannot be a row",
+    Fault.MISSING_WRENCH: "an image without a wrench; cannot be a row",
     Fault.UNREADABLE: "a file that is damaged, or is something else; cannot be a row",
-    Fault.NO_REFERENCE: "no picture of the untouched skin belongs to it",
+    Fault.NO_REFERENCE: "no image of the untouched skin belongs to it",
     Fault.NOT_FINITE: "the wrench holds something that is not a number",
     Fault.OUT_OF_RANGE: "a force or torque larger than this sensor is pressed with",
     Fault.PULLING: "F_z above zero: the object would pull at the skin; the force sensor's axes may be turned",
-    Fault.UNSYNCHRONISED: "picture and wrench were taken too far apart in time",
-    Fault.WRONG_SIZE: "the picture has another size than its reference",
-    Fault.NOT_DARKER: "the wrench presses hard, and the picture is nowhere darker than untouched skin",
-    Fault.UNFELT: "the picture shows a touch, and the wrench is nothing",
-    Fault.DUPLICATE_PICTURE: "the very same picture came before",
+    Fault.UNSYNCHRONISED: "image and wrench were taken too far apart in time",
+    Fault.WRONG_SIZE: "the image has another size than its reference",
+    Fault.NOT_DARKER: "the wrench presses hard, and the image is nowhere darker than untouched skin",
+    Fault.UNFELT: "the image shows a touch, and the wrench is nothing",
+    Fault.DUPLICATE_IMAGE: "the very same image came before",
     Fault.DUPLICATE_ID: "a pair of the same id came before",
     Fault.OTHER_NORM: "the original project's _norm.npy says something else than its .npy",
     Fault.OTHER_MIXED: "the original project's mixed_image shows something else than its image",
@@ -76,7 +76,7 @@ class Row:
 
     id: str
     """Unlike all others of the data set."""
-    picture: bytes
+    image: bytes
     """PNG, grey."""
     reference: str | None
     wrench: Float32[Array, "6"]
@@ -90,17 +90,17 @@ class Row:
     source: str
     mm_per_px: float | None = None
     gap_ms: float | None = None
-    """From picture to wrench."""
+    """From image to wrench."""
     doubts: tuple[tuple[Fault, str], ...] = ()
     """What was wrong when it was read."""
 
 
 @dataclass(frozen=True)
-class UntouchedPicture:
-    """What a picture is held against: the skin before it was touched."""
+class UntouchedImage:
+    """What an image is held against: the skin before it was touched."""
 
     id: str
-    picture: bytes
+    image: bytes
     """PNG, grey."""
     sensor: str
 
@@ -114,8 +114,8 @@ class LeftOut:
     says: str
 
 
-Item = Row | UntouchedPicture | LeftOut
-"""What a source tells, one after the other; an untouched picture before the rows that need it."""
+Item = Row | UntouchedImage | LeftOut
+"""What a source tells, one after the other; an untouched image before the rows that need it."""
 
 
 def writable(text: str) -> str:
@@ -123,19 +123,19 @@ def writable(text: str) -> str:
     return text.encode(errors="backslashreplace").decode()
 
 
-class NotAPicture(NinedtactError):
-    """Bytes that are no grey picture of 8 bits."""
+class NotAImage(NinedtactError):
+    """Bytes that are no grey image of 8 bits."""
 
 
 def decoded(content: bytes | None) -> UInt8[Array, "rows cols"]:
-    """A stored picture, its file judged before any decoder sees it; raises `NotAPicture`."""
+    """A stored image, its file judged before any decoder sees it; raises `NotAImage`."""
     if not content:
-        raise NotAPicture("expected a picture, got nothing; record it again")
+        raise NotAImage("expected an image, got nothing; record it again")
     if fault := fault_of(content):
-        raise NotAPicture(f"expected a picture, got {fault}; record it again")
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None or picture.dtype != np.uint8:
-        raise NotAPicture("expected an 8-bit picture, got damaged data or another depth; record it again")
-    if picture.ndim == 3:
-        picture = cv2.cvtColor(picture[..., :3], cv2.COLOR_BGR2GRAY)
-    return picture
+        raise NotAImage(f"expected an image, got {fault}; record it again")
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint8:
+        raise NotAImage("expected an 8-bit image, got damaged data or another depth; record it again")
+    if image.ndim == 3:
+        image = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
+    return image

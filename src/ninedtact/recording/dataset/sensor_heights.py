@@ -1,4 +1,4 @@
-"""One file of a data set: its pictures as heights, each read by its own sensor's calibration."""
+"""One file of a data set: its images as heights, each read by its own sensor's calibration."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ from ninedtact.errors import NinedtactError
 from ninedtact.force.places import PlaceGrid, heights_at_places
 from ninedtact.quantities import Rectified
 from ninedtact.recording.dataset.columns import DataSetDamaged, bytes_of, rows_of
-from ninedtact.recording.dataset.rows import NotAPicture, decoded
+from ninedtact.recording.dataset.rows import NotAImage, decoded
 from ninedtact.recording.dataset.sources.table import REFERENCES, TWINS_WIDTH_MM
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 from ninedtact.whole_file import write_whole
 
-COLUMNS = ("picture", "reference", "sensor", "mm_per_px")
+COLUMNS = ("image", "reference", "sensor", "mm_per_px")
 
 
 class SensorMissing(NinedtactError):
-    """Pictures of a sensor that nobody gave the calibration of, or of another size."""
+    """Images of a sensor that nobody gave the calibration of, or of another size."""
 
 
 @dataclass(frozen=True)
@@ -48,22 +48,22 @@ def read_file(file: Path, target: Path, sensors: Mapping[str, CalibratedSensor],
         key = row["sensor"] or "", row["reference"]
         if key[0] not in sensors:
             continue
-        picture = grey(row, file)
+        image = grey(row, file)
         if key not in readers:
-            readers[key] = reader_for(sensors[key[0]], grey({**row, "picture": untouched[key[1]]}, file), key[0])
-        if picture.grey.shape != readers[key].reference.grey.shape:
-            raise other_size(key[0], picture, readers[key].reference)
-        found[number] = heights_at_places(readers[key](picture), grid)
+            readers[key] = reader_for(sensors[key[0]], grey({**row, "image": untouched[key[1]]}, file), key[0])
+        if image.grey.shape != readers[key].reference.grey.shape:
+            raise other_size(key[0], image, readers[key].reference)
+        found[number] = heights_at_places(readers[key](image), grid)
     content = BytesIO()
     np.save(content, found)
     write_whole(target, content.getbuffer())
 
 
 def untouched_of(file: Path) -> dict[str, object]:
-    """The untouched pictures that a file's rows name, as they are stored."""
+    """The untouched images that a file's rows name, as they are stored."""
     wanted = {row["reference"] for row in rows_of(file, ["reference"])}
     references = file.parents[1] / REFERENCES
-    return {row["reference"]: row["picture"] for row in rows_of(references) if row["reference"] in wanted}
+    return {row["reference"]: row["image"] for row in rows_of(references) if row["reference"] in wanted}
 
 
 def reader_for(sensor: CalibratedSensor, reference: Rectified, name: str) -> DepthReader:
@@ -71,27 +71,27 @@ def reader_for(sensor: CalibratedSensor, reference: Rectified, name: str) -> Dep
     calibrated = sensor.shape.rectify.coverage.shape
     if reference.grey.shape != calibrated:
         raise SensorMissing(
-            f"expected pictures of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with, got "
+            f"expected images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with, got "
             f"{reference.grey.shape[1]} x {reference.grey.shape[0]}; make the data set at that size"
         )
     return sensor.shape.reader_against(reference)
 
 
-def other_size(name: str, picture: Rectified, reference: Rectified) -> DataSetDamaged:
-    """The refusal of a picture that its reference does not fit."""
+def other_size(name: str, image: Rectified, reference: Rectified) -> DataSetDamaged:
+    """The refusal of an image that its reference does not fit."""
     return DataSetDamaged(
-        f"expected pictures of sensor {name!r} as large as its reference, {reference.grey.shape}, got {picture.grey.shape}; leave "
+        f"expected images of sensor {name!r} as large as its reference, {reference.grey.shape}, got {image.grey.shape}; leave "
         "them out: ninedtact dataset build --drop"
     )
 
 
 def grey(row: Mapping[str, object], file: Path) -> Rectified:
-    """A stored picture with its scale; raises `DataSetDamaged`."""
+    """A stored image with its scale; raises `DataSetDamaged`."""
     try:
-        picture = decoded(bytes_of(row["picture"])).astype(np.float32)
-    except NotAPicture as trouble:
+        image = decoded(bytes_of(row["image"])).astype(np.float32)
+    except NotAImage as trouble:
         raise DataSetDamaged(
             f"{trouble} (in {file}); leave it out: ninedtact dataset build --drop --out NEW {file.parents[1]}"
         ) from trouble
     stored = row.get("mm_per_px")
-    return Rectified(picture, float(stored) if isinstance(stored, float) else TWINS_WIDTH_MM / picture.shape[1])
+    return Rectified(image, float(stored) if isinstance(stored, float) else TWINS_WIDTH_MM / image.shape[1])

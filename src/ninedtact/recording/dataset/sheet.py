@@ -1,4 +1,4 @@
-"""Some pairs of a data set as one picture for a person: red where darker, green where brighter, the wrench below.
+"""Some pairs of a data set as one image for a person: red where darker, green where brighter, the wrench below.
 
 They are drawn from the lightest to the heaviest load, so that a turned axis or a swapped label is seen at once: heavier
 must look larger, and the arrow (the shear, 2 mm a newton) must point where the object leans.
@@ -15,11 +15,11 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
-from ninedtact.force.deformation import deformation_picture, parts
+from ninedtact.force.deformation import deformation_image, parts
 from ninedtact.quantities import Deformation
 from ninedtact.recording.dataset.checks import Untouched
 from ninedtact.recording.dataset.columns import bytes_of, rows_at, rows_of, six
-from ninedtact.recording.dataset.rows import NotAPicture, decoded
+from ninedtact.recording.dataset.rows import NotAImage, decoded
 from ninedtact.recording.dataset.sources.table import REFERENCES, pair_files
 
 Colour = UInt8[Array, "_ _ 3"]
@@ -28,7 +28,7 @@ CAPTION_PX, MARGIN_PX = 34, 4
 ACROSS = 6
 ARROW_PX_PER_N = 20.0
 BRIGHTER_THAN_LIVE = 2
-"""Small pictures, looked at for a moment."""
+"""Small images, looked at for a moment."""
 GREY, WHITE = (170, 170, 170), (255, 255, 255)
 
 
@@ -52,7 +52,7 @@ def contact_sheet(folder: Path, pairs: int = 24) -> Colour:
     drawn = [one for one in tiles if one is not None]
     if not drawn:
         raise NothingToShow(
-            f"expected pairs with a picture and a reference in {folder}, got none; run ninedtact dataset check"
+            f"expected pairs with an image and a reference in {folder}, got none; run ninedtact dataset check"
         )
     return in_rows(drawn)
 
@@ -87,21 +87,21 @@ def rows_in(places: Sequence[Place]) -> Iterator[dict[str, Any]]:
 def tile(row: dict[str, Any], untouched: Untouched) -> Colour | None:
     """One pair with its caption; None where it cannot be drawn."""
     try:
-        picture = decoded(bytes_of(row["picture"]))
-    except NotAPicture:
+        image = decoded(bytes_of(row["image"]))
+    except NotAImage:
         return None
     reference = untouched[row.get("reference")]
-    if reference is None or reference.shape != picture.shape:
+    if reference is None or reference.shape != image.shape:
         return None
-    small = [cv2.resize(grey, TILE, interpolation=cv2.INTER_AREA).astype(np.float32) for grey in (picture, reference)]
+    small = [cv2.resize(grey, TILE, interpolation=cv2.INTER_AREA).astype(np.float32) for grey in (image, reference)]
     darker, brighter = (BRIGHTER_THAN_LIVE * part for part in parts(*small))
-    drawn = deformation_picture(Deformation(darker, brighter, small[1], 1.0))
+    drawn = deformation_image(Deformation(darker, brighter, small[1], 1.0))
     with_arrow(drawn, six(row["wrench"]))
     return np.concatenate([drawn, caption(row)])
 
 
 def with_arrow(drawn: Colour, wrench: Array) -> None:
-    """The shear, from the middle of the picture."""
+    """The shear, from the middle of the image."""
     middle = np.array(TILE) / 2
     tip = middle + ARROW_PX_PER_N * wrench[:2]
     begin, end = ((round(float(x)), round(float(y))) for x, y in (middle, tip))

@@ -1,4 +1,4 @@
-"""Pairs of picture and wrench from the twins of a population.
+"""Pairs of image and wrench from the twins of a population.
 
 job.py          the whole data set, made by several processes, gone on with after a stop; read this first
 settings.py     what is asked for; folder.py where it is kept, and how it is known again

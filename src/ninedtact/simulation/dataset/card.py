@@ -7,7 +7,7 @@ from ninedtact.simulation.dataset.settings import DatasetSettings
 
 HEAD = """\
 ---
-pretty_name: 9DTact twin, pictures and wrenches
+pretty_name: 9DTact twin, images and wrenches
 tags: [tactile-sensing, robotics, simulation]
 configs:
 - config_name: default
@@ -31,16 +31,16 @@ def card(
     width_mm = settings.design.sensing_area.width_mm
     table = "\n".join(f"    {line}".rstrip() for line in percentiles)
     return f"""{HEAD}
-# Pictures and wrenches of simulated 9DTact sensors
+# Images and wrenches of simulated 9DTact sensors
 
 Made by `ninedtact simulate dataset` {version}: {settings.pairs} pairs ({counted}) of {settings.sensors} sensors and
-{len(settings.object_names)} objects. No real picture is in it.
+{len(settings.object_names)} objects. No real image is in it.
 
 | column | what |
 |---|---|
-| picture | the rectified sensor picture, grey, {settings.size[0]} x {settings.size[1]}, {width_mm:g} mm across |
+| image | the rectified sensor image, grey, {settings.size[0]} x {settings.size[1]}, {width_mm:g} mm across |
 | mm_per_px | its scale |
-| reference | id of the untouched picture of the same sensor, in config `references` |
+| reference | id of the untouched image of the same sensor, in config `references` |
 | wrench | Fx Fy Fz in N, Tx Ty Tz in N·m, of the object on the skin: pressing gives Fz < 0 |
 | object | what touches; `none` where nothing does |
 | contact | session and touch: rows that share it are of one continuous contact |

@@ -101,7 +101,7 @@ def require_same(kept: Path, resolved: dict[str, Any]) -> None:
 
 
 def references(settings: DatasetSettings) -> Iterator[tuple[str, bytes]]:
-    """The untouched picture of every sensor, as taken when it was switched on."""
+    """The untouched image of every sensor, as taken when it was switched on."""
     for number in range(settings.sensors):
         sensor, rng = bench(number, settings), np.random.default_rng([settings.seed, 3, number])
-        yield sensor.member.name, png(sensor.eye.picture(None, rng))
+        yield sensor.member.name, png(sensor.eye.image(None, rng))

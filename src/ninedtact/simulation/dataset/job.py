@@ -28,7 +28,7 @@ from ninedtact.whole_file import write_whole
 
 CARD = "README.md"
 AT_ONCE = 256
-"""Sessions that a GPU advances together. More are not quicker, and hold some 3 MB of pictures each in memory."""
+"""Sessions that a GPU advances together. More are not quicker, and hold some 3 MB of images each in memory."""
 
 
 @dataclass(frozen=True)

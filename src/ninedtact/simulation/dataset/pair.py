@@ -18,7 +18,7 @@ QUICK_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 class Pair:
     """One row of the data set."""
 
-    picture: bytes
+    image: bytes
     """PNG, grey."""
     reference: str
     wrench: Float32[Array, "6"]
@@ -42,5 +42,5 @@ def quotas(number: int, settings: DatasetSettings) -> dict[str, int]:
 
 
 def png(grey: UInt8[Array, "rows cols"]) -> bytes:
-    """A picture as a file."""
+    """An image as a file."""
     return bytes(cv2.imencode(".png", grey, QUICK_PNG)[1])

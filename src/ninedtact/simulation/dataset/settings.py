@@ -42,7 +42,7 @@ class DatasetSettings:
 
     pairs: int = 10_000
     size: tuple[int, int] = (460, 345)
-    """Columns and rows of the rectified pictures; all sizes show the width of the sensing area."""
+    """Columns and rows of the rectified images; all sizes show the width of the sensing area."""
     sensors: int = 20
     objects: int = PAPER_COUNT
     """The first so many generated objects; ignored where names are given."""
@@ -73,7 +73,7 @@ class DatasetSettings:
             raise DatasetImpossible(f"expected a seed of zero or more, got {self.seed}; give another")
         if min(self.size) < FEWEST_PX:
             raise DatasetImpossible(
-                f"expected pictures of at least {FEWEST_PX} x {FEWEST_PX} pixels, got {self.size[0]} x {self.size[1]}; give "
+                f"expected images of at least {FEWEST_PX} x {FEWEST_PX} pixels, got {self.size[0]} x {self.size[1]}; give "
                 f"columns and rows, as 460 345"
             )
         if not (self.light_below_n > 0 and 0.05 <= self.pitch_mm <= 1):

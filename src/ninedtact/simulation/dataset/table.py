@@ -1,4 +1,4 @@
-"""Pairs as Parquet files that Hugging Face `datasets` opens, pictures included."""
+"""Pairs as Parquet files that Hugging Face `datasets` opens, images included."""
 
 import json
 from collections.abc import Iterable
@@ -23,10 +23,10 @@ except ModuleNotFoundError as missing:
         f"expected the libraries of data sets, got no {missing.name}; install them: pip install 'ninedtact[datasets]'"
     ) from missing
 
-PICTURE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-IMAGE = {"_type": "Image"}
+IMAGE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+IMAGE_FEATURE = {"_type": "Image"}
 COLUMNS: dict[str, tuple[pa.DataType, dict[str, Any]]] = {
-    "picture": (PICTURE, IMAGE),
+    "image": (IMAGE, IMAGE_FEATURE),
     "reference": (pa.string(), {"dtype": "string", "_type": "Value"}),
     "wrench": (
         pa.list_(pa.float32(), 6),
@@ -41,7 +41,7 @@ COLUMNS: dict[str, tuple[pa.DataType, dict[str, Any]]] = {
     "mm_per_px": (pa.float32(), {"dtype": "float32", "_type": "Value"}),
 }
 """Arrow type and Hugging Face feature of every column, in the order of `Pair`."""
-REFERENCE_COLUMNS = {name: COLUMNS[name] for name in ("reference", "picture", "sensor")}
+REFERENCE_COLUMNS = {name: COLUMNS[name] for name in ("reference", "image", "sensor")}
 NOTES = {
     "ninedtact.wrench": "Fx Fy Fz in N, Tx Ty Tz in N·m, of the object on the skin, pressing gives Fz < 0; "
     "torque about the centre of the untouched skin; x along columns, y along rows, z outward"
@@ -49,7 +49,7 @@ NOTES = {
 
 
 def schema(columns: dict[str, tuple[pa.DataType, dict[str, Any]]]) -> pa.Schema:
-    """With the metadata that tells Hugging Face which column is a picture."""
+    """With the metadata that tells Hugging Face which column is an image."""
     features = {name: feature for name, (_, feature) in columns.items()}
     notes = {**NOTES, "huggingface": json.dumps({"info": {"features": features}})}
     return pa.schema([(name, kind) for name, (kind, _) in columns.items()], metadata=notes)
@@ -58,22 +58,22 @@ def schema(columns: dict[str, tuple[pa.DataType, dict[str, Any]]]) -> pa.Schema:
 def write_pairs(path: Path, pairs: Iterable[Pair]) -> None:
     """One file of pairs, whole or not at all; raises `FileNotWritten`."""
     rows = [{name.name: getattr(pair, name.name) for name in fields(pair)} for pair in pairs]
-    write(path, [{**row, "picture": stored(row["picture"])} for row in rows], COLUMNS)
+    write(path, [{**row, "image": stored(row["image"])} for row in rows], COLUMNS)
 
 
 def write_references(path: Path, references: Iterable[tuple[str, bytes]]) -> None:
-    """The untouched picture of every sensor."""
-    rows = [{"reference": name, "picture": stored(picture), "sensor": name} for name, picture in references]
+    """The untouched image of every sensor."""
+    rows = [{"reference": name, "image": stored(image), "sensor": name} for name, image in references]
     write(path, rows, REFERENCE_COLUMNS)
 
 
-def stored(picture: bytes) -> dict[str, Any]:
-    """A picture as Hugging Face stores it."""
-    return {"bytes": picture, "path": None}
+def stored(image: bytes) -> dict[str, Any]:
+    """An image as Hugging Face stores it."""
+    return {"bytes": image, "path": None}
 
 
 def write(path: Path, rows: list[dict[str, Any]], columns: dict[str, tuple[pa.DataType, dict[str, Any]]]) -> None:
-    """Rows as Parquet. Pictures are compressed already; 100 rows a group let a reader pick."""
+    """Rows as Parquet. Images are compressed already; 100 rows a group let a reader pick."""
     table = pa.Table.from_pylist(rows, schema=schema(columns))
     with whole_file(path) as file:
         pq.write_table(table, file, row_group_size=100, compression="snappy")

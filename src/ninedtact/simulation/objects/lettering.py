@@ -19,7 +19,7 @@ V:00 26 40 ; W:00 16 23 36 40 ; X:00 46|40 06 ; Y:00 23 40|23 26 ; Z:00 40 06 46
 6:41 30 10 01 05 16 36 45 44 33 03 ; 8:10 30 41 42 33 44 45 36 16 05 04 13 02 01 10|13 33 ;
 9:05 16 36 45 41 30 10 01 02 13 43
 """
-"""Polylines on a grid of 4 × 6, x to the right and y downwards, as the skin's picture shows them."""
+"""Polylines on a grid of 4 × 6, x to the right and y downwards, as the skin's image shows them."""
 GLYPHS = dict(glyph.strip().split(":") for glyph in STROKES.split(";"))
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.mechanics.contact import Contact
 from ninedtact.simulation.designed import lit_alike
+from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.picture import Renderer
 from ninedtact.simulation.population.mechanics import Kind, compliance_below, drawn_base, felt
 from ninedtact.simulation.population.parts import (
     Kinds,
@@ -24,7 +24,7 @@ from ninedtact.simulation.population.parts import (
 )
 from ninedtact.simulation.population.spread import drawn_gel, drawn_lens, drawn_light
 from ninedtact.simulation.twin import PITCH_MM, Twin
-from ninedtact.simulation.untouched import untouched_picture
+from ninedtact.simulation.untouched import untouched_image
 from ninedtact.simulation.view import View, WideLens
 
 RAW_SHAPE = (480, 640)
@@ -52,15 +52,15 @@ class SensorMember:
 
     @property
     def view(self) -> View:
-        """Of the raw picture."""
+        """Of the raw image."""
         return self.lens.view(RAW_SHAPE)
 
     def renderer(self) -> Renderer:
-        """To raw pictures."""
+        """To raw images."""
         view = self.view
         return Renderer(
             view,
-            untouched_picture(lit_alike(view, self.design), **asdict(self.untouched)),
+            untouched_image(lit_alike(view, self.design), **asdict(self.untouched)),
             self.light,
             Noise(self.noise_grey_levels, RAW_SHAPE),
         )

@@ -36,7 +36,7 @@ class Kinds:
 
 @dataclass(frozen=True)
 class Untouched:
-    """What the untouched picture is made from; see `untouched_picture`."""
+    """What the untouched image is made from; see `untouched_image`."""
 
     mean_grey: float
     unevenness: float

@@ -1,8 +1,8 @@
 """How light, gel, lens and mounting spread over sensors.
 
-Light: ball presses on eight real sensors of five labs (docs/datasets.md; a ninth picture was too poor), as logarithms, with
+Light: ball presses on eight real sensors of five labs (docs/datasets.md; a ninth image was too poor), as logarithms, with
 their correlations. There are few of them, so draws end at `REACH` standard deviations. Lens: three real sensors, fitted by
-`WideLens` to 0.05 mm. Untouched pictures: the mean grey of nine sensors. The rest is what moulds, silicone and hands allow.
+`WideLens` to 0.05 mm. Untouched images: the mean grey of nine sensors. The rest is what moulds, silicone and hands allow.
 """
 
 from dataclasses import replace

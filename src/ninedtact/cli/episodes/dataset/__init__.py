@@ -1,4 +1,4 @@
-"""ninedtact dataset: pairs of picture and wrench from any source, for training."""
+"""ninedtact dataset: pairs of image and wrench from any source, for training."""
 
 from typing import Annotated
 

@@ -36,15 +36,15 @@ class Build:
     sensor: Path | None = None
     """Sensor folder for recordings that carry none."""
     sensor_name: str | None = None
-    """Which sensor took the original project's or the episodes' pictures."""
+    """Which sensor took the original project's or the episodes' images."""
     reference: Path | None = None
-    """Picture of the untouched skin, for an image/ folder without mixed_image/."""
+    """Image of the untouched skin, for an image/ folder without mixed_image/."""
     origin_mm: tuple[float, float, float] | None = None
     """What the labels' torques are about; the original project's: 0 0 -35, the centre of the skin being 0 0 0."""
     axes: str = "+x,+y,+z"
     """Which measured axes are the sensor's x, y and z; --axes=-x,-y,-z turns what the skin does to the object around."""
     mm_per_px: float | None = None
-    """Scale of the original project's or the episodes' pictures."""
+    """Scale of the original project's or the episodes' images."""
     limits: Limits = Limits()
     json: bool = False
     """Print the figures as one JSON object."""
@@ -87,7 +87,7 @@ class Build:
 
 
 def read_rectification(folder: Path) -> "Rectification":
-    """How a sensor's pictures are rectified."""
+    """How a sensor's images are rectified."""
     from ninedtact.calibration.sensor_folder import load_sensor
 
     return load_sensor(folder).rectification

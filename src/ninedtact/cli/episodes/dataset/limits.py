@@ -14,7 +14,7 @@ class Limits:
     largest: tuple[float, float, float, float, float, float] = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
     """Forces (N) and torques (N·m) about the skin's centre: twice what the paper collected."""
     gap_ms: float = 20.0
-    """From picture to wrench."""
+    """From image to wrench."""
     faintest_levels: float = 0.6
     """Grey levels by which the darkest place must be darker under 2 N or more."""
     unfelt_levels: float = 6.0

@@ -23,7 +23,7 @@ class Show:
     folder: tyro.conf.Positional[Path]
     """The data set."""
     sheet: Path | None = None
-    """Picture for some pairs, PNG; sheet.png in the data set where nothing is said."""
+    """Image for some pairs, PNG; sheet.png in the data set where nothing is said."""
     pairs: int = 24
     """How many are drawn, evenly spread from the lightest to the heaviest load; 0 for none."""
     json: bool = False
@@ -48,7 +48,7 @@ class Show:
         return answer(self.json, figures, lines(self.folder, contents, drawn))
 
     def draw(self) -> Path:
-        """Write the picture of some pairs; where it is."""
+        """Write the image of some pairs; where it is."""
         import cv2
 
         from ninedtact.recording.dataset.sheet import contact_sheet

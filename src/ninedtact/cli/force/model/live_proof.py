@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 OBJECT, DEPTH_MM, DRAG_MM, TWIST_DEG = "ball:5", 1.1, (0.8, 0.3), 8.0
 DEEPEST_PART = 0.5
 """Of the gel's thickness."""
-HZ, EVERY, PICTURES = 20.0, 8, 10
+HZ, EVERY, IMAGES = 20.0, 8, 10
 HEADINGS = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
@@ -55,7 +55,7 @@ def live(model: Path, sensor_folder: Path, design: SensorDesign = SensorDesign()
     folder, twin = load_sensor(sensor_folder), twin_of.twin()
     gel = replace(gel_of(folder), shear_modulus_mpa=twin_of.gel.shear_modulus_mpa)
     stage = touched(twin, min(DEPTH_MM, DEEPEST_PART * design.gel.thickness_mm))
-    untouched = folder.shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-PICTURES, 0)))
+    untouched = folder.shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-IMAGES, 0)))
     estimator = on_sensor(str(model), folder.shape, gel)
     with Sensor(SimulatedCamera(stage), folder.shape, depth=untouched, estimator=estimator) as sensor:
         for reading in sensor:

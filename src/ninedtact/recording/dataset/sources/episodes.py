@@ -1,4 +1,4 @@
-"""Recordings of `ninedtact collect`: raw pictures, rectified here with the sensor's folder that rides along."""
+"""Recordings of `ninedtact collect`: raw images, rectified here with the sensor's folder that rides along."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from ninedtact.capture.files import counting_order
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
-from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, Row, UntouchedPicture
+from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, Row, UntouchedImage
 from ninedtact.recording.dataset.sources.source import Part, Source, name_of
 from ninedtact.recording.saved_pair import SavedPair, UntouchedSkin
 from ninedtact.shape.calibrated import mean_rectified
@@ -22,7 +22,7 @@ from ninedtact.simulation.dataset.pair import png
 
 SUFFIX = ".mcap"
 SensorReader = Callable[[Path], Rectification]
-"""A sensor's folder → how its pictures are rectified. The room of calibrations, which knows, stands beside this one."""
+"""A sensor's folder → how its images are rectified. The room of calibrations, which knows, stands beside this one."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class EpisodePart(Part):
         for pair in pairs_of(self.file):
             if pair.untouched.id not in told:
                 told.add(pair.untouched.id)
-                yield untouched_picture(pair.untouched, pair.sensor, rectify)
+                yield untouched_image(pair.untouched, pair.sensor, rectify)
             yield self.row(pair, steps[pair.contact], rectify)
             steps[pair.contact] += 1
 
@@ -69,7 +69,7 @@ class EpisodePart(Part):
         stamps = pair.wrench.stamp_ns, pair.time_ns
         return Row(
             id=f"{pair.contact}/{step:03d}",
-            picture=png(whole_levels(rectify(Frame(pair.picture)).grey)),
+            image=png(whole_levels(rectify(Frame(pair.image)).grey)),
             reference=pair.untouched.id,
             wrench=pair.wrench.about(np.zeros(3)).six.astype(np.float32),
             object=pair.object,
@@ -84,10 +84,10 @@ class EpisodePart(Part):
         )
 
 
-def untouched_picture(skin: UntouchedSkin, sensor: str, rectify: Rectification) -> UntouchedPicture:
-    """The mean of its pictures, as the live sensor takes it."""
-    mean = mean_rectified([rectify(Frame(picture)) for picture in skin.pictures])
-    return UntouchedPicture(skin.id, png(whole_levels(mean.grey)), sensor)
+def untouched_image(skin: UntouchedSkin, sensor: str, rectify: Rectification) -> UntouchedImage:
+    """The mean of its images, as the live sensor takes it."""
+    mean = mean_rectified([rectify(Frame(image)) for image in skin.images])
+    return UntouchedImage(skin.id, png(whole_levels(mean.grey)), sensor)
 
 
 def whole_levels(grey: Float32[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:

@@ -1,4 +1,4 @@
-"""The arrays of an .npz archive, the long one read picture by picture: an episode may be larger than memory."""
+"""The arrays of an .npz archive, the long one read image by image: an episode may be larger than memory."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,7 +30,7 @@ TROUBLES = (
     OSError,
 )
 LARGEST_SMALL_ARRAY = 1 << 27
-"""Bytes of everything but the pictures."""
+"""Bytes of everything but the images."""
 
 
 class EpisodeDamaged(NinedtactError):
@@ -62,10 +62,10 @@ class Archive:
             return np.frombuffer(self.read(file, int(size), name), kind).reshape(shape)
 
     def frames(self, name: str) -> Iterator[UInt8[Array, "rows cols 3"]]:
-        """The pictures of a long array, one after the other; raises `EpisodeDamaged`."""
+        """The images of a long array, one after the other; raises `EpisodeDamaged`."""
         with self.member(name) as (file, shape, kind):
             if len(shape) != 4 or shape[3] != 3 or kind != np.uint8:
-                raise self.damaged(f"{name} as 8-bit pictures (T, rows, cols, 3)", f"{kind} of shape {shape}")
+                raise self.damaged(f"{name} as 8-bit images (T, rows, cols, 3)", f"{kind} of shape {shape}")
             size = int(np.prod(shape[1:]))
             for _ in range(shape[0]):
                 yield np.frombuffer(self.read(file, size, name), np.uint8).reshape(shape[1:])

@@ -16,17 +16,17 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.files import counting_order
 from ninedtact.errors import NinedtactError
-from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, Row, UntouchedPicture
+from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, Row, UntouchedImage
 from ninedtact.recording.dataset.sources.frames import Archive, archive
 from ninedtact.recording.dataset.sources.source import Part, Source, Statements, name_of
 from ninedtact.simulation.dataset.pair import png
 
 SUFFIX = ".npz"
-PICTURES, FORCES, REFERENCE, OLDER_REFERENCE, TARE = "tactile_img", "6d_force", "ref_frame", "bg_frame", "ref_force"
+IMAGES, FORCES, REFERENCE, OLDER_REFERENCE, TARE = "tactile_img", "6d_force", "ref_frame", "bg_frame", "ref_force"
 LIGHT_BELOW_N = 0.3
 USUAL_ORIGIN_MM = (0.0, 0.0, 0.0)
 STREAM = "stream"
-"""The kind of its pairs: every picture of an episode, no rule chose them."""
+"""The kind of its pairs: every image of an episode, no rule chose them."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class EpisodePart(Part):
     statements: Statements
 
     def items(self) -> Iterator[Item]:
-        """The untouched skin and every picture with its wrench."""
+        """The untouched skin and every image with its wrench."""
         whole_name = f"{self.source}/{self.name}"
         step = 0
         try:
@@ -48,24 +48,24 @@ class EpisodePart(Part):
                 untouched = self.untouched(episode)
                 yield untouched
                 forces, probe = self.forces(episode), self.probe(episode)
-                for step, picture in enumerate(episode.frames(PICTURES)):
-                    yield self.row(step, picture, forces[step], probe, untouched)
+                for step, image in enumerate(episode.frames(IMAGES)):
+                    yield self.row(step, image, forces[step], probe, untouched)
         except NinedtactError as trouble:
-            yield LeftOut(Fault.UNREADABLE, whole_name, f"{trouble} (read as far as picture {step})")
+            yield LeftOut(Fault.UNREADABLE, whole_name, f"{trouble} (read as far as image {step})")
 
     def row(
         self,
         step: int,
-        picture: UInt8[Array, "rows cols 3"],
+        image: UInt8[Array, "rows cols 3"],
         measured: Float64[Array, "6"],
         probe: str,
-        untouched: UntouchedPicture,
+        untouched: UntouchedImage,
     ) -> Row:
         """One pair."""
         wrench = self.statements.about_skin(measured, USUAL_ORIGIN_MM)
         return Row(
             id=f"{self.source}/{self.name}/{step:05d}",
-            picture=png(grey_of_rgb(picture)),
+            image=png(grey_of_rgb(image)),
             reference=untouched.id,
             wrench=wrench,
             object=f"{self.source}/{probe}",
@@ -78,23 +78,23 @@ class EpisodePart(Part):
             mm_per_px=self.statements.mm_per_px,
         )
 
-    def untouched(self, episode: Archive) -> UntouchedPicture:
+    def untouched(self, episode: Archive) -> UntouchedImage:
         """The episode's own reference; raises `EpisodeDamaged`."""
-        picture = episode.array(REFERENCE if episode.has(REFERENCE) else OLDER_REFERENCE)
-        if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype.kind not in "uif":
-            raise episode.damaged(f"{REFERENCE} as one RGB picture", f"{picture.dtype} of shape {picture.shape}")
-        if picture.dtype.kind == "f":
-            scale = 255.0 if np.nanmax(picture) <= 1.0 else 1.0
-            picture = np.rint(np.nan_to_num(picture) * scale)
-        grey = grey_of_rgb(np.clip(picture, 0, 255).astype(np.uint8))
-        return UntouchedPicture(f"{self.source}/{self.name}", png(grey), self.statements.sensor or self.source)
+        image = episode.array(REFERENCE if episode.has(REFERENCE) else OLDER_REFERENCE)
+        if image.ndim != 3 or image.shape[2] != 3 or image.dtype.kind not in "uif":
+            raise episode.damaged(f"{REFERENCE} as one RGB image", f"{image.dtype} of shape {image.shape}")
+        if image.dtype.kind == "f":
+            scale = 255.0 if np.nanmax(image) <= 1.0 else 1.0
+            image = np.rint(np.nan_to_num(image) * scale)
+        grey = grey_of_rgb(np.clip(image, 0, 255).astype(np.uint8))
+        return UntouchedImage(f"{self.source}/{self.name}", png(grey), self.statements.sensor or self.source)
 
     def forces(self, episode: Archive) -> Float64[Array, "steps 6"]:
         """What was measured, its tare taken off; raises `EpisodeDamaged`."""
         forces = episode.array(FORCES)
-        pictures = episode.length(PICTURES)
-        if forces.dtype.kind not in "iuf" or forces.shape != (pictures, 6):
-            raise episode.damaged(f"{FORCES} of shape {(pictures, 6)}", f"{forces.dtype} of shape {forces.shape}")
+        images = episode.length(IMAGES)
+        if forces.dtype.kind not in "iuf" or forces.shape != (images, 6):
+            raise episode.damaged(f"{FORCES} of shape {(images, 6)}", f"{forces.dtype} of shape {forces.shape}")
         tare = episode.array(TARE) if episode.has(TARE) else np.zeros(6)
         if tare.dtype.kind not in "iuf" or tare.shape != (6,):
             raise episode.damaged(f"{TARE} of six numbers", f"{tare.dtype} of shape {tare.shape}")
@@ -112,13 +112,13 @@ class EpisodePart(Part):
 def require_episode(episode: Archive) -> None:
     """Refuse an archive of something else; raises `EpisodeDamaged`."""
     has_reference = episode.has(REFERENCE) or episode.has(OLDER_REFERENCE)
-    if not (episode.has(PICTURES) and episode.has(FORCES) and has_reference):
-        raise episode.damaged(f"the arrays {PICTURES}, {REFERENCE} and {FORCES}", ", ".join(episode.names) or "none")
+    if not (episode.has(IMAGES) and episode.has(FORCES) and has_reference):
+        raise episode.damaged(f"the arrays {IMAGES}, {REFERENCE} and {FORCES}", ", ".join(episode.names) or "none")
 
 
-def grey_of_rgb(picture: UInt8[Array, "rows cols 3"]) -> UInt8[Array, "rows cols"]:
+def grey_of_rgb(image: UInt8[Array, "rows cols 3"]) -> UInt8[Array, "rows cols"]:
     """Grey levels as everywhere else, from red, green, blue."""
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class HttSource(Source):
     what = "force episodes of the Heterogeneous Tactile Transformer"
     warnings = (
         "The transformer's episodes are under CC BY-NC. Where the torques of their labels are about, their axes and their "
-        "pictures' scale are not documented: they were taken as they are unless stated.",
+        "images' scale are not documented: they were taken as they are unless stated.",
     )
 
     def said(self) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""One picture and wrench of the original project, read with suspicion."""
+"""One image and wrench of the original project, read with suspicion."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.files import read_picture
+from ninedtact.capture.files import read_image
 from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import NotAMixedImage, from_mixed_image, grey_of
-from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, Row, UntouchedPicture
+from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, Row, UntouchedImage
 from ninedtact.recording.dataset.sources.source import Statements, Triple
 from ninedtact.simulation.dataset.pair import png
 
@@ -41,9 +41,9 @@ class PairFiles:
     norm: Path | None = None
 
     def items(
-        self, source: str, statements: Statements, usual_origin_mm: Triple, given: UntouchedPicture | None
+        self, source: str, statements: Statements, usual_origin_mm: Triple, given: UntouchedImage | None
     ) -> Iterator[Item]:
-        """The untouched picture and the row, or why there is none."""
+        """The untouched image and the row, or why there is none."""
         name = f"{source}/{self.object}/{self.stem}"
         if self.wrench is None:
             only = " (only its _norm.npy)" if self.norm else ""
@@ -51,7 +51,7 @@ class PairFiles:
             return
         if self.image is None and self.mixed is None:
             said = f"expected {self.stem}.png in image/{self.object} or mixed_image/{self.object}, got none"
-            yield LeftOut(Fault.MISSING_PICTURE, name, said)
+            yield LeftOut(Fault.MISSING_IMAGE, name, said)
             return
         try:
             yield from self.pair(name, source, statements, usual_origin_mm, given)
@@ -64,19 +64,19 @@ class PairFiles:
         source: str,
         statements: Statements,
         usual_origin_mm: Triple,
-        given: UntouchedPicture | None,
+        given: UntouchedImage | None,
     ) -> Iterator[Item]:
-        """The untouched picture and the row; raises what reading does."""
+        """The untouched image and the row; raises what reading does."""
         doubts: Doubts = []
         measured = self.measured(doubts)
-        grey, reference = self.pictures(doubts)
+        grey, reference = self.images(doubts)
         sensor = statements.sensor or source
-        untouched = given if reference is None else untouched_picture(reference, source, sensor)
+        untouched = given if reference is None else untouched_image(reference, source, sensor)
         if untouched:
             yield untouched
         yield Row(
             id=name,
-            picture=png(grey),
+            image=png(grey),
             reference=untouched.id if untouched else None,
             wrench=statements.about_skin(measured, usual_origin_mm),
             object=f"{source}/{self.object}",
@@ -103,13 +103,13 @@ class PairFiles:
                 doubts.append((Fault.OTHER_NORM, str(trouble)))
         return six
 
-    def pictures(self, doubts: Doubts) -> tuple[Grey, Grey | None]:
-        """Grey picture, and reference where there is one; raises `PictureUnreadable`, `NotAMixedImage`."""
-        image = None if self.image is None else grey_of(read_picture(self.image), 1.0).grey.astype(np.uint8)
+    def images(self, doubts: Doubts) -> tuple[Grey, Grey | None]:
+        """Grey image, and reference where there is one; raises `ImageUnreadable`, `NotAMixedImage`."""
+        image = None if self.image is None else grey_of(read_image(self.image), 1.0).grey.astype(np.uint8)
         if self.mixed is None:
             assert image is not None
             return image, None
-        mixed = np.ascontiguousarray(read_picture(self.mixed))
+        mixed = np.ascontiguousarray(read_image(self.mixed))
         try:
             parts = from_mixed_image(mixed, 1.0)
         except NotAMixedImage as trouble:
@@ -120,9 +120,7 @@ class PairFiles:
         grey = (parts.reference - parts.darker + parts.brighter).astype(np.uint8)
         reference = parts.reference.astype(np.uint8)
         if image is not None and not np.array_equal(image, grey):
-            doubts.append(
-                (Fault.OTHER_MIXED, f"{self.mixed.name} shows another picture than its image; image was taken")
-            )
+            doubts.append((Fault.OTHER_MIXED, f"{self.mixed.name} shows another image than its image; image was taken"))
         return (grey if image is None else image), reference
 
 
@@ -139,12 +137,12 @@ def read_six(path: Path) -> Float64[Array, "6"]:
     return numbers.astype(float).ravel()
 
 
-def untouched_picture(grey: Grey, source: str, sensor: str) -> UntouchedPicture:
+def untouched_image(grey: Grey, source: str, sensor: str) -> UntouchedImage:
     """Named by what it shows: the same skin is stored once."""
     seen = blake2b(grey.tobytes(), digest_size=6).hexdigest()
-    return UntouchedPicture(f"{source}/{seen}", png(grey), sensor)
+    return UntouchedImage(f"{source}/{seen}", png(grey), sensor)
 
 
-def reference_in(path: Path, source: str) -> UntouchedPicture:
-    """A picture of the untouched skin that a person named; raises `PictureUnreadable`."""
-    return untouched_picture(grey_of(read_picture(path), 1.0).grey.astype(np.uint8), source, source)
+def reference_in(path: Path, source: str) -> UntouchedImage:
+    """An image of the untouched skin that a person named; raises `ImageUnreadable`."""
+    return untouched_image(grey_of(read_image(path), 1.0).grey.astype(np.uint8), source, source)

@@ -36,11 +36,11 @@ class Statements:
     axes: Axes = AS_MEASURED
     """Which of the measured axes, with which sign, is the sensor's x, y and z."""
     mm_per_px: float | None = None
-    """Scale of their pictures."""
+    """Scale of their images."""
     sensor: str | None = None
     """Which sensor took them; the source's name where nothing is said."""
     reference: Path | None = None
-    """Picture of the untouched skin, rectified, for a source that stores none."""
+    """Image of the untouched skin, rectified, for a source that stores none."""
     sensor_folder: Path | None = None
     """In place of those that ride along in recordings."""
 
@@ -70,7 +70,7 @@ class Statements:
         if self.axes != AS_MEASURED:
             yield f"the sensor's x, y, z are the measured {', '.join(self.axes)}"
         if self.reference is not None:
-            yield f"all pictures are held against one reference, {self.reference.name}"
+            yield f"all images are held against one reference, {self.reference.name}"
 
 
 def axes_of(words: str) -> Axes:
@@ -97,7 +97,7 @@ class Part(ABC):
 
     @abstractmethod
     def items(self) -> Iterator[Item]:
-        """All that it holds; every untouched picture before the rows that name it."""
+        """All that it holds; every untouched image before the rows that name it."""
 
 
 @dataclass(frozen=True)

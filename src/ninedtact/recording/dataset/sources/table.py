@@ -1,4 +1,4 @@
-"""A data set that is there already: the twin's output, or one that was built. Its pictures are taken over byte by byte."""
+"""A data set that is there already: the twin's output, or one that was built. Its images are taken over byte by byte."""
 
 import json
 import re
@@ -16,13 +16,13 @@ from ninedtact.recording.dataset.columns import (
     rows_of,
     six,
 )
-from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, NotAPicture, Row, UntouchedPicture, decoded
+from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, NotAImage, Row, UntouchedImage, decoded
 from ninedtact.recording.dataset.sources.source import Part, Source
 
 REFERENCES, SETTINGS = "references.parquet", "settings.json"
 OF = re.compile(r"-of-(\d+)\.parquet$")
 TWINS_WIDTH_MM = 24.0
-"""What all pictures of the twin's data sets show, whatever their size."""
+"""What all images of the twin's data sets show, whatever their size."""
 NO_OBJECT = "none"
 
 
@@ -64,7 +64,7 @@ class TablePart(Part):
     """Of the twin's generated objects: one name and one such seed, one shape."""
 
     def items(self) -> Iterator[Item]:
-        """Its rows, and the untouched pictures that they name."""
+        """Its rows, and the untouched images that they name."""
         wanted = {row["reference"] for row in rows_of(self.file, ["reference"])}
         for row in rows_of(self.references):
             if row["reference"] in wanted:
@@ -72,23 +72,23 @@ class TablePart(Part):
         for number, row in enumerate(rows_of(self.file, COLUMNS)):
             yield self.item(number, row)
 
-    def untouched(self, row: dict[str, Any]) -> UntouchedPicture:
+    def untouched(self, row: dict[str, Any]) -> UntouchedImage:
         """One row of the references."""
-        return UntouchedPicture(self.named(row["reference"]), bytes_of(row["picture"]) or b"", row.get("sensor") or "")
+        return UntouchedImage(self.named(row["reference"]), bytes_of(row["image"]) or b"", row.get("sensor") or "")
 
     def item(self, number: int, row: dict[str, Any]) -> Row | LeftOut:
         """One pair, as it is."""
         own_id = row.get("id") or f"{self.file.stem.split('-of-')[0]}-{number:05d}"
-        content = bytes_of(row["picture"])
+        content = bytes_of(row["image"])
         try:
-            picture = decoded(content)
-        except NotAPicture as trouble:
-            fault = Fault.UNREADABLE if content else Fault.MISSING_PICTURE
-            return LeftOut(fault, self.named(own_id), f"picture: {trouble}")
+            image = decoded(content)
+        except NotAImage as trouble:
+            fault = Fault.UNREADABLE if content else Fault.MISSING_IMAGE
+            return LeftOut(fault, self.named(own_id), f"image: {trouble}")
         reference = row.get("reference")
         return Row(
             id=self.named(own_id),
-            picture=content or b"",
+            image=content or b"",
             reference=None if reference is None else self.named(reference),
             wrench=six(row["wrench"]),
             object=self.object(row.get("object") or NO_OBJECT),
@@ -98,7 +98,7 @@ class TablePart(Part):
             sensor=row.get("sensor") or self.source,
             kind=row.get("kind") or "rule",
             source=self.named(row["source"]) if row.get("source") else self.source,
-            mm_per_px=row["mm_per_px"] if "mm_per_px" in row else TWINS_WIDTH_MM / picture.shape[1],
+            mm_per_px=row["mm_per_px"] if "mm_per_px" in row else TWINS_WIDTH_MM / image.shape[1],
             gap_ms=row.get("gap_ms"),
         )
 
@@ -126,7 +126,7 @@ class TableSource(Source):
             yield f"made by the twin of ninedtact {made.get('ninedtact')}, {seeds}"
 
     def files(self) -> list[Path]:
-        """Pairs and untouched pictures."""
+        """Pairs and untouched images."""
         return [*pair_files(self.path), self.path / REFERENCES]
 
     def parts(self) -> list[Part]:

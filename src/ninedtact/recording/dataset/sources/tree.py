@@ -4,7 +4,7 @@
     Dataset/mixed_image/<object>/<n>.png     B the reference, G 3·brighter, R 3·darker
     Dataset/wrench/<object>/<n>.npy          six numbers, N and N·m; <n>_norm.npy the same, 0 to 1 over its ranges
 
-No reference picture is stored but in channel B. Contacts are not told apart: all pairs of an object count as one, so
+No reference image is stored but in channel B. Contacts are not told apart: all pairs of an object count as one, so
 that splits by contact keep them together. Torques are about the force/torque sensor, 35 mm below the skin
 (docs/references.md).
 """
@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.capture.files import PICTURE_SUFFIXES, counting_order
-from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, UntouchedPicture
+from ninedtact.capture.files import IMAGE_SUFFIXES, counting_order
+from ninedtact.recording.dataset.rows import Fault, Item, LeftOut, UntouchedImage
 from ninedtact.recording.dataset.sources.pair_files import PairFiles, reference_in
 from ninedtact.recording.dataset.sources.source import Part, Source, SourceUnknown, Statements
 from ninedtact.simulation.force_torque import BELOW_SKIN_MM
@@ -26,7 +26,7 @@ USUAL_ORIGIN_MM = (0.0, 0.0, -BELOW_SKIN_MM)
 
 
 def tree_in(path: Path) -> Path | None:
-    """The folder that holds wrenches and pictures: this one, or the Dataset in it."""
+    """The folder that holds wrenches and images: this one, or the Dataset in it."""
     for folder in (path, path / "Dataset"):
         if (folder / WRENCH).is_dir() and ((folder / IMAGE).is_dir() or (folder / MIXED).is_dir()):
             return folder
@@ -41,14 +41,14 @@ class TreePart(Part):
     statements: Statements
 
     def items(self) -> Iterator[Item]:
-        """Its pairs, and the untouched pictures as they come up."""
+        """Its pairs, and the untouched images as they come up."""
         told: set[str] = set()
         given = reference_in(self.statements.reference, self.source) if self.statements.reference else None
         for pair in self.pairs:
             for item in pair.items(self.source, self.statements, USUAL_ORIGIN_MM, given):
-                if isinstance(item, UntouchedPicture) and item.id in told:
+                if isinstance(item, UntouchedImage) and item.id in told:
                     continue
-                if isinstance(item, UntouchedPicture):
+                if isinstance(item, UntouchedImage):
                     told.add(item.id)
                 yield item
 
@@ -92,7 +92,7 @@ class TreeSource(Source):
         pairs, stray = sorted_out(self.root, self.files())
         if not pairs:
             raise SourceUnknown(
-                f"expected pictures and wrenches as <object>/<n>.png and <object>/<n>.npy in {self.root}, got none; copy the "
+                f"expected images and wrenches as <object>/<n>.png and <object>/<n>.npy in {self.root}, got none; copy the "
                 "whole Dataset folder of the original project"
             )
         cut = range(0, len(pairs), PAIRS_PER_PART)
@@ -130,6 +130,6 @@ def role_of(kind: str, file: Path) -> tuple[str | None, str]:
     if kind == WRENCH and file.suffix.lower() == ".npy":
         is_norm = file.stem.endswith(NORM)
         return ("norm", file.stem.removesuffix(NORM)) if is_norm else ("wrench", file.stem)
-    if kind in (IMAGE, MIXED) and file.suffix.lower() in PICTURE_SUFFIXES:
+    if kind in (IMAGE, MIXED) and file.suffix.lower() in IMAGE_SUFFIXES:
         return ("image" if kind == IMAGE else "mixed"), file.stem
     return None, file.stem

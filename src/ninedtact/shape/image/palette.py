@@ -46,7 +46,7 @@ def scale_for(height: HeightMap) -> ColourScale:
 
 
 def colourise(height: HeightMap, scale: ColourScale = ColourScale()) -> UInt8[Array, "rows cols 3"]:
-    """Heights as a BGR picture for live display; beyond the ends of the scale, the colour of the end."""
+    """Heights as a BGR image for live display; beyond the ends of the scale, the colour of the end."""
     steps_per_mm = 254 / (scale.pressed_mm + scale.bulged_mm)
     index = cv2.addWeighted(
         height.z_mm, steps_per_mm, height.z_mm, 0, 1 + scale.pressed_mm * steps_per_mm, dtype=cv2.CV_8U

@@ -9,7 +9,7 @@ from ninedtact.hardware.parts.stl import HEADER_BYTES, RECORD, stl
 
 Triangles = Float[Array, "_ 3 3"]
 FLAT_MM, TURN_RAD = 0.02, 0.25
-"""How far triangles may stand off curved faces, and turn from one to the next: finer than a picture shows."""
+"""How far triangles may stand off curved faces, and turn from one to the next: finer than an image shows."""
 
 
 def triangles_of(solid: Part) -> Triangles:

@@ -1,4 +1,4 @@
-"""What each pixel of a perspective picture looks at, by following its line of sight to the skin."""
+"""What each pixel of a perspective image looks at, by following its line of sight to the skin."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray as Array
 
-from ninedtact.shape.picture.viewpoint import Viewpoint
+from ninedtact.shape.image.viewpoint import Viewpoint
 
 Field = Float32[Array, "rows cols"]
 
@@ -52,7 +52,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Sight:
-    """What each pixel of a picture looks at: a place on the block (columns and rows of the skin, height) or nothing."""
+    """What each pixel of an image looks at: a place on the block (columns and rows of the skin, height) or nothing."""
 
     col: Field
     row: Field

@@ -1,11 +1,11 @@
-"""Light and colour on what a picture's lines of sight meet."""
+"""Light and colour on what an image's lines of sight meet."""
 
 import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.shape.picture.sight import AT_THE_EDGE, Block, Sight
+from ninedtact.shape.image.sight import AT_THE_EDGE, Block, Sight
 
 LIGHT = np.array([-0.70, 0.30, 0.65]) / np.linalg.norm([-0.70, 0.30, 0.65])
 """Towards the light: from the left and a little from behind, so that slopes show."""
@@ -25,10 +25,10 @@ def render(block: Block, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: 
     col, row = (sight.col + half) * finer - half, (sight.row + half) * finer - half
     skin = cv2.remap(colours, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     light = cv2.remap(shading(block), sight.col, sight.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    picture = np.full(skin.shape, 255, np.uint8)
-    picture[sight.on_skin] = np.minimum(skin * light[..., None], 255)[sight.on_skin]
-    picture[sight.on_wall] = wall_colours(block, sight)[sight.on_wall]
-    return picture
+    image = np.full(skin.shape, 255, np.uint8)
+    image[sight.on_skin] = np.minimum(skin * light[..., None], 255)[sight.on_skin]
+    image[sight.on_wall] = wall_colours(block, sight)[sight.on_wall]
+    return image
 
 
 def shading(block: Block) -> Float32[Array, "skin_rows skin_cols"]:

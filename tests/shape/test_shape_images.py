@@ -1,4 +1,4 @@
-"""Pictures: right colours at right places, and something to see for every kind of height map."""
+"""Images: right colours at right places, and something to see for every kind of height map."""
 
 import subprocess
 import sys
@@ -9,10 +9,10 @@ import pytest
 from skins import ball_print, skin, with_hole
 
 from ninedtact.quantities import Coverage
-from ninedtact.shape.picture import ColourScale, colourise, height_picture, shaded_picture
-from ninedtact.shape.picture.page import round_number
-from ninedtact.shape.picture.sight import Block, sight_of
-from ninedtact.shape.picture.viewpoint import viewpoint_of
+from ninedtact.shape.image import ColourScale, colourise, height_image, shaded_image
+from ninedtact.shape.image.page import round_number
+from ninedtact.shape.image.sight import Block, sight_of
+from ninedtact.shape.image.viewpoint import viewpoint_of
 
 
 def extrapolated_bottom(height):
@@ -33,7 +33,7 @@ def test_pressed_is_blue_bulging_is_red_untouched_is_pale_and_unseen_is_grey():
     assert blue[5] == green[5] == red[5] < 200
 
 
-@pytest.mark.parametrize("draw", [height_picture, shaded_picture])
+@pytest.mark.parametrize("draw", [height_image, shaded_image])
 @pytest.mark.parametrize(
     "height",
     [
@@ -45,10 +45,10 @@ def test_pressed_is_blue_bulging_is_red_untouched_is_pale_and_unseen_is_grey():
     ],
     ids=["all kinds", "portrait", "untouched", "unseen", "tiny"],
 )
-def test_every_height_map_gives_a_picture(draw, height):
-    picture = cv2.imdecode(np.frombuffer(draw(height), np.uint8), cv2.IMREAD_COLOR)
-    assert 800 <= picture.shape[1] <= 1200
-    assert picture.std() > 5
+def test_every_height_map_gives_a_image(draw, height):
+    image = cv2.imdecode(np.frombuffer(draw(height), np.uint8), cv2.IMREAD_COLOR)
+    assert 800 <= image.shape[1] <= 1200
+    assert image.std() > 5
 
 
 def test_sight_meets_the_skin_where_the_viewpoint_projects_it():
@@ -74,6 +74,6 @@ def test_round_numbers(at_least, expected):
     assert round_number(at_least) == pytest.approx(expected)
 
 
-def test_importing_the_pictures_does_not_import_matplotlib():
-    check = "import sys, ninedtact.shape.picture; sys.exit('matplotlib' in sys.modules)"
+def test_importing_the_images_does_not_import_matplotlib():
+    check = "import sys, ninedtact.shape.image; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

@@ -1,4 +1,4 @@
-"""Where the eye of a perspective picture is, and along which line each of its pixels looks."""
+"""Where the eye of a perspective image is, and along which line each of its pixels looks."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from numpy import ndarray as Array
 TOWARDS_EYE = np.array([0.36, -0.80, 0.74]) / np.linalg.norm([0.36, -0.80, 0.74])
 """From the skin to the eye: outside, in front of the edge of smallest y, a little to the right."""
 DISTANCE = 2.6
-"""Of the eye, in diagonals of what it sees; nearer bends the picture as a wide-angle lens does."""
+"""Of the eye, in diagonals of what it sees; nearer bends the image as a wide-angle lens does."""
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pinhole eye whose picture has z upwards."""
+    """A pinhole eye whose image has z upwards."""
 
     eye: Float[Array, "3"]
     axes: Float[Array, "3 3"]

@@ -1,4 +1,4 @@
-"""What pictures show: parts alone, the sensor whole, cut open, or pulled apart."""
+"""What images show: parts alone, the sensor whole, cut open, or pulled apart."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,10 +6,10 @@ import cv2
 from build123d import Box, Part, Pos
 
 from ninedtact.hardware.assembly.bodies import Body
+from ninedtact.hardware.images.shaded import ABOVE, BELOW, Coloured, Eye, Image, shaded
+from ninedtact.hardware.images.triangles import triangles_of
 from ninedtact.hardware.materials import MADE_OF
 from ninedtact.hardware.parts.catalogue import BuiltPart
-from ninedtact.hardware.pictures.shaded import ABOVE, BELOW, Coloured, Eye, Image, shaded
-from ninedtact.hardware.pictures.triangles import triangles_of
 
 SEEN_FROM_BELOW = ("sensor_shell",)
 """Parts whose lower side has more to show; both are drawn."""
@@ -34,19 +34,19 @@ PUBLISHED_SHELL_MM = 32.5, 25.5, 19.5
 """Of that size."""
 
 
-def part_picture(part: BuiltPart) -> Image:
+def part_image(part: BuiltPart) -> Image:
     """One part; from above, and beside it from below where that shows more."""
     body = [Coloured(triangles_of(part.solid), MADE_OF[part.name].colour)]
     above = shaded(body, ABOVE)
     return cv2.hconcat([above, shaded(body, BELOW)]) if part.name in SEEN_FROM_BELOW else above
 
 
-def sensor_picture(bodies: Sequence[Body]) -> Image:
+def sensor_image(bodies: Sequence[Body]) -> Image:
     """The finished sensor."""
     return shaded(coloured(bodies))
 
 
-def exploded_picture(bodies: Sequence[Body]) -> Image:
+def exploded_image(bodies: Sequence[Body]) -> Image:
     """Pulled apart along z, in the order of assembly."""
     further = larger(bodies)
     moved = [Body(body.name, Pos(0, 0, further * lift_mm(body.name)) * body.solid, body.material) for body in bodies]
@@ -68,7 +68,7 @@ def lift_mm(name: str) -> float:
     return LIFTS_MM[kind]
 
 
-def section_picture(bodies: Sequence[Body]) -> Image:
+def section_image(bodies: Sequence[Body]) -> Image:
     """Cut open through the middle, the half at -y taken away."""
     return shaded(coloured(cut_open(bodies)), INTO_THE_CUT, (1000, 800))
 

@@ -1,4 +1,4 @@
-"""What is painted on the skin in a perspective picture: colours, graph paper in millimetres, the calibrated range."""
+"""What is painted on the skin in a perspective image: colours, graph paper in millimetres, the calibrated range."""
 
 import cv2
 import numpy as np
@@ -6,8 +6,8 @@ from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import Coverage, HeightMap
-from ninedtact.shape.picture.page import EXTRAPOLATED
-from ninedtact.shape.picture.palette import ColourScale, colourise, rgb
+from ninedtact.shape.image.page import EXTRAPOLATED
+from ninedtact.shape.image.palette import ColourScale, colourise, rgb
 
 FINER = 4
 """Pixels of paint per pixel of the height map, each way."""

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 
 from ninedtact.quantities import Coverage, HeightMap
+from ninedtact.shape.image.edges import number_edges
+from ninedtact.shape.image.page import LEFT_PX, TOP_PX, axes_at, colour_bar, in_words, note, page, png
+from ninedtact.shape.image.palette import scale_for
+from ninedtact.shape.image.render import render
+from ninedtact.shape.image.sight import Block, sight_of
+from ninedtact.shape.image.texture import texture
+from ninedtact.shape.image.viewpoint import viewpoint_of
 from ninedtact.shape.measures import max_bulge_mm, max_indentation_mm, summarise
-from ninedtact.shape.picture.edges import number_edges
-from ninedtact.shape.picture.page import LEFT_PX, TOP_PX, axes_at, colour_bar, in_words, note, page, png
-from ninedtact.shape.picture.palette import scale_for
-from ninedtact.shape.picture.render import render
-from ninedtact.shape.picture.sight import Block, sight_of
-from ninedtact.shape.picture.texture import texture
-from ninedtact.shape.picture.viewpoint import viewpoint_of
 from ninedtact.shape.sightlines import from_straight_below
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ UNDER_DEEPEST = 1 / 30
 """Gel drawn under the deepest point, in the same measure."""
 
 
-def shaded_picture(height: HeightMap, title: str = "Height of the skin") -> bytes:
+def shaded_image(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """A PNG with the skin in perspective, seen from outside; axes and heights in mm, any exaggeration stated."""
     figure = page(title, in_words(summarise(height)), WIDTH_PX, HEIGHT_PX)
     axes = axes_at(figure, LEFT_PX, TOP_PX, WIDTH_PX, HEIGHT_PX)
@@ -47,7 +47,7 @@ def shaded_picture(height: HeightMap, title: str = "Height of the skin") -> byte
 
 
 def legend(height: HeightMap, times: int) -> str:
-    """What the picture shows, in one line."""
+    """What the image shows, in one line."""
     words = ["seen from outside", "heights true to scale" if times == 1 else f"heights drawn {times} times larger"]
     words.append("fine lines every millimetre")
     if (height.coverage == Coverage.EXTRAPOLATED).any():
@@ -69,8 +69,8 @@ def draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
     rows, cols = round(HEIGHT_PX * FINER), round(WIDTH_PX * FINER)
     block, margin = block_under(height, times), NUMBERS_PX * FINER
     view = viewpoint_of(block.corners, (margin, margin), (cols - margin, rows - margin))
-    picture = render(block, texture(height, scale_for(height)), sight_of(block, view, rows, cols))
-    shown = cv2.resize(picture, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
+    image = render(block, texture(height, scale_for(height)), sight_of(block, view, rows, cols))
+    shown = cv2.resize(image, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
     axes.imshow(shown, extent=(-0.5, cols - 0.5, rows - 0.5, -0.5), aspect="auto")
     axes.set_axis_off()
     number_edges(axes, block, view, times)

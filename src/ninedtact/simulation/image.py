@@ -1,4 +1,4 @@
-"""Skin → picture: what the sensor's camera would deliver, in its own lens, light, colours and noise."""
+"""Skin → image: what the sensor's camera would deliver, in its own lens, light, colours and noise."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,14 +19,14 @@ PLANE_PITCH_MM = 0.2
 """Grid on which brightness is computed; scattering has smoothed what is finer."""
 
 SENSING = 0.92
-"""Of what the raw picture reaches, each way: the rectified picture shows as much."""
+"""Of what the raw image reaches, each way: the rectified image shows as much."""
 
 Image = UInt8[Array, "raw_rows raw_cols 3"]
 
 
 @dataclass(frozen=True)
 class Renderer:
-    """One sensor's way from skin to picture."""
+    """One sensor's way from skin to image."""
 
     view: View
     untouched: Float32[Array, "raw_rows raw_cols 3"]
@@ -35,12 +35,12 @@ class Renderer:
     noise: Noise
 
     def __call__(self, contact: Contact | None, number: int = 0) -> Image:
-        """The picture of this contact (None: nothing touches); `number` picks the noise."""
+        """The image of this contact (None: nothing touches); `number` picks the noise."""
         clean = self.untouched if contact is None or not contact.touches else self.shone_on(contact)
         return self.noise.upon(clean, number)
 
     def shone_on(self, contact: Contact) -> Float32[Array, "raw_rows raw_cols 3"]:
-        """The picture without noise."""
+        """The image without noise."""
         factor = self.factor(contact)
         return np.asarray(cv2.multiply(self.untouched, cv2.merge([factor, factor, factor])))
 

@@ -1,6 +1,6 @@
-"""Whether a picture file is whole, judged before any decoder sees it.
+"""Whether an image file is whole, judged before any decoder sees it.
 
-Decoders differ by version in what they let pass: half a picture with a line on standard error, or a crash on a damaged
+Decoders differ by version in what they let pass: half an image with a line on standard error, or a crash on a damaged
 animation. The structure of a file tells the same on all of them. PNG: https://www.w3.org/TR/png-3/ section 5;
 JPEG: ITU-T T.81 annex B.
 """
@@ -23,7 +23,7 @@ DAMAGED = "a damaged file"
 
 
 def fault_of(content: bytes) -> str | None:
-    """What is wrong with a picture file, as words that follow "got"; None for a whole PNG, JPEG or BMP."""
+    """What is wrong with an image file, as words that follow "got"; None for a whole PNG, JPEG or BMP."""
     if content.startswith(PNG):
         return _png_fault(content)
     if content.startswith(JPEG):

@@ -1,6 +1,6 @@
 """Draws what force without training reads, beside the truth: pressure, and shear as arrows (docs/force_physics.md).
 
-The sensor is a twin of the population, calibrated from its own pictures; it is dragged over by a cylinder and by a star.
+The sensor is a twin of the population, calibrated from its own images; it is dragged over by a cylinder and by a star.
 """
 
 from pathlib import Path
@@ -31,8 +31,8 @@ PRESSES = (
 )
 
 
-def traction_picture(
-    out: Path = Path("docs/pictures/force_physics.png"),
+def traction_image(
+    out: Path = Path("docs/images/force_physics.png"),
     folders: Path = Path("out/force_study/sensors"),
     number: int = 23,
 ) -> None:
@@ -40,12 +40,12 @@ def traction_picture(
     cv2.setNumThreads(1)
     who, rng = member(number, seed=1), np.random.default_rng(0)
     eye = grey_eye(who, SIZE)
-    set_up = bench(who, eye.picture(None, rng), folders, 1.96, Effort())
+    set_up = bench(who, eye.image(None, rng), folders, 1.96, Effort())
     assert set_up is not None
     figure, rows = plt.subplots(len(PRESSES), 3, figsize=(11.5, 5.6), squeeze=False, layout="constrained")
     for row, (indenter, press) in zip(rows, PRESSES, strict=True):
         contact = press.on(who.twin(), indenter, None)
-        reading = set_up.reading(eye.picture(contact, rng))
+        reading = set_up.reading(eye.image(contact, rng))
         set_up.estimator.forget()
         estimate = set_up.estimator.estimate(reading)
         draw_row(row, contact, estimate, reading.rectified.grey)
@@ -53,7 +53,7 @@ def traction_picture(
 
 
 def draw_row(row: np.ndarray, contact: Contact, estimate: WrenchEstimate, grey: np.ndarray) -> None:
-    """Picture, truth, answer."""
+    """Image, truth, answer."""
     assert estimate.traction is not None
     read = estimate.traction
     shape = read.pressure_mpa.shape
@@ -63,7 +63,7 @@ def draw_row(row: np.ndarray, contact: Contact, estimate: WrenchEstimate, grey: 
         read.mm_per_px,
     )
     row[0].imshow(grey, cmap="gray", extent=(-12, 12, 9, -9))
-    row[0].set_title("picture", fontsize=9)
+    row[0].set_title("image", fontsize=9)
     row[0].set(xlabel="x (mm)", ylabel="y (mm)")
     most = float(true.pressure_mpa.max())
     wrench = contact.wrench()
@@ -91,4 +91,4 @@ def draw(axes: plt.Axes, traction: Traction, most: float, title: str) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(traction_picture)
+    tyro.cli(traction_image)

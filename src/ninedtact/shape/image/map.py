@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 
 from ninedtact.quantities import Coverage, HeightMap
-from ninedtact.shape.measures import ContactRule, contact, summarise
-from ninedtact.shape.picture.page import (
+from ninedtact.shape.image.page import (
     EXTRAPOLATED,
     INK,
     LEFT_PX,
@@ -23,7 +22,8 @@ from ninedtact.shape.picture.page import (
     round_number,
     signed,
 )
-from ninedtact.shape.picture.palette import OUT_OF_VIEW, ColourScale, scale_for
+from ninedtact.shape.image.palette import OUT_OF_VIEW, ColourScale, scale_for
+from ninedtact.shape.measures import ContactRule, contact, summarise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ UNSEEN: dict[str, Any] = {"facecolor": OUT_OF_VIEW, "hatch": "////", "edgecolor"
 BEYOND: dict[str, Any] = {"facecolor": "none", "hatch": "..", "edgecolor": EXTRAPOLATED}
 
 
-def height_picture(height: HeightMap, title: str = "Height of the skin") -> bytes:
+def height_image(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """A PNG with the height map as the camera sees it, axes and heights in mm."""
     rows, cols = height.z_mm.shape
     width_px, height_px = cols * LONGEST_PX // max(rows, cols), rows * LONGEST_PX // max(rows, cols)

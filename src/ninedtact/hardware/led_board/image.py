@@ -1,4 +1,4 @@
-"""The board as one sees it: from the gel, and from below. matplotlib is imported when a picture is drawn."""
+"""The board as one sees it: from the gel, and from below. matplotlib is imported when an image is drawn."""
 
 from io import BytesIO
 from math import hypot
@@ -35,7 +35,7 @@ NAME_MM = 0.7
 HEADINGS: dict[Side, str] = {"top": "from the gel", "bottom": "from below, mirrored as one sees it"}
 
 
-def picture(layout: Layout, kind: str = "png") -> bytes:
+def image(layout: Layout, kind: str = "png") -> bytes:
     """Both sides beside one another, as `png` or `svg`."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure

@@ -1,6 +1,6 @@
-"""What the pictures for people share: a page measured in pixels, its words, and the bar that explains the colours.
+"""What the images for people share: a page measured in pixels, its words, and the bar that explains the colours.
 
-matplotlib is slow to import, so it is imported when a picture is drawn; its global state is never touched.
+matplotlib is slow to import, so it is imported when an image is drawn; its global state is never touched.
 """
 
 import math
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ninedtact.shape.image.palette import ColourScale
 from ninedtact.shape.measures import ShapeSummary
-from ninedtact.shape.picture.palette import ColourScale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

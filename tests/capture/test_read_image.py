@@ -1,4 +1,4 @@
-"""Any file at all is either a whole 8-bit BGR picture or one clear sentence."""
+"""Any file at all is either a whole 8-bit BGR image or one clear sentence."""
 
 import zlib
 from pathlib import Path
@@ -9,14 +9,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ninedtact.capture.pictures import PictureSizeWrong, PictureUnreadable, average_pictures, read_picture, require_size
+from ninedtact.capture.images import ImageSizeWrong, ImageUnreadable, average_images, read_image, require_size
 
-PICTURE = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
-SMOOTH = cv2.GaussianBlur(PICTURE, (0, 0), 4)
+IMAGE = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+SMOOTH = cv2.GaussianBlur(IMAGE, (0, 0), 4)
 
 
-def encoded(picture: np.ndarray, suffix: str) -> bytes:
-    done, content = cv2.imencode(suffix, picture)
+def encoded(image: np.ndarray, suffix: str) -> bytes:
+    done, content = cv2.imencode(suffix, image)
     assert done
     return content.tobytes()
 
@@ -30,16 +30,16 @@ FUZZ = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCh
 
 
 def read_or_refuse(content: bytes, folder: Path) -> np.ndarray | None:
-    """The picture, or None where it was refused as it should be."""
-    path = folder / "picture"
+    """The image, or None where it was refused as it should be."""
+    path = folder / "image"
     path.write_bytes(content)
     try:
-        picture = read_picture(path)
-    except PictureUnreadable as refusal:
+        image = read_image(path)
+    except ImageUnreadable as refusal:
         assert "expected" in str(refusal) and ", got " in str(refusal) and "; " in str(refusal)
         return None
-    assert picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3
-    return picture
+    assert image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3
+    return image
 
 
 @FUZZ
@@ -61,45 +61,45 @@ def test_the_last_bytes_count_too(tmp_path: Path, suffix: str) -> None:
 @given(
     suffix=st.sampled_from(sorted(WHOLE)), flips=st.lists(st.integers(0, 10**6), min_size=1, max_size=6, unique=True)
 )
-def test_flipped_bits_are_refused_or_read_as_a_picture(tmp_path: Path, suffix: str, flips: list[int]) -> None:
+def test_flipped_bits_are_refused_or_read_as_a_image(tmp_path: Path, suffix: str, flips: list[int]) -> None:
     content = bytearray(WHOLE[suffix])
     for flip in flips:
         content[flip // 8 % len(content)] ^= 1 << flip % 8
-    picture = read_or_refuse(bytes(content), tmp_path)
+    image = read_or_refuse(bytes(content), tmp_path)
     if suffix == ".png" and bytes(content) != WHOLE[suffix]:
-        assert picture is None  # a PNG carries checksums
+        assert image is None  # a PNG carries checksums
 
 
 @FUZZ
 @given(start=st.sampled_from([b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff\xe0", b"BM", b"GIF89a"]), rest=st.binary())
-def test_random_bytes_are_refused_or_read_as_a_picture(tmp_path: Path, start: bytes, rest: bytes) -> None:
+def test_random_bytes_are_refused_or_read_as_a_image(tmp_path: Path, start: bytes, rest: bytes) -> None:
     read_or_refuse(start + rest, tmp_path)
 
 
-def test_pictures_of_every_accepted_kind_are_bgr(tmp_path: Path) -> None:
-    grey = PICTURE[:, :, 1]
-    opaque = np.dstack([PICTURE, np.full(grey.shape, 255, np.uint8)])
-    accepted = [(PICTURE, PICTURE), (grey, np.dstack([grey] * 3)), (opaque, PICTURE)]
+def test_images_of_every_accepted_kind_are_bgr(tmp_path: Path) -> None:
+    grey = IMAGE[:, :, 1]
+    opaque = np.dstack([IMAGE, np.full(grey.shape, 255, np.uint8)])
+    accepted = [(IMAGE, IMAGE), (grey, np.dstack([grey] * 3)), (opaque, IMAGE)]
     for stored, expected in accepted:
         assert np.array_equal(read_or_refuse(encoded(stored, ".png"), tmp_path), expected)
     path = tmp_path / "größe 触觉.png"
-    path.write_bytes(encoded(PICTURE, ".png"))
-    assert np.array_equal(read_picture(str(path)), PICTURE)
+    path.write_bytes(encoded(IMAGE, ".png"))
+    assert np.array_equal(read_image(str(path)), IMAGE)
     jpeg = read_or_refuse(WHOLE[".jpg"], tmp_path)
     assert jpeg is not None and np.abs(jpeg.astype(int) - SMOOTH).mean() < 5
 
 
 def test_what_cannot_be_measured_is_refused_with_the_reason(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    glass = np.dstack([PICTURE, np.full(PICTURE.shape[:2], 128, np.uint8)])
+    glass = np.dstack([IMAGE, np.full(IMAGE.shape[:2], 128, np.uint8)])
     whole = WHOLE[".png"]
     header, rest = whole[16:29], whole[33:]
     huge = (50_000).to_bytes(4) * 2 + header[8:]
     reasons = {
-        "16": encoded(PICTURE.astype(np.uint16) * 257, ".png"),
+        "16": encoded(IMAGE.astype(np.uint16) * 257, ".png"),
         "transparent": encoded(glass, ".png"),
         "empty": b"",
         "GIF": b"GIF89a" + b"\0" * 100,
-        "TIFF": encoded(PICTURE, ".tiff"),
+        "TIFF": encoded(IMAGE, ".tiff"),
         "something else": b"<html>404</html>",
         "cut short": whole[:-1],
         "damaged": whole[:60] + b"?" + whole[61:],
@@ -107,25 +107,25 @@ def test_what_cannot_be_measured_is_refused_with_the_reason(tmp_path: Path, capf
         "50000 x 50000 pixels": whole[:8] + png_chunk(b"IHDR", huge) + rest,
     }
     for reason, content in reasons.items():
-        path = tmp_path / "picture.png"
+        path = tmp_path / "image.png"
         path.write_bytes(content)
-        with pytest.raises(PictureUnreadable, match=f"expected .*, got .*{reason}.*; "):
-            read_picture(path)
+        with pytest.raises(ImageUnreadable, match=f"expected .*, got .*{reason}.*; "):
+            read_image(path)
     for path, reason in ((tmp_path, "folder"), (tmp_path / "none.png", "no such file"), (Path("/dev/zero"), "device")):
-        with pytest.raises(PictureUnreadable, match=reason):
-            read_picture(path)
+        with pytest.raises(ImageUnreadable, match=reason):
+            read_image(path)
     printed = capfd.readouterr()
     assert printed.err == "" and printed.out == ""
 
 
 def test_an_average_is_rounded_and_refuses_mixed_sizes() -> None:
     levels = [np.full((2, 3, 3), level, np.uint8) for level in (255, 254, 254)]
-    assert np.all(average_pictures(levels) == 254)
-    assert np.all(average_pictures(levels[:2]) == 255)
-    assert np.array_equal(average_pictures([PICTURE]), PICTURE)
-    with pytest.raises(PictureSizeWrong, match="picture 2 of 2 to be 3 x 2 pixels, got 32 x 24"):
-        average_pictures([levels[0], PICTURE])
-    with pytest.raises(PictureUnreadable, match="got none"):
-        average_pictures([])
-    with pytest.raises(PictureSizeWrong, match="the press"):
-        require_size(PICTURE, rows=480, cols=640, what="the press")
+    assert np.all(average_images(levels) == 254)
+    assert np.all(average_images(levels[:2]) == 255)
+    assert np.array_equal(average_images([IMAGE]), IMAGE)
+    with pytest.raises(ImageSizeWrong, match="image 2 of 2 to be 3 x 2 pixels, got 32 x 24"):
+        average_images([levels[0], IMAGE])
+    with pytest.raises(ImageUnreadable, match="got none"):
+        average_images([])
+    with pytest.raises(ImageSizeWrong, match="the press"):
+        require_size(IMAGE, rows=480, cols=640, what="the press")

@@ -1,6 +1,6 @@
-"""Bodies as a shaded picture in parallel projection: nearest depth per pixel, light by the slope of that depth.
+"""Bodies as a shaded image in parallel projection: nearest depth per pixel, light by the slope of that depth.
 
-The picture's axes are x right and y down; depth grows away from the eye.
+The image's axes are x right and y down; depth grows away from the eye.
 """
 
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.hardware.images.triangles import Triangles
 from ninedtact.hardware.materials import Colour
-from ninedtact.hardware.pictures.triangles import Triangles
 from ninedtact.simulation.objects.raster import draw_lowest, portions
 
 FINER = 2
 """Pixels are drawn so many times finer and averaged."""
 MARGIN = 0.05
-"""Of the picture's size, left empty."""
+"""Of the image's size, left empty."""
 LIGHT = np.array([-0.45, -0.6, -0.66])
 """Direction to the lamp: from above left, in front."""
 DIM = 0.38
@@ -62,15 +62,15 @@ class Coloured:
 
 
 def shaded(bodies: Sequence[Coloured], eye: Eye = ABOVE, size_px: tuple[int, int] = (900, 700)) -> Image:
-    """BGR picture on white, the bodies as large as they fit; size: columns, rows."""
+    """BGR image on white, the bodies as large as they fit; size: columns, rows."""
     cols, rows = (side * FINER for side in size_px)
     seen = [body.triangles @ eye.axes.T for body in bodies]
     scale, shift = fitted(seen, cols, rows)
-    nearest, picture = np.full((rows, cols), np.inf), np.full((rows, cols, 3), 255.0)
+    nearest, image = np.full((rows, cols), np.inf), np.full((rows, cols, 3), 255.0)
     for body, places in zip(bodies, seen, strict=True):
-        draw(picture, nearest, Placed(places, scale, shift), body.colour)
-    picture = outlined(picture, nearest * scale)
-    return cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA).astype(np.uint8)
+        draw(image, nearest, Placed(places, scale, shift), body.colour)
+    image = outlined(image, nearest * scale)
+    return cv2.resize(image, size_px, interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
 def fitted(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[float, Float[Array, "2"]]:
@@ -84,7 +84,7 @@ def fitted(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[float, Floa
 
 @dataclass(frozen=True)
 class Placed:
-    """One body's triangles as they lie in the picture."""
+    """One body's triangles as they lie in the image."""
 
     places: Triangles
     scale: float
@@ -110,12 +110,12 @@ class Placed:
         return table
 
 
-def draw(picture: Float[Array, "rows cols 3"], nearest: Depth, body: Placed, colour: Colour) -> None:
-    """Put a body into the picture where nothing is nearer."""
+def draw(image: Float[Array, "rows cols 3"], nearest: Depth, body: Placed, colour: Colour) -> None:
+    """Put a body into the image where nothing is nearer."""
     window = body.window((nearest.shape[0], nearest.shape[1]))
     depth = body.depth(window)
     front = depth < nearest[window] - SAME_MM
-    picture[window][front] = lit([least_step(depth, axis)[front] * body.scale for axis in (0, 1)], colour)
+    image[window][front] = lit([least_step(depth, axis)[front] * body.scale for axis in (0, 1)], colour)
     nearest[window] = np.minimum(nearest[window], depth)
 
 
@@ -138,9 +138,9 @@ def least_step(depth: Depth, axis: int) -> Depth:
     return np.where(np.isfinite(nearer), nearer, 0.0)
 
 
-def outlined(picture: Float[Array, "rows cols 3"], depth_px: Depth) -> Float[Array, "rows cols 3"]:
+def outlined(image: Float[Array, "rows cols 3"], depth_px: Depth) -> Float[Array, "rows cols 3"]:
     """Dark lines where depth bends or jumps."""
     depth = np.where(np.isfinite(depth_px), depth_px, depth_px[np.isfinite(depth_px)].max() + 50.0)
     bend = np.abs(cv2.Laplacian(depth.astype(np.float32), cv2.CV_32F))
     strength = cv2.GaussianBlur(np.clip((bend - 0.35) / 1.2, 0, 1), (0, 0), 0.8)
-    return np.asarray(picture * (1 - 0.62 * strength[..., None]))
+    return np.asarray(image * (1 - 0.62 * strength[..., None]))

@@ -1,4 +1,4 @@
-"""Numbers in millimetres along the edges of the block in a perspective picture."""
+"""Numbers in millimetres along the edges of the block in a perspective image."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ninedtact.shape.picture.page import INK, PALE_INK, round_number, signed
-from ninedtact.shape.picture.sight import Block
-from ninedtact.shape.picture.viewpoint import Viewpoint
+from ninedtact.shape.image.page import INK, PALE_INK, round_number, signed
+from ninedtact.shape.image.sight import Block
+from ninedtact.shape.image.viewpoint import Viewpoint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,1 +1,0 @@
-"""Pictures of solids: shaded, exploded, cut open."""
