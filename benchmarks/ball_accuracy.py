@@ -18,11 +18,10 @@ from figures import Figure, answer, at_most, holds
 from real_images import sensor_folder
 
 from ninedtact import SensorDesign, read_image
-from ninedtact.calibration.ball.contact_circle import BallRefused
-from ninedtact.calibration.ball.fit import BallFit, Method, fit_ball
-from ninedtact.calibration.ball.judgement import reference_warnings
-from ninedtact.calibration.board.fit import fit_board
-from ninedtact.calibration.flow import lens_on_grid
+from ninedtact.calibration.ball.ball_fit import BallFit, Method, fit_ball
+from ninedtact.calibration.ball.contact_circle import BallRefused, reference_warnings
+from ninedtact.calibration.board.board_fit import fit_board
+from ninedtact.calibration.procedure import lens_on_grid
 from ninedtact.shape.rectification import Rectification
 
 METHODS: tuple[Method, ...] = ("ratio", "table")

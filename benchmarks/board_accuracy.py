@@ -16,9 +16,9 @@ from figures import Figure, answer, at_most, holds
 from real_images import sensor_folders
 
 from ninedtact import SensorDesign, read_image
-from ninedtact.calibration.board.fit import BoardFit, fit_board
+from ninedtact.calibration.board.board_fit import BoardFit, fit_board
 from ninedtact.calibration.board.lens_fit import LensFit, fit_terms, rms_length
-from ninedtact.calibration.board.paper import integer_centres, left_out_errors_mm
+from ninedtact.calibration.board.published_method import integer_centres, left_out_errors_mm
 
 SENSOR_A_MM = 0.05
 OF_ORIGINAL = 0.8

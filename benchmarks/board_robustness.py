@@ -16,8 +16,8 @@ from figures import Figure, answer, holds
 from tqdm import tqdm
 from trials import BOARD, Trial, all_trials
 
-from ninedtact.calibration.board.fit import fit_board
-from ninedtact.calibration.board.refusal import BoardNotFound
+from ninedtact.calibration.board.board_fit import fit_board
+from ninedtact.calibration.board.detection import BoardNotFound
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 from real_images import PRESSES, sensor_folder
 
 from ninedtact import CalibrationImages, CalibrationSettings, SensorFolder, calibrate, read_image
-from ninedtact.calibration.ball.fit import Method
+from ninedtact.calibration.ball.ball_fit import Method
 from ninedtact.shape.calibrated import CalibratedShape
 
 

@@ -16,8 +16,8 @@ import tyro
 from figures import Figure, answer, at_most
 
 from ninedtact import CalibrationImages, Frame, Rectified, calibrate
-from ninedtact.calibration.ball.fit import fit_ball
-from ninedtact.calibration.flow import Calibration
+from ninedtact.calibration.ball.ball_fit import fit_ball
+from ninedtact.calibration.procedure import Calibration
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.shape.calibrated import mean_rectified
 from ninedtact.shape.depth import DepthReader, Smoothing

@@ -16,8 +16,8 @@ import pyarrow.parquet as pq
 import tyro
 
 from ninedtact import CalibrationImages, calibrate
+from ninedtact.calibration.save import write_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.calibration.written import write_sensor
 from ninedtact.errors import NinedtactError
 from ninedtact.force.traction.estimator import TractionForce, traction_force
 from ninedtact.force.traction.explained import Effort

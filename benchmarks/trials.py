@@ -21,7 +21,7 @@ from no_board import invented, mistaken
 from real_images import sensor_folders
 
 from ninedtact import SensorDesign, read_image
-from ninedtact.calibration.board.fit import BoardFit, fit_board
+from ninedtact.calibration.board.board_fit import BoardFit, fit_board
 
 BOARD = SensorDesign().pin_board
 MOST_MISSING = 6

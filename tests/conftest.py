@@ -9,9 +9,9 @@ from pathlib import Path  # noqa: E402
 
 import pytest  # noqa: E402
 
-from ninedtact.calibration.flow import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
+from ninedtact.calibration.save import write_sensor  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
-from ninedtact.calibration.written import write_sensor  # noqa: E402
 from ninedtact.capture.chatter import hush_video  # noqa: E402
 from ninedtact.capture.images import read_image  # noqa: E402
 from ninedtact.simulation.gauges import gauge_images  # noqa: E402

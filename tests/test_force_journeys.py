@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ninedtact.calibration.flow import CalibrationImages, calibrate
-from ninedtact.calibration.written import write_sensor
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
+from ninedtact.calibration.save import write_sensor
 from ninedtact.cli import main
 from ninedtact.force.adaptation import G_STANDARD
 from ninedtact.mechanics.indenter import Ball

@@ -12,7 +12,7 @@ import ninedtact
 PACKAGE = Path(ninedtact.__file__).parent
 
 LAYERS = [
-    {"errors", "whole_file", "whole_folder"},
+    {"errors", "atomic_write"},
     {"quantities", "design", "design_file"},
     {"mechanics", "capture", "shape"},
     {"force", "simulation"},
@@ -24,7 +24,7 @@ LAYERS = [
 EXCEPTIONS = {("calibration", "simulation.light")}
 """The ball fit is the twin's forward model."""
 
-SHARED_WITHIN_A_LAYER = {("design", "errors"), ("whole_file", "errors"), ("design_file", "design")}
+SHARED_WITHIN_A_LAYER = {("design", "errors"), ("atomic_write", "errors"), ("design_file", "design")}
 
 HEAVY = {
     "torch": {"force.networks", "force.training", "force.original", "mechanics", "simulation"},

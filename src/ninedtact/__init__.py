@@ -12,9 +12,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.flow import CalibrationImages, CalibrationSettings, calibrate
+    from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+    from ninedtact.calibration.save import write_sensor
     from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-    from ninedtact.calibration.written import write_sensor
     from ninedtact.capture.address import source_for
     from ninedtact.capture.freshest import Freshest
     from ninedtact.capture.images import read_image
@@ -62,8 +62,8 @@ HOMES = {
     "CameraSettings": "capture.settings",
     "STEADY": "capture.settings",
     "Coverage": "quantities",
-    "CalibrationImages": "calibration.flow",
-    "CalibrationSettings": "calibration.flow",
+    "CalibrationImages": "calibration.procedure",
+    "CalibrationSettings": "calibration.procedure",
     "Frame": "quantities",
     "FrameSource": "capture.source",
     "Freshest": "capture.freshest",
@@ -76,7 +76,7 @@ HOMES = {
     "Sensor": "sensor",
     "SensorDesign": "design",
     "SensorFolder": "calibration.sensor_folder",
-    "calibrate": "calibration.flow",
+    "calibrate": "calibration.procedure",
     "export": "shape.export",
     "load_sensor": "calibration.sensor_folder",
     "point_cloud": "shape.cloud",
@@ -84,7 +84,7 @@ HOMES = {
     "source_for": "capture.address",
     "summarise": "shape.measures",
     "surface_mesh": "shape.mesh",
-    "write_sensor": "calibration.written",
+    "write_sensor": "calibration.save",
 }
 
 __all__ = [

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.calibration.flow import CalibrationImages
+from ninedtact.calibration.procedure import CalibrationImages
 
 PX_PER_MM = 10.0
 BARREL = 0.12

@@ -7,8 +7,8 @@ import numpy as np
 from numpy import ndarray as Array
 from scipy.interpolate import RectBivariateSpline
 
-from ninedtact.calibration.ball.seen_ball import first_meeting
-from ninedtact.calibration.flow import CalibrationImages
+from ninedtact.calibration.ball.ball_press import first_meeting
+from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.shape.lens import LensModel
 

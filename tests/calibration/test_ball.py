@@ -10,11 +10,10 @@ from hypothesis.extra import numpy as arrays
 from known_sensor import DARK_PER_MM, LENS, KnownSensor, with_board
 from scipy import ndimage
 
-from ninedtact.calibration.ball.contact_circle import BallRefused
-from ninedtact.calibration.ball.depth_curve import monotone_curve
-from ninedtact.calibration.ball.fit import BallFit, fit_ball
-from ninedtact.calibration.ball.judgement import reference_warnings
-from ninedtact.calibration.flow import Calibration, CalibrationImages, calibrate, calibrated_area_mm
+from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
+from ninedtact.calibration.ball.ball_press import monotone_curve
+from ninedtact.calibration.ball.contact_circle import BallRefused, reference_warnings
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthReader

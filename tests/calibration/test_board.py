@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from known_sensor import KnownSensor, with_board
 
-from ninedtact.calibration.board.fit import fit_board
+from ninedtact.calibration.board.board_fit import fit_board
+from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.board.lens_fit import fit_terms, rms_length
-from ninedtact.calibration.board.paper import integer_centres, left_out_errors_mm, paper_projection
-from ninedtact.calibration.board.refusal import BoardNotFound
+from ninedtact.calibration.board.published_method import integer_centres, left_out_errors_mm, paper_projection
 from ninedtact.calibration.brightness import ImageUnusable
-from ninedtact.calibration.flow import CalibrationImages
+from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.design import PinBoard
 
 BOARD = PinBoard()

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ninedtact.calibration.board_press.fit import fit_board_press
-from ninedtact.calibration.board_press.observed import ObservedBoard
-from ninedtact.calibration.flow import Calibration, CalibrationImages, CalibrationSettings, calibrate
+from ninedtact.calibration.lens_refinement import fit_board_press
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate
+from ninedtact.calibration.twin.board_press_model import ObservedBoard
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
@@ -116,6 +116,6 @@ def test_a_fit_whose_lens_folds_is_not_believed(together: Calibration, monkeypat
         together.rectify(Frame(image)) for image in (together.images.board_reference, together.images.board)
     )
     astray = replace(board.lens, radial=FOLDING)
-    monkeypatch.setattr("ninedtact.calibration.board_press.fit.refit", lambda *_: SimpleNamespace(lens=astray))
+    monkeypatch.setattr("ninedtact.calibration.lens_refinement.refit", lambda *_: SimpleNamespace(lens=astray))
     told = fit_board_press(ObservedBoard(before, after, board), together.ball.physical.fit)
     assert not told.settled and not told.believed

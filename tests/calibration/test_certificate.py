@@ -14,14 +14,14 @@ from drawn_presses import DrawnPresses
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ninedtact.calibration.ball.fit import Method
-from ninedtact.calibration.board.refusal import BoardNotFound
-from ninedtact.calibration.certificate.drawing import not_found_overlay, stretched
-from ninedtact.calibration.certificate.drawn_board import magnification
-from ninedtact.calibration.certificate.page import LENS, METHOD, certificate_html
-from ninedtact.calibration.certificate.verdict import LEVELS, Limit, Line, headline, verdict, worst
-from ninedtact.calibration.flow import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
-from ninedtact.calibration.record import BallFigures, BoardFigures, Certificate
+from ninedtact.calibration.ball.ball_fit import Method
+from ninedtact.calibration.board.detection import BoardNotFound
+from ninedtact.calibration.certificate.checks import LEVELS, Limit, Line, headline, verdict, worst
+from ninedtact.calibration.certificate.html_page import LENS, METHOD, certificate_html
+from ninedtact.calibration.certificate.plot_board import magnification
+from ninedtact.calibration.certificate.plot_style import not_found_overlay, stretched
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
+from ninedtact.calibration.sensor_record import BallFigures, BoardFigures, Certificate
 
 HOSTILE = "<script>alert('id')</script> & \"co\""
 GOOD = Certificate(

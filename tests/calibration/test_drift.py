@@ -12,13 +12,13 @@ from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.brightness import Image, ImageUnusable
-from ninedtact.calibration.drift.drift import Drift, KnownSkin, drift, known_skin
-from ninedtact.calibration.drift.findings import findings
+from ninedtact.calibration.drift.diagnosis import findings
+from ninedtact.calibration.drift.drift_measurement import Drift, KnownSkin, drift, known_skin
 from ninedtact.calibration.drift.skin_motion import skin_motion
-from ninedtact.calibration.flow import CalibrationImages, calibrate, calibrated_area_mm
+from ninedtact.calibration.original_9dtact.exchange import import_upstream
+from ninedtact.calibration.procedure import CalibrationImages, calibrate, calibrated_area_mm
+from ninedtact.calibration.save import write_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
-from ninedtact.calibration.upstream.exchange import import_upstream
-from ninedtact.calibration.written import write_sensor
 from ninedtact.capture.images import ImageSizeWrong, read_image
 from ninedtact.cli.check import Check, NothingToCheck
 from ninedtact.shape.depth import DepthCurve

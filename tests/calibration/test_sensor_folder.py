@@ -10,7 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ninedtact.calibration.flow import Calibration, CalibrationSettings, calibrate
+from ninedtact.calibration.procedure import Calibration, CalibrationSettings, calibrate
+from ninedtact.calibration.save import write_sensor
 from ninedtact.calibration.sensor_folder import (
     SensorFolderDamaged,
     SensorFolderRefused,
@@ -18,7 +19,6 @@ from ninedtact.calibration.sensor_folder import (
     new_sensor_folder,
     record_toml,
 )
-from ninedtact.calibration.written import write_sensor
 from ninedtact.capture.images import read_image
 from ninedtact.quantities import Frame
 
@@ -133,7 +133,7 @@ def test_a_full_disk_leaves_nothing(calibrated_a: Calibration, tmp_path: Path, m
         with Path("/dev/full").open("wb", buffering=0) as device:
             device.write(b"".join(content))
 
-    monkeypatch.setattr("ninedtact.calibration.written.write_whole", full)
+    monkeypatch.setattr("ninedtact.calibration.save.write_file_atomically", full)
     with pytest.raises(OSError, match="No space left"):
         write_sensor(tmp_path / "sensor", calibrated_a)
     assert list(tmp_path.iterdir()) == []

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ninedtact.calibration.ball.ball_fit import fit_ball, uniform_change
 from ninedtact.calibration.ball.contact_circle import BallRefused, find_contact_circle
-from ninedtact.calibration.ball.fit import fit_ball, uniform_change
-from ninedtact.calibration.board.fit import fit_board
-from ninedtact.calibration.flow import Calibration, CalibrationImages, lens_on_grid
-from ninedtact.calibration.twin.fit import TwinFit, fit_twin
+from ninedtact.calibration.board.board_fit import fit_board
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, lens_on_grid
+from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin
 from ninedtact.calibration.twin.sensor_twin import twin_from
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact import Contact

@@ -16,18 +16,24 @@ from known_sensor import LENS
 from numpy import ndarray as Array
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.record import FORMAT, Depth, Grid, Image, LensTable, SensorRecord
-from ninedtact.calibration.sensor_folder import RECORD, SensorFolderDamaged, load_sensor, record_toml
-from ninedtact.calibration.upstream.exchange import (
+from ninedtact.calibration.original_9dtact.exchange import (
     UpstreamCannotHold,
     UpstreamFolderDamaged,
     export_upstream,
     import_upstream,
 )
-from ninedtact.calibration.upstream.files import read_numbers
-from ninedtact.calibration.upstream.layout import COL_INDEX, FILES, PIXEL_TO_DEPTH, POSITION_SCALE, ROW_INDEX
+from ninedtact.calibration.original_9dtact.folder_format import (
+    COL_INDEX,
+    FILES,
+    PIXEL_TO_DEPTH,
+    POSITION_SCALE,
+    ROW_INDEX,
+    read_numbers,
+)
+from ninedtact.calibration.sensor_folder import RECORD, SensorFolderDamaged, load_sensor, record_toml
+from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, Image, LensTable, SensorRecord
 from ninedtact.capture.images import read_image
-from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
+from ninedtact.cli.original_calibration import ExportCalibration, ImportCalibration
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Coverage, Frame
 from ninedtact.shape.depth import DepthCurve, Smoothing

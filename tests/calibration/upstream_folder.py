@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.calibration.upstream.layout import COL_INDEX, PIXEL_TO_DEPTH, POSITION_SCALE, ROW_INDEX
+from ninedtact.calibration.original_9dtact.folder_format import COL_INDEX, PIXEL_TO_DEPTH, POSITION_SCALE, ROW_INDEX
 
 ROWS, COLS = 480, 640
 

@@ -26,9 +26,9 @@ from ninedtact.capture.source import CameraLost, FrameSource
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.devices import live_source, sensor_of
-from ninedtact.cli.ending import ending
 from ninedtact.cli.episodes.collect_screen import Screen, headline
 from ninedtact.cli.episodes.keys import keys
+from ninedtact.cli.terminal import ending
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.quantities import Frame, Reading, Wrench, WrenchEstimate
 from ninedtact.recording.collecting.collector import TOPICS, Collector

@@ -6,8 +6,17 @@ from pathlib import Path
 
 import cv2
 
-from ninedtact.calibration.record import FORMAT, Depth, FitFigures, Grid, Image, LensTable, SensorRecord, TwinTable
 from ninedtact.calibration.sensor_folder import RECORD, record_toml
+from ninedtact.calibration.sensor_record import (
+    FORMAT,
+    Depth,
+    FitFigures,
+    Grid,
+    Image,
+    LensTable,
+    SensorRecord,
+    TwinTable,
+)
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.shape.depth import DepthCurve, Smoothing
 from ninedtact.simulation.twin import default_twin

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from skins import ball_print, skin, with_hole
 
+from ninedtact.atomic_write import FileNotWritten
 from ninedtact.quantities import Coverage, HeightMap
 from ninedtact.shape.cloud import point_cloud
 from ninedtact.shape.export import FormatUnknown, export, write_ply, write_stl
@@ -19,7 +20,6 @@ from ninedtact.shape.height_png import (
     read_height_png,
 )
 from ninedtact.shape.mesh import solid_mesh, surface_mesh
-from ninedtact.whole_file import FileNotWritten
 
 HEIGHT = with_hole(ball_print(61, 80, camera_mm=20.0))
 

@@ -5,27 +5,27 @@ import stat
 
 import pytest
 
-from ninedtact.whole_file import FileNotWritten, whole_file, write_whole
+from ninedtact.atomic_write import FileNotWritten, open_atomic_file, write_file_atomically
 
 
 def test_content_appears_whole_and_replaces_what_was_there(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(b"before")
-    write_whole(path, b"first ", memoryview(b"second"))
+    write_file_atomically(path, b"first ", memoryview(b"second"))
     assert path.read_bytes() == b"first second"
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
 
 
 def test_others_may_read_it_as_any_new_file(tmp_path):
     (tmp_path / "plain").touch()
-    write_whole(tmp_path / "whole", b"")
+    write_file_atomically(tmp_path / "whole", b"")
     assert stat.S_IMODE((tmp_path / "whole").stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
 
 
 def test_until_the_end_only_the_old_file_is_seen(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(b"before")
-    with whole_file(path) as file:
+    with open_atomic_file(path) as file:
         file.write(b"after")
         assert path.read_bytes() == b"before"
     assert path.read_bytes() == b"after"
@@ -36,7 +36,7 @@ def test_a_stopped_write_leaves_what_was_there_and_nothing_else(tmp_path, troubl
     path = tmp_path / "file"
     path.write_bytes(b"before")
     expected = FileNotWritten if isinstance(trouble, OSError) else type(trouble)
-    with pytest.raises(expected), whole_file(path) as file:
+    with pytest.raises(expected), open_atomic_file(path) as file:
         file.write(b"half")
         raise trouble
     assert path.read_bytes() == b"before"
@@ -45,17 +45,17 @@ def test_a_stopped_write_leaves_what_was_there_and_nothing_else(tmp_path, troubl
 
 def test_a_full_disk_is_told_in_one_sentence(tmp_path):
     with pytest.raises(FileNotWritten, match=r"expected to write .*file, got: No space left; free the disk"):  # noqa: SIM117
-        with whole_file(tmp_path / "file"):
+        with open_atomic_file(tmp_path / "file"):
             raise OSError(errno.ENOSPC, "No space left")
 
 
 def test_a_folder_in_its_place_is_refused_and_left_alone(tmp_path):
     (tmp_path / "file").mkdir()
     with pytest.raises(FileNotWritten):
-        write_whole(tmp_path / "file", b"content")
+        write_file_atomically(tmp_path / "file", b"content")
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
 
 
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(FileNotWritten, match=f"make the folder {tmp_path / 'missing'}"):
-        write_whole(tmp_path / "missing" / "file", b"content")
+        write_file_atomically(tmp_path / "missing" / "file", b"content")

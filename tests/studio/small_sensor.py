@@ -8,8 +8,8 @@ from threading import Event
 
 import numpy as np
 
-from ninedtact.calibration.record import FORMAT, Depth, Grid, LensTable, SensorRecord
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, record_toml
+from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, SensorRecord
 from ninedtact.capture.freshest import Freshest
 from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
 from ninedtact.design import FieldOfView, SensorDesign

@@ -11,13 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.ball.contact_circle import BallRefused, find_contact_circle
-from ninedtact.calibration.ball.fit import uniform_change
-from ninedtact.calibration.ball.judgement import UNEVEN, cap_height_mm
-from ninedtact.calibration.board.fit import fit_board
-from ninedtact.calibration.board.refusal import BoardNotFound
+from ninedtact.calibration.ball.ball_fit import uniform_change
+from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY, BallRefused, cap_height_mm, find_contact_circle
+from ninedtact.calibration.board.board_fit import fit_board
+from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float, relative_change, smoothed
-from ninedtact.calibration.flow import CalibrationSettings, lens_on_grid
+from ninedtact.calibration.procedure import CalibrationSettings, lens_on_grid
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated import UNLIT
@@ -205,7 +204,7 @@ def wishes(depth_mm: float, asymmetry: float) -> str:
         return "press deeper"
     if depth_mm > most_mm:
         return "press less deep"
-    return "press straight down, it is sheared" if asymmetry > UNEVEN else ""
+    return "press straight down, it is sheared" if asymmetry > MAX_ASYMMETRY else ""
 
 
 def rectified_by(taken: dict[str, Image], design: SensorDesign, settings: CalibrationSettings) -> Rectification:

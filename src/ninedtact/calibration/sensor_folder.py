@@ -12,15 +12,15 @@ import msgspec
 import numpy as np
 import tomli_w
 
+from ninedtact.atomic_write import create_folder_atomically, list_foreign_files
 from ninedtact.calibration.brightness import Image
-from ninedtact.calibration.record import FORMAT, LensTable, MapTable, PinTable, SensorRecord
+from ninedtact.calibration.sensor_record import FORMAT, LensTable, MapTable, PinTable, SensorRecord
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.lens import LensModel, Projection
 from ninedtact.shape.pin_map import PinMap
 from ninedtact.shape.rectification import Rectification, rectification
-from ninedtact.whole_folder import foreign, whole_folder
 
 RECORD = "sensor.toml"
 FILES, FOLDERS = (RECORD, "certificate.html", "rectification.npy", "force.toml"), ("images/", "upstream/")
@@ -179,14 +179,14 @@ def new_sensor_folder(out: Path | str) -> Iterator[Path]:
     """A folder to fill, which takes the place of `out` when the block ends well; a sensor that was there is replaced."""
     final = Path(out)
     require_replaceable(final)
-    with whole_folder(final) as partial:
+    with create_folder_atomically(final) as partial:
         yield partial
 
 
 def require_replaceable(final: Path) -> None:
     """Only an empty folder, or a sensor with nothing else in it, is replaced."""
     is_sensor = (final / RECORD).is_file()
-    if strange := foreign(final, lambda file: is_sensor and belongs(file)):
+    if strange := list_foreign_files(final, lambda file: is_sensor and belongs(file)):
         raise SensorFolderRefused(
             f"expected to write a new or empty folder, or a sensor folder, got {final} with other content ({strange[0]}); move "
             "that away, or choose another name"

@@ -29,10 +29,10 @@ from ninedtact.cli.force.train import Train
 from ninedtact.cli.hardware import DESCRIPTION as HARDWARE
 from ninedtact.cli.hardware import Hardware
 from ninedtact.cli.live import Live
+from ninedtact.cli.original_calibration import ExportCalibration, ImportCalibration
 from ninedtact.cli.reconstruct import Reconstruct
 from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
 from ninedtact.cli.simulate import Simulate
-from ninedtact.cli.upstream import ExportCalibration, ImportCalibration
 from ninedtact.errors import NinedtactError
 
 Command = (

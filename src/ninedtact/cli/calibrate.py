@@ -1,21 +1,101 @@
-"""ninedtact calibrate: one press of the board and one of the ball → a sensor folder with its certificate."""
+"""Calibration with a camera: the terminal guides a person through the two presses, hands free.
 
+Nothing is asked: each step watches the images, says what it sees, and goes on by itself when it has what it needs.
+
+ninedtact calibrate: one press of the board and one of the ball → a sensor folder with its certificate.
+"""
+
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.devices import source_named
 from ninedtact.cli.options import CalibrationOptions, DesignFile, TwoDesigns, design_or_published
+from ninedtact.cli.terminal import answer
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.board.refusal import BoardNotFound
-    from ninedtact.calibration.flow import Calibration, CalibrationImages
+    from ninedtact.calibration.board.detection import BoardNotFound
+    from ninedtact.calibration.brightness import Image
+    from ninedtact.calibration.guidance import Step
+    from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.capture.source import FrameSource
+
+
+@dataclass
+class Terminal:
+    """One line that is rewritten while a step goes on, and kept when it is done. Goes to standard error."""
+
+    width: int = 100
+
+    def title(self, words: str) -> None:
+        """What to do now."""
+        print(f"\n{words}", file=sys.stderr)
+
+    def live(self, words: str) -> None:
+        """What is seen at this moment."""
+        print(f"\r  {words[: self.width]:<{self.width}}", end="", file=sys.stderr, flush=True)
+
+    @contextmanager
+    def line(self) -> Iterator[None]:
+        """The line that a step writes on; whatever comes after it begins on a new one."""
+        try:
+            yield
+        finally:
+            print(file=sys.stderr)
+
+
+def guided_images(
+    source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool
+) -> "CalibrationImages":
+    """Take the four images with a camera; raises what the camera raises, and `SourceEnded` from a recording."""
+    from ninedtact.calibration.guidance import steps
+    from ninedtact.calibration.procedure import CalibrationImages
+
+    terminal = Terminal()
+    taken: dict[str, Image] = {}
+    with opened(source, automatic) as camera:
+        for step in steps(design, settings):
+            terminal.title(step.instruction)
+            taken[step.name] = followed(step, camera, taken, terminal)
+    return CalibrationImages(**taken)
+
+
+@contextmanager
+def opened(source: str, automatic: bool) -> "Iterator[FrameSource]":
+    """The camera, newest image first; a recording is read image by image instead."""
+    from ninedtact.capture.freshest import Freshest
+    from ninedtact.capture.settings import AS_SENSOR, STEADY
+
+    camera = source_named(source, AS_SENSOR if automatic else STEADY)
+    with Freshest(camera) if camera.recorded_hz is None else camera as frames:
+        yield frames
+
+
+def followed(step: "Step", camera: "FrameSource", taken: dict[str, "Image"], terminal: Terminal) -> "Image":
+    """Watch images until the step is content; the mean of the last few."""
+    watch = step.watch(taken)
+    with terminal.line():
+        for frame in camera:
+            advice = watch(frame.image)
+            terminal.live(advice.words)
+            if advice.image is not None:
+                return advice.image
+    raise RecordingTooShort(
+        f"expected images until the step '{step.instruction}' was done, got the end of the recording; record it longer"
+    )
+
+
+class RecordingTooShort(NinedtactError):
+    """A recording that ended before all four images were taken."""
+
 
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
 
@@ -58,10 +138,10 @@ class Calibrate:
 
     def run(self) -> int:
         """Calibrate, write the folder, say how good it is."""
-        from ninedtact.calibration.board.refusal import BoardNotFound
-        from ninedtact.calibration.flow import calibrate
+        from ninedtact.calibration.board.detection import BoardNotFound
+        from ninedtact.calibration.procedure import calibrate
+        from ninedtact.calibration.save import write_sensor
         from ninedtact.calibration.sensor_folder import require_replaceable
-        from ninedtact.calibration.written import write_sensor
 
         require_replaceable(self.out)
         try:
@@ -69,7 +149,7 @@ class Calibrate:
         except BoardNotFound as refusal:
             raise with_overlay(refusal, self.out) from refusal
         sensor = write_sensor(self.out, made)
-        return answer(self.json, figures(sensor, made), summary(sensor, made))
+        return answer(self.json, calibration_json(sensor, made), summary(sensor, made))
 
     @property
     def resolved_design(self) -> SensorDesign:
@@ -88,8 +168,6 @@ class Calibrate:
         if len(given) == len(PRESSES) and self.source is None:
             return self.read_images()
         if self.source is not None and not given:
-            from ninedtact.cli.guide import guided_images
-
             return guided_images(self.source, self.resolved_design, self.options.settings(), self.automatic)
         options = ", ".join("--" + name.replace("_", "-") for name in PRESSES)
         got = ", ".join("--" + name.replace("_", "-") for name in given) or "none of them"
@@ -100,7 +178,7 @@ class Calibrate:
 
     def read_images(self) -> "CalibrationImages":
         """The four images, each the mean of the files given for it."""
-        from ninedtact.calibration.flow import CalibrationImages
+        from ninedtact.calibration.procedure import CalibrationImages
         from ninedtact.capture.images import average_images, read_image
 
         return CalibrationImages(
@@ -118,23 +196,23 @@ def with_overlay(refusal: "BoardNotFound", out: Path) -> NinedtactError:
     """The refusal, naming an image of what was seen that is written beside the folder asked for."""
     import cv2
 
-    from ninedtact.calibration.certificate.drawing import not_found_overlay
-    from ninedtact.whole_file import FileNotWritten, write_whole
+    from ninedtact.atomic_write import FileNotWritten, write_file_atomically
+    from ninedtact.calibration.certificate.plot_style import not_found_overlay
 
     path = out.with_name(f"{out.name}_board_not_found.png")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, cv2.imencode(".png", not_found_overlay(refusal))[1].tobytes())
+        write_file_atomically(path, cv2.imencode(".png", not_found_overlay(refusal))[1].tobytes())
     except (OSError, FileNotWritten):
         return refusal
     return NinedtactError(f"{refusal}; what was seen is drawn in {path}")
 
 
-def figures(sensor: "SensorFolder", made: "Calibration") -> dict[str, object]:
+def calibration_json(sensor: "SensorFolder", made: "Calibration") -> dict[str, object]:
     """The certificate for scripts."""
     import msgspec
 
-    from ninedtact.calibration.certificate.verdict import verdict, worst
+    from ninedtact.calibration.certificate.checks import verdict, worst
 
     certificate = made.record.certificate
     assert certificate is not None
@@ -144,7 +222,7 @@ def figures(sensor: "SensorFolder", made: "Calibration") -> dict[str, object]:
 
 def summary(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
     """The certificate in a few lines."""
-    from ninedtact.calibration.certificate.verdict import headline
+    from ninedtact.calibration.certificate.checks import headline
 
     assert made.record.certificate is not None
     board, ball = made.record.certificate.board, made.record.certificate.ball

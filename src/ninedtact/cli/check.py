@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.drift import Drift
-    from ninedtact.calibration.drift.findings import Finding
+    from ninedtact.calibration.drift.diagnosis import Finding
+    from ninedtact.calibration.drift.drift_measurement import Drift
 
 
 class NothingToCheck(NinedtactError):
@@ -36,8 +36,8 @@ class Check:
 
     def run(self) -> int:
         """Judge every image; 1 where one is not fine."""
-        from ninedtact.calibration.drift.drift import drift, known_skin
-        from ninedtact.calibration.drift.findings import findings
+        from ninedtact.calibration.drift.diagnosis import findings
+        from ninedtact.calibration.drift.drift_measurement import drift, known_skin
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.images import read_image
 

@@ -101,8 +101,8 @@ class Demo:
 
     def calibrated(self) -> "SensorFolder":
         """The twin as it calibrates itself: four images, as of any other sensor."""
-        from ninedtact.calibration.flow import CalibrationImages, calibrate
-        from ninedtact.calibration.written import write_sensor
+        from ninedtact.calibration.procedure import CalibrationImages, calibrate
+        from ninedtact.calibration.save import write_sensor
         from ninedtact.simulation.gauges import gauge_images
 
         print("pressing the pin board and the ball on the twin, calibrating it from the four images …", flush=True)
@@ -138,13 +138,13 @@ class Demo:
 
     def leave_summary(self, answers: "list[Answer]") -> None:
         """What was pressed and what was seen of it: an image and its figures."""
+        from ninedtact.atomic_write import write_file_atomically
         from ninedtact.simulation.drawn_show import drawn_show
-        from ninedtact.whole_file import write_whole
 
-        write_whole(self.out / "presses.png", drawn_show(answers))
+        write_file_atomically(self.out / "presses.png", drawn_show(answers))
         presses = [told(each) for each in answers]
         figures = {"sensor": str(self.folder.path), "twin": self.twin.name, "presses": presses}
-        write_whole(self.out / "summary.json", json.dumps(figures, indent=2, ensure_ascii=False).encode())
+        write_file_atomically(self.out / "summary.json", json.dumps(figures, indent=2, ensure_ascii=False).encode())
         for figure in presses:
             print("  {object}: {true_mm:.2f} mm deep, seen {seen_mm:.2f} mm".format(**figure))
         print(f"  drawn in {self.out / 'presses.png'}", flush=True)

@@ -10,7 +10,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.flow import CalibrationSettings
+    from ninedtact.calibration.procedure import CalibrationSettings
     from ninedtact.recording.collecting.settings import CollectSettings
 
 DesignFile = Annotated[Path | None, tyro.conf.arg(name="design")]
@@ -49,8 +49,8 @@ class CalibrationOptions:
 
     def settings(self) -> "CalibrationSettings":
         """The same as the calibration room names it."""
-        from ninedtact.calibration.board.mounting import MOUNTINGS
-        from ninedtact.calibration.flow import CalibrationSettings
+        from ninedtact.calibration.board.lattice import MOUNTINGS
+        from ninedtact.calibration.procedure import CalibrationSettings
 
         ways = {str(way): way for way in MOUNTINGS}
         return CalibrationSettings(lens=self.lens, mounting_deg=ways[self.mounting_deg], method=self.method)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -73,9 +73,9 @@ class Reconstruct:
 
     def written(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
         """Write the files of one height map; kind and path of each."""
+        from ninedtact.atomic_write import write_file_atomically
         from ninedtact.shape.export import export
         from ninedtact.shape.image import height_image, shaded_image
-        from ninedtact.whole_file import write_whole
 
         self.out.mkdir(parents=True, exist_ok=True)
         for ending in self.formats:
@@ -85,7 +85,7 @@ class Reconstruct:
         if self.drawings:
             for kind, draw in (("colour", height_image), ("shaded", shaded_image)):
                 path = self.out / f"{name}_{kind}.png"
-                write_whole(path, draw(height))
+                write_file_atomically(path, draw(height))
                 yield f"{kind}_image", path
 
 

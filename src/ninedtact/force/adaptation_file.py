@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import NinedtactError
 from ninedtact.force.adaptation import Adaptation
-from ninedtact.whole_file import whole_file
 
 FILE = "force.toml"
 
@@ -30,7 +30,7 @@ def write_adaptation(sensor: Path, estimator: str, adaptation: Adaptation) -> Pa
     """Add or replace one estimator's table; raises `AdaptationDamaged`, `FileNotWritten`."""
     found = {**tables(sensor), estimator: adaptation}
     plain: dict[str, Any] = {name: msgspec.to_builtins(one) for name, one in found.items()}
-    with whole_file(sensor / FILE) as file:
+    with open_atomic_file(sensor / FILE) as file:
         tomli_w.dump(plain, file)
     return sensor / FILE
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.force.splits import Split, SplitUnfit
-from ninedtact.whole_file import write_whole
 
 FORMAT = 1
 
@@ -15,7 +15,7 @@ FORMAT = 1
 def write_split(path: Path | str, split: Split) -> None:
     """Whole or not at all; raises `FileNotWritten`."""
     table = {"format": FORMAT, **asdict(split)}
-    write_whole(path, msgspec.json.format(msgspec.json.encode(table), indent=1), b"\n")
+    write_file_atomically(path, msgspec.json.format(msgspec.json.encode(table), indent=1), b"\n")
 
 
 def read_split(path: Path | str) -> Split:

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Wrench
 from ninedtact.recording.episode_pairs import Collected
@@ -18,7 +19,6 @@ from ninedtact.recording.messages import Topic
 from ninedtact.recording.sensor_copy import FOLDER, write_copy
 from ninedtact.recording.stored import Episode
 from ninedtact.recording.summary import summary
-from ninedtact.whole_file import write_whole
 
 SIX = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 QUICK_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -43,7 +43,9 @@ def export_episode(episode: Episode, out: Path, on_image: Callable[[], None] = l
         "events": events(episode, out / "events.csv"),
         "sensor": sum(write_copy(out / FOLDER, copied.name, copied.data) for copied in episode.attachments()),
     }
-    write_whole(out / "recording.json", json.dumps(asdict(summary(episode)), indent=2, ensure_ascii=False).encode())
+    write_file_atomically(
+        out / "recording.json", json.dumps(asdict(summary(episode)), indent=2, ensure_ascii=False).encode()
+    )
     return written
 
 
@@ -114,11 +116,11 @@ def table(path: Path, heading: Iterable[str], rows: Iterable[Iterable[Any]]) -> 
     all_rows, text = list(rows), StringIO()
     csv.writer(text).writerows([list(heading), *map(list, all_rows)])
     if all_rows:
-        write_whole(path, text.getvalue().encode())
+        write_file_atomically(path, text.getvalue().encode())
     return len(all_rows)
 
 
 def write_png(path: Path, image: np.ndarray) -> None:
     """An image, whole."""
     path.parent.mkdir(exist_ok=True)
-    write_whole(path, bytes(cv2.imencode(".png", image, QUICK_PNG)[1]))
+    write_file_atomically(path, bytes(cv2.imencode(".png", image, QUICK_PNG)[1]))

@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from numpy import ndarray as Array
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import HeightMap, Mesh, PointCloud
 from ninedtact.shape.cloud import point_cloud
 from ninedtact.shape.height_png import height_png
 from ninedtact.shape.mesh import faces_between, surface_mesh
-from ninedtact.whole_file import write_whole
 
 NO_FACES = np.empty((0, 3), np.int32)
 PLY_FACE = np.dtype([("corners", "u1"), ("faces", "<i4", 3)])
@@ -32,7 +32,7 @@ def export(height: HeightMap, path: Path | str, every: int = 1) -> None:
         case ".npy":
             write_npy(path, height)
         case ".png":
-            write_whole(path, height_png(height))
+            write_file_atomically(path, height_png(height))
         case ".ply":
             write_ply(path, point_cloud(height, every), faces_between(height.in_view[::every, ::every]))
         case ".stl":
@@ -49,7 +49,7 @@ def write_npy(path: Path | str, height: HeightMap) -> None:
     """float32 heights in mm, NaN out of view; `numpy.load` reads it."""
     buffer = BytesIO()
     np.save(buffer, np.where(height.in_view, height.z_mm, np.float32(np.nan)))
-    write_whole(path, buffer.getbuffer())
+    write_file_atomically(path, buffer.getbuffer())
 
 
 def write_ply(path: Path | str, cloud: PointCloud, faces: Int32[Array, "m 3"] = NO_FACES) -> None:
@@ -57,7 +57,7 @@ def write_ply(path: Path | str, cloud: PointCloud, faces: Int32[Array, "m 3"] = 
     vertices = np.hstack([cloud.points_mm, cloud.normals]).astype("<f4")
     triangles = np.empty(len(faces), PLY_FACE)
     triangles["corners"], triangles["faces"] = 3, faces
-    write_whole(path, ply_header(len(vertices), len(faces)), vertices.tobytes(), triangles.tobytes())
+    write_file_atomically(path, ply_header(len(vertices), len(faces)), vertices.tobytes(), triangles.tobytes())
 
 
 def ply_header(points: int, faces: int) -> bytes:
@@ -75,7 +75,7 @@ def write_stl(path: Path | str, mesh: Mesh) -> None:
     triangles["corners"] = mesh.vertices_mm[mesh.faces]
     triangles["normal"] = face_normals(triangles["corners"])
     header = b"binary STL, lengths in mm".ljust(80)  # must not begin with "solid", which announces a text STL
-    write_whole(path, header, np.uint32(len(triangles)).astype("<u4").tobytes(), triangles.tobytes())
+    write_file_atomically(path, header, np.uint32(len(triangles)).astype("<u4").tobytes(), triangles.tobytes())
 
 
 def face_normals(corners: Float32[Array, "m 3 3"]) -> Float32[Array, "m 3"]:
@@ -89,4 +89,4 @@ def write_obj(path: Path | str, mesh: Mesh) -> None:
     """Wavefront OBJ, to a tenth of a micrometre."""
     vertices = "v %.4f %.4f %.4f\n" * len(mesh.vertices_mm) % tuple(mesh.vertices_mm.ravel().tolist())
     faces = "f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
-    write_whole(path, b"# lengths in mm\n", vertices.encode(), faces.encode())
+    write_file_atomically(path, b"# lengths in mm\n", vertices.encode(), faces.encode())

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import cv2
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.quantities import Reading
 from ninedtact.shape.export import export
-from ninedtact.whole_file import write_whole
 
 FORMATS = ("npy", "png", "ply")
 
@@ -17,7 +17,7 @@ def save_reading(reading: Reading, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}"
     image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
-    write_whole(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())
+    write_file_atomically(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())
     for path in heights:
         export(reading.height, path)
     return [image, *heights]

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
 from ninedtact.cli.force.own_sensors import calibrate_twins, sensors_for, tell_refused
@@ -23,7 +24,6 @@ from ninedtact.recording.dataset.heights import height_pairs
 from ninedtact.recording.dataset.rows import Row, UntouchedImage
 from ninedtact.recording.dataset.sensor_heights import SensorMissing
 from ninedtact.simulation.population.member import member
-from ninedtact.whole_file import write_whole
 
 MM_PER_PX = 0.0522
 GRID = InputSettings(Channels.HEIGHTS_AND_GEL, 16, 24, 1.0)
@@ -102,8 +102,8 @@ def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeyp
     second.unlink()
     read: list[str] = []
     monkeypatch.setattr(
-        "ninedtact.recording.dataset.sensor_heights.write_whole",
-        lambda path, *content: read.append(path.name) or write_whole(path, *content),
+        "ninedtact.recording.dataset.sensor_heights.write_file_atomically",
+        lambda path, *content: read.append(path.name) or write_file_atomically(path, *content),
     )
     again = height_pairs(folder, calibrated, GRID.grid)
     assert read == [second.name] and first.is_file()
@@ -177,7 +177,7 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
         tried.append(sensor_id)
         raise NinedtactError("expected a ball, got none; press one")
 
-    monkeypatch.setattr("ninedtact.calibration.flow.calibrate", refuse)
+    monkeypatch.setattr("ninedtact.calibration.procedure.calibrate", refuse)
     twins = {"one": replace(member(0), name="one")}
     for _ in range(2):
         refused = calibrate_twins(twins, tmp_path, workers=1, progress=False)

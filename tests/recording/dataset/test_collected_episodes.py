@@ -8,8 +8,8 @@ import pytest
 from built_sets import decoded, listed, references_in, rows_in
 from little_sources import touched, untouched
 
-from ninedtact.calibration.record import FORMAT, Depth, Grid, LensTable, SensorRecord
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, record_toml
+from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, SensorRecord
 from ninedtact.cli.episodes.dataset.build import read_rectification
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Frame, Wrench

@@ -18,6 +18,7 @@ import pytest
 from built_sets import built_from, listed, references_in, rows_in, sources_at
 from little_sources import LittleTree, little_episode, little_tree
 
+from ninedtact.atomic_write import FileNotWritten
 from ninedtact.recording.dataset.build import BuildSettings, build
 from ninedtact.recording.dataset.card import LicenceImpossible
 from ninedtact.recording.dataset.checks import CheckImpossible, CheckSettings
@@ -28,7 +29,6 @@ from ninedtact.recording.dataset.sources.source import SourceUnknown
 from ninedtact.recording.dataset.sources.table import DataSetUnfinished
 from ninedtact.recording.dataset.workers import WorkersImpossible
 from ninedtact.simulation.rectified import mm_per_px
-from ninedtact.whole_file import FileNotWritten
 
 KEPT = ("reference", "wrench", "object", "contact", "step", "time_ns", "sensor", "kind")
 BUILD = """

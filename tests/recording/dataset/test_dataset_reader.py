@@ -13,12 +13,12 @@ import pytest
 from built_sets import built_from, decoded, references_in, rows_in
 from little_sources import LittleTree
 
+from ninedtact.atomic_write import FileNotWritten
 from ninedtact.recording.dataset.columns import DataSetDamaged
 from ninedtact.recording.dataset.decoded import SizeImpossible
 from ninedtact.recording.dataset.reader import DataSet
 from ninedtact.recording.dataset.sources.source import Statements
 from ninedtact.simulation.rectified import mm_per_px
-from ninedtact.whole_file import FileNotWritten
 
 
 @pytest.fixture

@@ -1,4 +1,12 @@
-"""Order spots as a square lattice seen through a lens, without knowing pitch, position, tilt or distortion.
+"""How the camera is turned against the sensor.
+
+`Mounting` is the angle from the image's column axis to the sensor's x axis, in degrees, clockwise on the screen. The
+sensor's x axis runs along the board's long side, so an image in which that side is upright is one of 90° or 270°;
+which of the two, like 0° or 180°, no board can tell: "auto" takes the first.
+
+Dark spots of an image, at one size: where, and how much darker than what surrounds them.
+
+Order spots as a square lattice seen through a lens, without knowing pitch, position, tilt or distortion.
 
 A lattice grows from a seed: each next node is sought where its neighbours' own steps say it should be, so that the step
 may change across the image as the lens bends it. Noise does not grow far; the lattice with most contrast wins.
@@ -7,12 +15,69 @@ may change across the image as the lens bends it. Noise does not grow far; the l
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 from numpy import ndarray as Array
+from scipy import ndimage
 
-from ninedtact.calibration.board.blobs import Blobs
+from ninedtact.design import PinBoard
+from ninedtact.shape.lens import Points
+
+Mounting = Literal[0, 90, 180, 270]
+
+MOUNTINGS: dict[Mounting | Literal["auto"], tuple[Mounting, ...]] = {
+    "auto": (0, 90),
+    0: (0,),
+    90: (90,),
+    180: (180,),
+    270: (270,),
+}
+
+
+def lattice_size(board: PinBoard, mounting: Mounting) -> tuple[int, int]:
+    """(columns, rows) of the board's lattice along the image's axes."""
+    return (board.cols, board.rows) if mounting in (0, 180) else (board.rows, board.cols)
+
+
+def skin_points_mm(nodes: Int[Array, "n 2"], board: PinBoard, mounting: Mounting) -> Points:
+    """Where lattice nodes (column, row along the image's axes) lie on the skin, sensor frame."""
+    size = np.array(lattice_size(board, mounting))
+    along_image = (nodes - (size - 1) / 2) * board.pitch_mm
+    return along_image @ turn(mounting)
+
+
+def turn(mounting: Mounting) -> Int[Array, "2 2"]:
+    """Rotation by the mounting angle; a row vector times this goes from image axes to sensor axes."""
+    cosine, sine = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[mounting]
+    return np.array([[cosine, -sine], [sine, cosine]])
+
+
+SpotPoints = Float[Array, "n 2"]
+
+STRONGEST = 250
+"""Spots kept: some four times the pins of the largest usual board."""
+
+
+@dataclass(frozen=True)
+class Blobs:
+    """Dark spots, strongest first."""
+
+    points_px: SpotPoints
+    strength: Float[Array, " n"]
+    """Scale-normalised Laplacian at the spot, in the image's own unit."""
+
+
+def dark_blobs(image: Float32[Array, "rows cols"], size_px: float) -> Blobs:
+    """Local maxima of the scale-normalised Laplacian of Gaussian (Lindeberg 1998) at standard deviation `size_px`."""
+    response = ndimage.gaussian_laplace(image, size_px, mode="nearest") * size_px**2
+    neighbourhood = 2 * round(1.5 * size_px) + 1
+    peaks = (response == ndimage.maximum_filter(response, size=neighbourhood)) & (response > 0)
+    points, strength = np.argwhere(peaks)[:, ::-1].astype(float), response[peaks].astype(float)
+    order = np.argsort(-strength)[:STRONGEST]
+    return Blobs(points[order], strength[order])
+
 
 Node = tuple[int, int]
 """(column, row) on the lattice, along image columns and image rows."""

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.devices import is_recording, is_sim, require_alike, sensor_of
-from ninedtact.cli.ending import ending
 from ninedtact.cli.episodes.collect_bench import Bench, devices, recording, twin
 from ninedtact.cli.episodes.collect_screen import Screen
 from ninedtact.cli.episodes.keys import keys
 from ninedtact.cli.episodes.record import require_new_recording, require_seconds
 from ninedtact.cli.options import CollectOptions
+from ninedtact.cli.terminal import answer, ending
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:

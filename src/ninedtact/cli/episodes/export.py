@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.terminal import answer
 
 
 @dataclass(frozen=True)

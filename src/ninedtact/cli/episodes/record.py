@@ -7,10 +7,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.devices import RECORDING, device, is_sim, live_source, require_alike, sensor_of
-from ninedtact.cli.ending import ending
 from ninedtact.cli.live import say
+from ninedtact.cli.terminal import answer, ending
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:

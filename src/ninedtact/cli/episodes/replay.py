@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.terminal import answer
 
 if TYPE_CHECKING:
     from ninedtact.recording.summary import EpisodeFigures

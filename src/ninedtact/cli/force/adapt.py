@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.force.estimators import BOTH
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.force.estimators import BOTH
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -131,13 +131,13 @@ def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     import csv
     from io import StringIO
 
-    from ninedtact.whole_file import write_whole
+    from ninedtact.atomic_write import write_file_atomically
 
     text = StringIO()
     table = csv.DictWriter(text, ["image", "time_ns", "touching", *COLUMNS, "doubts"])
     table.writeheader()
     table.writerows({**row, "doubts": "; ".join(row["doubts"])} for row in rows)
-    write_whole(path, text.getvalue().encode())
+    write_file_atomically(path, text.getvalue().encode())
 
 
 def lines(rows: list[dict[str, Any]], out: Path | None) -> Iterator[str]:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.force.estimators import BOTH
 from ninedtact.cli.force.judged_data import Modulus
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
-from ninedtact.whole_file import write_whole
 
 if TYPE_CHECKING:
     from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
@@ -94,8 +94,8 @@ def is_tried(folder: Path) -> bool:
 
 def calibrate_twin(member: "SensorMember", out: Path) -> None:
     """A sensor folder of it, or the reason why there can be none."""
-    from ninedtact.calibration.flow import CalibrationImages, calibrate
-    from ninedtact.calibration.written import write_sensor
+    from ninedtact.calibration.procedure import CalibrationImages, calibrate
+    from ninedtact.calibration.save import write_sensor
     from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images
 
     images = gauge_images(member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
@@ -103,7 +103,7 @@ def calibrate_twin(member: "SensorMember", out: Path) -> None:
         made = calibrate(CalibrationImages(**vars(images)), member.design, sensor_id=member.name)
     except NinedtactError as refusal:
         out.mkdir(parents=True, exist_ok=True)
-        write_whole(out / REFUSED, str(refusal).encode())
+        write_file_atomically(out / REFUSED, str(refusal).encode())
     else:
         write_sensor(out, made)
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.force.training_data import Division, HeldOut, TrainingData, designed_width_mm
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:

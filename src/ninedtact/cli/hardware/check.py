@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.hardware.described import Described
+from ninedtact.cli.terminal import answer
 
 if TYPE_CHECKING:
     from ninedtact.hardware.rules.rule import Broken

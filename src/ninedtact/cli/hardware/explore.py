@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.hardware.described import Described, require_solids
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -74,9 +74,9 @@ class Explore:
 
     def written(self, found: "list[Explored]") -> list[str]:
         """Table and plot, if a folder was named."""
+        from ninedtact.atomic_write import write_file_atomically
         from ninedtact.hardware.design_file import hardware_toml
         from ninedtact.hardware.explore.table import sweep_csv, sweep_png
-        from ninedtact.whole_file import write_whole
 
         if self.out is None:
             return []
@@ -84,7 +84,7 @@ class Explore:
         contents = {name: hardware_toml(design).encode() for name, design in designs.items()}
         contents |= {"explore.csv": sweep_csv(found), "explore.png": sweep_png(found)}
         for name, content in contents.items():
-            write_whole(self.out / name, content)
+            write_file_atomically(self.out / name, content)
         return [str(self.out / name) for name in contents]
 
 

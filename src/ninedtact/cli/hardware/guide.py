@@ -6,8 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.hardware.described import Described
+from ninedtact.cli.terminal import answer
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.options import DesignFile, design_or_published
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.terminal import answer
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.record import FitFigures, TwinTable
+    from ninedtact.calibration.sensor_record import FitFigures, TwinTable
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Fit:
 
     def run(self) -> int:
         """Fit, write, and say how well it explains the press."""
-        from ninedtact.calibration.again import calibrated_again
+        from ninedtact.calibration.procedure import calibrated_again
+        from ninedtact.calibration.save import write_sensor
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.calibration.written import write_sensor
 
         folder = write_sensor(self.sensor, calibrated_again(load_sensor(self.sensor), "physics"))
         twin = folder.record.twin

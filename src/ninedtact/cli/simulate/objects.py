@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.terminal import answer
 
 
 @dataclass(frozen=True)

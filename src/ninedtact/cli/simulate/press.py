@@ -7,8 +7,8 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.options import DesignFile, design_or_published, require_one_sensor
+from ninedtact.cli.terminal import answer
 from ninedtact.design import SensingArea
 
 if TYPE_CHECKING:
@@ -86,15 +86,15 @@ class Press:
         """Write all files; name and path of each."""
         import json
 
+        from ninedtact.atomic_write import write_file_atomically
         from ninedtact.shape.export import export
         from ninedtact.simulation.truth import heights
-        from ninedtact.whole_file import write_whole
 
         self.out.mkdir(parents=True, exist_ok=True)
         contents = self.contents(indenter, contact)
         contents["wrench.json"] = json.dumps(found, indent=2, ensure_ascii=False).encode()
         for name, content in contents.items():
-            write_whole(self.out / name, content)
+            write_file_atomically(self.out / name, content)
         height = heights(contact, *self.grid)
         for ending in ("npy", "png"):
             export(height, self.out / f"height.{ending}")

@@ -5,6 +5,7 @@ from base64 import b64encode
 from collections.abc import Iterator
 from pathlib import Path
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.force.evaluation.drawn import figures
 from ninedtact.force.evaluation.evaluation import Evaluation
 from ninedtact.force.evaluation.published import OBJECT_MAE, OBJECT_STD, published_about
@@ -17,7 +18,6 @@ from ninedtact.force.evaluation.table import (
     part_rows,
     score_rows,
 )
-from ninedtact.whole_file import write_whole
 
 WORST = 10
 """Objects whose figures stand in the page; all are in the JSON."""
@@ -31,7 +31,7 @@ def write_report(out: Path, evaluation: Evaluation) -> Iterator[tuple[str, Path]
     contents["evaluation.json"] = json.dumps(evaluation.as_table(), indent=1, ensure_ascii=False).encode()
     contents["evaluation.html"] = page(evaluation, drawn).encode()
     for name, content in contents.items():
-        write_whole(out / name, content)
+        write_file_atomically(out / name, content)
         yield name.removesuffix(".png"), out / name
 
 

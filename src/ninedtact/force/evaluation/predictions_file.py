@@ -15,8 +15,8 @@ from typing import NoReturn
 
 import numpy as np
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.force.evaluation.predictions import AXES, Distribution, Predictions, PredictionsUnusable, Wrenches
-from ninedtact.whole_file import write_whole
 
 TRUTH = tuple(f"{axis}_{'N' if axis.startswith('F') else 'Nm'}" for axis in AXES)
 PREDICTED = tuple(f"p{axis}" for axis in AXES)
@@ -125,4 +125,4 @@ def write_predictions(path: Path, predictions: Predictions) -> None:
     writer.writerows(
         zip(*groups.values(), *(column.tolist() for six in blocks.values() for column in six.T), strict=True)
     )
-    write_whole(path, text.getvalue().encode())
+    write_file_atomically(path, text.getvalue().encode())

@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from lightning.fabric.plugins.io.torch_io import TorchCheckpointIO
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
-from ninedtact.whole_file import write_whole
 
 
 class CheckpointDamaged(NinedtactError):
@@ -23,7 +23,7 @@ class WholeFiles(TorchCheckpointIO):
         content = BytesIO()
         torch.save(checkpoint, content)
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content.getbuffer())
+        write_file_atomically(path, content.getbuffer())
 
 
 def resumable(path: Path) -> str | None:

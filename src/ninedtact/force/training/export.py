@@ -11,11 +11,11 @@ import numpy as np
 import onnx
 import torch
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.force.card import Card
 from ninedtact.force.model_file import INPUT, KEY, SCALE, WRENCH, ForceModel, model_from, read_model
 from ninedtact.force.networks import WrenchNetwork
-from ninedtact.whole_file import write_whole
 
 SAME = 1e-3
 """ONNX Runtime may differ from torch by this part of the labels' unit, and of the answer."""
@@ -31,7 +31,7 @@ def write_model(path: Path, network: WrenchNetwork, card: Card) -> ForceModel:
     content = with_card(graph_of(network, card), card)
     model = model_from(content, str(path))
     require_same(network, model)
-    write_whole(path, content)
+    write_file_atomically(path, content)
     return model
 
 
@@ -41,7 +41,7 @@ def rewrite_card(path: Path, card: Card, out: Path) -> None:
     Raises `ModelUnusable`, `FileNotWritten`.
     """
     read_model(path)
-    write_whole(out, with_card(onnx.load(str(path)), card))
+    write_file_atomically(out, with_card(onnx.load(str(path)), card))
 
 
 def graph_of(network: WrenchNetwork, card: Card) -> onnx.ModelProto:

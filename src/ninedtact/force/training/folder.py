@@ -8,8 +8,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.errors import NinedtactError
-from ninedtact.whole_file import FileNotWritten, write_whole
 
 SETTINGS, MODEL, CURVES = "settings.json", "model.onnx", "curves.png"
 
@@ -34,7 +34,7 @@ def begin(out: Path, asked: dict[str, Any]) -> None:
         raise FileNotWritten(
             f"expected to make the folder {out}, got: {trouble.strerror or trouble}; correct the path or its permissions"
         ) from trouble
-    write_whole(out / SETTINGS, json.dumps(wanted, indent=1).encode())
+    write_file_atomically(out / SETTINGS, json.dumps(wanted, indent=1).encode())
 
 
 def require_same(out: Path, wanted: dict[str, Any]) -> None:

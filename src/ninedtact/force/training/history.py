@@ -8,8 +8,8 @@ from typing import Any
 
 from lightning import Callback, LightningModule, Trainer
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.force.training.learner import BEST
-from ninedtact.whole_file import write_whole
 
 Row = dict[str, float]
 
@@ -29,7 +29,7 @@ class History(Callback):
         row = {"epoch": trainer.current_epoch + 1, **told, "learning_rate": rate, "seconds": self.seconds}
         self.rows.append(row)
         if trainer.is_global_zero:
-            write_whole(self.path, as_csv(self.rows))
+            write_file_atomically(self.path, as_csv(self.rows))
 
     @property
     def seconds(self) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.force.evaluation import Evaluation
 from ninedtact.force.model_file import ForceModel
 from ninedtact.force.splits import Rows
@@ -18,7 +19,6 @@ from ninedtact.force.training.folder import CURVES, MODEL, begin
 from ninedtact.force.training.learner import Learner, labels_of
 from ninedtact.force.training.lesson import Lesson
 from ninedtact.force.training.settings import Machine, TrainingSettings
-from ninedtact.whole_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def train(
     lesson.set_errors_right()
     evaluation = lesson.evaluation
     card = lesson.card(evaluation, fitted.history, name, licence)
-    write_whole(out / CURVES, curves(fitted.history.rows, lesson.median_mae, card.training.best_epoch))
+    write_file_atomically(out / CURVES, curves(fitted.history.rows, lesson.median_mae, card.training.best_epoch))
     return Trained(out / MODEL, write_model(out / MODEL, lesson.network, card), evaluation)
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.calibration.flow import CalibrationImages, calibrate
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import traction_force

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ninedtact.atomic_write import create_folder_atomically, list_foreign_files
 from ninedtact.errors import NinedtactError
-from ninedtact.whole_folder import foreign, whole_folder
 
 MANIFEST = "manifest.json"
 
@@ -19,14 +19,14 @@ class FolderRefused(NinedtactError):
 def new_parts_folder(out: Path) -> Iterator[Path]:
     """A folder to fill, which takes the place of `out` when the block ends well; raises `FolderRefused`."""
     require_replaceable(out)
-    with whole_folder(out) as partial:
+    with create_folder_atomically(out) as partial:
         yield partial
 
 
 def require_replaceable(out: Path) -> None:
     """Only nothing, an empty folder, or parts exported before and nothing else are replaced; raises `FolderRefused`."""
     ours = exported(out / MANIFEST)
-    if strange := foreign(out, ours.__contains__):
+    if strange := list_foreign_files(out, ours.__contains__):
         raise FolderRefused(
             f"expected --out to be new, empty or written by this command, got {out} with other content ({strange[0]}); move that "
             "away, or choose another name"

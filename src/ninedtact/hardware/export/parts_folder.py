@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.hardware.design_file import hardware_toml
 from ninedtact.hardware.drawings.sheet import Sheet
 from ninedtact.hardware.drawings.table import table
@@ -21,7 +22,6 @@ from ninedtact.hardware.led_board.export import write_layout
 from ninedtact.hardware.materials import MADE_OF
 from ninedtact.hardware.parts.catalogue import TO_MAKE, BuiltPart
 from ninedtact.hardware.report import BuiltSensor
-from ninedtact.whole_file import write_whole
 
 File = tuple[str, bytes]
 """Path within the folder, and content."""
@@ -41,11 +41,11 @@ def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = quiet) -> dict
         for path, content in files(sensor):
             tell(path)
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            write_whole(folder / path, content)
+            write_file_atomically(folder / path, content)
         tell("led_board")
         write_layout(sensor.circuit, folder / "led_board")
         manifest = manifest_of(sensor, folder)
-        write_whole(folder / MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False).encode())
+        write_file_atomically(folder / MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False).encode())
     return manifest
 
 

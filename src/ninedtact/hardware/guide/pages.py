@@ -5,12 +5,12 @@ from pathlib import Path
 
 import cv2
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import SensorDesign
 from ninedtact.hardware.design import HardwareDesign, hardware_for
 from ninedtact.hardware.guide.states import States
 from ninedtact.hardware.guide.steps import Step, steps
 from ninedtact.hardware.report import BuiltSensor
-from ninedtact.whole_file import write_whole
 
 PAGE, IMAGES = "fabrication.md", "images"
 INTRODUCTION = """# How to build a sensor
@@ -67,7 +67,7 @@ def write_guide(sensor: BuiltSensor, out: Path) -> Iterator[Path]:
     states = States(sensor)
     for number, step in enumerate(steps(sensor), start=1):
         path = out / IMAGES / image_name(number, step)
-        write_whole(path, cv2.imencode(".png", states.scene(step.state).image())[1].tobytes())
+        write_file_atomically(path, cv2.imencode(".png", states.scene(step.state).image())[1].tobytes())
         yield path
-    write_whole(out / PAGE, guide_text(sensor).encode())
+    write_file_atomically(out / PAGE, guide_text(sensor).encode())
     yield out / PAGE

@@ -4,6 +4,7 @@ from io import BytesIO
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.hardware.led_board.check import sound_layout
 from ninedtact.hardware.led_board.design import LedBoard
 from ninedtact.hardware.led_board.drawing import Layer, drawn
@@ -16,7 +17,6 @@ from ninedtact.hardware.led_board.kicad_project import kicad_project
 from ninedtact.hardware.led_board.layout import SIDES, Layout
 from ninedtact.hardware.led_board.placement import Side
 from ninedtact.hardware.led_board.tables import notes, parts_list, placements
-from ninedtact.whole_file import write_whole
 
 NAME = "led_board"
 LETTER: dict[Side, str] = {"top": "F", "bottom": "B"}
@@ -41,7 +41,7 @@ def write_layout(layout: Layout, out: Path) -> list[Path]:
     files = contents(layout)
     (out / "gerbers").mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        write_whole(out / name, content)
+        write_file_atomically(out / name, content)
     return [out / name for name in files]
 
 

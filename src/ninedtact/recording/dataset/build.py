@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.recording.dataset.card import Contents, card, require_licence
 from ninedtact.recording.dataset.check import summed
 from ninedtact.recording.dataset.checks import CheckSettings
@@ -26,7 +27,6 @@ from ninedtact.recording.dataset.rows import UntouchedImage, writable
 from ninedtact.recording.dataset.sources.source import Part, Source
 from ninedtact.recording.dataset.workers import as_done
 from ninedtact.simulation.dataset.percentiles import lines
-from ninedtact.whole_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def put_together(folder: BuildFolder, sources: Sequence[Source], parts: int, set
         move_pairs(file.pairs, folder.pairs(number, len(kept)), unwanted.get(file.pairs.name, set()))
     write_untouched(folder.references, untouched_once(files))
     text = card(contents_of(folder), sources, settings.licence, report, version("ninedtact"))
-    write_whole(folder.card, text.encode())
+    write_file_atomically(folder.card, text.encode())
 
 
 def unwanted_rows(report: Report) -> dict[str, set[int]]:

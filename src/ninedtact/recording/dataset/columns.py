@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
+from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import NinedtactError
 from ninedtact.recording.dataset.arrow import pa, pq
 from ninedtact.recording.dataset.rows import Row, UntouchedImage, writable
 from ninedtact.simulation.dataset.table import COLUMNS as TWINS_COLUMNS
 from ninedtact.simulation.dataset.table import REFERENCE_COLUMNS, schema, stored
-from ninedtact.whole_file import whole_file
 
 COLUMNS = {
     **TWINS_COLUMNS,
@@ -54,7 +54,7 @@ def write_untouched(path: Path, images: Iterable[UntouchedImage]) -> None:
 def write(path: Path, rows: Iterable[dict[str, Any]], columns: dict[str, tuple[Any, dict[str, Any]]]) -> None:
     """Rows of any columns; images are compressed already."""
     form = schema(columns)
-    with whole_file(path) as file, pq.ParquetWriter(file, form, compression="snappy") as writer:
+    with open_atomic_file(path) as file, pq.ParquetWriter(file, form, compression="snappy") as writer:
         for group in groups(rows, GROUP):
             writer.write_table(pa.Table.from_pylist(group, schema=form))
 

@@ -25,11 +25,11 @@ import numpy as np
 from jaxtyping import Int32, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.recording.dataset.columns import DataSetDamaged, bytes_of, opened, rows_of
 from ninedtact.recording.dataset.rows import NotAImage, decoded
 from ninedtact.recording.dataset.sources.table import REFERENCES, pair_files
-from ninedtact.whole_file import FileNotWritten, write_whole
 
 IMAGES, UNTOUCHED, STORED, FILES = "images.npy", "references.npy", "stored.npy", "files.json"
 SMALLEST_PX = 8
@@ -83,7 +83,7 @@ def digest_of(files: Sequence[Path], cache: Path) -> str:
     now = {file.name: known_file(file, known.get(file.name)) for file in files}
     if now != known:
         make_folder(cache)
-        write_whole(cache / FILES, msgspec.json.encode(now))
+        write_file_atomically(cache / FILES, msgspec.json.encode(now))
     return blake2b("".join(now[file.name].digest for file in files).encode(), digest_size=6).hexdigest()
 
 

@@ -11,13 +11,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.recording.dataset.report import REPORT
 from ninedtact.recording.dataset.sources.source import Source
 from ninedtact.recording.dataset.sources.table import REFERENCES, SETTINGS
 from ninedtact.simulation.dataset.folder import as_json, clear_halves
 from ninedtact.simulation.dataset.job import CARD
-from ninedtact.whole_file import FileNotWritten, write_whole
 
 
 class FolderTaken(NinedtactError):
@@ -73,7 +73,7 @@ def begin(folder: BuildFolder, wanted: dict[str, Any], sources: Iterable[Source]
     else:
         require_empty(folder.path, sources)
         make_folders(folder)
-        write_whole(folder.settings, as_json(resolved))
+        write_file_atomically(folder.settings, as_json(resolved))
     clear_halves(folder.path)
     if not folder.finished:
         make_folders(folder)

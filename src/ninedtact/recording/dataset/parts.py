@@ -10,11 +10,11 @@ from pathlib import Path
 
 import msgspec
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.recording.dataset.checks import CheckSettings, FileCheck, Untouched, checked_file
 from ninedtact.recording.dataset.columns import write_rows, write_untouched
 from ninedtact.recording.dataset.rows import Finding, LeftOut, Row, UntouchedImage, writable
 from ninedtact.recording.dataset.sources.source import Part
-from ninedtact.whole_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -81,5 +81,5 @@ def make_part(part: Part, files: PartFiles, settings: CheckSettings) -> int:
     write_untouched(files.untouched, sorter.untouched.values())
     check = checked_file(files.pairs, Untouched([files.untouched]), settings)
     check.findings = [*sorter.findings, *check.findings]
-    write_whole(files.notes, msgspec.json.encode(check))
+    write_file_atomically(files.notes, msgspec.json.encode(check))
     return len(check.ids)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import msgspec
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.recording.dataset.rows import MEANINGS, UNUSABLE, Finding
-from ninedtact.whole_file import write_whole
 
 REPORT = "report.json"
 
@@ -60,7 +60,7 @@ def report_of(pairs: int, findings: Iterable[Finding], dropped: bool = False) ->
 
 def write_report(path: Path, report: Report) -> None:
     """As JSON, a finding a line; raises `FileNotWritten`."""
-    write_whole(path, msgspec.json.format(msgspec.json.encode(report), indent=1), b"\n")
+    write_file_atomically(path, msgspec.json.format(msgspec.json.encode(report), indent=1), b"\n")
 
 
 def read_report(path: Path) -> Report:

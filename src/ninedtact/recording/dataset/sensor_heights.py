@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.force.places import PlaceGrid, heights_at_places
@@ -16,7 +17,6 @@ from ninedtact.recording.dataset.rows import NotAImage, decoded
 from ninedtact.recording.dataset.sources.table import REFERENCES, TWINS_WIDTH_MM
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthReader
-from ninedtact.whole_file import write_whole
 
 COLUMNS = ("image", "reference", "sensor", "mm_per_px")
 
@@ -56,7 +56,7 @@ def read_file(file: Path, target: Path, sensors: Mapping[str, CalibratedSensor],
         found[number] = heights_at_places(readers[key](image), grid)
     content = BytesIO()
     np.save(content, found)
-    write_whole(target, content.getbuffer())
+    write_file_atomically(target, content.getbuffer())
 
 
 def untouched_of(file: Path) -> dict[str, object]:

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.simulation.dataset.bench import bench
 from ninedtact.simulation.dataset.deck import object_of
 from ninedtact.simulation.dataset.pair import png
 from ninedtact.simulation.dataset.settings import DatasetImpossible, DatasetSettings
 from ninedtact.simulation.dataset.table import write_references
-from ninedtact.whole_file import FileNotWritten, write_whole
 
 PROCESSOR = "cpu"
 SETTINGS, MEMBERS, REFERENCES = "settings.json", "members/sensors.json", "references.parquet"
@@ -33,11 +33,11 @@ def begin(folder: Path, settings: DatasetSettings, device: str = PROCESSOR) -> N
         require_empty(folder)
         require_objects(settings)
         make_folders(folder)
-        write_whole(folder / SETTINGS, as_json(resolved))
+        write_file_atomically(folder / SETTINGS, as_json(resolved))
     clear_halves(folder)
     if not (folder / MEMBERS).is_file():
         sensors = [settings.member(number).as_table() for number in range(settings.sensors)]
-        write_whole(folder / MEMBERS, as_json(sensors))
+        write_file_atomically(folder / MEMBERS, as_json(sensors))
     if not (folder / REFERENCES).is_file():
         write_references(folder / REFERENCES, references(settings))
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from warnings import warn
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.simulation.dataset.asking import alone
 from ninedtact.simulation.dataset.bench import bench
 from ninedtact.simulation.dataset.card import card
@@ -24,7 +25,6 @@ from ninedtact.simulation.dataset.settings import DatasetImpossible, DatasetSett
 from ninedtact.simulation.dataset.table import wrenches, write_pairs
 from ninedtact.simulation.dataset.together.device import device_named
 from ninedtact.simulation.dataset.together.making import Making
-from ninedtact.whole_file import write_whole
 
 CARD = "README.md"
 AT_ONCE = 256
@@ -132,5 +132,5 @@ def finished(folder: Path, settings: DatasetSettings, new_files: int, device: st
     by_rule = six[kinds == "rule"] if "rule" in kinds else six
     table, found = list(lines(by_rule)), percentiles(by_rule)
     counts = dict(sorted(Counter(kinds.tolist()).items()))
-    write_whole(folder / CARD, card(settings, version("ninedtact"), counts, table, device).encode())
+    write_file_atomically(folder / CARD, card(settings, version("ninedtact"), counts, table, device).encode())
     return Made(folder, counts, by_axis(found), by_axis(off(found)), table, new_files, device)

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ninedtact.atomic_write import open_atomic_file
 from ninedtact.simulation.dataset.pair import Pair
 from ninedtact.simulation.dataset.settings import DatasetImpossible
-from ninedtact.whole_file import whole_file
 
 try:
     import joblib  # noqa: F401 - the other half of the extra, asked for here so that one sentence covers both
@@ -75,7 +75,7 @@ def stored(image: bytes) -> dict[str, Any]:
 def write(path: Path, rows: list[dict[str, Any]], columns: dict[str, tuple[pa.DataType, dict[str, Any]]]) -> None:
     """Rows as Parquet. Images are compressed already; 100 rows a group let a reader pick."""
     table = pa.Table.from_pylist(rows, schema=schema(columns))
-    with whole_file(path) as file:
+    with open_atomic_file(path) as file:
         pq.write_table(table, file, row_group_size=100, compression="snappy")
 
 

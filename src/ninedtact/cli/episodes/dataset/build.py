@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.episodes.dataset.limits import Limits
 from ninedtact.cli.simulate.dataset import DatasetStopped
+from ninedtact.cli.terminal import answer
 
 if TYPE_CHECKING:
     from ninedtact.recording.dataset.build import Built

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import tyro
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.episodes.dataset.limits import Limits
+from ninedtact.cli.terminal import answer
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.terminal import answer
 
 if TYPE_CHECKING:
     from ninedtact.recording.dataset.card import Contents
@@ -51,11 +51,11 @@ class Show:
         """Write the image of some pairs; where it is."""
         import cv2
 
+        from ninedtact.atomic_write import write_file_atomically
         from ninedtact.recording.dataset.sheet import contact_sheet
-        from ninedtact.whole_file import write_whole
 
         path = self.sheet or self.folder / "sheet.png"
-        write_whole(path, cv2.imencode(".png", contact_sheet(self.folder, self.pairs))[1].tobytes())
+        write_file_atomically(path, cv2.imencode(".png", contact_sheet(self.folder, self.pairs))[1].tobytes())
         return path
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ninedtact.cli.answer import answer
 from ninedtact.cli.force.model.recipe import RECIPES, Recipe
 from ninedtact.cli.options import DesignFile, design_or_published
+from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -98,19 +98,19 @@ class Make:
 
     def carded(self) -> "Card":
         """The model with what it was judged to be, and its card to read."""
+        from ninedtact.atomic_write import write_file_atomically
         from ninedtact.cli.force.model.judgement import judged
         from ninedtact.force.card_page import page
         from ninedtact.force.model_file import read_model
         from ninedtact.force.training.export import rewrite_card
         from ninedtact.force.training.folder import MODEL as LEARNT
-        from ninedtact.whole_file import write_whole
 
         learnt = self.out / TRAINING / LEARNT
         card = read_model(learnt).card
         tables = judged(learnt, self.out / JUDGE, self.workers, not self.json).tables()
         card = replace_evaluation(card, tables)
         rewrite_card(learnt, card, self.model)
-        write_whole(self.out / PAGE, page(card).encode())
+        write_file_atomically(self.out / PAGE, page(card).encode())
         return card
 
     @property

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.cli.answer import answer
+from ninedtact.cli.terminal import answer
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,95 @@
+"""Files are written whole or not at all: a temporary name in the same folder, then a rename over the final one.
+
+A folder that appears whole or not at all: filled under a temporary name beside it, then moved into place.
+"""
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from secrets import token_hex
+from typing import BinaryIO
+
+from ninedtact.errors import NinedtactError
+
+
+class FileNotWritten(NinedtactError):
+    """The disk is full, the folder is missing or closed to us; what was at the path before is still there."""
+
+
+def write_file_atomically(path: Path | str, *content: bytes | memoryview) -> None:
+    """Write the parts of `content` one after the other; raises `FileNotWritten`."""
+    with open_atomic_file(path) as file:
+        for part in content:
+            file.write(part)
+
+
+@contextmanager
+def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
+    """Open a file that appears at `path` when the block ends well; if the block raises, nothing is left of it.
+
+    Not synced to the disk: this guards against a full disk and a stopped program, not against a power cut.
+    An `OSError` in the block becomes `FileNotWritten`; everything else passes through.
+    """
+    final = Path(path)
+    # A name of our own instead of tempfile's, whose files nobody else may read, also after the rename.
+    partial = final.with_name(f".{token_hex(6)}.partial")
+    try:
+        with partial.open("xb") as file:
+            yield file
+        partial.replace(final)
+    except OSError as trouble:
+        partial.unlink(missing_ok=True)
+        raise FileNotWritten(_write_failure_message(final, trouble)) from trouble
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def _write_failure_message(path: Path, trouble: OSError) -> str:
+    """Say what stood in the way of writing `path`."""
+    remedy = (
+        "free the disk or correct the folder's permissions"
+        if path.parent.is_dir()
+        else f"make the folder {path.parent}"
+    )
+    return f"expected to write {path}, got: {trouble.strerror or trouble}; {remedy}"
+
+
+@contextmanager
+def create_folder_atomically(final: Path) -> Iterator[Path]:
+    """A folder to fill, which takes the place of `final` when the block ends well; whoever asks has made sure that it may."""
+    final.parent.mkdir(parents=True, exist_ok=True)
+    partial = final.with_name(f".{final.name}.{token_hex(4)}.partial")
+    partial.mkdir()
+    try:
+        yield partial
+        _replace_folder(partial, final)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def list_foreign_files(folder: Path, belongs: Callable[[str], bool]) -> list[str]:
+    """What would be lost if the folder were replaced: its files and links whose path within it (with /) does not belong; none where
+    nothing is there, its own name where it is a file."""
+    if not folder.is_dir():
+        return [folder.name] if folder.exists() else []
+    files = (
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()
+    )
+    return sorted(file for file in files if not belongs(file))
+
+
+def _replace_folder(partial: Path, final: Path) -> None:
+    """Move the finished folder into place; what was there is removed only then."""
+    if not final.exists():
+        partial.rename(final)
+        return
+    previous = partial.with_suffix(".previous")
+    final.rename(previous)
+    try:
+        partial.rename(final)
+    except BaseException:
+        previous.rename(final)
+        raise
+    shutil.rmtree(previous, ignore_errors=True)

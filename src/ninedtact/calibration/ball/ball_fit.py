@@ -1,0 +1,181 @@
+"""One press of a ball of known radius → depth curve.
+
+`physics`, the default, fits contact mechanics and light to the whole image (ball/physics.py). The older two go by the
+disc: inside it the skin lies on the ball, so the depth that every line of sight meets is known; it is paired with the
+pixel's darkening. The camera is near, so a line of sight meets deep skin farther in than shallow skin: left out, as in
+the paper, it doubles the error of `ratio` on a real press (benchmarks/ball_accuracy.py). The
+rule "the disc's edge is at depth zero" is the paper's: real gel piles up at the rim, which makes it some 0.1–0.2 mm too
+deep (docs/accuracy.md).
+
+Of these, `table` is the paper's mapping list of grey differences, made right; `ratio` does the same with the brightness
+factor, which holds all over the image.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.calibration.ball.ball_press import BallPress, centred
+from ninedtact.calibration.ball.contact_circle import (
+    WIDEST_BY_PHYSICS,
+    asymmetry_warnings,
+    cap_height_mm,
+    find_contact_circle,
+    require_depth,
+    require_like_ball,
+)
+from ninedtact.calibration.ball.physics_method import PhysicalBall
+from ninedtact.calibration.brightness import (
+    Image,
+    grey_float,
+    noise_levels,
+    relative_change,
+    require_same_size,
+    require_usable,
+)
+from ninedtact.calibration.twin.ball_press_fit import Belief, fit_twin
+from ninedtact.calibration.twin.ball_press_model import Vector
+from ninedtact.design import SensorDesign
+from ninedtact.quantities import Frame, Rectified
+from ninedtact.shape.deblur import Deblurring
+from ninedtact.shape.depth import FINE_SMOOTHING, DepthCurve, DepthReader, Signal, Smoothing
+from ninedtact.shape.loss import Loss
+from ninedtact.shape.rectification import Rectification
+
+Method = Literal["physics", "ratio", "table"]
+SIGNAL: dict[Method, Signal] = {"table": "difference", "ratio": "ratio"}
+
+
+@dataclass(frozen=True)
+class BallFit:
+    """The depth curve with what it rests on."""
+
+    method: Method
+    curve: DepthCurve
+    press: BallPress
+    fit_mae_mm: float
+    """Mean absolute error of the reconstructed height inside the disc."""
+    half_mae_mm: float
+    """The same on one half of the disc with the curve of the other half, mean over four cuts."""
+    warnings: tuple[str, ...]
+    noise_mm: float = 0.0
+    """Standard deviation of one pixel's height from image to image, filters included."""
+    physical: PhysicalBall | None = None
+    """The fit of mechanics and light, by the method that makes one."""
+
+    @property
+    def deepest_mm(self) -> float:
+        """Depth of the ball's lowest point."""
+        if self.physical is not None:
+            return self.physical.fit.named["depth_mm"]
+        return cap_height_mm(self.press.ball.radius_mm, self.press.edge_radius_mm)
+
+    @property
+    def true_mm(self) -> Float[Array, "rows cols"]:
+        """Indentation on every pixel's line of sight, as this method has it."""
+        return self.press.depth_mm if self.physical is None else self.physical.depth_mm
+
+    @property
+    def disc(self) -> Bool[Array, "rows cols"]:
+        """Where the ball pressed the skin in."""
+        return self.press.disc if self.physical is None else self.physical.disc
+
+    @property
+    def loss(self) -> Loss:
+        """The light that the whole image loses, where the method knows it."""
+        return Loss() if self.physical is None else Loss(self.physical.fit.light.shade)
+
+    @property
+    def deblurring(self) -> Deblurring | None:
+        """The point-spread that reading undoes, where the method knows it."""
+        return None if self.physical is None else self.physical.deblurring
+
+    def reader(self, before: Rectified, coverage: UInt8[Array, "rows cols"]) -> DepthReader:
+        """How the calibrated sensor reads, against this untouched image."""
+        smoothing = self.press.smoothing if self.deblurring is None else FINE_SMOOTHING
+        return DepthReader(self.curve, before, coverage, smoothing, loss=self.loss, deblurring=self.deblurring)
+
+
+def fit_ball(
+    rectify: Rectification,
+    reference: Image,
+    press: Image,
+    design: SensorDesign,
+    method: Method = "physics",
+    smoothing: Smoothing = Smoothing(),
+    beliefs: tuple[Belief, ...] = (),
+    near: Vector | None = None,
+) -> BallFit:
+    """Find the disc and fit the curve; raises `BallRefused`, `ImageUnusable`, `WrongImageSize`.
+
+    reference, press: raw images (rows, cols, 3) of the untouched skin and of the ball pressed on it. beliefs, near: as for
+    `fit_twin`.
+    """
+    require_same_size("ball image", reference, press)
+    require_usable("ball reference", reference)
+    require_usable("ball image", press)
+    before, after = rectify(Frame(reference)), rectify(Frame(press))
+    circle = find_contact_circle(uniform_change(before, after))
+    require_depth(design.ball, circle, rectify.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
+    seen = BallPress(before, after, circle, design.ball, design.camera, smoothing)
+    fit = fit_physics(seen, design, beliefs, near) if method == "physics" else fit_curve(centred(seen), method)
+    # Two images' noise is in their difference; a reading against an averaged reference has one image's.
+    noise = noise_levels(relative_change(reference, press)) / np.sqrt(2)
+    reader = partial(fit.reader, coverage=rectify.coverage)
+    return replace(fit, noise_mm=repeatability_mm(reader, rectify, reference, noise))
+
+
+def fit_physics(
+    press: BallPress, design: SensorDesign, beliefs: tuple[Belief, ...] = (), near: Vector | None = None
+) -> BallFit:
+    """Mechanics and light together, and how well the result reads the ball back."""
+    physical = PhysicalBall(fit_twin(press.before, press.after, press.circle, design, beliefs, near))
+    require_like_ball(physical.fit.rmse_grey_image, press.circle)
+    curve, half_mae_mm = physical.curve(physical.disc), physical.half_mae_mm()
+    placed = press.about(physical.centre_px)
+    fit_mae_mm, honest = physical.error_mm(curve, physical.disc), physical.honest(curve, half_mae_mm)
+    return BallFit(
+        "physics", honest, placed, fit_mae_mm, half_mae_mm, asymmetry_warnings(press.circle), physical=physical
+    )
+
+
+def fit_curve(press: BallPress, method: Method) -> BallFit:
+    """Pair depth with darkening, and measure how well the result reads the ball back."""
+    signal = SIGNAL[method]
+    curve = press.curve(signal, press.disc)
+    half_errors = [
+        press.error_mm(press.curve(signal, press.disc & half), press.disc & ~half) for half in press.halves()
+    ]
+    half_mae_mm = float(np.mean(half_errors))
+    honest = replace(curve, error_mm=tuple(np.hypot(curve.error_mm, half_mae_mm).tolist()))
+    return BallFit(
+        method, honest, press, press.error_mm(curve, press.disc), half_mae_mm, asymmetry_warnings(press.circle)
+    )
+
+
+def uniform_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:
+    """Relative change in grey levels of the mean brightness."""
+    return (after.grey / np.maximum(before.grey, 1) - 1) * before.grey.mean()
+
+
+def repeatability_mm(
+    reader: Callable[[Rectified], DepthReader], rectify: Rectification, reference: Image, noise: float, seed: int = 0
+) -> float:
+    """Scatter of the height when the camera's noise is put on an even press half-way down the range.
+
+    reader: makes one from an untouched image. noise: standard deviation of one raw pixel, grey levels. Lens and filters
+    are passed through, so what they leave of the noise is what a reading has.
+    """
+    raw = grey_float(reference)
+    curve = reader(Rectified(rectify.resampled(raw), rectify.mm_per_px)).curve
+    half_way = curve.darkening[-1] / 2
+    pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
+    noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
+    before, after = (Rectified(rectify.resampled(image), rectify.mm_per_px) for image in (raw, noisy))
+    height = replace(reader(before), loss=Loss())(after)
+    return float(np.std(height.z_mm[height.in_view]))

@@ -1,0 +1,161 @@
+"""Pairs of darkening and depth → a curve that rises, has no gaps and starts at zero.
+
+The depth at which the camera's lines of sight meet a ball that is pressed into the skin.
+
+The camera stands `distance_mm` below the middle of the skin; the line through a point of the untouched plane is followed
+until it meets the sphere that cuts the plane in the contact circle. (The refraction on the way is in the lens model and
+in the distance; what that leaves open is in docs/accuracy.md.)
+
+A ball pressed on the skin, as two rectified images and the disc in them: pairs of depth and darkening.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+from scipy.optimize import isotonic_regression, minimize
+
+from ninedtact.calibration.ball.contact_circle import ContactCircle
+from ninedtact.calibration.brightness import smoothed
+from ninedtact.design import BallGauge, Camera
+from ninedtact.quantities import Coverage, Rectified
+from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, Smoothing
+from ninedtact.shape.rectification import skin_grid_mm
+
+LEVEL: dict[Signal, float] = {"difference": 1.0, "ratio": 1 / 160}
+"""Width of one entry of the list: a grey level, and what a grey level is in an image of usual brightness."""
+FIRST_LEVEL = 4
+"""Below this the curve is a straight line from zero: the edge of the disc is blurred, so its own first levels would
+turn one grey level of drifting light into a tenth of a millimetre."""
+
+
+def monotone_curve(signal: Signal, darkening: Float[Array, " n"], depth_mm: Float[Array, " n"]) -> DepthCurve:
+    """Mean depth of every level of darkening, made monotone by isotonic regression (weights: pixels per level).
+
+    Levels that no pixel has are interpolated; brightening pixels near the edge count as level zero.
+    """
+    level = np.maximum(np.round(darkening / LEVEL[signal]), 0).astype(int)
+    count = np.bincount(level)
+    known = np.flatnonzero(count)
+    known = known[known >= min(FIRST_LEVEL, known[-1])]
+    mean = np.bincount(level, depth_mm)[known] / count[known]
+    spread = np.sqrt(np.maximum(np.bincount(level, depth_mm**2)[known] / count[known] - mean**2, 0))
+    rising = np.asarray(isotonic_regression(mean, weights=count[known]).x)
+    return anchored(signal, known * LEVEL[signal], rising, spread)
+
+
+def anchored(
+    signal: Signal, darkening: Float[Array, " k"], depth_mm: Float[Array, " k"], error_mm: Float[Array, " k"]
+) -> DepthCurve:
+    """No darkening is no depth."""
+    above = darkening > 0
+    return DepthCurve(
+        signal,
+        (0.0, *darkening[above].tolist()),
+        (0.0, *depth_mm[above].tolist()),
+        (float(error_mm[0]), *error_mm[above].tolist()),
+    )
+
+
+def seen_depth_mm(
+    shape: tuple[int, int],
+    mm_per_px: float,
+    centre_mm: tuple[float, float],
+    edge_radius_mm: float,
+    ball_radius_mm: float,
+    camera_distance_mm: float,
+) -> Float[Array, "rows cols"]:
+    """Depth of the ball's surface on every pixel's line of sight, zero where the line misses the disc."""
+    camera = np.array([0.0, 0.0, -camera_distance_mm])
+    ball = np.array([*centre_mm, np.sqrt(ball_radius_mm**2 - edge_radius_mm**2)])
+    x, y = skin_grid_mm(shape, mm_per_px)
+    sight = np.stack([x, y, np.full_like(x, camera_distance_mm)], axis=-1).astype(float)
+    part = first_meeting(camera - ball, sight, ball_radius_mm)
+    return np.maximum(camera_distance_mm * (1 - part), 0)
+
+
+def first_meeting(
+    start: Float[Array, "3"], sight: Float[Array, "rows cols 3"], radius: float
+) -> Float[Array, "rows cols"]:
+    """The smaller t at which start + t·sight lies on the sphere about zero; 1 (the plane) where it never does."""
+    square, product = (sight**2).sum(axis=-1), sight @ start
+    discriminant = product**2 - square * (start @ start - radius**2)
+    return np.where(discriminant > 0, (-product - np.sqrt(np.maximum(discriminant, 0))) / square, 1)
+
+
+CENTRING_PX = 1.0
+CENTRING_TERMS = 7
+
+
+@dataclass(frozen=True)
+class BallPress:
+    """The untouched and the pressed image, the disc found in them, and the ball that made it."""
+
+    before: Rectified
+    after: Rectified
+    circle: ContactCircle
+    ball: BallGauge
+    camera: Camera
+    smoothing: Smoothing
+
+    def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
+        """The same press with the ball's centre elsewhere."""
+        return replace(self, circle=replace(self.circle, centre_px=(float(centre_px[0]), float(centre_px[1]))))
+
+    @cached_property
+    def depth_mm(self) -> Float[Array, "rows cols"]:
+        """Depth of the ball's surface on every pixel's line of sight, zero outside the disc."""
+        shape, mm_per_px = self.before.grey.shape, self.before.mm_per_px
+        x, y = self.circle.centre_px
+        centre_mm = (x - (shape[1] - 1) / 2) * mm_per_px, (y - (shape[0] - 1) / 2) * mm_per_px
+        return seen_depth_mm(
+            shape, mm_per_px, centre_mm, self.edge_radius_mm, self.ball.radius_mm, self.camera.distance_mm
+        )
+
+    @cached_property
+    def disc(self) -> Bool[Array, "rows cols"]:
+        """Where the ball touches, by the rule that the edge of the disc is at depth zero."""
+        return self.circle.distance_px(self.before.grey.shape) < self.circle.radius_px
+
+    @property
+    def edge_radius_mm(self) -> float:
+        """Radius of the disc."""
+        return self.circle.radius_px * self.before.mm_per_px
+
+    def curve(self, signal: Signal, where: Bool[Array, "rows cols"]) -> DepthCurve:
+        """The monotone curve through the pixels of a region."""
+        before, after = self.before.grey[where], self.after.grey[where]
+        darkening = before - after if signal == "difference" else 1 - after / np.maximum(before, 1)
+        return monotone_curve(signal, darkening, self.depth_mm[where])
+
+    def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
+        """Mean absolute error of the reconstructed height, filters included, over a region."""
+        everywhere = np.full(where.shape, Coverage.MEASURED, np.uint8)
+        height = DepthReader(curve, self.before, everywhere, self.smoothing)(self.after)
+        return float(np.abs(height.indentation_mm - self.depth_mm)[where].mean())
+
+    def halves(self) -> list[Bool[Array, "rows cols"]]:
+        """Left, right, upper and lower half of the image about the disc's centre."""
+        rows, cols = np.indices(self.before.grey.shape)
+        left, upper = cols < self.circle.centre_px[0], rows < self.circle.centre_px[1]
+        return [np.asarray(half) for half in (left, ~left, upper, ~upper)]
+
+
+def centred(press: BallPress) -> BallPress:
+    """The press about the point that makes darkness most nearly a function of depth alone.
+
+    The edge gives the disc's size well and its middle only roughly, because the bulge around it is never quite even.
+    """
+    darkening = smoothed(1 - press.after.grey / np.maximum(press.before.grey, 1), CENTRING_PX)
+
+    def scatter(centre_px: Float[Array, "2"]) -> float:
+        depth_mm = press.about(centre_px).depth_mm
+        inside = depth_mm > 0
+        powers = np.vander(depth_mm[inside], CENTRING_TERMS)
+        fitted = powers @ np.linalg.lstsq(powers, darkening[inside], rcond=None)[0]
+        return float(np.std(darkening[inside] - fitted))
+
+    best = minimize(scatter, press.circle.centre_px, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-7})
+    return press.about(best.x)

@@ -1,0 +1,135 @@
+"""The `physics` method: depth by contact mechanics and light, fitted together to the whole ball image.
+
+The curve is the sensor's law of light (`simulation.light`), darker and brighter, so it tells bulges too; it needs no rule
+about where the ball's disc ends.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+from numpy import ndarray as Array
+from scipy.ndimage import gaussian_filter1d
+
+from ninedtact.calibration.twin.ball_press_fit import TwinFit
+from ninedtact.calibration.twin.ball_press_model import PATCH
+from ninedtact.quantities import Coverage
+from ninedtact.shape.deblur import Deblurring
+from ninedtact.shape.depth import FINE_SMOOTHING, STEPS, DepthCurve, DepthReader
+from ninedtact.shape.loss import Loss
+from ninedtact.simulation.light import Light
+from ninedtact.simulation.seeing import Sight
+
+KNOTS = 25
+LEAST_OF_KNOT = 30
+"""Pixels that must have a depth before the law is bent there."""
+SHALLOWEST_OF_DISC_MM = 0.05
+"""Where the skin is less deep than this, the ball's edge is near and the light scattered from it."""
+BULGE_MM = 1.0
+"""How far the curve of bulges goes."""
+FLOORS = (0.01, 0.03, 0.1)
+"""Of the deblurring, from sharp to calm; the ball itself chooses."""
+
+
+@dataclass(frozen=True)
+class PhysicalBall:
+    """A fitted ball press, and how its light reads heights."""
+
+    fit: TwinFit
+
+    @cached_property
+    def seen_mm(self) -> Float32[Array, "rows cols"]:
+        """Height of the fitted skin on every pixel's line of sight."""
+        x, y = self.fit.forward.observed.place_mm
+        height = np.asarray(self.fit.contact.height_mm, np.float32)
+        middle = self.fit.named["x_mm"], self.fit.named["y_mm"]
+        return Sight(x, y, self.fit.light.nearness_per_mm).height_mm(PATCH, middle, height, fine=True)
+
+    @property
+    def centre_px(self) -> Float[Array, "2"]:
+        """The fitted middle of the contact, (x, y) in the rectified image."""
+        (rows, cols), mm_per_px = self.seen_mm.shape, self.fit.forward.observed.before.mm_per_px
+        place = np.array([self.fit.named["x_mm"], self.fit.named["y_mm"]])
+        return np.asarray(place / mm_per_px + np.array([(cols - 1) / 2, (rows - 1) / 2]))
+
+    @property
+    def depth_mm(self) -> Float[Array, "rows cols"]:
+        """Indentation on every pixel's line of sight."""
+        return np.maximum(-self.seen_mm.astype(float), 0)
+
+    @cached_property
+    def disc(self) -> Bool[Array, "rows cols"]:
+        """Where the ball has pressed the skin in, a point-spread away from the edge, where light tells no single depth."""
+        pressed = (self.seen_mm < -SHALLOWEST_OF_DISC_MM).astype(np.uint8)
+        reach = int(np.ceil(self.fit.light.scattering_mm / self.fit.forward.observed.before.mm_per_px))
+        ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        return np.asarray(cv2.erode(pressed, ellipse) > 0)
+
+    @cached_property
+    def deblurring(self) -> Deblurring:
+        """The point-spread, undone as far as reads this ball best."""
+        sigma_mm = np.sqrt(max(self.fit.light.scattering_mm**2 - self.fit.forward.observed.blur_mm**2, 0))
+        choices, law = [Deblurring(float(sigma_mm), floor) for floor in FLOORS], self.law(self.fit.light)
+        return min(choices, key=lambda choice: self.error_of(law, self.disc, choice))
+
+    def curve(self, where: Bool[Array, "rows cols"]) -> DepthCurve:
+        """The law of light, bent to how dark this part of the ball really is: the law's form is an idealisation."""
+        law = self.law(self.fit.light)
+        depth_mm, darkening = np.array(law.indentation_mm), np.array(law.darkening)
+        seen_mm, off = (
+            self.depth_mm[where],
+            self.darkening[where] - np.interp(self.depth_mm[where], depth_mm, darkening),
+        )
+        knot = np.rint(seen_mm / depth_mm[1]).astype(int)
+        count = np.bincount(knot, minlength=KNOTS)[:KNOTS]
+        known = np.flatnonzero(count > LEAST_OF_KNOT)
+        mean = np.bincount(knot, off, minlength=KNOTS)[:KNOTS] / np.maximum(count, 1)
+        bend = np.interp(np.arange(KNOTS), np.append(0, known), np.append(0.0, mean[known]))
+        rising = np.maximum.accumulate(darkening + gaussian_filter1d(bend, 1.0)) + 1e-6 * np.arange(KNOTS)
+        return replace(law, darkening=tuple((rising - rising[0]).tolist()))
+
+    @cached_property
+    def darkening(self) -> Float32[Array, "rows cols"]:
+        """Of the ball image, as a reading takes it: lost and scattered light put back."""
+        reader = self.reader(self.law(self.fit.light), self.deblurring)
+        index = reader.index(self.fit.forward.observed.after.grey)
+        return FINE_SMOOTHING(1 - index.astype(np.float32) / np.float32(STEPS["ratio"]))
+
+    def law(self, light: Light) -> DepthCurve:
+        """The law of light as a depth curve."""
+        depth_mm = np.linspace(0, min(self.fit.named["depth_mm"], 0.95 * light.thickness_mm), KNOTS)
+        darkening = np.abs(light.change(-depth_mm))
+        bright = light.bright_per_mm * BULGE_MM
+        bulges = ((0.0, bright), (0.0, BULGE_MM)) if bright > 0 else ((0.0,), (0.0,))
+        return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * KNOTS, *bulges)
+
+    def honest(self, curve: DepthCurve, half_mae_mm: float) -> DepthCurve:
+        """With errors: how it reads the ball, one half by the other, and how well the depth of the press is known."""
+        reading = np.hypot(self.error_mm(curve, self.disc), half_mae_mm)
+        known = self.fit.confidence.deviation["depth_mm"] / self.fit.named["depth_mm"]
+        errors = np.hypot(reading, known * np.array(curve.indentation_mm))
+        return replace(curve, error_mm=tuple(errors.tolist()))
+
+    def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
+        """Mean absolute error of the height read in a region, against the fitted skin."""
+        return self.error_of(curve, where, self.deblurring)
+
+    def error_of(self, curve: DepthCurve, where: Bool[Array, "rows cols"], deblurring: Deblurring) -> float:
+        """The same with the point-spread undone in this way."""
+        read_mm = self.reader(curve, deblurring)(self.fit.forward.observed.after).z_mm
+        return float(np.abs(read_mm - self.seen_mm)[where].mean())
+
+    def reader(self, curve: DepthCurve, deblurring: Deblurring) -> DepthReader:
+        """How the calibrated sensor reads."""
+        everywhere = np.full(self.seen_mm.shape, Coverage.MEASURED, np.uint8)
+        before, loss = self.fit.forward.observed.before, Loss(self.fit.light.shade)
+        return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
+
+    def half_mae_mm(self) -> float:
+        """One half of the disc read with the curve of the other half, mean over four cuts."""
+        x, y = self.fit.forward.observed.place_mm
+        left, upper = x < self.fit.named["x_mm"], y < self.fit.named["y_mm"]
+        halves = [np.asarray(half) for half in (left, ~left, upper, ~upper)]
+        return float(np.mean([self.error_mm(self.curve(self.disc & half), self.disc & ~half) for half in halves]))

@@ -1,0 +1,137 @@
+"""Is there a lattice in the image that may be the board, and where?
+
+Lattices are grown from dark spots of every likely size; the one that holds most pins, best explained by a lens, is the
+sighting that a closer look starts from.
+
+No board: said with what was seen, and with what to do about it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray as Array
+
+from ninedtact.calibration.board.lattice import (
+    MOUNTINGS,
+    Lattice,
+    Mounting,
+    dark_blobs,
+    find_lattices,
+    lattice_size,
+    skin_points_mm,
+)
+from ninedtact.calibration.board.lens_fit import LensFit, fit_terms
+from ninedtact.calibration.brightness import noise_levels, smoothed
+from ninedtact.design import PinBoard
+from ninedtact.errors import NinedtactError
+from ninedtact.shape.lens import Points
+
+SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
+"""Spot sizes tried, as parts of the image's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""
+FEWEST = 0.5
+"""Part of the pins that a lattice must have to be looked at as the board."""
+CLEAR = 0.08
+"""Left-out error of the first lens, in pitches, under which a complete board needs no second opinion."""
+LARGEST = 0.10
+"""Its median over the pins, above which spots are no board: chance lattices lie near 0.2, real boards near 0.04."""
+FEWEST_FOR_LENS = 9
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A lattice that may be the board, with a first lens."""
+
+    lattice: Lattice
+    mounting: Mounting
+    fit: LensFit
+
+    @property
+    def miss_mm(self) -> float:
+        """Median left-out error: how far from a lens this lattice is."""
+        return float(np.median(np.hypot(*self.fit.left_out_mm.T)))
+
+    @property
+    def agreeing_px(self) -> Points:
+        """Spots that lie where the lens through all of them puts them."""
+        pitch_mm = np.hypot(*(self.fit.points_mm[1] - self.fit.points_mm[0]))
+        return self.lattice.points_px[np.hypot(*self.fit.left_out_mm.T) < LARGEST * pitch_mm]
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """More pins first, then the better lens."""
+        return len(self.lattice), -self.miss_mm
+
+
+def best_sighting(
+    change: Float32[Array, "rows cols"], board: PinBoard, mounting: Mounting | Literal["auto"]
+) -> Sighting | None:
+    """The most complete, best explained lattice over all spot sizes and ways to lie."""
+    best: Sighting | None = None
+    for sighting in sightings(change, board, mounting):
+        best = sighting if best is None or sighting.rank > best.rank else best
+        if is_clear(best, board):
+            break
+    return best
+
+
+def could_be_board(sighting: Sighting, board: PinBoard) -> bool:
+    """Whether it is worth a closer look."""
+    return sighting.miss_mm < LARGEST * board.pitch_mm and len(sighting.lattice) >= FEWEST * board.count
+
+
+def is_clear(sighting: Sighting, board: PinBoard) -> bool:
+    """Whether no other sighting could be better."""
+    return len(sighting.lattice) == board.count and sighting.fit.left_out_rms_mm < CLEAR * board.pitch_mm
+
+
+def sightings(
+    change: Float32[Array, "rows cols"], board: PinBoard, mounting: Mounting | Literal["auto"]
+) -> Iterator[Sighting]:
+    """At each spot size, of all lattices and ways to lie, the board-sized part that gathers most contrast."""
+    middle = np.array(change.shape[::-1]) / 2
+    for size in SIZES:
+        lattices = find_lattices(dark_blobs(change, size * max(change.shape)), middle)
+        parts = [(one.window(*lattice_size(board, way)), way) for one in lattices for way in MOUNTINGS[mounting]]
+        if parts:
+            part, way = max(parts, key=lambda one: one[0].score)
+            if len(part) >= FEWEST_FOR_LENS:
+                points_mm = skin_points_mm(part.nodes, board, way)
+                yield Sighting(part, way, fit_terms(points_mm, part.points_px, change.shape, 1))
+
+
+UNTOUCHED = 4.0
+"""Range of a smoothed change, in standard deviations of a pixel, below which nothing happened."""
+
+
+class BoardNotFound(NinedtactError):
+    """The pin board is not in the image, or not enough of it."""
+
+    def __init__(self, sentence: str, found: int, expected: int, seen_px: Points, change: Float32[Array, "rows cols"]):
+        super().__init__(sentence)
+        self.found, self.expected = found, expected
+        self.seen_px, self.change = seen_px, change
+
+
+def not_found(
+    change: Float32[Array, "rows cols"], board: PinBoard, seen_px: Points, sighting: Sighting | None = None
+) -> BoardNotFound:
+    """The refusal, in words that help: swapped images and no contact at all are told apart."""
+    if np.ptp(smoothed(change, 2.0)) < UNTOUCHED * noise_levels(change):
+        seen_px, advice = seen_px[:0], "nothing touched the skin: press the board while the second image is taken"
+    elif looks_swapped(change, board, sighting):
+        advice = "the images look swapped: give the untouched one as the reference"
+    else:
+        advice = "press harder, hold the board flatter so that all pins touch, and check that it is the design's board"
+    words = f"expected {board.count} pins ({board.cols} x {board.rows}), found {len(seen_px)}; {advice}"
+    return BoardNotFound(words, len(seen_px), board.count, seen_px, change)
+
+
+def looks_swapped(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sighting | None) -> bool:
+    """Whether a whole board stands out brighter than the reference, more than what there is of a darker one."""
+    inverted = best_sighting(-change, board, "auto")
+    if inverted is None or not is_clear(inverted, board):
+        return False
+    return sighting is None or bool(np.median(inverted.lattice.strength) > np.median(sighting.lattice.strength))

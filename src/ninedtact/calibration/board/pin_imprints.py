@@ -1,0 +1,126 @@
+"""Where exactly a pin touched: the centre of its imprint, found on the skin rather than in the image.
+
+Each imprint is looked at through the lens model, as it would look from straight above: there it is round, its window
+is a disc, and its centroid is not pulled by the slant. Lens and centres are refined in turn.
+
+Which of the pins are really seen, looked for where a lens expects them.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+from numpy import ndarray as Array
+
+from ninedtact.calibration.board.lens_fit import LensFit
+from ninedtact.design import PinBoard
+from ninedtact.shape.lens import LensModel, Points, Projection, central_mm_per_px
+
+SAMPLES = 41
+"""Samples across a patch."""
+FLOOR = 0.2
+"""Darkening below this part of an imprint's depth does not count: the skirt belongs to the neighbours too."""
+CENTROID_STEPS = 5
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Square pieces of the skin around n points, seen from straight above."""
+
+    darkening: Float[Array, "n samples samples"]
+    """Below the plane through the ring around each piece, 0 and up."""
+    x_mm: Float[Array, "samples samples"]
+    y_mm: Float[Array, "samples samples"]
+
+    @property
+    def depth(self) -> Float[Array, " n"]:
+        """Contrast of each imprint, in the image's unit."""
+        return self.darkening.max(axis=(1, 2))
+
+    @property
+    def centroid_mm(self) -> Points:
+        """Centre of what is darker than `FLOOR` of each imprint's depth, relative to the piece's middle."""
+        weight = np.maximum(self.darkening - FLOOR * self.depth[:, None, None], 0)
+        total = np.maximum(weight.sum(axis=(1, 2)), 1e-12)
+        return np.column_stack([(weight * axis).sum(axis=(1, 2)) / total for axis in (self.x_mm, self.y_mm)])
+
+
+def centred_mm(image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Points:
+    """Centres of the imprints near these points, as this lens places them on the skin."""
+    for _ in range(CENTROID_STEPS):
+        points_mm = points_mm + patches(image, lens, points_mm, radius_mm).centroid_mm
+    return points_mm
+
+
+def patches(image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Patches:
+    """Look at the skin around each point through the lens, within a disc."""
+    axis = np.linspace(-radius_mm, radius_mm, SAMPLES)
+    x, y = np.meshgrid(axis, axis)
+    offsets = np.column_stack([x.ravel(), y.ravel()])
+    source = lens.to_px((points_mm[:, None] + offsets).reshape(-1, 2)).astype(np.float32)
+    seen = sampled(image, source).reshape(len(points_mm), SAMPLES, SAMPLES)
+    distance = np.hypot(x, y)
+    ring = (distance > 0.85 * radius_mm) & (distance <= radius_mm)
+    darker = ring_plane(seen, ring, x, y) - seen
+    return Patches(np.maximum(darker, 0) * (distance <= radius_mm), x, y)
+
+
+def ring_plane(
+    seen: Float32[Array, "n samples samples"],
+    ring: Bool[Array, "samples samples"],
+    x_mm: Float[Array, "samples samples"],
+    y_mm: Float[Array, "samples samples"],
+) -> Float[Array, "n samples samples"]:
+    """The plane through each piece's ring: what the skin would look like without the pin, a glare's slope included."""
+    ones = np.ones_like(x_mm)
+    columns = np.stack([ones, x_mm, y_mm])
+    planes = np.linalg.lstsq(columns[:, ring].T, seen[:, ring].T, rcond=None)[0]
+    return np.tensordot(planes.T, columns, axes=1)
+
+
+def sampled(image: Float32[Array, "rows cols"], points_px: Float32[Array, "n 2"]) -> Float32[Array, " n"]:
+    """Bilinear samples; OpenCV wants a map of moderate sides."""
+    side = int(np.ceil(np.sqrt(len(points_px))))
+    padded = np.resize(points_px, (side, side, 2))
+    field = cv2.remap(image, padded[..., 0], padded[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(field).ravel()[: len(points_px)]
+
+
+IMPRINT_RADIUS = 0.52
+"""Disc in which a centre is sought, in pitches: as much as fits without the neighbours."""
+FAINTEST = 0.12
+"""Contrast of a pin, relative to the median pin, below which it is not seen."""
+FAINTEST_NOISE = 1.5
+"""The same, in standard deviations of a lightly smoothed pixel."""
+MOST_OFFSET = 0.25
+"""A centre farther than this from where the lens expects it, in pitches, is another thing."""
+STRAY, STRAY_TIMES = 0.10, 5.0
+"""A pin that the others miss by this many pitches and by this many times the median is not trusted (glare, dirt)."""
+
+
+def look(
+    image: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, noise: float, board: PinBoard
+) -> tuple[Points, Float[Array, " n"], Bool[Array, " n"]]:
+    """Centre and contrast of the imprint at each pin's place, and whether it is one."""
+    radius_mm = IMPRINT_RADIUS * board.pitch_mm
+    seen_mm = centred_mm(image, lens, points_mm, radius_mm)
+    points_px = lens.to_px(seen_mm)
+    contrast = patches(image, lens, seen_mm, radius_mm).depth
+    near = np.hypot(*(seen_mm - points_mm).T) < MOST_OFFSET * board.pitch_mm
+    margin_px = board.pin_diameter_mm / 2 / central_mm_per_px(lens, board.pitch_mm)
+    dark = contrast > max(FAINTEST * float(np.median(contrast)), FAINTEST_NOISE * noise)
+    return points_px, contrast, dark & near & in_image(points_px, image.shape, margin_px)
+
+
+def in_image(points_px: Points, shape: tuple[int, ...], margin_px: float) -> Bool[Array, " n"]:
+    """Whether a pin's own width around these pixels is inside the image."""
+    x, y = points_px.T
+    rows, cols = shape
+    return (x >= margin_px) & (y >= margin_px) & (x <= cols - 1 - margin_px) & (y <= rows - 1 - margin_px)
+
+
+def is_stray(fit: LensFit, board: PinBoard) -> Bool[Array, " n"]:
+    """Pins that all others contradict."""
+    miss_mm = np.hypot(*fit.left_out_mm.T)
+    return miss_mm > max(STRAY * board.pitch_mm, STRAY_TIMES * float(np.median(miss_mm)))

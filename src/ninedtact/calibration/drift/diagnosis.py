@@ -1,0 +1,185 @@
+"""What a drift means, in words: each finding with its figure, what it would do to the height, and what to do.
+
+Limits are wide enough that untouched images of real sensors, taken before the board and before the ball, pass.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ninedtact.calibration.drift.brightness_change import UNEVEN, Mark
+from ninedtact.calibration.drift.drift_measurement import Drift
+from ninedtact.quantities import centred_axis_mm
+
+Verdict = Literal[
+    "fine",
+    "something touches the gel",
+    "another skin",
+    "camera moved",
+    "light uneven",
+    "gel changed",
+    "light dimmer",
+    "light brighter",
+    "light colour changed",
+]
+
+PRESSED_ALL_OVER = 0.2
+"""Part of the view changed above which an unknown skin is a pressed one: others differ on at most 0.11."""
+FARTHEST_PX = 0.6
+"""0.03 mm on the skin. Real skins lie up to 0.45 px elsewhere after the board has been pressed on them."""
+FARTHEST_TURN_DEG = 0.3
+"""1.7 px at the image's border; real skins turn by up to 0.1°."""
+CERTAIN = 2.0
+"""Standard errors taken off a motion before it is judged."""
+DIMMEST_LIGHT = 0.03
+"""Change of the whole brightness; 0.011 between two sessions of a real sensor."""
+OTHER_COLOUR = 0.03
+"""Change of one colour beside the others; 0.004 between two sessions."""
+NAMED_MARKS = 3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that has changed."""
+
+    verdict: Verdict
+    sentence: str
+    height_mm: float | None
+    """Error of the height that it would cause with the calibration's reference image; none where it causes none."""
+
+
+def findings(drift: Drift) -> list[Finding]:
+    """All findings, the gravest first; a pressed, unknown or mirrored skin says nothing about light and gel."""
+    for grave in (contact(drift), unknown(drift), mirrored(drift)):
+        if grave is not None:
+            return [grave]
+    rest = (motion(drift), unevenness(drift), gel(drift), brightness(drift), colour(drift))
+    return [finding for finding in rest if finding is not None]
+
+
+def contact(drift: Drift) -> Finding | None:
+    """Pressed gel."""
+    place, known_skin = drift.change.contact, drift.nearest.recognised or not drift.nearest.observable
+    if place is None or drift.flipped or not (known_skin or drift.change.changed_share > PRESSED_ALL_OVER):
+        return None
+    depth_mm = height_mm(drift, place.change)
+    return Finding(
+        "something touches the gel",
+        f"the skin is pressed about {depth_mm:.2f} mm deep over {place.area_mm2:.1f} mm² around {spot(place)}; take "
+        "everything off the sensor and take the image again; if it stays, the gel is damaged or has taken the shape",
+        depth_mm,
+    )
+
+
+def unknown(drift: Drift) -> Finding | None:
+    """Another sensor, another gel."""
+    skin = drift.nearest
+    different = drift.change.marks or drift.change.unevenness > UNEVEN
+    if skin.recognised or not skin.observable or drift.flipped or not different:
+        return None
+    return Finding(
+        "another skin",
+        f"the fine structure of the calibrated skin is not there (correlation {skin.likeness:.2f}): this shows another "
+        "sensor, a new gel, or comes from a camera that sits elsewhere; name the right sensor, or calibrate again",
+        drift.height_mm,
+    )
+
+
+def mirrored(drift: Drift) -> Finding | None:
+    """The camera, or its driver, turned round."""
+    if drift.flipped is None:
+        return None
+    sentence = f"the image is the calibrated one {drift.flipped}; set the camera's rotation and mirroring as before"
+    return Finding("camera moved", sentence, drift.height_mm)
+
+
+def motion(drift: Drift) -> Finding | None:
+    """The camera sits elsewhere."""
+    skin = drift.moved
+    far_px = float(np.hypot(*skin.shift_px))
+    shifted = far_px - CERTAIN * skin.shift_error_px > FARTHEST_PX
+    turned = abs(skin.turn_deg) - CERTAIN * skin.turn_error_deg > FARTHEST_TURN_DEG
+    if not skin.recognised or not (shifted or turned):
+        return None
+    return Finding(
+        "camera moved",
+        f"the skin appears {far_px:.1f} ± {skin.shift_error_px:.1f} px ({far_px * drift.known.mm_per_raw_px:.2f} mm) "
+        f"away and turned by {skin.turn_deg:.1f}° since the board was pressed: positions are off by that; fix camera "
+        "and gel in their housing and calibrate again",
+        drift.known.worst_height_mm(skin.undone(drift.known.depth_image)),
+    )
+
+
+def unevenness(drift: Drift) -> Finding | None:
+    """Light that comes from elsewhere."""
+    change = drift.change
+    if change.unevenness <= UNEVEN:
+        return None
+    field = np.where(change.seen, change.field, 0)
+    row, col = np.unravel_index(np.abs(field).argmax(), field.shape)
+    y, x = (centred_axis_mm(size, change.mm_per_px) for size in field.shape)
+    return Finding(
+        "light uneven",
+        f"the light is {amount(float(field[row, col]))} at ({x[col]:.0f}, {y[row]:.0f}) mm, beside the whole; check "
+        "that every LED lights and that no other light falls on the sensor, and calibrate again if it stays",
+        height_mm(drift, change.unevenness),
+    )
+
+
+def gel(drift: Drift) -> Finding | None:
+    """Local marks."""
+    marks = drift.change.marks
+    if not marks:
+        return None
+    named = "; ".join(
+        f"{amount(mark.change)} over {mark.area_mm2:.1f} mm² at {spot(mark)}" for mark in marks[:NAMED_MARKS]
+    )
+    more = f" and {len(marks) - NAMED_MARKS} smaller" if len(marks) > NAMED_MARKS else ""
+    return Finding(
+        "gel changed",
+        f"the skin has changed in {len(marks)} place{'s' if len(marks) > 1 else ''}: {named}{more}; take away what may "
+        "lie on it and clean it; a tear, bubble or stain that stays needs a new gel, or a new calibration",
+        height_mm(drift, max((mark.change for mark in marks), key=abs)),
+    )
+
+
+def brightness(drift: Drift) -> Finding | None:
+    """More or less light."""
+    change = drift.change.gain - 1
+    if abs(change) <= DIMMEST_LIGHT:
+        return None
+    return Finding(
+        "light dimmer" if change < 0 else "light brighter",
+        f"the image is {amount(change)} than when calibrated; check the LEDs and their supply, fix exposure and "
+        "gain, and let the light warm up",
+        height_mm(drift, change),
+    )
+
+
+def colour(drift: Drift) -> Finding | None:
+    """White balance, or an LED of another kind."""
+    if max(map(abs, drift.colour)) <= OTHER_COLOUR:
+        return None
+    parts = ", ".join(f"{name} {part:+.1%}" for name, part in zip(("blue", "green", "red"), drift.colour, strict=True))
+    return Finding(
+        "light colour changed",
+        f"the colour of the light has changed ({parts}); fix the camera's white balance, and check the LEDs",
+        None,
+    )
+
+
+def height_mm(drift: Drift, change: float) -> float:
+    """Depth that a relative change passes for at the image's mean brightness."""
+    grey = float(drift.known.rectified.grey.mean())
+    return float(drift.known.height_mm(np.array(change), np.array(grey)))
+
+
+def amount(change: float) -> str:
+    """A relative change in words."""
+    return f"{abs(change):.1%} {'dimmer' if change < 0 else 'brighter'}"
+
+
+def spot(mark: Mark) -> str:
+    """Where a mark is."""
+    return f"({mark.x_mm:.1f}, {mark.y_mm:.1f}) mm"

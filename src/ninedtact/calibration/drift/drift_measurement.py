@@ -1,0 +1,148 @@
+"""Today's untouched skin against the one that the sensor was calibrated with: what has changed, and what to do.
+
+images → motion of the skin → motion undone → light (gain, field, colour) → marks or a contact → findings
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from ninedtact.calibration.brightness import (
+    Image,
+    grey_float,
+    noise_levels,
+    relative_change,
+    require_usable,
+)
+from ninedtact.calibration.drift.brightness_change import SkinChange, skin_change
+from ninedtact.calibration.drift.skin_motion import GOOD, SkinMotion, skin_motion
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.capture.images import read_image, require_size
+from ninedtact.quantities import Coverage, Frame, Rectified
+from ninedtact.shape.depth import DepthCurve
+from ninedtact.shape.rectification import Rectification
+
+FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
+"""Ways in which a camera's driver turns images, by OpenCV's number."""
+FAR_PX = 5.0
+"""A skin that seems to be farther off than this, or not there, may be the same one turned or mirrored: a board's old
+imprints look alike from both sides."""
+WORST_SHARE = 99
+"""Percentile of the view that stands for the worst of it, so that single pixels do not."""
+NEIGHBOURHOOD_PX = 20
+
+
+@dataclass(frozen=True)
+class KnownSkin:
+    """How a sensor saw its untouched skin when it was calibrated."""
+
+    lens_image: Image
+    """Taken before the board: the lens was calibrated for a skin lying so."""
+    depth_image: Image
+    """Taken before the ball: the depth curve was calibrated in this light."""
+    rectify: Rectification
+    curve: DepthCurve
+
+    @cached_property
+    def rectified(self) -> Rectified:
+        """The depth image on the skin's grid."""
+        return self.rectify(Frame(self.depth_image))
+
+    @property
+    def seen(self) -> Bool[Array, "rows cols"]:
+        """Where the camera sees the skin."""
+        return self.rectify.coverage != Coverage.OUT_OF_VIEW
+
+    @property
+    def mm_per_raw_px(self) -> float:
+        """Scale of the raw image in the middle of the skin, the mean of all directions."""
+        source, reach = self.rectify.source_px, NEIGHBOURHOOD_PX
+        row, col = source.shape[0] // 2, source.shape[1] // 2
+        across = source[row, col + reach] - source[row, col - reach]
+        down = source[row + reach, col] - source[row - reach, col]
+        raw_px = np.sqrt(np.abs(np.linalg.det(np.stack([across, down]))))
+        return float(2 * reach * self.rectify.mm_per_px / raw_px)
+
+    def height_mm(self, change: Float[Array, "*shape"], grey: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Depth that a relative change of brightness passes for; brighter counts as what it would hide."""
+        signal = np.abs(change) * (grey if self.curve.signal == "difference" else 1.0)
+        return np.asarray(np.interp(signal, self.curve.darkening, self.curve.indentation_mm))
+
+    def worst_height_mm(self, other: Image) -> float:
+        """Height error, at the worst of the view, of reading one image against this one as its reference."""
+        then, now = self.rectified.grey, self.rectify(Frame(other)).grey
+        ratio = cv2.GaussianBlur(now / np.maximum(then, 1.0), (0, 0), 3.0) - 1
+        return float(np.percentile(self.height_mm(ratio, then)[self.seen], WORST_SHARE))
+
+
+@dataclass(frozen=True)
+class Drift:
+    """All that was measured of one image."""
+
+    known: KnownSkin
+    moved: SkinMotion
+    """Since the board."""
+    nearest: SkinMotion
+    """Since the ball."""
+    flipped: str | None
+    """How the image lies if it is the known one turned or mirrored."""
+    change: SkinChange
+    colour: tuple[float, float, float]
+    """Relative change of blue, green and red beside the whole."""
+    height_mm: float
+    """Error of the height, at the worst of the view, if the calibration's reference image were kept."""
+
+
+def known_skin(sensor: SensorFolder) -> KnownSkin:
+    """What to compare with; raises `SensorFolderDamaged`, also for an imported sensor, which has no images."""
+    lens_image = sensor.image("board_reference", read_image).image
+    depth_image = sensor.image("ball_reference", read_image).image
+    return KnownSkin(lens_image, depth_image, sensor.rectification, sensor.record.depth.curve)
+
+
+def drift(known: KnownSkin, today: Image) -> Drift:
+    """Measure what has changed; raises `ImageUnusable` for a dark or burnt out image, `ImageSizeWrong`.
+
+    today: raw image (rows, cols, 3) of what should be the untouched skin.
+    """
+    require_size(today, *known.rectify.raw_shape, "today's image")
+    require_usable("untouched image", today)
+    nearest = skin_motion(known.depth_image, today)
+    moved = skin_motion(known.lens_image, today)
+    return Drift(
+        known,
+        moved if moved.recognised else nearest,
+        nearest,
+        flip(known.depth_image, today, nearest),
+        change_since(known, today, nearest),
+        colour_change(known.depth_image, today),
+        known.worst_height_mm(today),
+    )
+
+
+def flip(known: Image, today: Image, motion: SkinMotion) -> str | None:
+    """The way in which today's image is turned or mirrored, if it is."""
+    if motion.likeness > GOOD and np.hypot(*motion.shift_px) < FAR_PX:
+        return None
+    ways = {way: skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in FLIPS.items()}
+    best = max(ways, key=lambda way: ways[way].likeness)
+    return best if ways[best].recognised and ways[best].likeness > motion.likeness else None
+
+
+def change_since(known: KnownSkin, today: Image, motion: SkinMotion) -> SkinChange:
+    """The change of the skin's brightness with its motion undone, where both images show it."""
+    grey = float(grey_float(known.depth_image).mean())
+    noise = noise_levels(relative_change(known.depth_image, today)) / grey
+    seen = known.seen & (known.rectify.resampled(motion.kept(today.shape)) > 0)
+    return skin_change(known.rectified, known.rectify(Frame(motion.undone(today))), seen, noise)
+
+
+def colour_change(known: Image, today: Image) -> tuple[float, float, float]:
+    """Change of each channel's brightness, as the median over the image, beside their mean."""
+    gains = np.median(today.astype(np.float32) / np.maximum(known, 1), axis=(0, 1))
+    blue, green, red = (gains / gains.mean() - 1).tolist()
+    return blue, green, red

@@ -1,0 +1,232 @@
+"""The original project's `Pixel_to_Depth` list (depth in mm for every grey level of darkening), to and fro.
+
+A sensor's rectification as the original project's index maps: of the raw image's size, nearest pixel.
+
+Calibrations of the original 9DTact project, to and fro (docs/references.md for its code).
+
+What an import and an export after it preserve exactly: both index maps everywhere, position and scale, and every depth
+of the list that rises. The list's first entry becomes 0 (the original leaves an artefact there), levels that no pixel
+had (entries of 0) are interpolated, and entries that dip are replaced by the nearest list that does not.
+
+The original shows list[level] - list[2] (`lighting_threshold`), some 0.05 mm less than its list says; we show the list.
+"""
+
+import shutil
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int32
+from numpy import ndarray as Array
+from scipy.optimize import isotonic_regression
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.calibration.ball.ball_fit import repeatability_mm
+from ninedtact.calibration.ball.ball_press import anchored
+from ninedtact.calibration.original_9dtact.folder_format import (
+    FILES,
+    OUT_OF_VIEW_PX,
+    UpstreamCalibration,
+    UpstreamFolderDamaged,
+    read_upstream,
+    sensor_folder_in,
+    write_numbers,
+    write_upstream,
+)
+from ninedtact.calibration.procedure import calibrated_area_mm
+from ninedtact.calibration.sensor_folder import (
+    RECORD,
+    SensorFolder,
+    load_sensor,
+    new_sensor_folder,
+    projection,
+    record_toml,
+)
+from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, MapTable, PinTable, SensorRecord
+from ninedtact.capture.images import read_image
+from ninedtact.design import SensorDesign
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Coverage
+from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
+from ninedtact.shape.rectification import Area, Rectification
+
+PUBLISHED_SCATTER_MM = 0.0304
+"""The scatter about the list is not in the folder; this is the standard deviation that the paper found on balls."""
+LAST_LEVEL = 255
+
+
+def curve_from_list(pixel_to_depth_mm: Float[Array, " levels"]) -> DepthCurve:
+    """The list as a curve: zero at zero, rising, levels without a depth interpolated."""
+    known = np.flatnonzero(pixel_to_depth_mm > 0)
+    known = known[known > 0]
+    rising = np.asarray(isotonic_regression(pixel_to_depth_mm[known]).x)
+    return anchored("difference", known.astype(float), rising, np.full(known.size, PUBLISHED_SCATTER_MM))
+
+
+def list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
+    """Depth for every whole grey level up to the end of the sensor's curve.
+
+    A ratio becomes grey levels at the mean brightness of the sensor's own untouched image; where the image is
+    brighter or darker than that, the list's depths are off as they are with the original's own lists.
+    """
+    curve = sensor.record.depth.curve
+    brightness = 1.0 if curve.signal == "difference" else mean_brightness(sensor)
+    last = min(int(np.ceil(curve.darkening[-1] * brightness)), LAST_LEVEL)
+    return np.interp(np.arange(last + 1) / brightness, curve.darkening, curve.indentation_mm)
+
+
+def mean_brightness(sensor: SensorFolder) -> float:
+    """Mean grey level of the untouched skin before the ball; raises `SensorFolderDamaged`."""
+    rectify = sensor.rectification
+    rectified = rectify(sensor.image("ball_reference", read_image))
+    return float(rectified.grey[rectify.coverage != Coverage.OUT_OF_VIEW].mean())
+
+
+Index = Int32[Array, "raw_rows raw_cols"]
+
+
+class UpstreamCannotHold(NinedtactError):
+    """A sensor that the original project's layout has no room for, or a place where it may not be written."""
+
+
+def index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, int]]:
+    """Row and column of the raw pixel, (0, 0) where the camera sees nothing, and the row and column of the centre."""
+    rectify, lens = sensor.rectification, sensor.record.lens
+    require_room(rectify)
+    start = grid_start(rectify)
+    x, y = np.rint(np.moveaxis(extended_px(rectify, lens, start), -1, 0))
+    raw_rows, raw_cols = rectify.raw_shape
+    seen = (x >= 0) & (x < raw_cols) & (y >= 0) & (y < raw_rows)
+    rows, cols = rectify.source_px.shape[:2]
+    # The original finds its crop by int(centre - size / 2): for an odd size the centre is one beyond the middle.
+    centre = start[0] + (rows + 1) // 2, start[1] + (cols + 1) // 2
+    return np.where(seen, y, 0).astype(np.int32), np.where(seen, x, 0).astype(np.int32), centre
+
+
+def require_room(rectify: Rectification) -> None:
+    """Refuse a grid larger than the raw image, whose size the maps have."""
+    (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
+    if rows > raw_rows or cols > raw_cols:
+        raise UpstreamCannotHold(
+            f"expected raw images of at least {cols} x {rows} pixels, the size of the rectified one, got "
+            f"{raw_cols} x {raw_rows}; calibrate the sensor with larger images"
+        )
+
+
+def grid_start(rectify: Rectification) -> tuple[int, int]:
+    """First row and column of the grid in the maps: where its middle lies as in the raw image, if there is room."""
+    (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
+    x, y = rectify.source_px[rows // 2, cols // 2]
+    top = np.clip(round(float(y)) - rows // 2, 0, raw_rows - rows)
+    left = np.clip(round(float(x)) - cols // 2, 0, raw_cols - cols)
+    return int(top), int(left)
+
+
+def extended_px(
+    rectify: Rectification, lens: LensTable | PinTable | MapTable, start: tuple[int, int]
+) -> Float[Array, "raw_rows raw_cols 2"]:
+    """Source pixels of the grid, and around it those of the lens; nothing around a grid given pixel by pixel."""
+    (top, left), (rows, cols) = start, rectify.source_px.shape[:2]
+    extended = np.full((*rectify.raw_shape, 2), OUT_OF_VIEW_PX)
+    if not isinstance(lens, MapTable):
+        y, x = np.indices(rectify.raw_shape) - np.array([top + (rows - 1) / 2, left + (cols - 1) / 2])[:, None, None]
+        points_mm = np.column_stack([x.ravel(), y.ravel()]) * rectify.mm_per_px
+        extended = projection(lens, rectify.raw_shape).to_px(points_mm).reshape(extended.shape)
+    extended[top : top + rows, left : left + cols] = rectify.source_px
+    return extended
+
+
+KEPT = "upstream"
+"""Folder in an imported sensor that keeps the four files as they were, so that an export can give them back."""
+MAP = "rectification.npy"
+CAMERA_NOISE = 0.5
+"""Grey levels of one pixel; no image came with the folder, and the cameras seen so far have 0.42."""
+USUAL_GREY = 160
+
+
+def import_upstream(
+    folder: Path, out: Path, design: SensorDesign = SensorDesign(), sensor_id: str | None = None
+) -> SensorFolder:
+    """Write a sensor folder from `sensor_N`, or from a folder that holds one; pixels are rectified exactly as there.
+
+    The crop is the design's field of view. There is no certificate, and no image to compare today's skin with; the
+    noise is that of a usual camera through this sensor's list. An older sensor folder at `out` is replaced.
+    Raises `UpstreamFolderDamaged`, `SensorFolderRefused`, `FileNotWritten`, `OSError`.
+    """
+    source = sensor_folder_in(folder, FILES)
+    calibration = read_upstream(source, design.field_of_view)
+    with new_sensor_folder(out) as partial:
+        write_numbers(partial / MAP, calibration.source_px(design.field_of_view))
+        for file in FILES:
+            (partial / KEPT / file).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source / file, partial / KEPT / file)
+        digest = sha256((partial / MAP).read_bytes()).hexdigest()
+        record = imported_record(calibration, design, sensor_id or source.resolve().name, digest)
+        write_file_atomically(partial / RECORD, record_toml(record))
+    return load_sensor(out)
+
+
+def imported_record(
+    calibration: UpstreamCalibration, design: SensorDesign, sensor_id: str, digest: str
+) -> SensorRecord:
+    """Everything that `sensor.toml` can say of an imported sensor."""
+    area, (rows, cols) = area_mm(calibration, design), calibration.row_index.shape
+    rectify = Rectification(calibration.source_px(design.field_of_view), calibration.mm_per_px, (rows, cols), area)
+    curve = curve_from_list(calibration.pixel_to_depth_mm)
+    return SensorRecord(
+        format=FORMAT,
+        id=sensor_id,
+        created=datetime.now(UTC).replace(microsecond=0),
+        software=f"ninedtact {version('ninedtact')}, imported from the original project",
+        design=design,
+        grid=Grid(calibration.mm_per_px, rows, cols, area),
+        lens=MapTable(MAP, digest),
+        depth=Depth("table", usual_noise_mm(curve, rectify), Smoothing(), curve),
+    )
+
+
+def usual_noise_mm(curve: DepthCurve, rectify: Rectification) -> float:
+    """What the noise of a usual camera does to the height."""
+    even = np.full((*rectify.raw_shape, 3), USUAL_GREY, np.uint8)
+    return repeatability_mm(partial(DepthReader, curve, lens_coverage=rectify.coverage), rectify, even, CAMERA_NOISE)
+
+
+def area_mm(calibration: UpstreamCalibration, design: SensorDesign) -> Area:
+    """Where the pins were; the original's crop lies up to a pixel beside its central pin."""
+    view = design.field_of_view
+    start, half = np.array(calibration.start(view)), (np.array([view.rows, view.cols]) - 1) / 2
+    y, x = (calibration.position_scale[:2] - start - half) * calibration.mm_per_px
+    left, right, top, bottom = calibrated_area_mm(design)
+    return float(left + x), float(right + x), float(top + y), float(bottom + y)
+
+
+def export_upstream(sensor: SensorFolder, out: Path) -> None:
+    """Write the original project's layout into the new folder `out` (`…/calibration/sensor_N`), all or nothing.
+
+    Index maps take the nearest raw pixel; for the list of grey levels see `list_from_curve`. Raises
+    `UpstreamCannotHold`, `UpstreamFolderDamaged`, `SensorFolderDamaged`, `FileNotWritten`, `OSError`.
+    """
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise UpstreamCannotHold(
+            f"expected {out} to be new or an empty folder, got one with content; choose another name"
+        )
+    calibration = replace(exported_maps(sensor), pixel_to_depth_mm=list_from_curve(sensor))
+    with new_sensor_folder(out) as partial:
+        write_upstream(partial, calibration)
+
+
+def exported_maps(sensor: SensorFolder) -> UpstreamCalibration:
+    """The maps that were imported, or maps made from the sensor's lens."""
+    view, kept = sensor.record.design.field_of_view, sensor.path / KEPT
+    if not (isinstance(sensor.record.lens, MapTable) and kept.is_dir()):
+        row_index, col_index, centre = index_maps(sensor)
+        scale = np.array([*centre, sensor.record.grid.mm_per_px], float)
+        return UpstreamCalibration(row_index, col_index, scale, np.zeros(1))
+    calibration = read_upstream(kept, view)
+    if not np.array_equal(calibration.source_px(view), sensor.rectification.source_px):
+        raise UpstreamFolderDamaged(f"expected {kept} as it was imported, got other maps; import the sensor again")
+    return calibration

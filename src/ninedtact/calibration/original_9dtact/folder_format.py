@@ -1,0 +1,219 @@
+"""Arrays of the original project's folders, read with suspicion and written whole.
+
+The calibration folder of the original 9DTact project, as its files stand on the disk (docs/references.md).
+
+    sensor_N/camera_calibration/row_index.npy, col_index.npy    raw pixel that each pixel of the rectified image shows
+    sensor_N/camera_calibration/position_scale.npy              row and column of the central pin, mm per pixel
+    sensor_N/depth_calibration/Pixel_to_Depth.npy               depth in mm for every grey level of darkening
+
+The rectified image has the raw image's size. What lies outside the raw image shows pixel (0, 0). The size of the
+crop about the central pin is not in the folder but in the user's `shape_config.yaml` (`crop_size`, rows first); it
+starts at int(centre - size / 2).
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from tokenize import TokenError
+
+import numpy as np
+from jaxtyping import Float, Float32, Int32, Shaped
+from numpy import ndarray as Array
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.design import FieldOfView
+from ninedtact.errors import NinedtactError
+
+NAME = re.compile(r"sensor_\w+")
+
+
+class UpstreamFolderDamaged(NinedtactError):
+    """The folder is not a calibration of the original project, or something in it is missing or wrong."""
+
+
+def sensor_folder_in(folder: Path, files: Sequence[str]) -> Path:
+    """The folder itself where it holds one of the files, or the only `sensor_N` in it."""
+    if any((folder / file).exists() for file in files):
+        return folder
+    inside = sorted(path for path in folder.glob("sensor_*") if path.is_dir() and NAME.fullmatch(path.name))
+    if len(inside) == 1:
+        return inside[0]
+    got = ", ".join(path.name for path in inside) if inside else "none" if folder.is_dir() else "no such folder"
+    raise UpstreamFolderDamaged(
+        f"expected {folder} to be a sensor_N folder of the original project, or to hold one, got {got}; "
+        "name the folder that holds camera_calibration and depth_calibration"
+    )
+
+
+def read_numbers(path: Path, dimensions: int) -> Float[Array, "..."]:
+    """The finite numbers of a .npy file with so many dimensions; raises `UpstreamFolderDamaged`."""
+    array = read_array(path)
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "iuf":
+        raise damaged(path, "an array of numbers", f"{getattr(array, 'dtype', 'an archive')}")
+    if array.ndim != dimensions or not array.size:
+        raise damaged(path, f"{dimensions} dimension{'s' if dimensions > 1 else ''}", f"shape {array.shape}")
+    numbers = np.array(array, float)
+    if not np.isfinite(numbers).all():
+        raise damaged(path, "finite numbers", f"{int((~np.isfinite(numbers)).sum())} that are not")
+    return numbers
+
+
+def read_array(path: Path) -> object:
+    """Whatever numpy finds in a file, mapped and not loaded, so that a damaged header cannot ask for all the memory."""
+    if not path.is_file():
+        raise UpstreamFolderDamaged(
+            f"expected {path}, got no such file; copy the whole sensor_N folder of the original project"
+        )
+    try:
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, EOFError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError) as trouble:
+        raise damaged(path, "a whole .npy file without Python objects", first_line(trouble)) from trouble
+
+
+def require_whole_numbers(path: Path, numbers: Float[Array, "..."]) -> None:
+    """Refuse fractions of a pixel."""
+    if (numbers != np.rint(numbers)).any():
+        raise damaged(path, "whole numbers", "fractions")
+
+
+def write_numbers(path: Path, numbers: Shaped[Array, "..."]) -> None:
+    """Write a .npy file; raises `FileNotWritten`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = BytesIO()
+    np.save(content, numbers, allow_pickle=False)
+    write_file_atomically(path, content.getbuffer())
+
+
+def first_line(trouble: Exception) -> str:
+    """What numpy said, short."""
+    return (str(trouble).splitlines() or [type(trouble).__name__])[0]
+
+
+def damaged(path: Path, expected: str, got: str) -> UpstreamFolderDamaged:
+    """The refusal of one file."""
+    return UpstreamFolderDamaged(f"expected {expected} in {path}, got {got}; copy the file again or calibrate again")
+
+
+ROW_INDEX = "camera_calibration/row_index.npy"
+COL_INDEX = "camera_calibration/col_index.npy"
+POSITION_SCALE = "camera_calibration/position_scale.npy"
+PIXEL_TO_DEPTH = "depth_calibration/Pixel_to_Depth.npy"
+FILES = (ROW_INDEX, COL_INDEX, POSITION_SCALE, PIXEL_TO_DEPTH)
+
+GREY_LEVELS = 256
+OUT_OF_VIEW_PX = -1.0
+"""Source of a pixel that shows nothing, in our maps."""
+COARSEST_MM_PER_PX = 1.0
+"""Beyond it the scale is pixels per mm, which the original's own variable name says it is."""
+
+
+@dataclass(frozen=True)
+class UpstreamCalibration:
+    """The numbers of one folder."""
+
+    row_index: Int32[Array, "rows cols"]
+    col_index: Int32[Array, "rows cols"]
+    position_scale: Float[Array, "3"]
+    pixel_to_depth_mm: Float[Array, " levels"]
+
+    @property
+    def mm_per_px(self) -> float:
+        """Scale of the rectified image."""
+        return float(self.position_scale[2])
+
+    def start(self, view: FieldOfView) -> tuple[int, int]:
+        """First row and column of the crop, cut to whole pixels as the original does."""
+        row, col = self.position_scale[:2]
+        return int(row - view.rows / 2), int(col - view.cols / 2)
+
+    def source_px(self, view: FieldOfView) -> Float32[Array, "view_rows view_cols 2"]:
+        """Raw pixel (x, y) of every pixel of the crop, outside the image where there is none."""
+        row, col = self.start(view)
+        crop = np.s_[row : row + view.rows, col : col + view.cols]
+        source = np.stack([self.col_index[crop], self.row_index[crop]], axis=-1).astype(np.float32)
+        source[~source.any(axis=-1)] = OUT_OF_VIEW_PX
+        return source
+
+
+def read_upstream(folder: Path, view: FieldOfView) -> UpstreamCalibration:
+    """Read `sensor_N`, or the one `sensor_N` in a folder; raises `UpstreamFolderDamaged`."""
+    where = sensor_folder_in(folder, FILES)
+    row_index, col_index = read_index(where / ROW_INDEX, 0), read_index(where / COL_INDEX, 1)
+    require_one_size(where, row_index.shape, col_index.shape)
+    calibration = UpstreamCalibration(
+        row_index,
+        col_index,
+        read_position_scale(where / POSITION_SCALE),
+        read_depth_list(where / PIXEL_TO_DEPTH),
+    )
+    require_crop(where, calibration, view)
+    return calibration
+
+
+def write_upstream(folder: Path, calibration: UpstreamCalibration) -> None:
+    """Write the four files into an existing folder; raises `FileNotWritten`."""
+    write_numbers(folder / ROW_INDEX, calibration.row_index)
+    write_numbers(folder / COL_INDEX, calibration.col_index)
+    write_numbers(folder / POSITION_SCALE, calibration.position_scale)
+    write_numbers(folder / PIXEL_TO_DEPTH, calibration.pixel_to_depth_mm)
+
+
+def read_index(path: Path, axis: int) -> Int32[Array, "rows cols"]:
+    """An index map that stays inside the raw image, which has the map's own size."""
+    index = read_numbers(path, 2)
+    require_whole_numbers(path, index)
+    size = index.shape[axis]
+    if index.min() < 0 or index.max() >= size:
+        raise UpstreamFolderDamaged(
+            f"expected pixels 0 to {size - 1} in {path}, got {index.min():g} to {index.max():g}; calibrate "
+            "the camera again"
+        )
+    return index.astype(np.int32)
+
+
+def read_position_scale(path: Path) -> Float[Array, "3"]:
+    """Centre row, centre column, and a scale that can be one."""
+    numbers = read_numbers(path, 1)
+    if numbers.size != 3:
+        raise UpstreamFolderDamaged(
+            f"expected row, column and mm per pixel in {path}, got {numbers.size} numbers; calibrate the camera again"
+        )
+    if not 0 < numbers[2] < COARSEST_MM_PER_PX:
+        raise UpstreamFolderDamaged(
+            f"expected mm per pixel (about 0.05) as the third number of {path}, got {numbers[2]:g}; if that is pixels "
+            "per mm, store its inverse"
+        )
+    return numbers
+
+
+def read_depth_list(path: Path) -> Float[Array, " levels"]:
+    """A list that knows a depth for at least one grey level."""
+    depth_mm = read_numbers(path, 1)
+    if depth_mm.size > GREY_LEVELS or not (depth_mm[1:] > 0).any():
+        raise UpstreamFolderDamaged(
+            f"expected depths in mm for up to {GREY_LEVELS} grey levels in {path}, got {depth_mm.size} numbers of "
+            f"which {int((depth_mm[1:] > 0).sum())} are depths; calibrate the depth again"
+        )
+    return depth_mm
+
+
+def require_one_size(folder: Path, shape: tuple[int, ...], other: tuple[int, ...]) -> None:
+    """Refuse maps that do not belong together."""
+    if shape != other:
+        raise UpstreamFolderDamaged(
+            f"expected index maps of one size in {folder}, got {shape} and {other}; calibrate the camera again"
+        )
+
+
+def require_crop(folder: Path, calibration: UpstreamCalibration, view: FieldOfView) -> None:
+    """Refuse maps that do not contain the crop."""
+    shape = calibration.row_index.shape
+    row, col = calibration.position_scale[:2] - np.array([view.rows, view.cols]) / 2
+    if row < 0 or col < 0 or row + view.rows > shape[0] or col + view.cols > shape[1]:
+        raise UpstreamFolderDamaged(
+            f"expected a crop of {view.rows} x {view.cols} (rows x columns) about the central pin inside the "
+            f"{shape[0]} x {shape[1]} maps of {folder}, got one that reaches beyond them; give the crop_size of your "
+            "shape_config.yaml"
+        )

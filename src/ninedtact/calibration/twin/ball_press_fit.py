@@ -1,0 +1,279 @@
+"""How certain fitted parameters are, when what they leave unexplained is smooth.
+
+The twin of a sensor from its ball press: what the press was, what the gel is, how light follows height.
+
+The unexplained rest is not noise but what model and sensor differ in, smooth over millimetres. So the number of points
+that speak independently is estimated from the rest itself, and with so few, what the design says of the gel's thickness is
+taken as one more observation. With a rest of plain noise it weighs nothing.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from time import perf_counter
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.optimize import least_squares
+
+from ninedtact.calibration.ball.contact_circle import ContactCircle
+from ninedtact.calibration.twin.ball_press_model import (
+    NAMES,
+    Forward,
+    ObservedPress,
+    Vector,
+    bounds,
+    press_of,
+    scales,
+    stepped,
+)
+from ninedtact.design import SensorDesign
+from ninedtact.mechanics.contact import Contact
+from ninedtact.quantities import Rectified
+from ninedtact.shape.loss import mean_darkening
+from ninedtact.simulation.light import Light
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """Standard deviations and correlations of the searched parameters."""
+
+    points: float
+    """Observations that speak independently."""
+    deviation: dict[str, float]
+    correlation: Float[Array, "parameters parameters"]
+
+    def closest(self, name: str) -> tuple[str, float]:
+        """The parameter that this one is hardest to tell from, and their correlation."""
+        row = self.correlation[NAMES.index(name)].copy()
+        row[NAMES.index(name)] = 0
+        other = int(np.abs(row).argmax())
+        return NAMES[other], float(row[other])
+
+
+def confidence(slopes: Float[Array, "rows parameters"], rest: Float[Array, " n"], points: float) -> Confidence:
+    """From the Jacobian and the rest, as of `points` independent observations (Gauss–Markov)."""
+    variance = np.sum(rest**2) / max(points - slopes.shape[1], 1.0)
+    covariance = np.linalg.pinv(slopes.T @ slopes, hermitian=True) * variance
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
+    safe = np.where(deviation > 0, deviation, 1)
+    return Confidence(points, dict(zip(NAMES, deviation.tolist(), strict=True)), covariance / np.outer(safe, safe))
+
+
+def independent_points(rest: Float[Array, "rows cols"]) -> float:
+    """How many observations speak independently: their number over the sum of their mutual correlations.
+
+    rest: what a fit leaves, as an image; not-a-number where nothing was observed.
+    """
+    seen = np.isfinite(rest)
+    known, values = seen.astype(float), rest[seen]
+    field = np.where(seen, rest - values.mean(), 0.0)
+    correlation = lagged(field) / np.maximum(lagged(known), 1) / np.mean(values**2)
+    centre = correlation.shape[0] // 2, correlation.shape[1] // 2
+    rows, cols = np.indices(correlation.shape)
+    lag = np.hypot(rows - centre[0], cols - centre[1]).astype(int)
+    ring = np.bincount(lag.ravel(), correlation.ravel()) / np.bincount(lag.ravel())
+    first_zero = int(np.argmax(ring <= 0)) or len(ring)
+    neighbours = float(correlation[lag < first_zero].sum())
+    return float(max(values.size / max(neighbours, 1.0), len(NAMES) + 1.0))
+
+
+def lagged(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
+    """Autocorrelation sums at all lags, lag zero in the middle."""
+    from scipy.signal import fftconvolve
+
+    return np.asarray(fftconvolve(field, field[::-1, ::-1]))
+
+
+THICKNESS_SPREAD = 0.1
+"""Standard deviation of a moulded gel's thickness, relative."""
+START = {"thickness_mm": 2.0, "scattering_mm": 0.45, "saturation": 0.4, "nearness_per_mm": 0.04}
+RULE_BIAS_MM = 0.1
+"""By how much the rule of the disc's edge is usually too deep."""
+WIDEST_GUESS = 0.95
+"""Of the ball's radius, where the disc is wider than the ball, as in thick gel, and tells no depth."""
+DRAG_PER_ASYMMETRY_MM = 3.0
+"""Usual drag of a press with this unevenness of its bulge; only to start from."""
+TRIES = 40
+
+
+@dataclass(frozen=True)
+class TwinFit:
+    """The best parameters, what they leave unexplained, and how certain they are."""
+
+    forward: Forward
+    vector: Vector
+    slopes: Float[Array, "3"]
+    rest_grey: Float[Array, " n"]
+    """Observed minus predicted, grey levels, at the observed points."""
+    confidence: Confidence
+    seconds: float
+    evaluations: int
+
+    @cached_property
+    def named(self) -> dict[str, float]:
+        """All parameters by name."""
+        level, dark, bright = (float(slope) for slope in self.slopes)
+        solved = {"loss": level - 1, "dark_per_mm": dark / level, "bright_per_mm": bright / level}
+        return {**dict(zip(NAMES, self.vector.tolist(), strict=True)), **solved}
+
+    @property
+    def drag_mm(self) -> tuple[float, float]:
+        """How far the ball was dragged after the press."""
+        return self.named["drag_x_mm"], self.named["drag_y_mm"]
+
+    @property
+    def contact(self) -> Contact:
+        """The skin under the ball, pressures in shear moduli."""
+        return self.forward.contact(press_of(self.named))
+
+    @property
+    def rmse_grey_image(self) -> float:
+        """Root mean square of the rest over all observed points."""
+        return float(np.sqrt(np.mean(self.rest_grey**2)))
+
+    @cached_property
+    def rmse_grey_radial(self) -> float:
+        """The same of the radial profile, 0.1 to 8 mm from the contact's middle."""
+        return float(np.sqrt(np.mean(self.radial_rest[1] ** 2)))
+
+    @cached_property
+    def radial_rest(self) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
+        """Radius and mean rest of rings of 0.05 mm."""
+        x, y = (
+            axis.ravel() - self.named[name] for axis, name in zip(self.forward.observed.points_mm, NAMES, strict=False)
+        )
+        radius = np.hypot(x, y)
+        ring = (radius / 0.05).astype(int)
+        count = np.bincount(ring)
+        mean = np.bincount(ring, self.rest_grey) / np.maximum(count, 1)
+        middle = (np.arange(count.size) + 0.5) * 0.05
+        kept = (count > 0) & (middle > 0.1) & (middle < 8.0)
+        return middle[kept], mean[kept]
+
+    @cached_property
+    def light(self) -> Light:
+        """The sensor's light."""
+        named, darkening = self.named, self.mean_darkening
+        return Light(
+            dark_per_mm=max(named["dark_per_mm"], 0.0),
+            saturation=named["saturation"],
+            bright_per_mm=max(named["bright_per_mm"], 0.0),
+            scattering_mm=named["scattering_mm"],
+            shade=max(-named["loss"], 0.0) / darkening if darkening > 0 else 0.0,
+            nearness_per_mm=named["nearness_per_mm"],
+            thickness_mm=self.forward.design.gel.thickness_mm,
+        )
+
+    @cached_property
+    def mean_darkening(self) -> float:
+        """Of the whole view: what the loss is counted per."""
+        observed = self.forward.observed
+        return mean_darkening(observed.after.grey, observed.before.grey, self.named["loss"])
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is known of a parameter beside the image."""
+
+    name: str
+    value: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Beliefs as observations beside those of the image."""
+
+    beliefs: tuple[Belief, ...] = ()
+    deviation_grey: float = 0.0
+    """Grey levels that one standard deviation of a belief counts as: what an independent point is off."""
+
+    def miss(self, vector: Vector) -> Float[Array, " beliefs"]:
+        """How far the vector is from what is believed, grey levels."""
+        off = [(vector[NAMES.index(one.name)] - one.value) / one.deviation for one in self.beliefs]
+        return self.deviation_grey * np.array(off, float)
+
+    @property
+    def slope(self) -> Float[Array, "beliefs parameters"]:
+        """Derivative of `miss`."""
+        rows = [np.array([name == one.name for name in NAMES]) / one.deviation for one in self.beliefs]
+        return self.deviation_grey * np.array(rows, float).reshape(-1, len(NAMES))
+
+
+def fit_twin(
+    before: Rectified,
+    after: Rectified,
+    circle: ContactCircle,
+    design: SensorDesign,
+    beliefs: tuple[Belief, ...] = (),
+    near: Vector | None = None,
+) -> TwinFit:
+    """Fit mechanics and light to one press of the design's ball, found at `circle`.
+
+    beliefs: what other images told. near: parameters to start from, where they are about known.
+    """
+    began = perf_counter()
+    middle_mm = skin_place_mm(before, circle.centre_px)
+    forward = Forward(ObservedPress(before, after, middle_mm), design)
+    free, searched = fitted(forward, first_guess(forward, circle), Prior()) if near is None else (near, 0)
+    points = independent_points(forward.observed.image(forward.solved(free)[1]))
+    prior = prior_of(forward, free, points, beliefs)
+    vector, again = fitted(forward, free, prior)
+    slopes, rest = forward.solved(vector)
+    sure = confidence(slope_of(forward, vector, prior), rest, points)
+    return TwinFit(forward, vector, slopes, rest, sure, perf_counter() - began, searched + again)
+
+
+def first_guess(forward: Forward, circle: ContactCircle) -> Vector:
+    """From the disc: its middle, the depth by the rule of its edge, the drag by its uneven bulge."""
+    radius_mm, ball_mm = circle.radius_px * forward.observed.before.mm_per_px, forward.design.ball.radius_mm
+    radius_mm = radius_mm if radius_mm < ball_mm else WIDEST_GUESS * ball_mm
+    depth_mm = ball_mm - np.sqrt(ball_mm**2 - radius_mm**2) - RULE_BIAS_MM
+    drag = DRAG_PER_ASYMMETRY_MM * np.array(circle.leaning)
+    x, y = forward.observed.middle_mm
+    guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, "drag_x_mm": drag[0], "drag_y_mm": drag[1], **START}
+    guess["thickness_mm"] *= forward.design.gel.thickness_mm / SensorDesign().gel.thickness_mm
+    low, high = bounds()
+    return np.clip([guess[name] for name in NAMES], low + 1e-3, high - 1e-3)
+
+
+def fitted(forward: Forward, start: Vector, prior: Prior) -> tuple[Vector, int]:
+    """Least squares from a start; and how many images that took."""
+
+    def miss(vector: Vector) -> Float[Array, " n"]:
+        return np.append(forward.solved(vector)[1], prior.miss(vector))
+
+    def slope(vector: Vector) -> Float[Array, "n parameters"]:
+        return slope_of(forward, vector, prior)
+
+    found = least_squares(miss, start, slope, bounds(), x_scale=scales(), xtol=1e-5, ftol=1e-6, max_nfev=TRIES)
+    return found.x, found.nfev + int(found.njev or 0) * len(NAMES)
+
+
+def prior_of(forward: Forward, vector: Vector, points: float, beliefs: tuple[Belief, ...]) -> Prior:
+    """The design's thickness and other beliefs, each an observation among this many independent points."""
+    rest, design_mm = forward.solved(vector)[1], forward.design.gel.thickness_mm
+    mould = Belief("thickness_mm", design_mm, THICKNESS_SPREAD * design_mm)
+    return Prior((mould, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
+
+
+def slope_of(forward: Forward, vector: Vector, prior: Prior) -> Float[Array, "n parameters"]:
+    """The Jacobian, with a row for every belief."""
+    return np.vstack([jacobian(forward, vector), prior.slope])
+
+
+def jacobian(forward: Forward, vector: Vector) -> Float[Array, "n parameters"]:
+    """How the rest changes with each searched parameter, level and slopes following."""
+    here = forward.solved(vector)[1]
+    columns = []
+    for index in range(len(NAMES)):
+        moved, step = stepped(vector, index)
+        columns.append((forward.solved(moved)[1] - here) / step)
+    return np.column_stack(columns)
+
+
+def skin_place_mm(image: Rectified, px: tuple[float, float]) -> tuple[float, float]:
+    """A place of a rectified image, (x, y) in pixels, in mm on the skin."""
+    rows, cols = image.grey.shape
+    return (px[0] - (cols - 1) / 2) * image.mm_per_px, (px[1] - (rows - 1) / 2) * image.mm_per_px

@@ -1,1 +1,0 @@
-"""The original project's calibration folders: exchange.py reads and writes them."""

@@ -1,0 +1,98 @@
+"""ninedtact import-calibration, export-calibration: sensors of the original 9DTact project, to and fro."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from ninedtact.cli.terminal import answer
+from ninedtact.design import SensorDesign
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
+
+
+@dataclass(frozen=True)
+class ImportCalibration:
+    """Turn a calibration of the original 9DTact project into a sensor folder.
+
+    Pixels are rectified as they were there, depths read from its list. Nothing can be certified or checked for drift
+    without the images behind it: calibrate anew for that.
+    """
+
+    folder: tyro.conf.Positional[Path]
+    """The original's `sensor_N` folder, or the folder that holds a single one."""
+    out: Path
+    """Sensor folder to write; an older one there is replaced."""
+    rows: int = SensorDesign().field_of_view.rows
+    """First number of `crop_size` in the original's shape_config.yaml."""
+    cols: int = SensorDesign().field_of_view.cols
+    """Second number of `crop_size`."""
+    id: str | None = None
+    """Name of the sensor; the original folder's name if not given."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Import, and say what was taken over."""
+        from ninedtact.calibration.original_9dtact.exchange import import_upstream
+
+        standard = SensorDesign()
+        view = replace(standard.field_of_view, rows=self.rows, cols=self.cols)
+        sensor = import_upstream(self.folder, self.out, replace(standard, field_of_view=view), self.id)
+        return answer(self.json, figures(sensor), imported_lines(sensor))
+
+
+@dataclass(frozen=True)
+class ExportCalibration:
+    """Write a sensor's calibration in the layout of the original 9DTact project."""
+
+    sensor: Path
+    """Sensor folder."""
+    out: Path
+    """New folder, the original's `calibration/sensor_N`."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Export, and say what to set there."""
+        from ninedtact.calibration.original_9dtact.exchange import export_upstream
+        from ninedtact.calibration.original_9dtact.folder_format import FILES
+        from ninedtact.calibration.sensor_folder import load_sensor
+
+        sensor = load_sensor(self.sensor)
+        export_upstream(sensor, self.out)
+        files = [str(self.out / file) for file in FILES]
+        return answer(self.json, {**figures(sensor), "files": files}, exported_lines(sensor, self.out))
+
+
+def figures(sensor: "SensorFolder") -> dict[str, object]:
+    """What defines the calibration, for scripts."""
+    record = sensor.record
+    return {
+        "sensor": str(sensor.path),
+        "id": sensor.id,
+        "mm_per_px": record.grid.mm_per_px,
+        "crop_size": [record.design.field_of_view.rows, record.design.field_of_view.cols],
+        "range_mm": record.depth.curve.deepest_mm,
+        "noise_mm": record.depth.noise_mm,
+    }
+
+
+def imported_lines(sensor: "SensorFolder") -> Iterator[str]:
+    """The same for a person."""
+    record = sensor.record
+    yield f"sensor {sensor.id} imported: {sensor.path}"
+    yield f"  scale  {record.grid.mm_per_px:.5f} mm per pixel, depth to {record.depth.curve.deepest_mm:.2f} mm"
+    yield "  no images came with it, so 'ninedtact check' cannot compare today's skin with them"
+
+
+def exported_lines(sensor: "SensorFolder", out: Path) -> Iterator[str]:
+    """Where it went, and the two settings that are not in the folder."""
+    view, name = sensor.record.design.field_of_view, out.resolve().name
+    yield f"sensor {sensor.id} exported: {out}"
+    number = name.removeprefix("sensor_")
+    where = f"sensor_id: {number}" if number != name else f"rename {name} to sensor_N, sensor_id: N"
+    yield f"  in the original's shape_config.yaml: {where}, crop_size: [{view.rows}, {view.cols}]"
