@@ -77,7 +77,7 @@ def test_a_hundred_levels_darker_is_deep_and_not_wrapped(rectify: Rectification)
     before = rectify(Frame(np.full((480, 640, 3), 160, np.uint8)))
     after = rectify(Frame(np.full((480, 640, 3), 60, np.uint8)))
     height = DepthReader(fit.curve, before, rectify.coverage)(after)
-    assert height.indentation_mm[100:200, 100:200].min() == pytest.approx(fit.curve.deepest_mm, abs=1e-4)
+    assert height.indentation_mm[100:200, 100:200].min() == pytest.approx(fit.curve.max_indentation_mm, abs=1e-4)
     assert (height.coverage[100:200, 100:200] == 1).all()
 
 

@@ -20,7 +20,12 @@ from ninedtact.simulation.twin import Twin, default_twin
 DESIGN = SensorDesign()
 NEARNESS, IMPRINT_MM = 0.05, 0.85
 LIGHT = Light(
-    dark_per_mm=0.15, saturation=0.5, bright_per_mm=0.35, scattering_mm=0.5, shade=0.8, nearness_per_mm=NEARNESS
+    darkening_per_mm=0.15,
+    saturation=0.5,
+    brightening_per_mm=0.35,
+    point_spread_mm=0.5,
+    global_dimming=0.8,
+    nearness_per_mm=NEARNESS,
 )
 
 

@@ -24,7 +24,14 @@ from ninedtact.simulation.twin import Twin
 
 DESIGN = SensorDesign()
 GEL = replace(DESIGN.gel, thickness_mm=2.3)
-LIGHT = Light(dark_per_mm=0.11, saturation=0.5, bright_per_mm=0.33, scattering_mm=0.5, shade=0.8, nearness_per_mm=0.05)
+LIGHT = Light(
+    darkening_per_mm=0.11,
+    saturation=0.5,
+    brightening_per_mm=0.33,
+    point_spread_mm=0.5,
+    global_dimming=0.8,
+    nearness_per_mm=0.05,
+)
 NOISE = 0.7
 
 
@@ -56,8 +63,8 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
     assert fit.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
     assert (fit.named["x_mm"], fit.named["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
     assert fit.named["thickness_mm"] == pytest.approx(2.3, abs=0.15)
-    assert fit.named["scattering_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
-    assert fit.named["bright_per_mm"] == pytest.approx(0.33, rel=0.1)
+    assert fit.named["point_spread_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
+    assert fit.named["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.rmse_grey_image < 0.3 and fit.rmse_grey_radial < 0.1
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "nearness_per_mm": 0.05}
     off = {name: abs(fit.named[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}

@@ -115,8 +115,8 @@ def test_the_published_design_has_the_default_twin() -> None:
 
 def test_a_thinner_gel_darkens_sooner_and_scatters_less() -> None:
     thin = designed_light(SensorDesign(gel=Gel(1.5)))
-    assert thin.dark_per_mm > Light().dark_per_mm
-    assert thin.scattering_mm < Light().scattering_mm
+    assert thin.darkening_per_mm > Light().darkening_per_mm
+    assert thin.point_spread_mm < Light().point_spread_mm
     assert thin.change(np.array([-1.5])).item() > -1
 
 

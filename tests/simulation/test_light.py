@@ -11,9 +11,9 @@ from ninedtact.simulation.seeing import FINER, Sight, refined, scattered
 
 lights = st.builds(
     Light,
-    dark_per_mm=st.floats(0.01, 0.5),
+    darkening_per_mm=st.floats(0.01, 0.5),
     saturation=st.floats(0, 5),
-    bright_per_mm=st.floats(0.01, 2),
+    brightening_per_mm=st.floats(0.01, 2),
     thickness_mm=st.floats(1, 5),
 )
 
@@ -24,17 +24,19 @@ def test_deeper_is_darker_and_higher_is_brighter(light: Light) -> None:
     assert (np.diff(change) > 0).all()
     assert light.change(np.zeros(1)) == 0
     step = 1e-6
-    assert light.change(np.array([-step]))[0] == pytest.approx(-light.dark_per_mm * step, rel=1e-4)
-    assert light.change(np.array([step]))[0] == pytest.approx(light.bright_per_mm * step, rel=1e-9)
+    assert light.change(np.array([-step]))[0] == pytest.approx(-light.darkening_per_mm * step, rel=1e-4)
+    assert light.change(np.array([step]))[0] == pytest.approx(light.brightening_per_mm * step, rel=1e-9)
 
 
 @given(lights)
 def test_nothing_is_lost_where_nothing_is_dark(light: Light) -> None:
     assert light.loss(np.array([0.0, 0.1])) == 0
-    assert light.loss(np.array([-0.2, 0.2])) == pytest.approx(-light.shade * 0.1)
+    assert light.loss(np.array([-0.2, 0.2])) == pytest.approx(-light.global_dimming * 0.1)
 
 
-@pytest.mark.parametrize("name", ["dark_per_mm", "saturation", "scattering_mm", "shade", "nearness_per_mm"])
+@pytest.mark.parametrize(
+    "name", ["darkening_per_mm", "saturation", "point_spread_mm", "global_dimming", "nearness_per_mm"]
+)
 def test_a_negative_light_is_refused(name: str) -> None:
     with pytest.raises(LightImpossible, match=f"light.{name} of zero or more"):
         Light(**{name: -0.1})

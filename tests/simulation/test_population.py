@@ -40,7 +40,9 @@ def test_a_member_survives_being_written_down(members: list[SensorMember]) -> No
 def test_light_spreads_and_correlates_as_in_real_sensors(members: list[SensorMember]) -> None:
     lights = [one.light for one in members]
     secants = np.array([-light.change(np.array([-2.0]))[0] / 2 for light in lights])
-    logs = np.log([secants, [light.bright_per_mm for light in lights], [light.scattering_mm for light in lights]])
+    logs = np.log(
+        [secants, [light.brightening_per_mm for light in lights], [light.point_spread_mm for light in lights]]
+    )
     real = np.log(FITTED[:, :3].T)
     assert logs.mean(axis=1) == pytest.approx(real.mean(axis=1), abs=0.04)
     assert logs.std(axis=1) == pytest.approx(real.std(axis=1, ddof=1), rel=0.15)

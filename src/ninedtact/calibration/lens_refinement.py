@@ -42,7 +42,7 @@ LEAST = BoardPress(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
 MOST_THICKNESS = 0.9
 """Of the gel, to which a board can be pressed."""
 MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM = 0.1, 0.5, 0.1, 1.5
-STEPS = {"nearness_per_mm": 0.004, "scattering_mm": 0.02, "depth_mm": 0.02, "poisson_ratio": -0.003}
+STEPS = {"nearness_per_mm": 0.004, "point_spread_mm": 0.02, "depth_mm": 0.02, "poisson_ratio": -0.003}
 """Of difference quotients, those first for which the skin need not be solved; the tilt's follow from that of the depth."""
 LARGEST = np.array([0.2, 0.02, 0.02, 0.01, 0.03, 0.2])
 """Of one round's change."""
@@ -75,7 +75,7 @@ class BoardPressFit:
     @property
     def believed(self) -> bool:
         """Whether the board looks as the twin draws it, so that what it says is taken."""
-        like_ball = abs(self.press.scattering_mm / self.ball_scattering_mm - 1) <= MOST_UNLIKE
+        like_ball = abs(self.press.point_spread_mm / self.ball_scattering_mm - 1) <= MOST_UNLIKE
         return self.settled and like_ball and self.rest_grey <= WORST_REST * self.contrast_grey
 
     @property
@@ -133,7 +133,7 @@ class BoardMatch:
         covariance = np.linalg.pinv(step.slopes.T @ step.slopes, hermitian=True) * variance
         told = BoardPress(*np.sqrt(np.maximum(np.diag(covariance), 0))[: len(LARGEST)].tolist())
         rest, contrast = float(np.sqrt(np.mean(step.rest**2))), float(np.median(self.observed.board.contrast))
-        like_mm = self.forward.fit.light.scattering_mm
+        like_mm = self.forward.fit.light.point_spread_mm
         return BoardPressFit(press, told, lens, points, rest, contrast, like_mm, settled)
 
     def step(self, press: BoardPress, at_mm: Points, moves: Float[Array, "n 2 k"]) -> Step:

@@ -194,7 +194,7 @@ def imprint_figures(told: BoardPressFit, fit: TwinFit) -> ImprintFigures:
         depth_error_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
         nearness_per_mm=told.press.nearness_per_mm,
         nearness_error_per_mm=told.deviation.nearness_per_mm,
-        scattering_mm=told.press.scattering_mm,
+        point_spread_mm=told.press.point_spread_mm,
         unexplained_grey=told.rest_grey,
         contrast_grey=told.contrast_grey,
     )
@@ -268,7 +268,7 @@ def ball_figures(images: CalibrationImages, ball: BallFit) -> BallFigures:
         deepest_mm=ball.deepest_mm,
         fit_mae_mm=ball.fit_mae_mm,
         half_mae_mm=ball.half_mae_mm,
-        range_mm=ball.curve.deepest_mm,
+        range_mm=ball.curve.max_indentation_mm,
         noise_mm=ball.noise_mm,
         drop_grey_levels=circle.drop,
         asymmetry=circle.asymmetry,

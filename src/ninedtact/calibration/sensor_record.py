@@ -151,7 +151,7 @@ class ImprintFigures(Struct, frozen=True, forbid_unknown_fields=True):
     depth_error_mm: float
     nearness_per_mm: float
     nearness_error_per_mm: float
-    scattering_mm: float
+    point_spread_mm: float
     """Under the pins; the ball's is in the light."""
     unexplained_grey: float
     """Root mean square over the board, grey levels."""

@@ -76,7 +76,7 @@ def figures(sensor: "SensorFolder") -> dict[str, object]:
         "id": sensor.id,
         "mm_per_px": record.grid.mm_per_px,
         "crop_size": [record.design.field_of_view.rows, record.design.field_of_view.cols],
-        "range_mm": record.depth.curve.deepest_mm,
+        "range_mm": record.depth.curve.max_indentation_mm,
         "noise_mm": record.depth.noise_mm,
     }
 
@@ -85,7 +85,7 @@ def imported_lines(sensor: "SensorFolder") -> Iterator[str]:
     """The same for a person."""
     record = sensor.record
     yield f"sensor {sensor.id} imported: {sensor.path}"
-    yield f"  scale  {record.grid.mm_per_px:.5f} mm per pixel, depth to {record.depth.curve.deepest_mm:.2f} mm"
+    yield f"  scale  {record.grid.mm_per_px:.5f} mm per pixel, depth to {record.depth.curve.max_indentation_mm:.2f} mm"
     yield "  no images came with it, so 'ninedtact check' cannot compare today's skin with them"
 
 

@@ -20,13 +20,13 @@ class Traits:
     """Of one sensor; the defaults are usual ones, and stand where a calibration tells none."""
 
     thickness_mm: float = Gel().thickness_mm
-    dark_per_mm: float = 0.1
+    darkening_per_mm: float = 0.1
     """Relative darkening of the first tenth of a millimetre that is pressed in, per mm."""
-    bright_per_mm: float = 0.35
+    brightening_per_mm: float = 0.35
     """Relative brightening, per mm that the skin bulges."""
-    scattering_mm: float = 0.55
+    point_spread_mm: float = 0.55
     """How far light scatters in the gel, a standard deviation."""
-    shade: float = 0.7
+    global_dimming: float = 0.7
     """Relative loss of light everywhere, per mean darkening of the view."""
 
     @property
@@ -46,10 +46,10 @@ def traits_of(shape: CalibratedShape, gel: Gel) -> Traits:
         return Traits(gel.thickness_mm)
     return Traits(
         gel.thickness_mm,
-        slope(curve.darkening, curve.indentation_mm, usual.dark_per_mm),
-        slope(curve.brightening, curve.bulge_mm, usual.bright_per_mm),
-        usual.scattering_mm if shape.deblurring is None else shape.deblurring.scattering_mm,
-        shape.loss.shade,
+        slope(curve.darkening, curve.indentation_mm, usual.darkening_per_mm),
+        slope(curve.brightening, curve.bulge_mm, usual.brightening_per_mm),
+        usual.point_spread_mm if shape.deblurring is None else shape.deblurring.point_spread_mm,
+        shape.loss.global_dimming,
     )
 
 

@@ -17,7 +17,7 @@ COARSEST = 3
 class Deblurring:
     """A Gaussian point-spread to undo, as far as noise allows."""
 
-    scattering_mm: float
+    point_spread_mm: float
     """Standard deviation of the point-spread."""
     floor: float = 0.03
     """Power of noise relative to signal: what is scattered more than this hides it stays scattered."""
@@ -27,10 +27,10 @@ class Deblurring:
 
         Computed on a coarser grid, of which a point-spread still spans three points or more: what is finer was blurred away.
         """
-        coarser = int(np.clip(self.scattering_mm / mm_per_px / LEAST_POINTS, 1, COARSEST))
+        coarser = int(np.clip(self.point_spread_mm / mm_per_px / LEAST_POINTS, 1, COARSEST))
         rows, cols = (side // coarser for side in field.shape)
         few = cv2.resize(field, (cols, rows), interpolation=cv2.INTER_AREA)
-        sharp = sharpened(few, self.scattering_mm / mm_per_px * cols / field.shape[1], self.floor)
+        sharp = sharpened(few, self.point_spread_mm / mm_per_px * cols / field.shape[1], self.floor)
         return np.asarray(cv2.resize(sharp, field.shape[::-1], interpolation=cv2.INTER_CUBIC))
 
 

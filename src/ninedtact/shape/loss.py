@@ -18,16 +18,16 @@ ROUNDS = 4
 class Loss:
     """c, relative, for an image of which some is dark."""
 
-    shade: float = 0.0
+    global_dimming: float = 0.0
     """c per mean darkening of the view; zero where the calibration knows of none."""
 
     def __call__(self, grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]) -> float:
         """c of this image, zero or below; exactly zero where nothing is noticeably dark."""
-        if self.shade == 0:
+        if self.global_dimming == 0:
             return 0.0
         loss = 0.0
         for _ in range(ROUNDS):
-            loss = -self.shade * mean_darkening(grey, reference, loss)
+            loss = -self.global_dimming * mean_darkening(grey, reference, loss)
         return loss
 
 

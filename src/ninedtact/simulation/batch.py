@@ -36,7 +36,7 @@ class BatchRenderer:
         light = self.renderer.light
         seen = light.change(self.seen_mm(contacts))
         dark = library_of(seen).clip(-seen, min=0.0) * self.sensing
-        lost = light.shade * library_of(seen).sum(dark, axis=(-2, -1), keepdims=True)
+        lost = light.global_dimming * library_of(seen).sum(dark, axis=(-2, -1), keepdims=True)
         return self.through_lens((1 + self.scattered(seen)) * (1 - lost))
 
     def images(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols 3"]:
@@ -86,7 +86,7 @@ class BatchRenderer:
     def spread(self) -> Any:
         """The point-spread's transform, with the factor that the finer grid asks for."""
         kx, ky = self.renderer.plane.waves
-        sigma_mm = self.renderer.light.scattering_mm
+        sigma_mm = self.renderer.light.point_spread_mm
         return self.asarray(np.exp(-(sigma_mm**2) / 2 * (kx**2 + ky**2)) * FINER**2)
 
     @cached_property

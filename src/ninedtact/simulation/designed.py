@@ -53,10 +53,10 @@ def carried_light(light: Light, design: SensorDesign) -> Light:
     steeper = slope_per_mm(design.gel.thickness_mm, light) / slope_per_mm(AVERAGE.gel.thickness_mm, light)
     return replace(
         light,
-        dark_per_mm=light.dark_per_mm * steeper,
-        bright_per_mm=light.bright_per_mm * steeper,
+        darkening_per_mm=light.darkening_per_mm * steeper,
+        brightening_per_mm=light.brightening_per_mm * steeper,
         saturation=light.saturation * thicker,
-        scattering_mm=light.scattering_mm * thicker,
+        point_spread_mm=light.point_spread_mm * thicker,
         nearness_per_mm=light.nearness_per_mm * (AVERAGE.camera.distance_mm / design.camera.distance_mm),
         thickness_mm=light.thickness_mm * thicker,
     )

@@ -49,7 +49,7 @@ class Renderer:
         height = np.asarray(contact.height_mm, np.float32)
         sight = Sight(*self.plane_mm, self.light.nearness_per_mm)
         seen = self.light.change(sight.height_mm(contact.skin.patch, contact.centre_mm, height)).astype(np.float32)
-        (diffuse,) = scattered(self.plane, self.light.scattering_mm, seen)
+        (diffuse,) = scattered(self.plane, self.light.point_spread_mm, seen)
         level = 1 + self.light.loss(seen[self.sensing])
         factor = (diffuse + 1) * np.float32(level)
         return np.asarray(cv2.remap(factor, *self.lens, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

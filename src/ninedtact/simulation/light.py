@@ -30,15 +30,15 @@ class LightImpossible(NinedtactError):
 class Light:
     """The light of one sensor. Defaults are those of an average one."""
 
-    dark_per_mm: float = 0.13
+    darkening_per_mm: float = 0.13
     """Slope of the law where indentation begins."""
     saturation: float = 0.6
     """S times the thickness: how much faster the last millimetre darkens than the first; zero is a line."""
-    bright_per_mm: float = 0.4
+    brightening_per_mm: float = 0.4
     """Slope of the law where the gel bulges."""
-    scattering_mm: float = 0.45
+    point_spread_mm: float = 0.45
     """Standard deviation of the point-spread."""
-    shade: float = 0.2
+    global_dimming: float = 0.2
     """Light lost everywhere, c, per mean darkening of the view."""
     nearness_per_mm: float = 0.05
     """Inverse distance from which the skin seems to be looked at: pressed skin appears displaced outwards by height times
@@ -48,7 +48,14 @@ class Light:
 
     def __post_init__(self) -> None:
         require_positive("light.thickness_mm", self.thickness_mm)
-        for name in ("dark_per_mm", "saturation", "bright_per_mm", "scattering_mm", "shade", "nearness_per_mm"):
+        for name in (
+            "darkening_per_mm",
+            "saturation",
+            "brightening_per_mm",
+            "point_spread_mm",
+            "global_dimming",
+            "nearness_per_mm",
+        ):
             if not getattr(self, name) >= 0:
                 raise LightImpossible(
                     f"expected light.{name} of zero or more, got {getattr(self, name)}; fit the sensor again"
@@ -58,12 +65,12 @@ class Light:
         """f(u): relative change of brightness where the skin is this high, before any scattering; NumPy or torch."""
         xp = array_namespace(height_mm)
         pressed = xp.clip(height_mm, -self.thickness_mm, 0.0)
-        dark = saturating(pressed, self.saturation, self.thickness_mm) * self.dark_per_mm
-        return dark + self.bright_per_mm * xp.clip(height_mm, 0.0, None)
+        dark = saturating(pressed, self.saturation, self.thickness_mm) * self.darkening_per_mm
+        return dark + self.brightening_per_mm * xp.clip(height_mm, 0.0, None)
 
     def loss(self, change: Float[Array, "*view"]) -> float:
         """c: what the whole image loses when this much of the view is darker."""
-        return -self.shade * float(np.maximum(-change, 0).mean())
+        return -self.global_dimming * float(np.maximum(-change, 0).mean())
 
 
 def saturating(pressed_mm: Float[Any, "*shape"], saturation: float, thickness_mm: float) -> Float[Any, "*shape"]:

@@ -47,7 +47,7 @@ def drawn(reading: Reading, scale: ColourScale) -> View:
 
 def scale_of(curve: DepthCurve) -> ColourScale:
     """Colours that stay the same all session: the whole calibrated range."""
-    deepest_mm = max(round(curve.deepest_mm, 1), 0.1)
+    deepest_mm = max(round(curve.max_indentation_mm, 1), 0.1)
     return ColourScale(deepest_mm, max(curve.bulge_mm[-1], deepest_mm / 4))
 
 

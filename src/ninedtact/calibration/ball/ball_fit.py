@@ -88,7 +88,7 @@ class BallFit:
     @property
     def loss(self) -> Loss:
         """The light that the whole image loses, where the method knows it."""
-        return Loss() if self.physical is None else Loss(self.physical.fit.light.shade)
+        return Loss() if self.physical is None else Loss(self.physical.fit.light.global_dimming)
 
     @property
     def deblurring(self) -> Deblurring | None:

@@ -63,14 +63,14 @@ class PhysicalBall:
     def disc(self) -> Bool[Array, "rows cols"]:
         """Where the ball has pressed the skin in, a point-spread away from the edge, where light tells no single depth."""
         pressed = (self.seen_mm < -SHALLOWEST_OF_DISC_MM).astype(np.uint8)
-        reach = int(np.ceil(self.fit.light.scattering_mm / self.fit.forward.observed.before.mm_per_px))
+        reach = int(np.ceil(self.fit.light.point_spread_mm / self.fit.forward.observed.before.mm_per_px))
         ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
         return np.asarray(cv2.erode(pressed, ellipse) > 0)
 
     @cached_property
     def deblurring(self) -> Deblurring:
         """The point-spread, undone as far as reads this ball best."""
-        sigma_mm = np.sqrt(max(self.fit.light.scattering_mm**2 - self.fit.forward.observed.blur_mm**2, 0))
+        sigma_mm = np.sqrt(max(self.fit.light.point_spread_mm**2 - self.fit.forward.observed.blur_mm**2, 0))
         choices, law = [Deblurring(float(sigma_mm), floor) for floor in FLOORS], self.law(self.fit.light)
         return min(choices, key=lambda choice: self.error_of(law, self.disc, choice))
 
@@ -101,7 +101,7 @@ class PhysicalBall:
         """The law of light as a depth curve."""
         depth_mm = np.linspace(0, min(self.fit.named["depth_mm"], 0.95 * light.thickness_mm), KNOTS)
         darkening = np.abs(light.change(-depth_mm))
-        bright = light.bright_per_mm * BULGE_MM
+        bright = light.brightening_per_mm * BULGE_MM
         bulges = ((0.0, bright), (0.0, BULGE_MM)) if bright > 0 else ((0.0,), (0.0,))
         return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * KNOTS, *bulges)
 
@@ -124,7 +124,7 @@ class PhysicalBall:
     def reader(self, curve: DepthCurve, deblurring: Deblurring) -> DepthReader:
         """How the calibrated sensor reads."""
         everywhere = np.full(self.seen_mm.shape, Coverage.MEASURED, np.uint8)
-        before, loss = self.fit.forward.observed.before, Loss(self.fit.light.shade)
+        before, loss = self.fit.forward.observed.before, Loss(self.fit.light.global_dimming)
         return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
 
     def half_mae_mm(self) -> float:

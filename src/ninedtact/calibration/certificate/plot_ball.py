@@ -83,7 +83,7 @@ def curve_image(calibration: Calibration) -> bytes:
     draw_curve(axes, curve)
     top = other_axis(axes, curve.signal, float(press.before.grey[calibration.ball.disc].mean()))
     top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
-    axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.deepest_mm))
+    axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.max_indentation_mm))
     axes.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
     return png(figure)
 
@@ -106,7 +106,9 @@ def draw_curve(axes: "Axes", curve: DepthCurve) -> None:
     }
     axes.fill_between(at, depth_mm - error_mm, depth_mm + error_mm, **band)
     axes.plot(at, depth_mm, color=CURVE, linewidth=1.6, label="the sensor's curve")
-    axes.axhline(curve.deepest_mm, color=PALE_INK, linewidth=0.8, linestyle=(0, (4, 3)), label="end of the range")
+    axes.axhline(
+        curve.max_indentation_mm, color=PALE_INK, linewidth=0.8, linestyle=(0, (4, 3)), label="end of the range"
+    )
 
 
 def other_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis":

@@ -87,7 +87,7 @@ def lagged(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
 
 THICKNESS_SPREAD = 0.1
 """Standard deviation of a moulded gel's thickness, relative."""
-START = {"thickness_mm": 2.0, "scattering_mm": 0.45, "saturation": 0.4, "nearness_per_mm": 0.04}
+START = {"thickness_mm": 2.0, "point_spread_mm": 0.45, "saturation": 0.4, "nearness_per_mm": 0.04}
 RULE_BIAS_MM = 0.1
 """By how much the rule of the disc's edge is usually too deep."""
 WIDEST_GUESS = 0.95
@@ -114,7 +114,7 @@ class TwinFit:
     def named(self) -> dict[str, float]:
         """All parameters by name."""
         level, dark, bright = (float(slope) for slope in self.slopes)
-        solved = {"loss": level - 1, "dark_per_mm": dark / level, "bright_per_mm": bright / level}
+        solved = {"loss": level - 1, "darkening_per_mm": dark / level, "brightening_per_mm": bright / level}
         return {**dict(zip(NAMES, self.vector.tolist(), strict=True)), **solved}
 
     @property
@@ -156,11 +156,11 @@ class TwinFit:
         """The sensor's light."""
         named, darkening = self.named, self.mean_darkening
         return Light(
-            dark_per_mm=max(named["dark_per_mm"], 0.0),
+            darkening_per_mm=max(named["darkening_per_mm"], 0.0),
             saturation=named["saturation"],
-            bright_per_mm=max(named["bright_per_mm"], 0.0),
-            scattering_mm=named["scattering_mm"],
-            shade=max(-named["loss"], 0.0) / darkening if darkening > 0 else 0.0,
+            brightening_per_mm=max(named["brightening_per_mm"], 0.0),
+            point_spread_mm=named["point_spread_mm"],
+            global_dimming=max(-named["loss"], 0.0) / darkening if darkening > 0 else 0.0,
             nearness_per_mm=named["nearness_per_mm"],
             thickness_mm=self.forward.design.gel.thickness_mm,
         )

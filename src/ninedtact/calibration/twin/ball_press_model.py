@@ -45,7 +45,7 @@ SEARCHED = (
     Parameter("drag_x_mm", -4, 4, 0.03),
     Parameter("drag_y_mm", -4, 4, 0.03),
     Parameter("thickness_mm", 0.8, 6.0, 0.03),
-    Parameter("scattering_mm", 0.05, 1.5, 0.02, 0.3),
+    Parameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
     Parameter("saturation", 0.0, 5.0, 0.05, 0.5),
     Parameter("nearness_per_mm", 0.0, 0.08, 0.004, 0.05),
 )
@@ -190,7 +190,7 @@ class Forward:
         """What level, dark and bright slope are multiplied by to give the brightness at each observed point."""
         named = dict(zip(NAMES, vector.tolist(), strict=True))
         seen = self.seen_mm(named)
-        diffuse = scattered(PATCH, named["scattering_mm"], *self.laws(seen, named["saturation"]))
+        diffuse = scattered(PATCH, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
         at = grid(PATCH, self.observed.middle_mm, *self.observed.points_mm, FINER)
         dark, bright = (sampled(field, *at) for field in diffuse)
         return np.column_stack([np.ones(dark.size), dark.ravel(), bright.ravel()])

@@ -108,7 +108,7 @@ class BoardPress:
     poisson_ratio: float
     """A board loads all the gel at once, so the little by which it yields in volume shows, as it does not under a ball."""
     nearness_per_mm: float
-    scattering_mm: float
+    point_spread_mm: float
     """Standard deviation of the point-spread. The ball's image has told it: another one says that the board is not as drawn."""
 
 
@@ -156,7 +156,7 @@ class BoardForward:
 
     def height_mm(self, press: BoardPress) -> Field:
         """Of the skin under the board."""
-        unseen = replace(press, nearness_per_mm=0.0, scattering_mm=0.0)
+        unseen = replace(press, nearness_per_mm=0.0, point_spread_mm=0.0)
         if unseen not in self.heights:
             self.heights.clear()
             self.heights[unseen] = self.solved_mm(unseen)
@@ -179,7 +179,7 @@ class BoardForward:
         """The skin as the plane shows it, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.place_mm)
         seen = Sight(x, y, press.nearness_per_mm).height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
-        (field,) = scattered(self.patch, press.scattering_mm, self.fit.light.change(seen).astype(np.float32))
+        (field,) = scattered(self.patch, press.point_spread_mm, self.fit.light.change(seen).astype(np.float32))
         return Drawn(self.patch, field)
 
     def imprints_mm(self, drawn: Drawn, pins_mm: Points) -> Points:

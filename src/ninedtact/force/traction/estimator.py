@@ -109,7 +109,7 @@ class TractionForce(ForceEstimator):
         if cells not in self.inversions:
             self.forget()
             gel = self.gel
-            forward = Forward(cells, gel.thickness_mm, gel.poisson_ratio, self.evidence.scattering_mm, self.base)
+            forward = Forward(cells, gel.thickness_mm, gel.poisson_ratio, self.evidence.point_spread_mm, self.base)
             self.inversions[cells] = Inversion(forward, self.evidence.law, self.prior, self.effort)
         return self.inversions[cells]
 

@@ -28,7 +28,7 @@ class Evidence(ABC):
     """What tractions are read from."""
 
     law: BrightnessLaw
-    scattering_mm: float
+    point_spread_mm: float
 
     @abstractmethod
     def observed(self, reading: Reading, cells: Cells) -> Observation:
@@ -41,7 +41,7 @@ class ByLight(Evidence):
 
     curve: DepthCurve
     loss: Loss
-    scattering_mm: float
+    point_spread_mm: float
     kept: list[tuple[Rectified, View]] = field(default_factory=list, init=False, repr=False, compare=False)
     """The last reference on the cells: it changes once a session."""
 
@@ -82,7 +82,7 @@ class ByHeight(Evidence):
 
     error_mm: float = 0.01
     law: BrightnessLaw = HEIGHTS_THEMSELVES
-    scattering_mm: float = 0.0
+    point_spread_mm: float = 0.0
 
     def observed(self, reading: Reading, cells: Cells) -> Observation:
         """Of the reading, its height is all that is looked at."""
@@ -97,4 +97,4 @@ def by_light(calibrated: CalibratedShape) -> ByLight:
         raise TractionImpossible(
             "expected a calibration that knows how light scatters, got one without; calibrate with the method 'physics'"
         )
-    return ByLight(calibrated.curve, calibrated.loss, calibrated.deblurring.scattering_mm)
+    return ByLight(calibrated.curve, calibrated.loss, calibrated.deblurring.point_spread_mm)

@@ -30,7 +30,7 @@ class Forward:
     cells: Cells
     thickness_mm: float
     poisson_ratio: float
-    scattering_mm: float
+    point_spread_mm: float
     """Standard deviation of the point-spread; zero where heights are given."""
     base: Gel | None = None
     """What the gel lies on, its shear modulus over that of the gel; none is rigid."""
@@ -57,7 +57,7 @@ class Forward:
     @cached_property
     def spreads(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
         """Scattering from the skin into the view, one axis at a time."""
-        down, across = (scattering(self.cells, axis, self.scattering_mm) for axis in (0, 1))
+        down, across = (scattering(self.cells, axis, self.point_spread_mm) for axis in (0, 1))
         return down, np.ascontiguousarray(across.T)
 
     def heights(self, tractions: Tractions) -> Skin:

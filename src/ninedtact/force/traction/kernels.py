@@ -28,7 +28,7 @@ class Kernels:
     def around(self) -> tuple[int, int]:
         """Cells of that skin above (left of) the view."""
         cells = self.forward.cells
-        wanted = int(np.ceil(REACH * self.forward.scattering_mm / cells.pitch_mm))
+        wanted = int(np.ceil(REACH * self.forward.point_spread_mm / cells.pitch_mm))
         down, across = (
             min(wanted, (skin - view) // 2) for skin, view in zip(cells.patch.shape, cells.shape, strict=True)
         )

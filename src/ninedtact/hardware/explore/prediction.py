@@ -73,7 +73,7 @@ def predict(design: HardwareDesign) -> Prediction:
         signal_per_n=float((1 - factor.min()) * middle_grey(twin)),
         depth_noise_mm=depth_noise_mm(twin),
         mm_per_px=mm_per_px(twin),
-        blur_mm=twin.renderer.light.scattering_mm,
+        blur_mm=twin.renderer.light.point_spread_mm,
         view_radius_mm=reach_mm(design),
         size_mm=sensor.figures.size_mm,
         ratio_mm=sensor.figures.ratio_mm,
@@ -90,7 +90,7 @@ def middle_grey(twin: Twin) -> float:
 
 def depth_noise_mm(twin: Twin) -> float:
     """Noise over the slope of brightness where indentation begins."""
-    return twin.renderer.noise.grey_levels / (middle_grey(twin) * twin.renderer.light.dark_per_mm)
+    return twin.renderer.noise.grey_levels / (middle_grey(twin) * twin.renderer.light.darkening_per_mm)
 
 
 def mm_per_px(twin: Twin) -> float:

@@ -32,7 +32,7 @@ FITTED = np.array(
 FITTED_AT_MM = 2.0
 """Depth of those presses: a_dark is the slope of the straight line to there."""
 MEAN_DARKENING = 0.014
-"""Of the whole view, in those presses: turns the lost light into `Light.shade`."""
+"""Of the whole view, in those presses: turns the lost light into `Light.global_dimming`."""
 REACH = 2.0
 
 Random = np.random.Generator
