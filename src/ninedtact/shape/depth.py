@@ -60,7 +60,7 @@ class DepthCurve:
             raise CurveImpossible(f"expected {len(self.darkening)} errors, one for each knot, got {len(self.error_mm)}")
 
     @property
-    def deepest_mm(self) -> float:
+    def max_indentation_mm(self) -> float:
         """Indentation at the end of the calibrated range."""
         return self.indentation_mm[-1]
 
