@@ -7,9 +7,9 @@ from tempfile import TemporaryDirectory
 import tyro
 from figures import Figure, answer, at_most
 
-from ninedtact.simulation.dataset.job import make_dataset
-from ninedtact.simulation.dataset.percentiles import REAL
-from ninedtact.simulation.dataset.settings import DatasetSettings
+from ninedtact.dataset.generation.job import make_dataset
+from ninedtact.dataset.generation.percentiles import REAL
+from ninedtact.dataset.generation.settings import DatasetSettings
 
 ALLOWED = 25.0
 """% of each axis's span from 5 to 95."""

@@ -9,10 +9,10 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least
 
-from ninedtact.recording.dataset.columns import write_rows, write_untouched
-from ninedtact.recording.dataset.reader import DataSet
-from ninedtact.recording.dataset.rows import Row, UntouchedImage
-from ninedtact.simulation.dataset.pair import png
+from ninedtact.dataset.columns import write_rows, write_untouched
+from ninedtact.dataset.generation.pair import png
+from ninedtact.dataset.reader import DataSet
+from ninedtact.dataset.rows import Row, UntouchedImage
 
 WANTED_PER_S = 2000
 BATCH = 64

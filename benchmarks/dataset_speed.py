@@ -8,8 +8,8 @@ from time import perf_counter, process_time
 import tyro
 from figures import Figure, answer, at_most
 
-from ninedtact.simulation.dataset.job import make_dataset, make_file
-from ninedtact.simulation.dataset.settings import DatasetSettings
+from ninedtact.dataset.generation.job import make_dataset, make_file
+from ninedtact.dataset.generation.settings import DatasetSettings
 
 WANTED, ALLOWED_MINUTES = 10_000, 20.0
 

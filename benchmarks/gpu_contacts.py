@@ -18,13 +18,13 @@ from figures import Figure, answer, at_least
 from tallied import Tally
 
 from ninedtact.capture.sampling_rule import RuleSettings
-from ninedtact.simulation.dataset.asking import Asked, Felt, Look, Step, answer_of
-from ninedtact.simulation.dataset.bench import Bench, set_up
-from ninedtact.simulation.dataset.session import Session
-from ninedtact.simulation.dataset.settings import DatasetSettings, Shares
-from ninedtact.simulation.dataset.together.device import Device, device_named
-from ninedtact.simulation.dataset.together.play import play
-from ninedtact.simulation.dataset.together.room import Room
+from ninedtact.dataset.generation.bench import set_up
+from ninedtact.dataset.generation.session import Session
+from ninedtact.dataset.generation.settings import DatasetSettings, Shares
+from ninedtact.simulation.batched.device import Device, device_named
+from ninedtact.simulation.batched.play import play
+from ninedtact.simulation.batched.requests import Asked, Bench, Felt, Look, Step, answer_of
+from ninedtact.simulation.batched.room import Room
 
 WANTED_PER_S = 500.0
 """Of drawn contacts, on a GPU."""

@@ -18,6 +18,8 @@ import tyro
 from ninedtact import CalibrationImages, calibrate
 from ninedtact.calibration.save import write_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.dataset.generation.job import make_dataset
+from ninedtact.dataset.generation.settings import DatasetSettings
 from ninedtact.errors import NinedtactError
 from ninedtact.force.traction.estimator import TractionForce, traction_force
 from ninedtact.force.traction.explained import Effort
@@ -26,8 +28,6 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Coverage, Doubt, Frame, Reading, Rectified, WrenchEstimate
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
-from ninedtact.simulation.dataset.job import make_dataset
-from ninedtact.simulation.dataset.settings import DatasetSettings
 from ninedtact.simulation.gauges import gauge_images
 from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
 from ninedtact.simulation.population.member import SensorMember, member_from

@@ -17,6 +17,7 @@ LAYERS = [
     {"mechanics", "capture", "shape"},
     {"force", "simulation"},
     {"calibration", "recording", "sensor"},
+    {"dataset"},
     {"studio", "hardware", "interop"},
     {"cli"},
     {"__main__"},

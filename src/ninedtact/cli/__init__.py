@@ -12,11 +12,11 @@ import tyro
 
 from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.check import Check
+from ninedtact.cli.dataset import DESCRIPTION as DATASET
+from ninedtact.cli.dataset import Dataset
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.doctor import Doctor
 from ninedtact.cli.episodes.collect import Collect
-from ninedtact.cli.episodes.dataset import DESCRIPTION as DATASET
-from ninedtact.cli.episodes.dataset import Dataset
 from ninedtact.cli.episodes.export import Export
 from ninedtact.cli.episodes.record import Record
 from ninedtact.cli.episodes.replay import Replay

@@ -14,15 +14,15 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
 from ninedtact.cli.force.own_sensors import calibrate_twins, sensors_for, tell_refused
+from ninedtact.dataset.columns import write_rows, write_untouched
+from ninedtact.dataset.heights import height_pairs
+from ninedtact.dataset.rows import Row, UntouchedImage
+from ninedtact.dataset.sensor_heights import SensorMissing
 from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import grey_of
 from ninedtact.force.inputs import Channels, InputSettings, NetworkInput, height_channels
 from ninedtact.force.model_file import read_model
 from ninedtact.force.traits import Traits
-from ninedtact.recording.dataset.columns import write_rows, write_untouched
-from ninedtact.recording.dataset.heights import height_pairs
-from ninedtact.recording.dataset.rows import Row, UntouchedImage
-from ninedtact.recording.dataset.sensor_heights import SensorMissing
 from ninedtact.simulation.population.member import member
 
 MM_PER_PX = 0.0522
@@ -102,7 +102,7 @@ def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeyp
     second.unlink()
     read: list[str] = []
     monkeypatch.setattr(
-        "ninedtact.recording.dataset.sensor_heights.write_file_atomically",
+        "ninedtact.dataset.sensor_heights.write_file_atomically",
         lambda path, *content: read.append(path.name) or write_file_atomically(path, *content),
     )
     again = height_pairs(folder, calibrated, GRID.grid)

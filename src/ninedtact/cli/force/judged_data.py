@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Literal
 from ninedtact.cli.force.estimators import BOTH, PHYSICS
 
 if TYPE_CHECKING:
+    from ninedtact.dataset.sensor_heights import CalibratedSensor
     from ninedtact.force.estimator import ForceEstimator
     from ninedtact.force.evaluation import Predictions
-    from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
     from ninedtact.simulation.population.member import SensorMember
 
 Modulus = Literal["true", "design", "weighed"]
@@ -35,8 +35,8 @@ class JudgedData:
         from tqdm import tqdm
 
         from ninedtact.cli.force.own_sensors import members_of
+        from ninedtact.dataset.readings import readings
         from ninedtact.force.evaluation import Distribution, Predictions
-        from ninedtact.recording.dataset.readings import readings
 
         (sensors, refused), members = self.calibrated(), members_of(self.folder)
         estimators: dict[str, ForceEstimator] = {}

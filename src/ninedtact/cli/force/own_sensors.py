@@ -12,7 +12,7 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
+    from ninedtact.dataset.sensor_heights import CalibratedSensor
     from ninedtact.simulation.population.member import SensorMember
 
 REFUSED = "refused.txt"
@@ -26,7 +26,7 @@ class SensorsNotKnown(NinedtactError):
 
 def members_of(data: Path) -> dict[str, "SensorMember"]:
     """The twins of a data set that was simulated, by name; none of another."""
-    from ninedtact.simulation.dataset.folder import MEMBERS
+    from ninedtact.dataset.generation.folder import MEMBERS
     from ninedtact.simulation.population.member import member_from
 
     if not (data / MEMBERS).is_file():
@@ -68,7 +68,7 @@ def calibrate_twins(
     """Each from its own board and ball, as a person would, those that are there already apart; why some could not be."""
     from tqdm import tqdm
 
-    from ninedtact.recording.dataset.workers import as_done
+    from ninedtact.dataset.workers import as_done
 
     jobs = [(member, folder / name) for name, member in members.items() if not is_tried(folder / name)]
     with tqdm(total=len(jobs), unit="sensor", disable=not (progress and jobs)) as bar:
@@ -112,7 +112,7 @@ def read(folder: Path) -> "CalibratedSensor":
     """What heights are read by; raises `SensorFolderDamaged`."""
     from ninedtact.calibration.sensor_folder import RECORD, load_sensor
     from ninedtact.cli.force.estimators import gel_of
-    from ninedtact.recording.dataset.sensor_heights import CalibratedSensor
+    from ninedtact.dataset.sensor_heights import CalibratedSensor
 
     sensor = load_sensor(folder)
     return CalibratedSensor(sensor.shape, gel_of(sensor), sha256((folder / RECORD).read_bytes()).hexdigest())

@@ -35,9 +35,9 @@ class TrainingData:
         """Heights by the calibration of each sensor."""
         import numpy as np
 
+        from ninedtact.dataset.heights import height_pairs
         from ninedtact.force.training.examples import Examples
         from ninedtact.force.traits import traits_of
-        from ninedtact.recording.dataset.heights import height_pairs
 
         sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
         tell_refused(sensors.refused)
@@ -56,8 +56,8 @@ class TrainingData:
 
     def of_images(self) -> tuple["Examples", Sequence[str]]:
         """Grey images with their references."""
+        from ninedtact.dataset.reader import DataSet
         from ninedtact.force.training.examples import Examples
-        from ninedtact.recording.dataset.reader import DataSet
 
         size = self.grid.cols, self.grid.rows
         pairs = DataSet.open(self.folder, size, threads=self.workers, progress=self.progress)

@@ -11,8 +11,8 @@ from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.simulation.dataset.job import Made
-    from ninedtact.simulation.dataset.settings import DatasetSettings
+    from ninedtact.dataset.generation.job import Made
+    from ninedtact.dataset.generation.settings import DatasetSettings
 
 
 class DatasetStopped(NinedtactError):
@@ -76,7 +76,7 @@ class Dataset:
 
     def made(self) -> "Made":
         """The data set, all of it."""
-        from ninedtact.simulation.dataset.job import make_dataset
+        from ninedtact.dataset.generation.job import make_dataset
 
         return make_dataset(
             *(self.out, self.settings, self.workers),
@@ -89,7 +89,7 @@ class Dataset:
     @property
     def settings(self) -> "DatasetSettings":
         """As the simulation names it; raises `DatasetImpossible`, `PopulationImpossible`, and what `read_design` raises."""
-        from ninedtact.simulation.dataset.settings import DatasetSettings, Shares
+        from ninedtact.dataset.generation.settings import DatasetSettings, Shares
         from ninedtact.simulation.population.parts import Kinds
 
         return DatasetSettings(

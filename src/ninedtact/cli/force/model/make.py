@@ -13,8 +13,8 @@ from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.cli.force.model.live_proof import Shown
+    from ninedtact.dataset.generation.settings import DatasetSettings
     from ninedtact.force.card import Card
-    from ninedtact.simulation.dataset.settings import DatasetSettings
 
 LEARN, JUDGE, TRAINING, SENSOR = "learn", "judge", "training", "sensor"
 """Folders."""
@@ -77,7 +77,7 @@ class Make:
 
     def simulated(self, name: str, settings: "DatasetSettings") -> None:
         """One data set, whole."""
-        from ninedtact.simulation.dataset.job import make_dataset
+        from ninedtact.dataset.generation.job import make_dataset
 
         make_dataset(self.out / name, settings, self.workers, progress=not self.json, device="auto")
 

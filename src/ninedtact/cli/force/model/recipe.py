@@ -8,7 +8,7 @@ from ninedtact.design import SensorDesign
 if TYPE_CHECKING:
     from ninedtact.cli.force.train import Precision
     from ninedtact.cli.force.training_data import HeldOut
-    from ninedtact.simulation.dataset.settings import DatasetSettings
+    from ninedtact.dataset.generation.settings import DatasetSettings
 
 HELD_OUT = frozenset(
     (
@@ -42,7 +42,7 @@ class Recipe:
     @property
     def to_learn(self) -> "DatasetSettings":
         """Sensors of all mechanics, objects that are not held out."""
-        from ninedtact.simulation.dataset.settings import DatasetSettings
+        from ninedtact.dataset.generation.settings import DatasetSettings
 
         return DatasetSettings(
             self.pairs,
@@ -56,7 +56,7 @@ class Recipe:
     @property
     def to_judge(self) -> "DatasetSettings":
         """Other sensors, most of them with the mechanics that estimators assume, and the objects held out."""
-        from ninedtact.simulation.dataset.settings import DatasetSettings
+        from ninedtact.dataset.generation.settings import DatasetSettings
         from ninedtact.simulation.population.parts import Kinds
 
         return DatasetSettings(

@@ -1,0 +1,105 @@
+"""Recordings of `ninedtact collect` in a data set: rectified as the live sensor does it, with the sensor that rides along."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from built_sets import decoded, listed, references_in, rows_in
+from little_sources import touched, untouched
+
+from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, record_toml
+from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, SensorRecord
+from ninedtact.cli.dataset.build import read_rectification
+from ninedtact.dataset.build import Built, build
+from ninedtact.dataset.report import NothingUsable
+from ninedtact.dataset.sources.detect import Finder
+from ninedtact.dataset.sources.source import Statements
+from ninedtact.design import FieldOfView, SensorDesign
+from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.episode import EpisodeWriter
+from ninedtact.recording.messages import PairMark, Topic
+from ninedtact.recording.sensor_copy import attachments_of
+from ninedtact.recording.session import Session
+from ninedtact.shape.depth import DepthCurve, Smoothing
+
+RAW, MM_PER_PX = (48, 64), 0.5
+PX_PER_MM = 1 / (MM_PER_PX * max(RAW) / 2)
+SIX = np.array([0.5, 0, -3, 0.01, -0.02, 0.003])
+TOPICS = (Topic.IMAGES, Topic.UNTOUCHED, Topic.MEASURED, Topic.PAIRS)
+
+
+@pytest.fixture
+def sensor(tmp_path: Path) -> SensorFolder:
+    """A lens without distortion, 40 x 30 rectified pixels."""
+    record = SensorRecord(
+        format=FORMAT,
+        id="little",
+        created=datetime(2026, 1, 1, tzinfo=UTC),
+        software="test",
+        design=SensorDesign(field_of_view=FieldOfView(30, 40, 64)),
+        grid=Grid(MM_PER_PX, *RAW, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
+        lens=LensTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
+        depth=Depth("ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.5), (0.0, 2.0), (0.0, 0.01))),
+    )
+    (tmp_path / "sensor").mkdir()
+    (tmp_path / "sensor" / RECORD).write_bytes(record_toml(record))
+    return SensorFolder(tmp_path / "sensor", record)
+
+
+def episode(path: Path, attached: dict[str, bytes] | None = None) -> None:
+    """Two tares, a pair after each; the second wrench is 30 ms late."""
+    path.parent.mkdir(exist_ok=True)
+    skin = untouched(rows=RAW[0], cols=RAW[1])
+    with EpisodeWriter(path, Session("little", id=path.stem), TOPICS, attached) as writer:
+        for tare in (0, 1):
+            begin_ns = 1_000_000_000 * (tare + 1)
+            for index in range(2):
+                writer.untouched(Frame(skin, begin_ns + index, index), tare)
+            frame = Frame(touched(skin, 3.0, tare), begin_ns + 100, 10 + tare)
+            writer.image(frame)
+            wrench = Wrench(SIX[:3], SIX[3:], stamp_ns=frame.stamp_ns)
+            writer.pair(
+                PairMark(frame.stamp_ns, frame.index, tare, f"cup_{tare}", f"{path.stem}-c{tare}", "rule", wrench)
+            )
+
+
+def built_from(out: Path, source: Path, statements: Statements = Statements()) -> Built:
+    return build(out, Finder(read_rectification, statements).sources([str(source)]))
+
+
+def test_pairs_are_rectified_with_the_sensor_that_rides_along(sensor: SensorFolder, tmp_path: Path) -> None:
+    episode(tmp_path / "in" / "monday.mcap", attachments_of(sensor.path))
+    built = built_from(tmp_path / "out", tmp_path / "in")
+    assert built.report.listed == []
+    rows = rows_in(tmp_path / "out")
+    assert [row["id"] for row in rows] == ["monday-c0/000", "monday-c1/000"]
+    skin = untouched(rows=RAW[0], cols=RAW[1])
+    references = references_in(tmp_path / "out")
+    assert len(references) == 2
+    for tare, row in enumerate(rows):
+        images = (touched(skin, 3.0, tare), skin)
+        expected = [np.rint(sensor.rectification(Frame(image)).grey).astype(np.uint8) for image in images]
+        assert np.array_equal(decoded(row["image"]), expected[0])
+        assert np.array_equal(references[row["reference"]], expected[1])
+        assert row["wrench"] == pytest.approx(SIX, abs=1e-6)
+        assert (row["object"], row["sensor"], row["kind"]) == (f"cup_{tare}", "little", "rule")
+        assert (row["gap_ms"], row["time_ns"]) == (0, 1_000_000_000 * (tare + 1) + 100)
+        assert row["mm_per_px"] == pytest.approx(MM_PER_PX)
+
+
+def test_a_recording_without_its_sensor_needs_one_named(sensor: SensorFolder, tmp_path: Path) -> None:
+    episode(tmp_path / "in" / "bare.mcap")
+    with pytest.raises(NothingUsable, match="1 unreadable"):
+        built_from(tmp_path / "none", tmp_path / "in")
+    stated = Statements(sensor_folder=sensor.path)
+    assert built_from(tmp_path / "out", tmp_path / "in" / "bare.mcap", stated).contents.pairs == 2
+
+
+def test_a_damaged_recording_is_listed_and_the_others_are_read(sensor: SensorFolder, tmp_path: Path) -> None:
+    for name in ("good", "odd"):
+        episode(tmp_path / "in" / f"{name}.mcap", attachments_of(sensor.path))
+    (tmp_path / "in" / "odd.mcap").write_bytes(b"no recording")
+    built = built_from(tmp_path / "out", tmp_path / "in")
+    assert listed(built.report) == {("unreadable", "in/odd")}
+    assert built.contents.pairs == 2

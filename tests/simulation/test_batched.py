@@ -1,0 +1,301 @@
+"""Many sessions at once, on torch: the pairs of the processor, in any batch, and in smaller ones when memory runs out."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+from ninedtact.cli import main
+from ninedtact.dataset.generation.bench import set_up
+from ninedtact.dataset.generation.hand import Hand
+from ninedtact.dataset.generation.job import Made, make_dataset
+from ninedtact.dataset.generation.settings import DatasetImpossible, DatasetSettings, Shares
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics import response
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.pose import Pose, PoseImpossible
+from ninedtact.mechanics.solids import FlatPunch
+from ninedtact.simulation.batched import device as devices
+from ninedtact.simulation.batched.device import Device, DeviceMissing, device_named
+from ninedtact.simulation.batched.objects import Shelf
+from ninedtact.simulation.batched.requests import Felt, Look, Step
+from ninedtact.simulation.batched.room import Room
+from ninedtact.simulation.objects.generated import object_named
+from ninedtact.simulation.population.parts import Kinds
+from ninedtact.simulation.twin import PoseOutOfView
+
+SMALL = DatasetSettings(
+    pairs=18,
+    size=(48, 36),
+    sensors=3,
+    names=("ball:3", "gear_07", "cylinder:2,5", "screw_02"),
+    shares=Shares(0.1, 0.15),
+    kinds=Kinds(0.34, 0.33),
+    pitch_mm=0.5,
+    session_pairs=3,
+    sessions_per_file=2,
+)
+"""Six sessions in three files; one sensor of each kind."""
+OBJECTS = (Ball(3.0), object_named("gear_07"), object_named("screw_02"), Ball(3.0), FlatPunch(2.0))
+TILTED = [Pose(0.5 * k, -0.2, 0.3 + 0.1 * k, 0.4 * k, 0.03 + 0.04 * k, -0.02 * k) for k in range(5)]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def by_processor(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return make_dataset(tmp_path_factory.mktemp("dataset") / "processor", SMALL)
+
+
+@pytest.fixture(scope="module")
+def together(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return make_dataset(tmp_path_factory.mktemp("dataset") / "together", SMALL, workers=2, device="torch-cpu")
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    benches = [set_up(number, SMALL) for number in range(SMALL.sensors)]
+    return Room(range(SMALL.sensors), benches, Device("torch-cpu"), 8, print)
+
+
+def rows(folder: Path) -> list[dict[str, Any]]:
+    return [row for path in sorted((folder / "data").iterdir()) for row in pq.read_table(path).to_pylist()]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def assert_same_pairs(found: Path, wanted: Path) -> None:
+    ours, theirs = rows(found), rows(wanted)
+    assert len(ours) == len(theirs)
+    for row, other in zip(ours, theirs, strict=True):
+        told = {name: (row[name], other[name]) for name in row if name not in ("image", "wrench")}
+        assert all(one == another for one, another in told.values()), told
+        np.testing.assert_allclose(row["wrench"], other["wrench"], rtol=1e-4, atol=1e-5)
+        shown, expected = (
+            cv2.imdecode(np.frombuffer(one["image"]["bytes"], np.uint8), cv2.IMREAD_UNCHANGED).astype(int)
+            for one in (row, other)
+        )
+        assert np.abs(shown - expected).max() <= 1
+        assert (shown != expected).mean() < 0.01
+
+
+def test_the_pairs_are_those_of_the_processor(together: Made, by_processor: Made) -> None:
+    assert together.kinds == by_processor.kinds
+    assert_same_pairs(together.folder, by_processor.folder)
+    assert {row["sensor"] for row in rows(together.folder)} == {f"twin_0_{number:03d}" for number in range(3)}
+
+
+def test_a_batch_of_another_size_makes_the_same_pairs(tmp_path: Path, together: Made) -> None:
+    make_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", at_once=3)
+    assert_same_pairs(tmp_path / "pairs", together.folder)
+
+
+def test_what_is_missing_is_made_again_with_the_same_bytes(tmp_path: Path, together: Made) -> None:
+    before = contents(together.folder)
+    path = together.folder / "data" / "train-00001-of-00003.parquet"
+    path.unlink()
+    other = together.folder / "data" / "train-00000-of-00003.parquet"
+    age = other.stat().st_mtime_ns
+    again = make_dataset(together.folder, SMALL, device="torch-cpu")
+    assert again.new_files == 1
+    assert contents(together.folder) == before
+    assert other.stat().st_mtime_ns == age
+
+
+def test_kinds_of_devices_are_not_mixed(together: Made, by_processor: Made) -> None:
+    assert together.device == "torch-cpu"
+    assert json.loads((together.folder / "settings.json").read_text())["device"] == "torch-cpu"
+    assert "with `--device torch-cpu`" in (together.folder / "README.md").read_text()
+    assert "device" not in json.loads((by_processor.folder / "settings.json").read_text())
+    with pytest.raises(DatasetImpossible, match=r"another device \(device: cpu instead of torch-cpu\)"):
+        make_dataset(together.folder, SMALL)
+    with pytest.raises(DatasetImpossible, match=r"another device \(device: torch-cpu instead of cpu\)"):
+        make_dataset(by_processor.folder, SMALL, device="torch-cpu")
+
+
+class FullMemory:
+    """Room for the fields of so many contacts."""
+
+    def __init__(self, contacts: int, trouble: Exception) -> None:
+        self.contacts, self.trouble, self.spectrum = contacts, trouble, response.spectrum
+
+    def __call__(self, field: Any, shape: tuple[int, int]) -> Any:
+        if field.shape[0] > self.contacts:
+            raise self.trouble
+        return self.spectrum(field, shape)
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [torch.OutOfMemoryError("CUDA out of memory."), RuntimeError("cuFFT error: CUFFT_INTERNAL_ERROR")],
+    ids=["torch", "cufft"],
+)
+def test_a_full_memory_halves_the_batch_and_is_told(
+    tmp_path: Path, together: Made, monkeypatch: pytest.MonkeyPatch, trouble: Exception
+) -> None:
+    monkeypatch.setattr(response, "spectrum", FullMemory(2, trouble))
+    said: list[str] = []
+    make_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", tell=said.append)
+    assert said == [
+        "the memory of torch-cpu is too small for 6 contacts at once; going on with 3",
+        "the memory of torch-cpu is too small for 3 contacts at once; going on with 1",
+    ]
+    assert_same_pairs(tmp_path / "pairs", together.folder)
+
+
+def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(response, "spectrum", FullMemory(0, torch.OutOfMemoryError("CUDA out of memory.")))
+    options = "--pairs 2 --sensors 2 --size 32 24 --names ball:3 --pitch-mm 0.5 --device torch-cpu"
+    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split()]) == 1
+    told = capsys.readouterr().err
+    assert "ninedtact: the memory of torch-cpu is too small for 2 contacts at once; going on with 1\n" in told
+    assert "expected room for one contact in the memory of torch-cpu, got 'CUDA out of memory.'; end what" in told
+
+
+def test_other_trouble_is_not_taken_for_a_full_memory(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(response, "spectrum", FullMemory(0, RuntimeError("CUDA error: an illegal memory access")))
+    with pytest.raises(RuntimeError, match="illegal"):
+        room.answers([Step(room.bench(0), None, Ball(), Pose(depth_mm=0.5))])
+
+
+def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: Room) -> None:
+    bench = room.bench(0)
+    assert isinstance(room.answers([Step(bench, None, Ball(), Pose(depth_mm=0.02), 3.0)])[0], Step), (
+        "its window was too small"
+    )
+    steps = [
+        Step(bench, None, Ball(), Pose(depth_mm=0.5)),
+        Step(bench, None, Ball(), Pose(x_mm=40.0), 1.0),
+        Step(bench, None, Ball(1.5), Pose(), 60.0, widely=True),
+        Step(bench, None, Ball(), Pose(depth_mm=50.0), widely=True),
+        Step(bench, None, FlatPunch(13.0), Pose(depth_mm=0.2), widely=True),
+        Step(bench, None, Ball(), Pose(depth_mm=-0.5)),
+    ]
+    told = room.answers(steps)
+    for step, answer in zip(steps, told, strict=True):
+        try:
+            alone: Felt | NinedtactError = step.alone()
+        except NinedtactError as refusal:
+            alone = refusal
+        assert type(answer) is type(alone)
+        if isinstance(alone, Felt):
+            assert answer.touches == alone.touches
+            np.testing.assert_allclose(answer.wrench.six, alone.wrench.six, rtol=1e-4, atol=1e-6)
+            assert answer.deepest_mm == pytest.approx(alone.deepest_mm, rel=1e-4)
+            assert answer.area_mm2 == alone.area_mm2
+            assert answer.stiffer == pytest.approx(alone.stiffer)
+    assert isinstance(told[1], PoseOutOfView)
+    assert isinstance(told[2], PoseImpossible)
+    assert isinstance(told[3], PoseImpossible)
+
+
+def test_untouched_skin_is_shown_as_it_is(room: Room) -> None:
+    assert room.answers([Look(room.bench(1), None)]) == [None]
+
+
+@pytest.mark.parametrize("poses", [TILTED, [Pose(pose.x_mm, twist_rad=pose.twist_rad) for pose in TILTED]])
+def test_objects_side_by_side_are_each_their_own(poses: list[Pose]) -> None:
+    axis = np.linspace(-12, 12, 60)
+    places = tuple(np.float32(place) for place in np.meshgrid(axis, axis))
+    several = Shelf(np.zeros((), np.float32)).several(OBJECTS)
+    found = several.over_skin_mm(Pose.batch(poses), *places)
+    for height, indenter, pose in zip(found, OBJECTS, poses, strict=True):
+        np.testing.assert_allclose(height, indenter.over_skin_mm(pose, *places), atol=2e-5)
+
+
+def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None:
+    faint = Hand(load_n=(0.1, 0.01), load_within_n=(0.05, 0.2), stations=(1, 1))
+    settings = replace(SMALL, hand=faint, shares=Shares(0, 0), names=("ball:4",), pairs=3, sensors=1, pitch_mm=1.0)
+    with pytest.raises(DatasetImpossible, match="press harder"):
+        make_dataset(tmp_path / "faint", settings, device="torch-cpu")
+
+
+@pytest.mark.parametrize("name", ["tpu", "cuda:x", "CPU", "cpu:0", ""])
+def test_devices_go_by_their_names(name: str) -> None:
+    with pytest.raises(DeviceMissing, match="expected a device named auto, cpu, cuda, cuda:N or torch-cpu"):
+        device_named(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "there", "said"),
+    [("cuda", 0, "got none"), ("cuda:0", 0, "got none"), ("cuda:2", 2, "got 2, cuda:0 to cuda:1")],
+)
+def test_a_gpu_that_is_not_there_is_one_sentence(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    there: int,
+    said: str,
+) -> None:
+    monkeypatch.setattr(devices, "gpus", lambda: there)
+    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(f"ninedtact: expected {name}, a GPU that torch sees, {said}; give --device cpu")
+    assert not (tmp_path / "pairs").exists()
+
+
+def test_a_gpu_that_is_there_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(devices, "gpus", lambda: 2)
+    monkeypatch.setattr(devices, "driver_there", lambda: True)
+    assert [device_named(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
+    assert not device_named("cpu").many
+    monkeypatch.setattr(devices, "gpus", lambda: 0)
+    assert device_named("auto") == Device("cpu")
+
+
+def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*of: object, **how: object) -> None:
+        raise RuntimeError("CUDA error: out of memory\nCUDA kernel errors might be reported later")
+
+    monkeypatch.setattr(torch, "zeros", full)
+    with pytest.raises(DeviceMissing, match="expected room in the memory of cuda, got none at all"):
+        Device("cuda").like()
+
+
+@pytest.mark.parametrize("name", ["cuda", "torch-cpu"])
+def test_without_torch_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    monkeypatch.setattr(devices, "find_spec", lambda module: None)
+    monkeypatch.setattr(devices, "driver_there", lambda: True)
+    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "got no such package; run pip install 'ninedtact[train]'" in line
+    assert device_named("auto") == Device("cpu")
+
+
+def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
+    options = "--pairs 2 --sensors 1 --size 32 24 --names ball:3 --pitch-mm 0.5 --workers 1 --json"
+    device = "--device cpu" if devices.driver_there() else ""
+    arguments = ["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split(), *device.split()]
+    check = (
+        f"import sys; from ninedtact.cli import main; main({arguments}); print('torch' in sys.modules, file=sys.stderr)"
+    )
+    ran = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert json.loads(ran.stdout)["device"] == "cpu"
+    assert ran.stderr.strip().endswith("False")
+
+
+def test_no_session_at_once_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DatasetImpossible, match="1 session at once"):
+        make_dataset(tmp_path / "pairs", SMALL, at_once=0)
