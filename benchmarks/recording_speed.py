@@ -17,10 +17,10 @@ from figures import Figure, answer, at_least
 from real_images import PRESSES, sensor_folders
 
 from ninedtact import Frame, Wrench, default_twin, read_image
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.messages import Topic
-from ninedtact.recording.replay import Replay, ReplayedWrenches
-from ninedtact.recording.session import Session
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
+from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.writer import RecordingWriter
 
 HZ, SAMPLES_HZ = 30, 1000
 Images = list[np.ndarray]
@@ -43,10 +43,10 @@ def of_images(name: str, images: Images, count: int) -> list[Figure]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "images.mcap"
         frames = [Frame(image, number, number) for number, image in enumerate(islice(cycle(images), count))]
-        with EpisodeWriter(path, Session("benchmark"), [Topic.IMAGES]) as episode:
+        with RecordingWriter(path, RecordingMetadata("benchmark"), [Topic.IMAGES]) as episode:
             write_ms = timed_ms(lambda: [episode.image(frame) for frame in frames]) / count
         per_image_kb = path.stat().st_size / count / 1e3
-        with Replay(path) as source:
+        with RecordedSource(path) as source:
             read_ms = timed_ms(lambda: list(source)) / count
     quick = (cv2.IMWRITE_PNG_COMPRESSION, 1)
     packed: list[np.ndarray] = []
@@ -71,10 +71,10 @@ def of_samples(count: int = 20_000) -> list[Figure]:
     samples = [Wrench(rng.normal(0, 3, 3), rng.normal(0, 0.1, 3), stamp_ns=number) for number in range(count)]
     with TemporaryDirectory() as folder:
         path = Path(folder) / "samples.mcap"
-        with EpisodeWriter(path, Session("benchmark"), [Topic.MEASURED]) as episode:
+        with RecordingWriter(path, RecordingMetadata("benchmark"), [Topic.MEASURED]) as episode:
             write_us = timed_ms(lambda: [episode.measured(sample) for sample in samples]) / count * 1e3
         size = path.stat().st_size / count
-        with ReplayedWrenches(path) as source:
+        with RecordedWrenchSource(path) as source:
             read_us = timed_ms(lambda: [source.read() for _ in range(count)]) / count * 1e3
     return [
         Figure("force samples: written in, µs", round(write_us)),

@@ -13,7 +13,7 @@ from ninedtact.calibration.procedure import Calibration, CalibrationImages, Cali
 from ninedtact.calibration.save import write_sensor  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
 from ninedtact.capture.chatter import hush_video  # noqa: E402
-from ninedtact.capture.images import read_image  # noqa: E402
+from ninedtact.capture.image_file import read_image  # noqa: E402
 from ninedtact.simulation.gauges import gauge_images  # noqa: E402
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.images import read_image
+from ninedtact.capture.image_file import read_image
 from ninedtact.cli import main
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose

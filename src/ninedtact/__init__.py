@@ -15,11 +15,10 @@ if TYPE_CHECKING:
     from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
     from ninedtact.calibration.save import write_sensor
     from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-    from ninedtact.capture.address import source_for
-    from ninedtact.capture.freshest import Freshest
-    from ninedtact.capture.images import read_image
-    from ninedtact.capture.settings import STEADY, CameraSettings
-    from ninedtact.capture.source import FrameSource, SourceEnded
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraSettings, FrameSource, SourceEnded
+    from ninedtact.capture.image_file import read_image
+    from ninedtact.capture.latest_frame import LatestFrameSource
+    from ninedtact.capture.source_address import source_for
     from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.design import SensorDesign
     from ninedtact.errors import NinedtactError
@@ -60,13 +59,13 @@ HOMES = {
     "from_straight_below": "shape.sightlines",
     "SourceEnded": "capture.source",
     "CameraSettings": "capture.settings",
-    "STEADY": "capture.settings",
+    "FIXED_EXPOSURE": "capture.settings",
     "Coverage": "quantities",
     "CalibrationImages": "calibration.procedure",
     "CalibrationSettings": "calibration.procedure",
     "Frame": "quantities",
     "FrameSource": "capture.source",
-    "Freshest": "capture.freshest",
+    "LatestFrameSource": "capture.freshest",
     "HeightMap": "quantities",
     "Mesh": "quantities",
     "NinedtactError": "errors",
@@ -88,7 +87,7 @@ HOMES = {
 }
 
 __all__ = [
-    "STEADY",
+    "FIXED_EXPOSURE",
     "Act",
     "CalibrationImages",
     "CalibrationSettings",
@@ -96,8 +95,8 @@ __all__ = [
     "Coverage",
     "Frame",
     "FrameSource",
-    "Freshest",
     "HeightMap",
+    "LatestFrameSource",
     "Mesh",
     "NinedtactError",
     "PointCloud",

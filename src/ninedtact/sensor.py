@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from time import monotonic_ns, perf_counter
 from types import TracebackType
 
-from ninedtact.capture.source import FrameSource, SourceEnded
+from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.force.estimator import ForceEstimator, NoForce
 from ninedtact.quantities import Frame, Reading
 from ninedtact.shape.calibrated import CalibratedShape

@@ -19,7 +19,7 @@ from ninedtact.calibration.original_9dtact.exchange import import_upstream
 from ninedtact.calibration.procedure import CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.calibration.save import write_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
-from ninedtact.capture.images import ImageSizeWrong, read_image
+from ninedtact.capture.image_file import ImageSizeWrong, read_image
 from ninedtact.cli.check import Check, NothingToCheck
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import rectification

@@ -19,7 +19,7 @@ from ninedtact.calibration.sensor_folder import (
     new_sensor_folder,
     record_toml,
 )
-from ninedtact.capture.images import read_image
+from ninedtact.capture.image_file import read_image
 from ninedtact.quantities import Frame
 
 

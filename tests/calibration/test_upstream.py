@@ -32,7 +32,7 @@ from ninedtact.calibration.original_9dtact.folder_format import (
 )
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolderDamaged, load_sensor, record_toml
 from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, Image, LensTable, SensorRecord
-from ninedtact.capture.images import read_image
+from ninedtact.capture.image_file import read_image
 from ninedtact.cli.original_calibration import ExportCalibration, ImportCalibration
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Coverage, Frame

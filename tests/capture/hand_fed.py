@@ -5,7 +5,7 @@ from queue import Queue
 
 import numpy as np
 
-from ninedtact.capture.source import FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.quantities import Frame
 
 

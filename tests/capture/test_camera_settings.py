@@ -6,10 +6,9 @@ import cv2
 import pytest
 from bench_camera import BenchCamera, BenchPi
 
-from ninedtact.capture.camera import Camera
-from ninedtact.capture.raspberry_pi import RaspberryPi
-from ninedtact.capture.settings import STEADY, CameraSettings, SettingRefused
-from ninedtact.capture.source import CameraLost
+from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettingRefused, CameraSettings
+from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
+from ninedtact.capture.uvc_camera import UvcCamera
 
 
 @pytest.mark.parametrize(
@@ -22,12 +21,12 @@ from ninedtact.capture.source import CameraLost
         CameraSettings(exposure_ms=15.6, gain=40.0),
         CameraSettings(auto_exposure=True),
         CameraSettings(white_balance_k=4600.0),
-        STEADY,
+        FIXED_EXPOSURE,
     ],
     ids=repr,
 )
 def test_a_setting_that_the_camera_has_is_in_force(wish: CameraSettings) -> None:
-    with Camera(0, wish, BenchCamera().open_capture) as camera:
+    with UvcCamera(0, wish, BenchCamera().open_capture) as camera:
         got = camera.settings_in_force
         for name in ("size_px", "pixel_format", "auto_exposure", "gain", "auto_white_balance"):
             assert getattr(wish, name) in (None, getattr(got, name))
@@ -50,8 +49,8 @@ def test_a_setting_that_the_camera_has_is_in_force(wish: CameraSettings) -> None
 def test_a_setting_that_the_camera_clamps_is_refused(wish: CameraSettings, words: str) -> None:
     bench = BenchCamera()
     with (
-        pytest.raises(SettingRefused, match=f"expected camera 0 to take {words}.*;"),
-        Camera(0, wish, bench.open_capture),
+        pytest.raises(CameraSettingRefused, match=f"expected camera 0 to take {words}.*;"),
+        UvcCamera(0, wish, bench.open_capture),
     ):
         pass
     assert bench.held == 0
@@ -60,9 +59,12 @@ def test_a_setting_that_the_camera_clamps_is_refused(wish: CameraSettings, words
 def test_a_control_that_the_camera_lacks_is_refused() -> None:
     bench = BenchCamera()
     del bench.limits[cv2.CAP_PROP_AUTO_WB]
-    with pytest.raises(SettingRefused, match="automatic white balance"), Camera(0, STEADY, bench.open_capture):
+    with (
+        pytest.raises(CameraSettingRefused, match="automatic white balance"),
+        UvcCamera(0, FIXED_EXPOSURE, bench.open_capture),
+    ):
         pass
-    with Camera(0, opener=bench.open_capture) as camera:
+    with UvcCamera(0, opener=bench.open_capture) as camera:
         assert camera.settings_in_force.auto_white_balance is None
 
 
@@ -72,30 +74,33 @@ def test_settings_that_contradict_each_other_are_refused() -> None:
         {"white_balance_k": 4000.0, "auto_white_balance": True},
         {"pixel_format": "MJPEG"},
     ):
-        with pytest.raises(SettingRefused, match=r"expected .* got .*;"):
+        with pytest.raises(CameraSettingRefused, match=r"expected .* got .*;"):
             CameraSettings(**contradiction)
 
 
 def test_a_raspberry_pi_is_read_back_too() -> None:
-    with RaspberryPi(settings=CameraSettings(exposure_ms=8.0, gain=2.0, rate_hz=60.0), opener=BenchPi) as camera:
+    with RaspberryPiCamera(settings=CameraSettings(exposure_ms=8.0, gain=2.0, rate_hz=60.0), opener=BenchPi) as camera:
         assert camera.read().image.shape == (480, 640, 3)
     for refused in (CameraSettings(exposure_ms=50.0), CameraSettings(white_balance_k=4000.0)):
-        with pytest.raises(SettingRefused, match=r"expected .* got .*;"), RaspberryPi(settings=refused, opener=BenchPi):
+        with (
+            pytest.raises(CameraSettingRefused, match=r"expected .* got .*;"),
+            RaspberryPiCamera(settings=refused, opener=BenchPi),
+        ):
             pass
 
 
 def test_a_image_that_waited_in_the_driver_is_stamped_with_its_arrival() -> None:
-    with Camera(0, opener=BenchCamera(driver_delay_ms=70).open_capture) as camera:
+    with UvcCamera(0, opener=BenchCamera(driver_delay_ms=70).open_capture) as camera:
         frame = camera.read()
         assert 70 <= (time.monotonic_ns() - frame.stamp_ns) / 1e6 < 10_000
-    with Camera(0, opener=BenchCamera(driver_delay_ms=-1e12).open_capture) as camera:  # a wall clock is no stamp
+    with UvcCamera(0, opener=BenchCamera(driver_delay_ms=-1e12).open_capture) as camera:  # a wall clock is no stamp
         before = time.monotonic_ns()
         assert before <= camera.read().stamp_ns <= time.monotonic_ns()
 
 
 def test_one_damaged_image_is_read_over_and_a_dead_camera_is_lost() -> None:
     bench = BenchCamera()
-    with Camera(0, opener=bench.open_capture) as camera:
+    with UvcCamera(0, opener=bench.open_capture) as camera:
         bench.damaged_images = 1
         assert camera.read().index == 0
         bench.plugged_in = False

@@ -9,12 +9,17 @@ import pytest
 from hand_fed import HandFed
 from mjpeg_camera import MjpegCamera
 
-from ninedtact.capture.address import SourceUnknown
-from ninedtact.capture.checkup import Checkup, advice_on_rate, advice_on_settings, examine
-from ninedtact.capture.devices import CameraDevice, list_cameras
-from ninedtact.capture.rate import RateUnmeasurable, measure_rate
-from ninedtact.capture.settings import CameraSettings
-from ninedtact.capture.source import SourceEnded
+from ninedtact.capture.camera_check import (
+    CameraCheck,
+    FrameRateUnmeasurable,
+    camera_settings_advice,
+    check_camera,
+    frame_rate_advice,
+    measure_frame_rate,
+)
+from ninedtact.capture.frame_source import CameraSettings, SourceEnded
+from ninedtact.capture.source_address import SourceUnknown
+from ninedtact.capture.uvc_camera import CameraDevice, list_cameras
 from ninedtact.cli.doctor import Doctor, camera_lines
 
 
@@ -22,12 +27,12 @@ def test_images_that_come_twice_are_told_from_the_true_rate() -> None:
     source = HandFed()
     for number in range(45):
         source.show(level=number // 2, stamp_ns=1_000_000_000 + number * 10_000_000)
-    rate = measure_rate(source, frames=40)
+    rate = measure_frame_rate(source, frames=40)
     assert rate.delivered_hz == pytest.approx(100)
     assert rate.true_hz == pytest.approx(50)
     assert rate.jitter_ms == pytest.approx(0, abs=1e-6)
     assert (rate.frames, rate.duplicates) == (40, 20)
-    assert "20 of 40 images repeat" in advice_on_rate(rate)[0]
+    assert "20 of 40 images repeat" in frame_rate_advice(rate)[0]
 
 
 def test_a_frozen_image_has_no_rate() -> None:
@@ -35,11 +40,11 @@ def test_a_frozen_image_has_no_rate() -> None:
     for number in range(10):
         source.show(stamp_ns=number)
     source.fail(SourceEnded("over"))
-    with pytest.raises(RateUnmeasurable, match=r"expected at least 3 different images .* got 1;"):
-        measure_rate(source)
+    with pytest.raises(FrameRateUnmeasurable, match=r"expected at least 3 different images .* got 1;"):
+        measure_frame_rate(source)
     source.show()
     source.fail(SourceEnded("over"))
-    assert "different images" in (examine(source).trouble or "")
+    assert "different images" in (check_camera(source).trouble or "")
 
 
 def test_cameras_are_listed_by_number_with_their_names(tmp_path: Path) -> None:
@@ -90,6 +95,6 @@ def test_a_recording_is_named_as_one_and_a_wrong_source_fails(
 
 def test_a_camera_that_regulates_itself_is_pointed_out() -> None:
     regulated = CameraSettings(auto_exposure=True, auto_white_balance=True)
-    assert len(advice_on_settings(regulated)) == 2 and advice_on_settings(CameraSettings()) == []
-    lines = camera_lines(Checkup("camera 0", "9DTact", trouble="expected much, got little; wait"))
+    assert len(camera_settings_advice(regulated)) == 2 and camera_settings_advice(CameraSettings()) == []
+    lines = camera_lines(CameraCheck("camera 0", "9DTact", trouble="expected much, got little; wait"))
     assert lines == ["  camera 0 (9DTact)", "    expected much, got little; wait"]

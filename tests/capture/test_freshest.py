@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hand_fed import HandFed
 
-from ninedtact.capture.files import ImageFolder
-from ninedtact.capture.freshest import Freshest, ImageStale
-from ninedtact.capture.source import CameraLost, SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import CameraLost, SourceEnded, SourceNotOpen
+from ninedtact.capture.image_and_video_files import ImageFolder
+from ninedtact.capture.latest_frame import LatestFrameSource, NoRecentFrame
 
 LONG_MS = 20_000.0
 
@@ -26,12 +26,12 @@ def wait_until(is_true: Callable[[], bool]) -> None:
 
 def test_a_slow_reader_gets_the_newest_once_and_hears_of_the_dropped() -> None:
     fed = HandFed()
-    with Freshest(fed, max_age_ms=LONG_MS, timeout_ms=50.0) as freshest:
+    with LatestFrameSource(fed, max_age_ms=LONG_MS, timeout_ms=50.0) as freshest:
         for level in (1, 2, 3):
             fed.show(level)
         wait_until(lambda: freshest.dropped == 2)
         assert freshest.read().index == 2
-        with pytest.raises(ImageStale, match=r"expected a new image .* got none within 50 ms;"):
+        with pytest.raises(NoRecentFrame, match=r"expected a new image .* got none within 50 ms;"):
             freshest.read()
         fed.show(4)
         assert freshest.read().index == 3
@@ -40,13 +40,13 @@ def test_a_slow_reader_gets_the_newest_once_and_hears_of_the_dropped() -> None:
 
 def test_a_stale_image_is_not_served_as_new() -> None:
     fed = HandFed()
-    with Freshest(fed, max_age_ms=1000.0, timeout_ms=100.0) as freshest:
+    with LatestFrameSource(fed, max_age_ms=1000.0, timeout_ms=100.0) as freshest:
         fed.show(age_ms=1500)
-        with pytest.raises(ImageStale):
+        with pytest.raises(NoRecentFrame):
             freshest.read()
         assert freshest.dropped == 1
     fed = HandFed()
-    with Freshest(fed, max_age_ms=1000.0, timeout_ms=LONG_MS) as freshest:
+    with LatestFrameSource(fed, max_age_ms=1000.0, timeout_ms=LONG_MS) as freshest:
         fed.show(age_ms=1500)
         fed.show(age_ms=500, level=7)
         assert freshest.read().image[0, 0, 0] == 7
@@ -55,7 +55,7 @@ def test_a_stale_image_is_not_served_as_new() -> None:
 @pytest.mark.parametrize("trouble", [CameraLost("gone"), ZeroDivisionError("a bug in a source")])
 def test_trouble_of_the_source_reaches_the_reader_after_the_last_image(trouble: Exception) -> None:
     fed = HandFed()
-    with Freshest(fed, max_age_ms=LONG_MS, timeout_ms=LONG_MS) as freshest:
+    with LatestFrameSource(fed, max_age_ms=LONG_MS, timeout_ms=LONG_MS) as freshest:
         fed.show()
         fed.fail(trouble)
         assert freshest.read().index == 0
@@ -65,7 +65,7 @@ def test_trouble_of_the_source_reaches_the_reader_after_the_last_image(trouble: 
 
 
 def test_closing_wakes_a_waiting_reader_and_leaves_no_thread() -> None:
-    freshest = Freshest(HandFed(), timeout_ms=LONG_MS)
+    freshest = LatestFrameSource(HandFed(), timeout_ms=LONG_MS)
     freshest.open()
     ended_with: list[BaseException] = []
 
@@ -87,7 +87,7 @@ def test_a_recording_is_played_at_its_own_rate_and_ends(tmp_path: Path) -> None:
     for number in range(6):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((4, 4, 3), np.uint8))
     began = time.monotonic()
-    with Freshest(ImageFolder(tmp_path, recorded_hz=20.0), max_age_ms=LONG_MS) as freshest:
+    with LatestFrameSource(ImageFolder(tmp_path, recorded_hz=20.0), max_age_ms=LONG_MS) as freshest:
         served = list(freshest)
         assert time.monotonic() - began >= 5 / 20
         assert len(served) + freshest.dropped == 6

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ninedtact.capture.images import ImageSizeWrong, ImageUnreadable, average_images, read_image, require_size
+from ninedtact.capture.image_file import ImageSizeWrong, ImageUnreadable, average_images, read_image, require_image_size
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 SMOOTH = cv2.GaussianBlur(IMAGE, (0, 0), 4)
@@ -128,4 +128,4 @@ def test_an_average_is_rounded_and_refuses_mixed_sizes() -> None:
     with pytest.raises(ImageUnreadable, match="got none"):
         average_images([])
     with pytest.raises(ImageSizeWrong, match="the press"):
-        require_size(IMAGE, rows=480, cols=640, what="the press")
+        require_image_size(IMAGE, rows=480, cols=640, what="the press")

@@ -8,11 +8,11 @@ import pytest
 from bench_camera import BenchCamera
 from mjpeg_camera import MjpegCamera
 
-from ninedtact.capture.camera import Camera
-from ninedtact.capture.freshest import Freshest, ImageStale
-from ninedtact.capture.reconnecting import Reconnecting
-from ninedtact.capture.source import CameraLost, FrameSource
-from ninedtact.capture.stream import Stream
+from ninedtact.capture.frame_source import CameraLost, FrameSource
+from ninedtact.capture.latest_frame import LatestFrameSource, NoRecentFrame
+from ninedtact.capture.network_stream import NetworkStream
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.uvc_camera import UvcCamera
 
 Plug = Callable[[bool], None]
 
@@ -20,13 +20,13 @@ Plug = Callable[[bool], None]
 @contextmanager
 def network_camera() -> Iterator[tuple[FrameSource, Plug]]:
     with MjpegCamera() as camera:
-        yield Stream(camera.url), lambda is_in: camera.plug_in() if is_in else camera.unplug()
+        yield NetworkStream(camera.url), lambda is_in: camera.plug_in() if is_in else camera.unplug()
 
 
 @contextmanager
 def usb_camera() -> Iterator[tuple[FrameSource, Plug]]:
     camera = BenchCamera()
-    yield Camera(0, opener=camera.open_capture), lambda is_in: setattr(camera, "plugged_in", is_in)
+    yield UvcCamera(0, opener=camera.open_capture), lambda is_in: setattr(camera, "plugged_in", is_in)
     assert camera.held == 0
 
 
@@ -34,7 +34,7 @@ def usb_camera() -> Iterator[tuple[FrameSource, Plug]]:
 def test_a_loss_is_reported_once_and_reading_goes_on_when_the_camera_is_back(kind: Callable[[], object]) -> None:
     told: list[str] = []
     with kind() as (camera, plug):
-        source = Reconnecting(
+        source = ReconnectingFrameSource(
             camera, lambda loss: told.append(str(loss)), on_back=lambda: told.append("back"), retry_ms=20.0
         )
         with source:
@@ -57,11 +57,13 @@ def test_under_freshest_the_reader_sees_no_old_image_meanwhile(kind: Callable[[]
     losses: list[CameraLost] = []
     with (
         kind() as (camera, plug),
-        Freshest(Reconnecting(camera, losses.append, retry_ms=20.0), max_age_ms=20_000.0, timeout_ms=300.0) as freshest,
+        LatestFrameSource(
+            ReconnectingFrameSource(camera, losses.append, retry_ms=20.0), max_age_ms=20_000.0, timeout_ms=300.0
+        ) as freshest,
     ):
         last = freshest.read()
         plug(False)
-        with pytest.raises(ImageStale):
+        with pytest.raises(NoRecentFrame):
             for last in freshest:  # noqa: B007
                 pass
         assert len(losses) == 1
@@ -70,7 +72,7 @@ def test_under_freshest_the_reader_sees_no_old_image_meanwhile(kind: Callable[[]
             try:
                 assert freshest.read().stamp_ns > last.stamp_ns
                 break
-            except ImageStale:
+            except NoRecentFrame:
                 continue
         else:
             pytest.fail("the camera was back and no image came")
@@ -80,7 +82,9 @@ def test_under_freshest_the_reader_sees_no_old_image_meanwhile(kind: Callable[[]
 def test_closing_while_the_camera_is_away_leaves_nothing_open() -> None:
     camera = BenchCamera()
     lost = threading.Event()
-    freshest = Freshest(Reconnecting(Camera(0, opener=camera.open_capture), lambda loss: lost.set(), retry_ms=60_000.0))
+    freshest = LatestFrameSource(
+        ReconnectingFrameSource(UvcCamera(0, opener=camera.open_capture), lambda loss: lost.set(), retry_ms=60_000.0)
+    )
     with freshest:
         camera.plugged_in = False
         assert lost.wait(20)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.capture.sampling_rule import RuleImpossible, RuleSettings, SamplingRule
+from ninedtact.capture.sampling_rule import SamplingRule, SamplingRuleInvalid, SamplingRuleSettings
 from ninedtact.quantities import Wrench
 
 
@@ -13,7 +13,7 @@ def wrench(fx: float = 0, fy: float = 0, fz: float = 0, tx: float = 0, ty: float
 
 def at_once() -> SamplingRule:
     """A rule that keeps the first wrench of every contact."""
-    return SamplingRule(RuleSettings(first_below_n=(-0.3, -0.3)), np.random.default_rng(0))
+    return SamplingRule(SamplingRuleSettings(first_below_n=(-0.3, -0.3)), np.random.default_rng(0))
 
 
 def test_nothing_is_kept_without_contact() -> None:
@@ -75,5 +75,5 @@ def test_lifting_ends_a_contact_that_no_wrench_saw_end() -> None:
     ids=str,
 )
 def test_rules_that_make_no_sense_are_refused(wrong: dict[str, object]) -> None:
-    with pytest.raises(RuleImpossible, match="expected"):
-        RuleSettings(**wrong)
+    with pytest.raises(SamplingRuleInvalid, match="expected"):
+        SamplingRuleSettings(**wrong)

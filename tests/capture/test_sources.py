@@ -13,20 +13,19 @@ import pytest
 from bench_camera import BenchCamera, BenchPi
 from mjpeg_camera import MjpegCamera
 
-from ninedtact.capture.address import SourceUnknown, source_for
-from ninedtact.capture.as_if_now import AsIfNow
-from ninedtact.capture.camera import Camera
-from ninedtact.capture.files import ImageFolder, VideoFile
-from ninedtact.capture.freshest import Freshest
-from ninedtact.capture.images import ImageSizeWrong, ImageUnreadable
-from ninedtact.capture.raspberry_pi import RaspberryPi
-from ninedtact.capture.reconnecting import Reconnecting
-from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
-from ninedtact.capture.stream import Stream
+from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.capture.image_and_video_files import ImageFolder, VideoFile
+from ninedtact.capture.image_file import ImageSizeWrong, ImageUnreadable
+from ninedtact.capture.latest_frame import LatestFrameSource, LivePlayback
+from ninedtact.capture.network_stream import NetworkStream
+from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.source_address import SourceUnknown, source_for
+from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.quantities import Frame
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.replay import Replay
-from ninedtact.recording.session import Session
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.recorded_source import RecordedSource
+from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.camera import SimulatedCamera
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
@@ -56,21 +55,21 @@ class Bench:
 
     def replay_source(self) -> FrameSource:
         path = self.folder / "press.mcap"
-        with EpisodeWriter(path, Session("bench")) as episode:
+        with RecordingWriter(path, RecordingMetadata("bench")) as episode:
             for number in range(IMAGES):
                 image = np.full((48, 64, 3), 20 * number, np.uint8)
                 stamp_ns = time.monotonic_ns() - (IMAGES - number) * 20_000_000
                 episode.image(Frame(image, stamp_ns, number))
-        return Replay(path)
+        return RecordedSource(path)
 
     def stream_source(self) -> FrameSource:
-        return Stream(self.resources.enter_context(MjpegCamera()).url)
+        return NetworkStream(self.resources.enter_context(MjpegCamera()).url)
 
     def camera_source(self) -> FrameSource:
-        return Camera(0, opener=BenchCamera().open_capture)
+        return UvcCamera(0, opener=BenchCamera().open_capture)
 
     def raspberry_pi_source(self) -> FrameSource:
-        return RaspberryPi(opener=BenchPi)
+        return RaspberryPiCamera(opener=BenchPi)
 
     def twin_source(self) -> FrameSource:
         TWIN.renderer(TWIN.model.untouched())  # what is made once is made before the clock runs
@@ -78,18 +77,18 @@ class Bench:
 
 
 RECORDED = {"folder": Bench.folder_source, "video": Bench.video_source, "replay": Bench.replay_source}
-RECORDED["replay as if now"] = lambda bench: AsIfNow(bench.replay_source())
+RECORDED["replay as if now"] = lambda bench: LivePlayback(bench.replay_source())
 LIVE = {"stream": Bench.stream_source, "camera": Bench.camera_source, "raspberry pi": Bench.raspberry_pi_source}
 LIVE["twin"] = Bench.twin_source
 BARE = RECORDED | LIVE
 
 
 def reconnecting(source: FrameSource) -> FrameSource:
-    return Reconnecting(source, on_lost=lambda loss: pytest.fail(str(loss)))
+    return ReconnectingFrameSource(source, on_lost=lambda loss: pytest.fail(str(loss)))
 
 
 def patient(source: FrameSource) -> FrameSource:
-    return Freshest(source, max_age_ms=20_000.0, timeout_ms=20_000.0)
+    return LatestFrameSource(source, max_age_ms=20_000.0, timeout_ms=20_000.0)
 
 
 FAMILY: dict[str, Callable[[Bench], FrameSource]] = {
@@ -143,20 +142,20 @@ def test_a_recording_gives_every_image_and_then_ends(bench: Bench, recording: st
 @pytest.mark.parametrize(
     "absent",
     [
-        Camera(0, opener=BenchCamera(plugged_in=False).open_capture),
-        Camera("/dev/video-not-there"),
-        Stream("http://127.0.0.1:9/stream.mjpg", open_timeout_ms=1000.0),
+        UvcCamera(0, opener=BenchCamera(plugged_in=False).open_capture),
+        UvcCamera("/dev/video-not-there"),
+        NetworkStream("http://127.0.0.1:9/stream.mjpg", open_timeout_ms=1000.0),
         VideoFile("no/such.mp4"),
-        Replay("no/such.mcap"),
+        RecordedSource("no/such.mcap"),
         ImageFolder("no/such/folder"),
-        RaspberryPi(),
+        RaspberryPiCamera(),
     ],
     ids=lambda source: source.name,
 )
 def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
     absent: FrameSource, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    for source in (absent, Freshest(absent), reconnecting(absent)):
+    for source in (absent, LatestFrameSource(absent), reconnecting(absent)):
         with pytest.raises(CameraNotFound, match=r"expected .* got .*;"), source:
             pass
         with pytest.raises(SourceNotOpen):
@@ -165,12 +164,12 @@ def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
 
 
 def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> None:
-    with MjpegCamera() as camera, Stream(camera.url, read_timeout_ms=300.0) as source:
+    with MjpegCamera() as camera, NetworkStream(camera.url, read_timeout_ms=300.0) as source:
         source.read()
         camera.unplug()
         with pytest.raises(CameraLost):
             list(source)
-    with MjpegCamera() as camera, Stream(camera.url, read_timeout_ms=300.0) as source:
+    with MjpegCamera() as camera, NetworkStream(camera.url, read_timeout_ms=300.0) as source:
         source.read()
         camera.period_s = 60
         with pytest.raises(CameraLost):
@@ -178,7 +177,7 @@ def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> Non
 
 
 def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_path: Path) -> None:
-    with MjpegCamera() as camera, pytest.raises(CameraNotFound), Stream(camera.url.replace("stream", "other")):
+    with MjpegCamera() as camera, pytest.raises(CameraNotFound), NetworkStream(camera.url.replace("stream", "other")):
         pass
     (tmp_path / "video.mp4").write_bytes(b"not a video" * 100)
     with pytest.raises(ImageUnreadable, match="expected a video"), VideoFile(tmp_path / "video.mp4"):
@@ -204,12 +203,12 @@ def test_a_folder_is_read_in_counting_order_and_goes_on_after_a_bad_image(tmp_pa
 def test_text_names_a_source(bench: Bench) -> None:
     video, folder = bench.video_source(), bench.folder_source()
     named = {
-        "0": Camera,
-        "/dev/video0": Camera,
-        "csi": RaspberryPi,
-        "csi:1": RaspberryPi,
-        "http://127.0.0.1/a.mjpg": Stream,
-        "RTSP://127.0.0.1/a": Stream,
+        "0": UvcCamera,
+        "/dev/video0": UvcCamera,
+        "csi": RaspberryPiCamera,
+        "csi:1": RaspberryPiCamera,
+        "http://127.0.0.1/a.mjpg": NetworkStream,
+        "RTSP://127.0.0.1/a": NetworkStream,
         str(video.path): VideoFile,
         str(folder.folder): ImageFolder,
     }
@@ -220,7 +219,7 @@ def test_text_names_a_source(bench: Bench) -> None:
 
 
 def test_a_password_is_never_shown() -> None:
-    source = Stream("rtsp://me:secret@127.0.0.1:9/live?x=1", open_timeout_ms=500.0)
+    source = NetworkStream("rtsp://me:secret@127.0.0.1:9/live?x=1", open_timeout_ms=500.0)
     with pytest.raises(CameraNotFound) as refusal:
         source.open()
     assert source.name == "rtsp://127.0.0.1:9/live?x=1"

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ninedtact.capture.source import SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Wrench
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.replay import ReplayedWrenches
-from ninedtact.recording.session import Session
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.recorded_source import RecordedWrenchSource
+from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.force_torque import SimulatedForceTorque
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
@@ -27,10 +27,10 @@ FAMILY: dict[str, Callable[[], WrenchSource]] = {
 
 
 def replayed(folder: Path) -> WrenchSource:
-    with EpisodeWriter(folder / "forces.mcap", Session("bench")) as episode:
+    with RecordingWriter(folder / "forces.mcap", RecordingMetadata("bench")) as episode:
         for number in range(8):
             episode.measured(Wrench(np.full(3, float(number)), np.zeros(3), stamp_ns=time.monotonic_ns()))
-    return ReplayedWrenches(folder / "forces.mcap")
+    return RecordedWrenchSource(folder / "forces.mcap")
 
 
 @pytest.mark.parametrize("member", [*FAMILY, "replayed"])

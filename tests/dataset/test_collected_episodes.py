@@ -17,10 +17,10 @@ from ninedtact.dataset.sources.detect import Finder
 from ninedtact.dataset.sources.source import Statements
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.messages import PairMark, Topic
-from ninedtact.recording.sensor_copy import attachments_of
-from ninedtact.recording.session import Session
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.ros_messages import PairLabel, Topic
+from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.depth import DepthCurve, Smoothing
 
 RAW, MM_PER_PX = (48, 64), 0.5
@@ -51,7 +51,7 @@ def episode(path: Path, attached: dict[str, bytes] | None = None) -> None:
     """Two tares, a pair after each; the second wrench is 30 ms late."""
     path.parent.mkdir(exist_ok=True)
     skin = untouched(rows=RAW[0], cols=RAW[1])
-    with EpisodeWriter(path, Session("little", id=path.stem), TOPICS, attached) as writer:
+    with RecordingWriter(path, RecordingMetadata("little", id=path.stem), TOPICS, attached) as writer:
         for tare in (0, 1):
             begin_ns = 1_000_000_000 * (tare + 1)
             for index in range(2):
@@ -60,7 +60,7 @@ def episode(path: Path, attached: dict[str, bytes] | None = None) -> None:
             writer.image(frame)
             wrench = Wrench(SIX[:3], SIX[3:], stamp_ns=frame.stamp_ns)
             writer.pair(
-                PairMark(frame.stamp_ns, frame.index, tare, f"cup_{tare}", f"{path.stem}-c{tare}", "rule", wrench)
+                PairLabel(frame.stamp_ns, frame.index, tare, f"cup_{tare}", f"{path.stem}-c{tare}", "rule", wrench)
             )
 
 
@@ -69,7 +69,7 @@ def built_from(out: Path, source: Path, statements: Statements = Statements()) -
 
 
 def test_pairs_are_rectified_with_the_sensor_that_rides_along(sensor: SensorFolder, tmp_path: Path) -> None:
-    episode(tmp_path / "in" / "monday.mcap", attachments_of(sensor.path))
+    episode(tmp_path / "in" / "monday.mcap", sensor_folder_attachments(sensor.path))
     built = built_from(tmp_path / "out", tmp_path / "in")
     assert built.report.listed == []
     rows = rows_in(tmp_path / "out")
@@ -98,7 +98,7 @@ def test_a_recording_without_its_sensor_needs_one_named(sensor: SensorFolder, tm
 
 def test_a_damaged_recording_is_listed_and_the_others_are_read(sensor: SensorFolder, tmp_path: Path) -> None:
     for name in ("good", "odd"):
-        episode(tmp_path / "in" / f"{name}.mcap", attachments_of(sensor.path))
+        episode(tmp_path / "in" / f"{name}.mcap", sensor_folder_attachments(sensor.path))
     (tmp_path / "in" / "odd.mcap").write_bytes(b"no recording")
     built = built_from(tmp_path / "out", tmp_path / "in")
     assert listed(built.report) == {("unreadable", "in/odd")}

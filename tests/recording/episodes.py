@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.messages import Topic
-from ninedtact.recording.session import Session
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.writer import RecordingWriter
 
 BEGAN_NS, FRAME_NS, SAMPLE_NS = 5_000_000_000, 33_333_333, 2_000_001
 SHAPE = (30, 44, 3)
@@ -30,14 +30,16 @@ def sample(number: int, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) 
     return Wrench(six[:3], six[3:], np.array(about_mm), BEGAN_NS + number * SAMPLE_NS)
 
 
-def write_episode(path: Path, frames: int = 12, samples: int = 200, session: Session | None = None) -> Path:
+def write_episode(path: Path, frames: int = 12, samples: int = 200, session: RecordingMetadata | None = None) -> Path:
     """Images and samples in the order of their stamps."""
-    with EpisodeWriter(path, session or Session("small"), BOTH, {"sensor/sensor.toml": b"id = 'small'"}) as episode:
+    with RecordingWriter(
+        path, session or RecordingMetadata("small"), BOTH, {"sensor/sensor.toml": b"id = 'small'"}
+    ) as episode:
         write_messages(episode, frames, samples)
     return path
 
 
-def write_messages(episode: EpisodeWriter, frames: int, samples: int) -> None:
+def write_messages(episode: RecordingWriter, frames: int, samples: int) -> None:
     """The content of `write_episode`."""
     messages = [frame(number) for number in range(frames)] + [sample(number) for number in range(samples)]
     for message in sorted(messages, key=lambda message: message.stamp_ns):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ninedtact.capture.source import FrameSource, SourceEnded
+from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
 

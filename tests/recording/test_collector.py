@@ -9,24 +9,23 @@ import numpy as np
 import pytest
 from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
 
-from ninedtact.capture.force_torque.trusted import Trusted, TrustSettings
-from ninedtact.capture.sampling_rule import RuleSettings
-from ninedtact.cli.episodes.collect import obeyed
-from ninedtact.cli.episodes.collect_screen import Screen, headline, histograms
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
+from ninedtact.capture.sampling_rule import SamplingRuleSettings
+from ninedtact.cli.collect import obeyed
+from ninedtact.cli.collect_screen import Screen, headline, histograms
 from ninedtact.cli.options import CollectOptions
 from ninedtact.quantities import Frame
-from ninedtact.recording.collecting.collector import TOPICS, Collector
-from ninedtact.recording.collecting.feed import Fed, in_turn
+from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
+from ninedtact.recording.collecting.sample_faults import ClockDriftMonitor, SampleFault
 from ninedtact.recording.collecting.settings import CollectionImpossible, CollectSettings
-from ninedtact.recording.collecting.trust import ClockTrust, Fault
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.episode_pairs import pairs_of
-from ninedtact.recording.messages import EventKind
-from ninedtact.recording.saved_pair import NOTHING, SavedPair
-from ninedtact.recording.session import Session
-from ninedtact.recording.stored import Episode
+from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import Recording
+from ninedtact.recording.ros_messages import EventKind
+from ninedtact.recording.saved_pairs import NO_OBJECT, SavedPair, read_saved_pairs
+from ninedtact.recording.writer import RecordingWriter
 
-SETTINGS = CollectSettings(trust=TrustSettings(range_n=(50, 50, 50)))
+SETTINGS = CollectSettings(trust=SampleCheckSettings(range_n=(50, 50, 50)))
 REST_S = UNTOUCHED_S + TOUCHES * TOUCH_S
 WHOLE_S = REST_S + REST_TOUCHES * TOUCH_S + TOUCH_S
 Seen = Callable[[Frame, Collector], None]
@@ -40,8 +39,10 @@ def collected(
     seen: Seen = lambda frame, collector: None,
 ) -> tuple[Collector, list[SavedPair]]:
     """Collect from the hand; `seen` is called after every image."""
-    feed: Iterator[Fed] = in_turn(Camera(seconds), Trusted(replace(force_torque), settings.trust))
-    with EpisodeWriter(path, Session("hand"), TOPICS) as episode, closing(feed):
+    feed: Iterator[MergedArrival] = merge_recorded_streams(
+        Camera(seconds), CheckedWrenchSource(replace(force_torque), settings.trust)
+    )
+    with RecordingWriter(path, RecordingMetadata("hand"), COLLECTED_TOPICS) as episode, closing(feed):
         collector = Collector(episode, settings, iter(["cup", "key", "nut"]), np.random.default_rng(0))
         for fed in feed:
             assert fed is not None
@@ -49,7 +50,7 @@ def collected(
             if isinstance(fed.item, Frame):
                 seen(fed.item, collector)
         collector.end()
-    return collector, list(pairs_of(path))
+    return collector, list(read_saved_pairs(path))
 
 
 def require_true(pairs: list[SavedPair]) -> None:
@@ -65,15 +66,19 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
     require_true(pairs)
     kinds = [pair.kind for pair in pairs]
     assert kinds.count("rule") >= 12 and 1 <= kinds.count("light_touch") <= 2 and kinds.count("no_contact") == 1
-    assert all(pair.object == (NOTHING if pair.kind == "no_contact" else "cup") for pair in pairs)
+    assert all(pair.object == (NO_OBJECT if pair.kind == "no_contact" else "cup") for pair in pairs)
     touches: dict[str, list[SavedPair]] = {}
     for pair in pairs:
         touches.setdefault(pair.contact, []).append(pair)
     assert len(touches) == 1 + TOUCHES + 1 and collector.refused.total() == 0
     for touch in touches.values():
         by_rule = np.array([pair.wrench.six for pair in touch if pair.kind == "rule"]).reshape(-1, 6)
-        parts = np.abs(by_rule[:, None] - by_rule) / RuleSettings().ranges @ np.array(RuleSettings().weights)
-        assert parts[~np.eye(len(parts), dtype=bool)].min(initial=1) > RuleSettings().apart
+        parts = (
+            np.abs(by_rule[:, None] - by_rule)
+            / SamplingRuleSettings().ranges
+            @ np.array(SamplingRuleSettings().weights)
+        )
+        assert parts[~np.eye(len(parts), dtype=bool)].min(initial=1) > SamplingRuleSettings().apart
     assert {pair.untouched.id for pair in pairs} == {f"{collector.episode.session.id}-u000"}
     assert len(pairs[0].untouched.images) == 10 and not pairs[0].untouched.images[0].flags.writeable
     assert collector.untouched is not None and collector.untouched.zero == pytest.approx(BIAS, abs=6e-3)
@@ -86,7 +91,7 @@ def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:
 
     def look(frame: Frame, collector: Collector) -> None:
         if frame.index % 20 == 0:
-            with Episode(tmp_path / "e.mcap") as episode:
+            with Recording(tmp_path / "e.mcap") as episode:
                 on_disk.append((len(list(episode.pairs())), len(collector.counters.saved)))
 
     collected(tmp_path / "e.mcap", seen=look)
@@ -102,32 +107,35 @@ SECOND_S = UNTOUCHED_S + TOUCH_S
 FAULTS = {
     "freezes": (
         between(SECOND_S + 0.9, SECOND_S + 1.6, lambda now_s, six: np.array([0.1, 0.2, -5.0, 0.0, 0.0, 0.0]) + BIAS),
-        Fault.FROZEN,
+        SampleFault.FROZEN,
     ),
-    "spikes": (between(SECOND_S + 1.0, SECOND_S + 1.01, lambda now_s, six: six + 20.0), Fault.JUMPED),
-    "shifts": (between(SECOND_S + 1.0, 99, lambda now_s, six: six + np.array([0, 12.0, 0, 0, 0, 0])), Fault.SHIFTED),
+    "spikes": (between(SECOND_S + 1.0, SECOND_S + 1.01, lambda now_s, six: six + 20.0), SampleFault.JUMPED),
+    "shifts": (
+        between(SECOND_S + 1.0, 99, lambda now_s, six: six + np.array([0, 12.0, 0, 0, 0, 0])),
+        SampleFault.SHIFTED,
+    ),
     "drifts": (
         between(REST_S, 99, lambda now_s, six: six + 0.05 * (now_s > REST_S) * np.eye(6)[4]),
-        Fault.NOT_AT_REST,
+        SampleFault.NOT_AT_REST,
     ),
     "saturates": (
         between(SECOND_S, 99, lambda now_s, six: np.array([*six[:2], max(six[2], -4.41), *six[3:]])),
-        Fault.SATURATED,
+        SampleFault.SATURATED,
     ),
-    "is silent": (between(SECOND_S + 0.9, SECOND_S + 1.6, lambda now_s, six: None), Fault.UNPAIRED),
-    "is slow": (ForceTorque(hz=20.0), Fault.UNPAIRED),
+    "is silent": (between(SECOND_S + 0.9, SECOND_S + 1.6, lambda now_s, six: None), SampleFault.UNPAIRED),
+    "is slow": (ForceTorque(hz=20.0), SampleFault.UNPAIRED),
 }
 
 
 @pytest.mark.parametrize("what", FAULTS)
 def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_path: Path) -> None:
     force_torque, fault = FAULTS[what]
-    trust = TrustSettings(range_n=(50, 50, 4.5 if what == "saturates" else 50))
+    trust = SampleCheckSettings(range_n=(50, 50, 4.5 if what == "saturates" else 50))
     settings = replace(SETTINGS, trust=trust, tolerance_ms=10.0)
     collector, pairs = collected(tmp_path / "e.mcap", force_torque, settings=settings)
     require_true([pair for pair in pairs if what != "drifts" or at_s(pair.time_ns) < REST_S])
     assert collector.refused[fault] > 0
-    with Episode(tmp_path / "e.mcap") as episode:
+    with Recording(tmp_path / "e.mcap") as episode:
         told = [event for event in episode.events() if event.kind is EventKind.REMARK]
     stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.words]
     if what in ("shifts", "drifts"):
@@ -153,10 +161,10 @@ def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: 
     (one, same), (_, none_left), (three, undone) = words
     assert one == same > 1 and none_left == 1 and three > undone == 1  # the pair without contact stays
     assert not obeyed("xq", collector, screen)
-    assert {pair.object for pair in pairs} == {NOTHING, "nut"} and len(pairs) == len(collector.counters.saved)
+    assert {pair.object for pair in pairs} == {NO_OBJECT, "nut"} and len(pairs) == len(collector.counters.saved)
     assert min(pair.time_ns for pair in pairs if pair.object == "nut") / 1e9 > 7 + REST_S + REST_TOUCHES * TOUCH_S
     assert collector.counters.counts.sum() == 6 * len(pairs) and collector.counters.counts.min() == 0
-    with Episode(tmp_path / "e.mcap") as episode:
+    with Recording(tmp_path / "e.mcap") as episode:
         assert len(list(episode.pairs())) > len(pairs) + 10
 
 
@@ -182,7 +190,7 @@ def test_a_tare_waits_for_untouched_skin_and_begins_a_new_reference(tmp_path: Pa
 
 
 def test_clocks_that_drift_apart_are_noticed_within_their_jitter() -> None:
-    rng, drifting, steady = np.random.default_rng(0), ClockTrust(10.0), ClockTrust(10.0)
+    rng, drifting, steady = np.random.default_rng(0), ClockDriftMonitor(10.0), ClockDriftMonitor(10.0)
     for number in range(30 * 60):
         now_ns = BEGAN_NS + int(number * 1e9 / 30)
         late_ns = int(rng.exponential(8e6))

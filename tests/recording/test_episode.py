@@ -19,29 +19,28 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from ninedtact.capture.source import CameraNotFound
+from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.cli import main
 from ninedtact.quantities import Coverage, Frame, HeightMap, Wrench
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.growing_file import RecordingRefused, RecordingStopped
-from ninedtact.recording.mend import mend
-from ninedtact.recording.messages import Event, EventKind, PairMark, Topic
-from ninedtact.recording.session import FORMAT, RECORD, Session
-from ninedtact.recording.stored import Episode
-from ninedtact.recording.unreadable import RecordingUnreadable
+from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.mcap_repair import repair_recording
+from ninedtact.recording.metadata import METADATA_RECORD, RECORDING_FORMAT, RecordingMetadata
+from ninedtact.recording.reader import Recording
+from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEvent, Topic
+from ninedtact.recording.writer import RecordingRefused, RecordingStopped, RecordingWriter
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 SIX = np.array([1.0, -2.0, -7.5, 0.01, -0.02, 0.003])
 
 
 def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
-    session = Session("a sensor", settings='{"é": 1}', mm_per_px=0.05)
+    session = RecordingMetadata("a sensor", settings='{"é": 1}', mm_per_px=0.05)
     pressed = np.linspace(-1, 0.2, 12, dtype=np.float32).reshape(3, 4)
     coverage = np.full((3, 4), Coverage.MEASURED.value, np.uint8)
     coverage[0, 0] = Coverage.OUT_OF_VIEW
-    mark = PairMark(BEGAN_NS, 7, 2, "ball:4", "s-00001", "rule", Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
-    event = Event(BEGAN_NS + 1, EventKind.REMARK, "Größe", "3 N·m")
-    with EpisodeWriter(tmp_path / "all.mcap", session, attached={"sensor/images/ball.png": b"\0\1"}) as episode:
+    mark = PairLabel(BEGAN_NS, 7, 2, "ball:4", "s-00001", "rule", Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
+    event = RecordingEvent(BEGAN_NS + 1, EventKind.REMARK, "Größe", "3 N·m")
+    with RecordingWriter(tmp_path / "all.mcap", session, attached={"sensor/images/ball.png": b"\0\1"}) as episode:
         for number in (0, 1, 5):
             episode.image(frame(number))
         episode.image(Frame(noise(9)[::-1, ::2], BEGAN_NS + 9 * FRAME_NS, 6))
@@ -51,7 +50,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         episode.untouched(frame(3), tare=2)
         episode.pair(mark)
         episode.event(event)
-    with Episode(tmp_path / "all.mcap") as read:
+    with Recording(tmp_path / "all.mcap") as read:
         assert read.finished and read.session == session
         frames = list(read.frames())
         assert [one.index for one in frames] == [0, 1, 5, 6]
@@ -68,7 +67,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         assert untouched.index == 2 and np.array_equal(untouched.image, noise(3))
         (pair,) = read.pairs()
         assert np.array_equal(pair.wrench.six, SIX) and vars(pair) | {"wrench": 0} == vars(mark) | {"wrench": 0}
-        assert read.events() == [Event(BEGAN_NS + 5 * FRAME_NS, EventKind.DROPPED, "3"), event]
+        assert read.events() == [RecordingEvent(BEGAN_NS + 5 * FRAME_NS, EventKind.DROPPED, "3"), event]
         (attachment,) = read.attachments()
         assert (attachment.name, attachment.data) == ("sensor/images/ball.png", b"\0\1")
 
@@ -90,7 +89,7 @@ def others_read(path: Path) -> dict[str, int]:
 
 
 def test_other_programs_read_it(tmp_path: Path) -> None:
-    session = Session("small")
+    session = RecordingMetadata("small")
     path = write_episode(tmp_path / "other.mcap", session=session)
     assert others_read(path) == {Topic.IMAGES: 12, Topic.MEASURED: 200}
     with path.open("rb") as file:
@@ -109,7 +108,7 @@ def test_other_programs_read_it(tmp_path: Path) -> None:
 
 def prefix_of_the_whole(path: Path) -> tuple[int, int]:
     """That all that an episode holds is the beginning of `write_episode`; how many images and samples."""
-    with Episode(path) as read:
+    with Recording(path) as read:
         frames, wrenches = list(read.frames()), list(read.wrenches())
     assert [one.index for one in frames] == list(range(len(frames)))
     assert all(np.array_equal(one.image, noise(one.index)) for one in frames)
@@ -120,7 +119,7 @@ def prefix_of_the_whole(path: Path) -> tuple[int, int]:
 def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk_and_can_be_mended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ninedtact.recording.episode.CHUNK_BYTES", 6000)
+    monkeypatch.setattr("ninedtact.recording.writer.CHUNK_BYTES", 6000)
     whole = write_episode(tmp_path / "whole.mcap").read_bytes()
     cut_file, before = tmp_path / "cut.mcap", (0, 0)
     for number, cut in enumerate([*range(9, len(whole) - 1, 1497), *range(len(whole) - 60, len(whole), 3)]):
@@ -132,7 +131,7 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk_and_can_be_mended(
             continue
         assert found >= before
         before = found
-        assert mend(cut_file) and not mend(cut_file)
+        assert repair_recording(cut_file) and not repair_recording(cut_file)
         assert prefix_of_the_whole(cut_file) == found
         if number % 8 == 0:
             assert tuple(others_read(cut_file).get(topic, 0) for topic in BOTH) == found
@@ -160,9 +159,9 @@ import numpy as np
 from pathlib import Path
 from episodes import noise
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.session import Session
-with EpisodeWriter(Path(sys.argv[1]), Session("killed")) as episode:
+from ninedtact.recording.writer import RecordingWriter
+from ninedtact.recording.metadata import RecordingMetadata
+with RecordingWriter(Path(sys.argv[1]), RecordingMetadata("killed")) as episode:
     for number in range(100_000):
         episode.measured(Wrench(np.ones(3), np.ones(3), stamp_ns=time.monotonic_ns()))
         if number % 20 == 0:
@@ -173,7 +172,7 @@ with EpisodeWriter(Path(sys.argv[1]), Session("killed")) as episode:
 
 def test_a_killed_program_loses_at_most_the_last_second(tmp_path: Path) -> None:
     path = tmp_path / "killed.mcap"
-    here = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    here = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])}
     running = subprocess.Popen([sys.executable, "-c", RECORDING, str(path)], env=here)
     while not path.exists() or path.stat().st_size < 50_000:
         assert running.poll() is None
@@ -182,7 +181,7 @@ def test_a_killed_program_loses_at_most_the_last_second(tmp_path: Path) -> None:
     running.send_signal(signal.SIGKILL)
     killed_ns = time.monotonic_ns()
     running.wait()
-    with Episode(path) as read:
+    with Recording(path) as read:
         assert not read.finished
         frames = list(read.frames())
         assert [one.index for one in frames] == list(range(len(frames))) and len(frames) > 5
@@ -202,14 +201,14 @@ def disk_of(size: int) -> Iterator[None]:
 
 
 def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ninedtact.recording.episode.CHUNK_BYTES", 3000)
+    monkeypatch.setattr("ninedtact.recording.writer.CHUNK_BYTES", 3000)
     path = tmp_path / "full.mcap"
     with disk_of(30_000), pytest.raises(RecordingStopped, match=r"expected .* got: .*; what was recorded .* is kept"):
         write_episode(path)
     assert path.stat().st_size <= 30_000
     images, samples = prefix_of_the_whole(path)
     assert images >= 4 and samples >= 50
-    mend(path)  # there was no room for the summary: now there is
+    repair_recording(path)  # there was no room for the summary: now there is
     assert others_read(path)[Topic.IMAGES] == images
     with disk_of(100), pytest.raises(RecordingStopped):
         write_episode(tmp_path / "at_once.mcap")
@@ -220,7 +219,7 @@ def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypa
 def test_an_interruption_at_any_write_leaves_a_finished_file(
     at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ninedtact.recording.episode.CHUNK_BYTES", 3000)
+    monkeypatch.setattr("ninedtact.recording.writer.CHUNK_BYTES", 3000)
     writes, written = iter(range(10_000)), os.write
 
     def interrupted(descriptor: int, content: memoryview) -> int:
@@ -230,11 +229,11 @@ def test_an_interruption_at_any_write_leaves_a_finished_file(
         return written(descriptor, content)
 
     path = tmp_path / "interrupted.mcap"
-    monkeypatch.setattr("ninedtact.recording.growing_file.os.write", interrupted)
-    with pytest.raises(KeyboardInterrupt), EpisodeWriter(path, Session("small")) as episode:
+    monkeypatch.setattr("ninedtact.recording.writer.os.write", interrupted)
+    with pytest.raises(KeyboardInterrupt), RecordingWriter(path, RecordingMetadata("small")) as episode:
         write_messages(episode, 12, 200)
     prefix_of_the_whole(path)
-    with Episode(path) as read:
+    with Recording(path) as read:
         assert read.finished
     others_read(path)
 
@@ -251,7 +250,9 @@ def newer(path: Path) -> None:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        writer.add_metadata(RECORD, Session("x").as_metadata() | {"format": str(FORMAT + 1)})
+        writer.add_metadata(
+            METADATA_RECORD, RecordingMetadata("x").as_metadata() | {"format": str(RECORDING_FORMAT + 1)}
+        )
         writer.finish()
 
 
@@ -289,8 +290,8 @@ def test_a_recording_never_overwrites_and_is_missed_in_words(tmp_path: Path) -> 
     path = write_episode(tmp_path / "there.mcap", frames=1, samples=1)
     before = path.read_bytes()
     for taken in (path, tmp_path / "no folder" / "x.mcap"):
-        with pytest.raises(RecordingRefused, match=r"expected .* got"), EpisodeWriter(taken, Session("x")):
+        with pytest.raises(RecordingRefused, match=r"expected .* got"), RecordingWriter(taken, RecordingMetadata("x")):
             pass
     assert path.read_bytes() == before
     with pytest.raises(CameraNotFound, match="no such file"):
-        Episode(tmp_path / "none.mcap")
+        Recording(tmp_path / "none.mcap")

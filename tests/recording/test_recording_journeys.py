@@ -19,29 +19,25 @@ from hand import TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
 from twin_folder import twin_folder
 
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.capture.force_torque.trusted import Trusted
-from ninedtact.capture.freshest import Freshest
-from ninedtact.capture.settings import AS_SENSOR
-from ninedtact.capture.source import CameraLost, FrameSource
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
+from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource
+from ninedtact.capture.latest_frame import LatestFrameSource
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
+from ninedtact.cli.collect_screen import Screen, headline, keys
 from ninedtact.cli.devices import live_source, sensor_of
-from ninedtact.cli.episodes.collect_screen import Screen, headline
-from ninedtact.cli.episodes.keys import keys
 from ninedtact.cli.terminal import ending
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.quantities import Frame, Reading, Wrench, WrenchEstimate
-from ninedtact.recording.collecting.collector import TOPICS, Collector
-from ninedtact.recording.collecting.feed import in_turn, live
+from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.settings import CollectSettings
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.episode_pairs import pairs_of
-from ninedtact.recording.listening import Heard
-from ninedtact.recording.messages import Topic
-from ninedtact.recording.recorder import Interpretation, Recorder
-from ninedtact.recording.sensor_copy import attachments_of
-from ninedtact.recording.session import Session
-from ninedtact.recording.stored import Episode
+from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.recorder import RecordedEstimates, Recorder
+from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.saved_pairs import read_saved_pairs
+from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.camera import SimulatedCamera
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
@@ -76,7 +72,7 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
     load_sensor(out / "sensor")
     rows = list(csv.DictReader((out / "wrench_measured.csv").open()))
     assert len(rows) == written["/wrench/measured"] and min(float(row["force_z_n"]) for row in rows) < -0.5
-    with Episode(path) as episode:
+    with Recording(path) as episode:
         for frame, row in zip(episode.frames(), csv.DictReader((out / "images.csv").open()), strict=True):
             assert np.array_equal(cv2.imread(str(out / "images" / row["image"])), frame.image)
             assert int(row["monotonic_ns"]) == frame.stamp_ns
@@ -87,7 +83,7 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
 def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Path, sensor: Path) -> None:
     path = tmp_path / "hand.mcap"
     recorded_hand(path, sensor, seconds=0.5)
-    with sensor_of(None, str(path)) as folder, Freshest(live_source(str(path), AS_SENSOR)) as source:
+    with sensor_of(None, str(path)) as folder, LatestFrameSource(live_source(str(path), DEFAULT_CAMERA)) as source:
         assert folder.id == "twin" and folder.shape.rectify.raw_shape == (480, 640)
         frame = source.read()
         assert time.monotonic_ns() - frame.stamp_ns < 2e9 and frame.image.shape == (48, 64, 3)
@@ -96,8 +92,8 @@ def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Pat
 
 def recorded_hand(path: Path, sensor: Path, seconds: float) -> None:
     """Everything that the hand's devices tell."""
-    with EpisodeWriter(path, Session("twin"), attached=attachments_of(sensor)) as episode:
-        for heard in in_turn(Camera(seconds), ForceTorque()):
+    with RecordingWriter(path, RecordingMetadata("twin"), attached=sensor_folder_attachments(sensor)) as episode:
+        for heard in merge_recorded_streams(Camera(seconds), ForceTorque()):
             assert heard is not None
             (episode.image if isinstance(heard.item, Frame) else episode.measured)(heard.item)
 
@@ -109,12 +105,12 @@ def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
     recorded_hand(source, sensor, UNTOUCHED_S + TOUCHES * TOUCH_S)
     sources = ["--source", source, "--force-torque", source, "--tolerance-ms", "12"]
     found = told(capsys, "collect", *sources, "--out", out, "--objects", "cup", "--seed", "1")
-    pairs = list(pairs_of(out))
+    pairs = list(read_saved_pairs(out))
     assert found["pairs"] == len(pairs) >= 15 and found["objects"] == {"cup": len(pairs) - 1, "none": 1}
     assert found["refused"] == {} and found["kinds"]["rule"] == len(pairs) - 1 - found["kinds"]["light_touch"]
     assert all(np.abs(pair.wrench.six - truth(at_s(pair.time_ns)))[:3].max() < 0.15 for pair in pairs)
     assert {pair.sensor for pair in pairs} == {"twin"}
-    with Episode(source) as one, Episode(out) as other:
+    with Recording(source) as one, Recording(out) as other:
         assert one.session.wall_minus_monotonic_ns == other.session.wall_minus_monotonic_ns
     assert main(["collect", *map(str, sources), "--out", str(out)]) == 1
     assert "expected --out to be a new file" in capsys.readouterr().err
@@ -127,7 +123,7 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
     options = ["--objects", "ball:4", "cylinder:3,11", "--touches", "1", "--pairs", "6", "--seed", "3"]
     sources = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor]
     found = told(capsys, "collect", *sources, "--out", out, *options)
-    pairs = list(pairs_of(out))
+    pairs = list(read_saved_pairs(out))
     assert found["pairs"] == len(pairs) == 6 and set(found["objects"]) == {"none", "ball:4", "cylinder:3,11"}
     by_rule = np.array([pair.wrench.six for pair in pairs if pair.kind == "rule"])
     assert by_rule[:, 2].max() < -0.25 and by_rule[:, 2].min() < -1
@@ -175,10 +171,13 @@ def test_wrong_use_is_one_sentence_and_leaves_nothing(
 
 
 def test_a_tare_without_samples_says_so_and_hoards_no_images(tmp_path: Path) -> None:
-    with EpisodeWriter(tmp_path / "e.mcap", Session("x"), TOPICS) as episode, Camera(2.0) as camera:
+    with (
+        RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode,
+        Camera(2.0) as camera,
+    ):
         collector = Collector(episode)
         for frame in camera:
-            collector.hear(Heard(frame, frame.stamp_ns))
+            collector.hear(Arrival(frame, frame.stamp_ns))
     assert "no samples from the force/torque sensor yet" in headline(collector)
     assert collector.taring is not None and len(collector.taring.frames) == 10
 
@@ -198,9 +197,9 @@ class Guessing(ForceEstimator):
 
 def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_path: Path) -> None:
     camera, shape = SimulatedCamera(small_stage(rounds=1)), load_sensor(sensor).shape
-    with EpisodeWriter(tmp_path / "meant.mcap", Session("x")) as episode:
-        Recorder(episode, camera, interpretation=Interpretation(shape, Guessing())).run(lambda: False)
-    with Episode(tmp_path / "meant.mcap") as read:
+    with RecordingWriter(tmp_path / "meant.mcap", RecordingMetadata("x")) as episode:
+        Recorder(episode, camera, interpretation=RecordedEstimates(shape, Guessing())).run(lambda: False)
+    with Recording(tmp_path / "meant.mcap") as read:
         heights, estimates = dict(read.heights()), list(read.wrenches(Topic.ESTIMATED))
         stamps_ns = read.stamps_ns(Topic.IMAGES)
         assert len(heights) == len(estimates) == len(stamps_ns) >= 15
@@ -222,10 +221,10 @@ class Losing(Camera):
 
 def test_what_came_before_a_loss_is_kept_and_missing_images_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "lost.mcap"
-    with pytest.raises(CameraLost), EpisodeWriter(path, Session("lost")) as episode:
+    with pytest.raises(CameraLost), RecordingWriter(path, RecordingMetadata("lost")) as episode:
         Recorder(episode, Losing(10.0)).run(lambda: False)
     assert episode.dropped == 2 and not [thread for thread in threading.enumerate() if "listen" in thread.name]
-    with Episode(path) as read:
+    with Recording(path) as read:
         assert read.finished and [frame.index for frame in read.frames()] == [0, 1, 2, 3, 4, 7, 8, 9, 10]
 
 
@@ -253,14 +252,14 @@ def test_devices_are_collected_from_live(tmp_path: Path) -> None:
     began_at = time.monotonic() + 0.2
     settings = CollectSettings(tolerance_ms=100.0)
     camera, force_torque = InTime(Camera(UNTOUCHED_S + TOUCH_S), began_at), InTime(ForceTorque(), began_at)
-    with EpisodeWriter(tmp_path / "live.mcap", Session("live"), TOPICS) as episode:
+    with RecordingWriter(tmp_path / "live.mcap", RecordingMetadata("live"), COLLECTED_TOPICS) as episode:
         collector = Collector(episode, settings)
-        for heard in live(camera, Trusted(force_torque)):
+        for heard in merge_live_streams(camera, CheckedWrenchSource(force_torque)):
             if heard is not None:
                 collector.hear(heard)
         collector.end()
-    pairs = list(pairs_of(tmp_path / "live.mcap"))
-    with Episode(tmp_path / "live.mcap") as read:
+    pairs = list(read_saved_pairs(tmp_path / "live.mcap"))
+    with Recording(tmp_path / "live.mcap") as read:
         assert len(list(read.wrenches())) > 200
     assert len([pair for pair in pairs if pair.kind == "rule"]) >= 5
     for pair in pairs:
@@ -294,7 +293,7 @@ class Terminal(io.StringIO):
 def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
-    with EpisodeWriter(tmp_path / "e.mcap", Session("x"), TOPICS) as episode:
+    with RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode:
         collector, screen = Collector(episode), Screen()
         screen.show(collector)
         screen.show(collector)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_stage import PRESSED, TWIN, small_stage
 
-from ninedtact.capture.source import SourceEnded
+from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.camera import SimulatedCamera

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_stage import PRESSED, TWIN, small_stage
 
-from ninedtact.capture.source import SourceEnded
+from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.motion import Motion, MotionImpossible, Move, in_turn, touch

@@ -10,8 +10,8 @@ import numpy as np
 
 from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, record_toml
 from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, SensorRecord
-from ninedtact.capture.freshest import Freshest
-from ninedtact.capture.source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
+from ninedtact.capture.latest_frame import LatestFrameSource
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
@@ -48,7 +48,7 @@ def sensor_folder(path: Path) -> Path:
 
 def sensor_on(source: FrameSource, reference_frames: int = 2) -> Sensor:
     """The sensor on a source, patient enough for a busy machine."""
-    return Sensor(Freshest(source, max_age_ms=LONG_MS, timeout_ms=100.0), SHAPE, reference_frames)
+    return Sensor(LatestFrameSource(source, max_age_ms=LONG_MS, timeout_ms=100.0), SHAPE, reference_frames)
 
 
 class SkinCamera(FrameSource):

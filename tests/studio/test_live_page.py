@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
-from ninedtact.capture.reconnecting import Reconnecting
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
 from ninedtact.studio.loop import SensorLoop
 from ninedtact.studio.page import Page
@@ -25,7 +25,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
     tab.set_default_timeout(PATIENCE_S * 1000)
     tab.on("pageerror", lambda error: errors.append(str(error)))
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
-    sensor = sensor_on(Reconnecting(camera, on_lost=lambda loss: None, retry_ms=20.0))
+    sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
     with serving("127.0.0.1", 0) as server, SensorLoop(sensor) as loop:
         studio = Studio(loop, tmp_path)
         page = Page(server, studio, block_under(SHAPE, Gel()), "small")

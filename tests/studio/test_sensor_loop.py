@@ -10,8 +10,8 @@ import pytest
 from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
 
-from ninedtact.capture.files import ImageFolder
-from ninedtact.capture.reconnecting import Reconnecting
+from ninedtact.capture.image_and_video_files import ImageFolder
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.studio.loop import Moment, Phase, RecordingTooShort, SensorLoop
@@ -85,7 +85,7 @@ def test_a_dark_reference_is_refused_in_words_and_tried_again() -> None:
 
 def test_a_lost_camera_is_said_and_found_again() -> None:
     camera = SkinCamera()
-    with SensorLoop(sensor_on(Reconnecting(camera, on_lost=lambda loss: None, retry_ms=20.0))) as loop:
+    with SensorLoop(sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))) as loop:
         wait_until(lambda: sentence(loop).startswith("live"))
         camera.plugged_in = False
         wait_until(lambda: sentence(loop).startswith("no image for"))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from small_sensor import SkinCamera, sensor_on, wait_until
 
-from ninedtact.capture.images import read_image
-from ninedtact.capture.reconnecting import Reconnecting
-from ninedtact.capture.source import CameraLost
+from ninedtact.capture.frame_source import CameraLost
+from ninedtact.capture.image_file import read_image
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.studio.loop import SensorLoop
 from ninedtact.studio.studio import Look, NothingToSave, Report, Studio
 from ninedtact.studio.view import View
@@ -51,7 +51,7 @@ class Stage:
     def __init__(self, out: Path) -> None:
         self.camera, self.screen = SkinCamera(), Screen()
         self.losses: list[CameraLost] = []
-        self.loop = SensorLoop(sensor_on(Reconnecting(self.camera, self.losses.append, retry_ms=20.0)))
+        self.loop = SensorLoop(sensor_on(ReconnectingFrameSource(self.camera, self.losses.append, retry_ms=20.0)))
         self.studio = Studio(self.loop, out)
 
     def sees(self, depth_mm: float) -> bool:

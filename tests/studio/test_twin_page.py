@@ -11,7 +11,7 @@ from small_sensor import wait_until
 from small_stage import PRESSED, TWIN
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.source import SourceNotOpen
+from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
 from ninedtact.cli.live import on_page
 from ninedtact.cli.twin_on_show import TRUE_WRENCH, on_show

@@ -42,7 +42,7 @@ from ninedtact.calibration.sensor_record import (
 )
 from ninedtact.calibration.twin.ball_press_fit import Belief, Confidence, TwinFit
 from ninedtact.calibration.twin.ball_press_model import Vector
-from ninedtact.capture.images import read_image
+from ninedtact.capture.image_file import read_image
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px

@@ -15,35 +15,35 @@ from numpy import ndarray as Array
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Wrench
 
-Six = tuple[float, float, float, float, float, float]
+SixFloats = tuple[float, float, float, float, float, float]
 
 
-class RuleImpossible(NinedtactError):
+class SamplingRuleInvalid(NinedtactError):
     """A rule that keeps nothing, or everything."""
 
 
 @dataclass(frozen=True)
-class RuleSettings:
+class SamplingRuleSettings:
     """The paper's numbers."""
 
     contact_below_n: float = -0.3
     """F_z below which something touches."""
     first_below_n: tuple[float, float] = (-3.3, -0.3)
     """F_z of the first pair of a contact: below a random number between these."""
-    ranges: Six = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
+    ranges: SixFloats = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
     """Width of each axis's range, N and N·m."""
-    weights: Six = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
+    weights: SixFloats = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
     apart: float = 0.25
     """Part of the ranges by which kept wrenches differ at least."""
 
     def __post_init__(self) -> None:
         if not (self.contact_below_n < 0 < self.apart and self.first_below_n[0] <= self.first_below_n[1] < 0):
-            raise RuleImpossible(
+            raise SamplingRuleInvalid(
                 f"expected a contact below zero newtons, first pairs between two such forces in rising order, and a "
                 f"difference above zero, got {self.contact_below_n}, {self.first_below_n} and {self.apart}; correct them"
             )
         if not (min(self.ranges) > 0 and min(self.weights) >= 0 < max(self.weights)):
-            raise RuleImpossible(
+            raise SamplingRuleInvalid(
                 f"expected six ranges above zero and six weights of zero or more, not all zero, got {self.ranges} and "
                 f"{self.weights}; correct them"
             )
@@ -53,7 +53,7 @@ class RuleSettings:
 class SamplingRule:
     """The rule at work: asked about every wrench in turn, it remembers what it kept."""
 
-    settings: RuleSettings = RuleSettings()
+    settings: SamplingRuleSettings = SamplingRuleSettings()
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
     kept: list[Float64[Array, "6"]] = field(default_factory=list, init=False)
     """Of this contact."""

@@ -12,14 +12,12 @@ import tyro
 
 from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.check import Check
+from ninedtact.cli.collect import Collect
 from ninedtact.cli.dataset import DESCRIPTION as DATASET
 from ninedtact.cli.dataset import Dataset
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.doctor import Doctor
-from ninedtact.cli.episodes.collect import Collect
-from ninedtact.cli.episodes.export import Export
-from ninedtact.cli.episodes.record import Record
-from ninedtact.cli.episodes.replay import Replay
+from ninedtact.cli.export import Export
 from ninedtact.cli.force.adapt import Adapt
 from ninedtact.cli.force.estimate import Estimate
 from ninedtact.cli.force.evaluate import Evaluate
@@ -28,9 +26,11 @@ from ninedtact.cli.force.model import Model
 from ninedtact.cli.force.train import Train
 from ninedtact.cli.hardware import DESCRIPTION as HARDWARE
 from ninedtact.cli.hardware import Hardware
+from ninedtact.cli.info import Replay
 from ninedtact.cli.live import Live
 from ninedtact.cli.original_calibration import ExportCalibration, ImportCalibration
 from ninedtact.cli.reconstruct import Reconstruct
+from ninedtact.cli.record import Record
 from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
 from ninedtact.cli.simulate import Simulate
 from ninedtact.errors import NinedtactError

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.guidance import Step
     from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.capture.source import FrameSource
+    from ninedtact.capture.frame_source import FrameSource
 
 
 @dataclass
@@ -71,11 +71,11 @@ def guided_images(
 @contextmanager
 def opened(source: str, automatic: bool) -> "Iterator[FrameSource]":
     """The camera, newest image first; a recording is read image by image instead."""
-    from ninedtact.capture.freshest import Freshest
-    from ninedtact.capture.settings import AS_SENSOR, STEADY
+    from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
+    from ninedtact.capture.latest_frame import LatestFrameSource
 
-    camera = source_named(source, AS_SENSOR if automatic else STEADY)
-    with Freshest(camera) if camera.recorded_hz is None else camera as frames:
+    camera = source_named(source, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
+    with LatestFrameSource(camera) if camera.recorded_hz is None else camera as frames:
         yield frames
 
 
@@ -179,7 +179,7 @@ class Calibrate:
     def read_images(self) -> "CalibrationImages":
         """The four images, each the mean of the files given for it."""
         from ninedtact.calibration.procedure import CalibrationImages
-        from ninedtact.capture.images import average_images, read_image
+        from ninedtact.capture.image_file import average_images, read_image
 
         return CalibrationImages(
             **{name: average_images([read_image(path) for path in getattr(self, name)]) for name in PRESSES}

@@ -39,7 +39,7 @@ class Check:
         from ninedtact.calibration.drift.diagnosis import findings
         from ninedtact.calibration.drift.drift_measurement import drift, known_skin
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.capture.images import read_image
+        from ninedtact.capture.image_file import read_image
 
         if not self.reference:
             raise NothingToCheck(

@@ -11,8 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.capture.settings import CameraSettings
-    from ninedtact.capture.source import FrameSource
+    from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
 
 RECORDING = ".mcap"
@@ -34,30 +33,30 @@ def is_recording(text: str) -> bool:
 def source_named(text: str, settings: "CameraSettings") -> "FrameSource":
     """The source that the text names, not yet opened; a recording with the stamps that it was made with."""
     if is_recording(text):
-        from ninedtact.recording.unreadable import require_libraries
+        from ninedtact.recording.errors import require_recording_libraries
 
-        require_libraries()
-        from ninedtact.recording.replay import Replay
+        require_recording_libraries()
+        from ninedtact.recording.recorded_source import RecordedSource
 
-        return Replay(Path(text).expanduser())
-    from ninedtact.capture.address import source_for
+        return RecordedSource(Path(text).expanduser())
+    from ninedtact.capture.source_address import source_for
 
     return source_for(text, settings)
 
 
 def live_source(text: str, settings: "CameraSettings") -> "FrameSource":
     """The same, all that was recorded as if it were now."""
-    from ninedtact.capture.as_if_now import AsIfNow
+    from ninedtact.capture.latest_frame import LivePlayback
 
-    return AsIfNow(source_named(text, settings))
+    return LivePlayback(source_named(text, settings))
 
 
 def device(text: str, on_lost: "Callable[[Exception], None]", on_back: "Callable[[], None]") -> "WrenchSource":
     """The force/torque sensor that the text names, in its own frame, reopened when it was lost."""
-    from ninedtact.capture.force_torque.address import force_torque_for
-    from ninedtact.capture.force_torque.reopening import Reopening
+    from ninedtact.capture.force_torque.pipeline import force_torque_sensor_for
+    from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 
-    return Reopening(force_torque_for(text), on_lost, on_back)
+    return ReconnectingWrenchSource(force_torque_sensor_for(text), on_lost, on_back)
 
 
 def require_alike(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
@@ -88,10 +87,10 @@ def sensor_of(sensor: Path | None, source: str) -> "Iterator[SensorFolder]":
         raise SensorUnnamed(
             f"expected --sensor with --source {source}, got none; name the folder that 'ninedtact calibrate --out' wrote"
         )
-    from ninedtact.recording.unreadable import require_libraries
+    from ninedtact.recording.errors import require_recording_libraries
 
-    require_libraries()
-    from ninedtact.recording.sensor_copy import restore_sensor
+    require_recording_libraries()
+    from ninedtact.recording.reader import restore_sensor_folder
 
     with TemporaryDirectory(prefix="ninedtact_") as folder:
-        yield load_sensor(restore_sensor(Path(source).expanduser(), Path(folder) / "sensor"))
+        yield load_sensor(restore_sensor_folder(Path(source).expanduser(), Path(folder) / "sensor"))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ninedtact.capture.checkup import Checkup
+    from ninedtact.capture.camera_check import CameraCheck
 
 EXTRAS = {
     "studio": (("viser",), "the live page"),
@@ -33,7 +33,7 @@ class Report:
     """All that the doctor found."""
 
     versions: dict[str, str]
-    cameras: "list[Checkup]"
+    cameras: "list[CameraCheck]"
     extras: list[Extra]
 
 
@@ -53,15 +53,15 @@ class Doctor:
         failed = self.source is not None and report.cameras[0].trouble is not None
         return 1 if failed else 0
 
-    def examined(self) -> "list[Checkup]":
+    def examined(self) -> "list[CameraCheck]":
         """The source that was named, or every camera of this machine."""
-        from ninedtact.capture.address import source_for
-        from ninedtact.capture.checkup import examine
-        from ninedtact.capture.devices import list_cameras
+        from ninedtact.capture.camera_check import check_camera
+        from ninedtact.capture.source_address import source_for
+        from ninedtact.capture.uvc_camera import list_cameras
 
         if self.source is not None:
-            return [examine(source_for(self.source))]
-        return [examine(source_for(camera.path), camera.name) for camera in list_cameras()]
+            return [check_camera(source_for(self.source))]
+        return [check_camera(source_for(camera.path), camera.name) for camera in list_cameras()]
 
 
 def versions() -> dict[str, str]:
@@ -112,7 +112,7 @@ def as_text(report: Report) -> str:
     return "\n".join(lines)
 
 
-def camera_lines(camera: "Checkup") -> list[str]:
+def camera_lines(camera: "CameraCheck") -> list[str]:
     """One camera: its name, what it delivers, and what to do about it."""
     lines = [f"  {camera.name}" + (f" ({camera.model})" if camera.model else "")]
     if camera.size_px is not None:
@@ -123,7 +123,7 @@ def camera_lines(camera: "Checkup") -> list[str]:
     return lines
 
 
-def rate_words(camera: "Checkup") -> str:
+def rate_words(camera: "CameraCheck") -> str:
     """How fast a camera is, in words."""
     if camera.rate is None:
         return f"a recording at {camera.recorded_hz:g} images per second"

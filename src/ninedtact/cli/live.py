@@ -18,7 +18,7 @@ from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.capture.source import FrameSource
+    from ninedtact.capture.frame_source import FrameSource
     from ninedtact.cli.twin_on_show import TwinOnShow
     from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
@@ -88,31 +88,31 @@ class Live:
     @property
     def references(self) -> "list[Frame]":
         """The untouched skin, as far as it was given."""
-        from ninedtact.capture.images import read_image
+        from ninedtact.capture.image_file import read_image
         from ninedtact.quantities import Frame
 
         return [Frame(read_image(path)) for path in self.reference]
 
     def sensor_at_source(self, shape: "CalibratedShape") -> "Sensor":
         """The sensor on a camera or a recording, not yet opened."""
-        from ninedtact.capture.freshest import Freshest
-        from ninedtact.capture.reconnecting import Reconnecting
+        from ninedtact.capture.latest_frame import LatestFrameSource
+        from ninedtact.capture.reconnecting import ReconnectingFrameSource
         from ninedtact.sensor import Sensor
 
         references = self.references
-        source = Reconnecting(
+        source = ReconnectingFrameSource(
             self.named_source(),
             on_lost=lambda loss: say(f"{loss}; waiting for it"),
             on_back=lambda: say("it is back"),
         )
-        return Sensor(Freshest(source), shape, depth=shape.depth_reader(*references) if references else None)
+        return Sensor(LatestFrameSource(source), shape, depth=shape.depth_reader(*references) if references else None)
 
     def named_source(self) -> "FrameSource":
         """The source that was named, over and over if so wished."""
-        from ninedtact.capture.settings import AS_SENSOR, STEADY
+        from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
         from ninedtact.studio.repeating import Repeating
 
-        source = live_source(self.source, AS_SENSOR if self.automatic else STEADY)
+        source = live_source(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return Repeating(source) if self.loop else source
 
 
@@ -154,13 +154,13 @@ def on_page(
     shape: "CalibratedShape", shown: "TwinOnShow", references: "Sequence[Frame]" = ()
 ) -> "tuple[Sensor, list[WrenchLoop]]":
     """A twin on show as a page wants it."""
-    from ninedtact.capture.freshest import Freshest
+    from ninedtact.capture.latest_frame import LatestFrameSource
     from ninedtact.cli.twin_on_show import TRUE_WRENCH
     from ninedtact.sensor import Sensor
     from ninedtact.studio.wrench_loop import WrenchLoop
 
     depth = shape.depth_reader(*(references or shown.untouched))
-    return Sensor(Freshest(shown.camera), shape, depth=depth), [WrenchLoop(shown.force_torque, TRUE_WRENCH)]
+    return Sensor(LatestFrameSource(shown.camera), shape, depth=depth), [WrenchLoop(shown.force_torque, TRUE_WRENCH)]
 
 
 def estimated(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchLoop]":

@@ -87,14 +87,14 @@ class CollectOptions:
 
     def settings(self) -> "CollectSettings":
         """The same as the recording room names it; raises `RuleImpossible` or `CollectionImpossible`."""
-        from ninedtact.capture.force_torque.trusted import TrustSettings
-        from ninedtact.capture.sampling_rule import RuleSettings
+        from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
+        from ninedtact.capture.sampling_rule import SamplingRuleSettings
         from ninedtact.recording.collecting.settings import CollectSettings
 
-        rule = RuleSettings(self.contact_below_n, self.first_below_n, self.ranges, self.weights, self.apart)
+        rule = SamplingRuleSettings(self.contact_below_n, self.first_below_n, self.ranges, self.weights, self.apart)
         return CollectSettings(
             rule=rule,
-            trust=TrustSettings(self.range_n, self.range_nm),
+            trust=SampleCheckSettings(self.range_n, self.range_nm),
             tolerance_ms=self.tolerance_ms,
             camera_late_ms=self.camera_late_ms,
             no_contact=self.no_contact,

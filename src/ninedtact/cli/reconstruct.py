@@ -43,7 +43,7 @@ class Reconstruct:
     def run(self) -> int:
         """Reconstruct every image, the first bad one stopping the rest."""
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.capture.images import read_image
+        from ninedtact.capture.image_file import read_image
         from ninedtact.quantities import Frame
 
         if not self.images:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.image_files import fault_of
+from ninedtact.capture.image_file import image_file_fault
 from ninedtact.errors import NinedtactError
 
 
@@ -131,7 +131,7 @@ def decoded(content: bytes | None) -> UInt8[Array, "rows cols"]:
     """A stored image, its file judged before any decoder sees it; raises `NotAImage`."""
     if not content:
         raise NotAImage("expected an image, got nothing; record it again")
-    if fault := fault_of(content):
+    if fault := image_file_fault(content):
         raise NotAImage(f"expected an image, got {fault}; record it again")
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint8:

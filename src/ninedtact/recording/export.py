@@ -14,11 +14,10 @@ import numpy as np
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Wrench
-from ninedtact.recording.episode_pairs import Collected
-from ninedtact.recording.messages import Topic
-from ninedtact.recording.sensor_copy import FOLDER, write_copy
-from ninedtact.recording.stored import Episode
-from ninedtact.recording.summary import summary
+from ninedtact.recording.reader import FOLDER, Recording, write_copy
+from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.saved_pairs import SavedPairReader
+from ninedtact.recording.summary import summarise_recording
 
 SIX = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 QUICK_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -28,7 +27,7 @@ class ExportRefused(NinedtactError):
     """A folder with other content."""
 
 
-def export_episode(episode: Episode, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
+def export_recording(episode: Recording, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
     """Write everything into a new or empty folder; how many rows or files of each. Raises `ExportRefused`."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
@@ -44,12 +43,12 @@ def export_episode(episode: Episode, out: Path, on_image: Callable[[], None] = l
         "sensor": sum(write_copy(out / FOLDER, copied.name, copied.data) for copied in episode.attachments()),
     }
     write_file_atomically(
-        out / "recording.json", json.dumps(asdict(summary(episode)), indent=2, ensure_ascii=False).encode()
+        out / "recording.json", json.dumps(asdict(summarise_recording(episode)), indent=2, ensure_ascii=False).encode()
     )
     return written
 
 
-def images(episode: Episode, out: Path, on_image: Callable[[], None]) -> int:
+def images(episode: Recording, out: Path, on_image: Callable[[], None]) -> int:
     """Every image as PNG, named by its number, and a table of their times."""
     rows = []
     for frame in episode.frames():
@@ -60,7 +59,7 @@ def images(episode: Episode, out: Path, on_image: Callable[[], None]) -> int:
     return table(out / "images.csv", ("image", *TIMES), rows)
 
 
-def untouched(episode: Episode, out: Path) -> int:
+def untouched(episode: Recording, out: Path) -> int:
     """The images of untouched skin, named by the tare that they belong to."""
     count = 0
     for count, frame in enumerate(episode.frames(Topic.UNTOUCHED), start=1):
@@ -68,12 +67,12 @@ def untouched(episode: Episode, out: Path) -> int:
     return count
 
 
-def wrenches(episode: Episode, path: Path, topic: Topic) -> int:
+def wrenches(episode: Recording, path: Path, topic: Topic) -> int:
     """A table of wrenches about the skin's centre."""
     return table(path, (*TIMES, *SIX), ((*times(episode, one.stamp_ns), *six(one)) for one in episode.wrenches(topic)))
 
 
-def heights(episode: Episode, out: Path) -> int:
+def heights(episode: Recording, out: Path) -> int:
     """Every height map in mm, NaN out of view, named by its image's number."""
     names = []
     for index, z_mm in episode.heights():
@@ -83,16 +82,16 @@ def heights(episode: Episode, out: Path) -> int:
     return len(names)
 
 
-def pairs(episode: Episode, path: Path) -> int:
+def pairs(episode: Recording, path: Path) -> int:
     """A table of what was collected, undone contacts taken out."""
     rows = (
         (f"image_{mark.image:08d}.png", mark.object, mark.contact, mark.kind, mark.untouched, *six(mark.wrench))
-        for mark in Collected(episode).marks
+        for mark in SavedPairReader(episode).marks
     )
     return table(path, ("image", "object", "contact", "kind", "untouched", *SIX), rows)
 
 
-def events(episode: Episode, path: Path) -> int:
+def events(episode: Recording, path: Path) -> int:
     """A table of what else happened."""
     rows = ((*times(episode, one.stamp_ns), one.kind.value, one.subject, one.words) for one in episode.events())
     return table(path, (*TIMES, "kind", "subject", "words"), rows)
@@ -101,7 +100,7 @@ def events(episode: Episode, path: Path) -> int:
 TIMES = ("monotonic_ns", "wall_ns")
 
 
-def times(episode: Episode, stamp_ns: int) -> tuple[int, int]:
+def times(episode: Recording, stamp_ns: int) -> tuple[int, int]:
     """A stamp on both clocks."""
     return stamp_ns, episode.session.wall_ns(stamp_ns)
 

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
-from ninedtact.capture.source import FrameSource, SourceEnded
+from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.force.estimator import ForceEstimator, NoForce
 from ninedtact.quantities import Frame, Reading, Wrench
-from ninedtact.recording.episode import EpisodeWriter
-from ninedtact.recording.listening import Listening
-from ninedtact.recording.messages import Topic
+from ninedtact.recording.merge_streams import BackgroundReader
+from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
@@ -22,7 +22,7 @@ REFERENCE_FRAMES = 10
 
 
 @dataclass
-class Interpretation:
+class RecordedEstimates:
     """What images mean, written beside them: heights, and the wrench where there is an estimator.
 
     The first images are taken for untouched skin, and read like all others.
@@ -40,7 +40,7 @@ class Interpretation:
         wrench = set() if isinstance(self.estimator, NoForce) else {Topic.ESTIMATED}
         return wrench | ({Topic.HEIGHTS} if self.heights else set())
 
-    def write(self, frame: Frame, episode: EpisodeWriter) -> None:
+    def write(self, frame: Frame, episode: RecordingWriter) -> None:
         """Read an image."""
         for waiting, reader in self._readable(frame):
             rectified = self.shape.rectify(waiting)
@@ -65,18 +65,18 @@ class Interpretation:
 class Recorder:
     """Writes what a camera and a force/torque sensor deliver until it is over."""
 
-    episode: EpisodeWriter
+    episode: RecordingWriter
     camera: FrameSource
     force_torque: WrenchSource | None = None
-    interpretation: Interpretation | None = None
+    interpretation: RecordedEstimates | None = None
 
     def run(self, is_over: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
         """Record; ends well with a recording that is played. Raises what a live source raises, everything before kept."""
         with ExitStack() as opened:
             samples = None
             if self.force_torque is not None:
-                samples = opened.enter_context(Listening[Wrench](self.force_torque, SAMPLES_AT_MOST))
-            images = opened.enter_context(Listening[Frame](self.camera, IMAGES_AT_MOST))
+                samples = opened.enter_context(BackgroundReader[Wrench](self.force_torque, SAMPLES_AT_MOST))
+            images = opened.enter_context(BackgroundReader[Frame](self.camera, IMAGES_AT_MOST))
             try:
                 while not is_over():
                     self._write_what_came(images, samples)
@@ -84,7 +84,7 @@ class Recorder:
             except SourceEnded:
                 return
 
-    def _write_what_came(self, images: Listening[Frame], samples: Listening[Wrench] | None) -> None:
+    def _write_what_came(self, images: BackgroundReader[Frame], samples: BackgroundReader[Wrench] | None) -> None:
         if samples is not None:
             for wrench in waiting(samples):
                 self.episode.measured(wrench)
@@ -95,7 +95,7 @@ class Recorder:
                 self.interpretation.write(heard.item, self.episode)
 
 
-def waiting(samples: Listening[Wrench]) -> Iterator[Wrench]:
+def waiting(samples: BackgroundReader[Wrench]) -> Iterator[Wrench]:
     """All samples that came."""
     while (heard := samples.take()) is not None:
         yield heard.item

@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.recording.episode_pairs import Collected
-from ninedtact.recording.messages import TYPES, EventKind, Topic
-from ninedtact.recording.replay import rate_hz
-from ninedtact.recording.stored import Episode
+from ninedtact.recording.reader import Recording
+from ninedtact.recording.recorded_source import median_rate_hz
+from ninedtact.recording.ros_messages import TYPES, EventKind, Topic
+from ninedtact.recording.saved_pairs import SavedPairReader
 
 GAP = 2.5
 """Times the usual distance of two messages, from which something is missing."""
@@ -19,7 +19,7 @@ STEADY = (Topic.IMAGES, Topic.MEASURED, Topic.ESTIMATED, Topic.HEIGHTS)
 
 
 @dataclass(frozen=True)
-class TopicFigures:
+class TopicSummary:
     """One topic."""
 
     topic: str
@@ -33,7 +33,7 @@ class TopicFigures:
 
 
 @dataclass(frozen=True)
-class EpisodeFigures:
+class RecordingSummary:
     """One recording."""
 
     sensor: str
@@ -48,13 +48,13 @@ class EpisodeFigures:
     """Closed in order; if not, its last half second may be missing."""
     dropped: int
     """Images that the source counted and nobody could write."""
-    topics: list[TopicFigures]
+    topics: list[TopicSummary]
     pairs: dict[str, int]
     """Of each kind, undone contacts taken out."""
     events: dict[str, int]
 
 
-def summary(episode: Episode) -> EpisodeFigures:
+def summarise_recording(episode: Recording) -> RecordingSummary:
     """The figures of an open recording."""
     events = episode.events()
     stamps_ns = [stamps for topic in Topic if len(stamps := episode.stamps_ns(topic))]
@@ -63,7 +63,7 @@ def summary(episode: Episode) -> EpisodeFigures:
     )
     began = datetime.fromtimestamp(episode.session.wall_ns(first_ns) / 1e9, UTC)
     session = episode.session
-    return EpisodeFigures(
+    return RecordingSummary(
         sensor=session.sensor,
         source=session.source,
         force_torque=session.force_torque,
@@ -74,19 +74,19 @@ def summary(episode: Episode) -> EpisodeFigures:
         finished=episode.finished,
         dropped=sum(int(event.subject) for event in events if event.kind is EventKind.DROPPED),
         topics=[figures for topic in Topic if (figures := topic_figures(episode, topic)).messages],
-        pairs=dict(Counter(mark.kind for mark in Collected(episode).marks)),
+        pairs=dict(Counter(mark.kind for mark in SavedPairReader(episode).marks)),
         events=dict(Counter(event.kind.value for event in events)),
     )
 
 
-def topic_figures(episode: Episode, topic: Topic) -> TopicFigures:
+def topic_figures(episode: Recording, topic: Topic) -> TopicSummary:
     """Rate and gaps of one topic."""
     stamps_ns = episode.stamps_ns(topic)
     chosen = topic is Topic.IMAGES and episode.session.purpose != "record"
     if topic not in STEADY or chosen or len(stamps_ns) < 3:
-        return TopicFigures(topic.value, TYPES[topic], len(stamps_ns))
+        return TopicSummary(topic.value, TYPES[topic], len(stamps_ns))
     longest_ms, gaps = gaps_of(stamps_ns)
-    return TopicFigures(topic.value, TYPES[topic], len(stamps_ns), rate_hz(stamps_ns), longest_ms, gaps)
+    return TopicSummary(topic.value, TYPES[topic], len(stamps_ns), median_rate_hz(stamps_ns), longest_ms, gaps)
 
 
 def gaps_of(stamps_ns: Array) -> tuple[float, int]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from threading import Lock
 
-from ninedtact.capture.source import FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.quantities import Frame
 from ninedtact.simulation.pace import Pace
 from ninedtact.simulation.stage import Stage

@@ -6,7 +6,7 @@ from threading import Lock
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.capture.source import SourceNotOpen
+from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import Wrench

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.capture.images import average_images
+from ninedtact.capture.image_file import average_images
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.mechanics.contact import Effort
 from ninedtact.mechanics.indenter import Ball

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.source import SourceEnded
+from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter

@@ -3,7 +3,7 @@
 from queue import Empty, SimpleQueue
 from threading import Event
 
-from ninedtact.capture.source import SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.quantities import Reading, Wrench, WrenchEstimate

@@ -8,8 +8,8 @@ from types import TracebackType
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.freshest import ImageStale
-from ninedtact.capture.source import SourceEnded
+from ninedtact.capture.frame_source import SourceEnded
+from ninedtact.capture.latest_frame import NoRecentFrame
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Reading
 from ninedtact.sensor import Sensor
@@ -120,7 +120,7 @@ class SensorLoop:
             if self._reference_wanted.is_set():
                 self._take_reference()
             self._keep(self.sensor.read())
-        except ImageStale:
+        except NoRecentFrame:
             pass  # `heard_ns` says since when
         except ReferenceUnusable as refusal:
             self._note(Phase.REFERENCE, refusal)

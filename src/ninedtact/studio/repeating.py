@@ -3,7 +3,7 @@
 from dataclasses import replace
 from threading import Lock
 
-from ninedtact.capture.source import FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.quantities import Frame
 
 

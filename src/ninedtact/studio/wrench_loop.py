@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.source import SourceEnded
+from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Wrench
 from ninedtact.studio.history import HISTORY_S, NS_PER_S

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ninedtact.capture.source import SourceEnded
+from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Wrench
 

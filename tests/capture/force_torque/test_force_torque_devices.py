@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 from test_force_torque_family import Bench
 
-from ninedtact.capture.force_torque.refusals import WrenchFaulty, WrenchSaturated, WrenchUntrusted
-from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
+from ninedtact.capture.wrench_source import (
+    WrenchFaulty,
+    WrenchSampleRejected,
+    WrenchSaturated,
+    WrenchSensorLost,
+    WrenchSource,
+)
 from ninedtact.quantities import Wrench
 
 LOAD = np.array([1.0, -2.0, -8.0, 0.05, 0.02, -0.01])
@@ -56,7 +61,7 @@ def test_net_ft_refuses_saturated_and_faulty_records_and_goes_on_after_them(benc
             with pytest.raises(refusal, match=rf"expected .*netft:bench.* got .*{status:08x}.*;"):
                 read_for(source, 5.0)
             for _ in range(3):  # the stream is never taken for lost meanwhile
-                with pytest.raises(WrenchUntrusted):
+                with pytest.raises(WrenchSampleRejected):
                     source.read()
             bench.server.status = 0x8001_0000  # a threshold was passed, the measurement is good
             good_after(source)
@@ -70,7 +75,7 @@ def good_after(source: WrenchSource) -> Wrench:
     while time.monotonic() < ends_at:
         try:
             return source.read()
-        except WrenchUntrusted:
+        except WrenchSampleRejected:
             continue
     pytest.fail("no good sample came again")
 

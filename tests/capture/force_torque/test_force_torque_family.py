@@ -14,17 +14,25 @@ import pytest
 from rdt_server import RdtServer, ati_page
 from serial_device import SerialDevice
 
-from ninedtact.capture.force_torque.address import ForceTorqueUnknown, force_torque_for
-from ninedtact.capture.force_torque.measured import MeasuredSettings, measured
-from ninedtact.capture.force_torque.mounted import Mounted
-from ninedtact.capture.force_torque.netft import ATI, NetFtLine
-from ninedtact.capture.force_torque.refusals import ForceTorqueLibraryMissing, WrenchSensorNotFound
-from ninedtact.capture.force_torque.reopening import Reopening
+from ninedtact.capture.force_torque.netft import ATI, NetFtDriver
+from ninedtact.capture.force_torque.pipeline import (
+    ForceTorqueAddressUnknown,
+    MountedWrenchSource,
+    WrenchPipelineSettings,
+    build_wrench_source,
+    force_torque_sensor_for,
+)
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SkippingWrenchSource
 from ninedtact.capture.force_torque.sensor import ForceTorqueSensor
-from ninedtact.capture.force_torque.tared import Tared, TareSettings
-from ninedtact.capture.force_torque.trusted import Skipping, Trusted
-from ninedtact.capture.source import SourceNotOpen
-from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
+from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
+from ninedtact.capture.frame_source import SourceNotOpen
+from ninedtact.capture.reconnecting import ReconnectingWrenchSource
+from ninedtact.capture.wrench_source import (
+    ForceTorqueLibraryMissing,
+    WrenchSensorLost,
+    WrenchSensorNotFound,
+    WrenchSource,
+)
 from ninedtact.design import ForceTorqueMount
 from ninedtact.simulation.force_torque import SimulatedForceTorque
 
@@ -54,43 +62,43 @@ class Bench:
 
     def onrobot(self) -> ForceTorqueSensor:
         self.server = self.resources.enter_context(RdtServer())
-        return force_torque_for(f"onrobot:{self.server.place}")
+        return force_torque_sensor_for(f"onrobot:{self.server.place}")
 
     def ati(self) -> ForceTorqueSensor:
         self.server = self.resources.enter_context(RdtServer())
         host, port = self.server.place.split(":")
         http_port = self.resources.enter_context(ati_page())
-        return ForceTorqueSensor(NetFtLine("netft:bench", host, ATI, int(port), http_port))
+        return ForceTorqueSensor(NetFtDriver("netft:bench", host, ATI, int(port), http_port))
 
     def serial(self) -> ForceTorqueSensor:
         self.device = self.resources.enter_context(SerialDevice(self.folder))
-        return force_torque_for(f"serial:{self.device.port}")
+        return force_torque_sensor_for(f"serial:{self.device.port}")
 
     def bota(self) -> ForceTorqueSensor:
         config = self.folder / "dummy.json"
         config.write_text(json.dumps(DUMMY))
-        return force_torque_for(f"bota:{config}")
+        return force_torque_sensor_for(f"bota:{config}")
 
     def twin(self) -> WrenchSource:
         return SimulatedForceTorque(small_stage(real_time=True), hz=100.0)
 
     def reopening(self) -> WrenchSource:
-        return Reopening(self.onrobot(), on_lost=lambda loss: pytest.fail(str(loss)))
+        return ReconnectingWrenchSource(self.onrobot(), on_lost=lambda loss: pytest.fail(str(loss)))
 
     def measured(self) -> WrenchSource:
         device = self.onrobot()
-        settings = MeasuredSettings(tare=QUICK)
-        return measured(device, ForceTorqueMount(), lambda loss: pytest.fail(str(loss)), settings=settings)
+        settings = WrenchPipelineSettings(tare=QUICK)
+        return build_wrench_source(device, ForceTorqueMount(), lambda loss: pytest.fail(str(loss)), settings=settings)
 
 
 DEVICES = {"onrobot": Bench.onrobot, "ati": Bench.ati, "serial": Bench.serial, "bota": Bench.bota}
 FAMILY: dict[str, Callable[[Bench], WrenchSource]] = {
     **DEVICES,
     "twin": Bench.twin,
-    "trusted twin": lambda bench: Trusted(bench.twin()),
-    "skipping twin": lambda bench: Skipping(bench.twin(), lambda reason: pytest.fail(str(reason))),
-    "mounted serial": lambda bench: Mounted(bench.serial()),
-    "tared serial": lambda bench: Tared(bench.serial(), QUICK),
+    "trusted twin": lambda bench: CheckedWrenchSource(bench.twin()),
+    "skipping twin": lambda bench: SkippingWrenchSource(bench.twin(), lambda reason: pytest.fail(str(reason))),
+    "mounted serial": lambda bench: MountedWrenchSource(bench.serial()),
+    "tared serial": lambda bench: TaredWrenchSource(bench.serial(), QUICK),
     "reopening onrobot": Bench.reopening,
     "measured onrobot": Bench.measured,
 }
@@ -156,7 +164,9 @@ def test_a_loss_is_told_once_and_reading_goes_on_when_the_device_is_back(bench: 
         else:
             bench.device.plug_in() if is_in else bench.device.unplug()
 
-    with Reopening(source, lambda loss: told.append(str(loss)), lambda: told.append("back"), 20.0) as reopening:
+    with ReconnectingWrenchSource(
+        source, lambda loss: told.append(str(loss)), lambda: told.append("back"), 20.0
+    ) as reopening:
         reopening.read()
         plug(False)
         replug = threading.Timer(0.2, plug, [True])
@@ -181,7 +191,7 @@ def test_closing_while_the_device_is_away_leaves_nothing_open(bench: Bench) -> N
                 pass
         ended.set()
 
-    with Reopening(source, lambda loss: lost.set(), retry_ms=60_000.0) as reopening:
+    with ReconnectingWrenchSource(source, lambda loss: lost.set(), retry_ms=60_000.0) as reopening:
         threading.Thread(target=read_on, daemon=True).start()
         bench.device.unplug()
         assert lost.wait(10)
@@ -200,7 +210,7 @@ def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
     bench.device.hz = 0.1
     absent = [
         *map(
-            force_torque_for,
+            force_torque_sensor_for,
             (f"bota:{tmp_path}/none.json", f"bota:{wrong}", "serial:/dev/ttyNOPE", "onrobot:127.0.0.1:9"),
         ),
         mute,
@@ -225,8 +235,8 @@ def test_a_missing_library_is_named_with_the_command_that_gets_it(
 
 def test_text_names_a_sensor() -> None:
     for text in ("bota:~/sensor.json", "netft:192.168.1.1", "netft:ati.local:49153", "onrobot:10.0.0.2", "serial:COM3"):
-        assert force_torque_for(text).name in (text, f"bota:{Path.home()}/sensor.json")
-    assert force_torque_for("serial:/dev/ttyACM0@921600").name == "serial:/dev/ttyACM0"
+        assert force_torque_sensor_for(text).name in (text, f"bota:{Path.home()}/sensor.json")
+    assert force_torque_sensor_for("serial:/dev/ttyACM0@921600").name == "serial:/dev/ttyACM0"
     wrong = (
         "",
         "sim",
@@ -240,8 +250,8 @@ def test_text_names_a_sensor() -> None:
         "serial:x@fast",
     )
     for text in wrong:
-        with pytest.raises(ForceTorqueUnknown, match=r"expected .* got .*; correct it"):
-            force_torque_for(text)
+        with pytest.raises(ForceTorqueAddressUnknown, match=r"expected .* got .*; correct it"):
+            force_torque_sensor_for(text)
 
 
 def test_a_lost_device_says_so(bench: Bench) -> None:

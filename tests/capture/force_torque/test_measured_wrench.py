@@ -6,20 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from played import MS, Played, noisy
 
-from ninedtact.capture.force_torque.device_clock import DeviceClock, Numbering
-from ninedtact.capture.force_torque.measured import MeasuredSettings, measured
-from ninedtact.capture.force_torque.mounted import Mounted
-from ninedtact.capture.force_torque.refusals import (
+from ninedtact.capture.force_torque.pipeline import MountedWrenchSource, WrenchPipelineSettings, build_wrench_source
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
+from ninedtact.capture.force_torque.sensor import DeviceClock, SampleCounter
+from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareRefused, TareSettings
+from ninedtact.capture.frame_source import SourceEnded
+from ninedtact.capture.wrench_source import (
     WrenchFaulty,
     WrenchFrozen,
     WrenchJumped,
+    WrenchSampleRejected,
     WrenchSaturated,
-    WrenchUntrusted,
+    WrenchSource,
 )
-from ninedtact.capture.force_torque.tared import Tared, TareRefused, TareSettings
-from ninedtact.capture.force_torque.trusted import Skipping, Trusted, TrustSettings
-from ninedtact.capture.source import SourceEnded
-from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.design import DesignImpossible, ForceTorqueMount
 
 ZERO = np.zeros(6)
@@ -34,7 +33,7 @@ def heard(source: WrenchSource) -> list[str]:
             try:
                 source.read()
                 told.append(".")
-            except WrenchUntrusted as refusal:
+            except WrenchSampleRejected as refusal:
                 assert "expected" in str(refusal) and "; " in str(refusal)
                 told.append(type(refusal).__name__)
             except SourceEnded:
@@ -42,42 +41,45 @@ def heard(source: WrenchSource) -> list[str]:
 
 
 def test_a_load_at_the_end_of_the_range_is_refused_on_the_axis_that_has_it() -> None:
-    limits = TrustSettings(range_n=(20, 20, 40), range_nm=(1, 1, 1), jump_n=100)
+    limits = SampleCheckSettings(range_n=(20, 20, 40), range_nm=(1, 1, 1), jump_n=100)
     loads = [[0, 0, -39, 0, 0, 0], [0, 0, -39.5, 0, 0, 0], [19.7, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, -0.99]]
-    assert heard(Trusted(Played(loads, period_ms=30), limits)) == [".", *["WrenchSaturated"] * 3]
+    assert heard(CheckedWrenchSource(Played(loads, period_ms=30), limits)) == [".", *["WrenchSaturated"] * 3]
     with (
-        Trusted(Played([loads[2]]), limits) as source,
+        CheckedWrenchSource(Played([loads[2]]), limits) as source,
         pytest.raises(WrenchSaturated, match=r"F_x .*± 19\.6 N, got 19\.7"),
     ):
         source.read()
 
 
 def test_a_frozen_reading_is_refused_until_it_moves_again() -> None:
-    told = heard(Trusted(Played([*noisy(10), *[BIAS] * 400, *noisy(10)], 1.0)))
+    told = heard(CheckedWrenchSource(Played([*noisy(10), *[BIAS] * 400, *noisy(10)], 1.0)))
     assert told[:10] == told[-10:] == ["."] * 10
     assert told[10:211] == ["."] * 201 and set(told[211:410]) == {"WrenchFrozen"}
-    assert heard(Trusted(Played([BIAS] * 5, 100.0))) == ["."] * 5  # too few to say, of a slow device
+    assert heard(CheckedWrenchSource(Played([BIAS] * 5, 100.0))) == ["."] * 5  # too few to say, of a slow device
 
 
 def test_a_leap_is_refused_and_a_level_that_lasts_is_believed_again() -> None:
     spike, level = noisy(1, (0, 0, -15, 0, 0, 0)), noisy(100, (0, 0, 0, 0.6, 0, 0))
-    told = heard(Trusted(Played([*noisy(10), *spike, *noisy(10), *level])))
+    told = heard(CheckedWrenchSource(Played([*noisy(10), *spike, *noisy(10), *level])))
     assert told == [*["."] * 10, "WrenchJumped", *["."] * 10, *["WrenchJumped"] * 50, *["."] * 50]
     pressed_by_hand = np.linspace(ZERO, [0, 0, -30, 0.2, 0.2, 0], 100) + noisy(100)
-    assert heard(Trusted(Played(pressed_by_hand))) == ["."] * 100
-    assert heard(Trusted(Played([ZERO, [0, 0, -15, 0, 0, 0]], 100.0))) == [".", "."]  # a slow device has no leaps
+    assert heard(CheckedWrenchSource(Played(pressed_by_hand))) == ["."] * 100
+    assert heard(CheckedWrenchSource(Played([ZERO, [0, 0, -15, 0, 0, 0]], 100.0))) == [
+        ".",
+        ".",
+    ]  # a slow device has no leaps
 
 
 def test_who_only_looks_skips_what_cannot_be_trusted_and_is_told_once() -> None:
-    told: list[WrenchUntrusted] = []
+    told: list[WrenchSampleRejected] = []
     flaws = [WrenchFaulty("expected x, got y; z")] * 3
-    with Skipping(Played([ZERO, *flaws, ZERO, *flaws, ZERO]), told.append) as source:
+    with SkippingWrenchSource(Played([ZERO, *flaws, ZERO, *flaws, ZERO]), told.append) as source:
         assert len([source.read() for _ in range(3)]) == 3
     assert len(told) == 2 and source.skipped == 6
 
 
 def test_a_tare_takes_the_bias_off_and_tells_the_noise() -> None:
-    with Tared(Played(noisy(3000, BIAS)), TareSettings()) as source:
+    with TaredWrenchSource(Played(noisy(3000, BIAS)), TareSettings()) as source:
         assert source.tare.samples == pytest.approx(1000, abs=2) and source.tare.seconds == pytest.approx(1.0, abs=0.01)
         assert source.tare.mean == pytest.approx(BIAS, abs=0.004)
         assert source.tare.deviation[:3] == pytest.approx(0.02, rel=0.15)
@@ -97,10 +99,10 @@ def test_a_tare_takes_the_bias_off_and_tells_the_noise() -> None:
 )
 def test_a_tare_of_a_load_that_moves_is_refused_and_nothing_stays_open(moving: np.ndarray) -> None:
     played = Played(moving + noisy(1100))
-    with pytest.raises(TareRefused, match=r"expected a load at rest .* take the hand away"), Tared(played):
+    with pytest.raises(TareRefused, match=r"expected a load at rest .* take the hand away"), TaredWrenchSource(played):
         pass
     assert not played.opened
-    with Tared(Played([*noisy(1001, BIAS), *moving + noisy(1100)])) as source:
+    with TaredWrenchSource(Played([*noisy(1001, BIAS), *moving + noisy(1100)])) as source:
         before = source.tare
         with pytest.raises(TareRefused):
             source.take_tare()
@@ -112,7 +114,9 @@ def test_noise_alone_hardly_ever_refuses_a_tare(count: int) -> None:
     refused, tares = 0, 8_000 // count
     for seed in range(tares):
         try:
-            Tared(Played(noisy(count, BIAS, 1.0, seed), 100.0), TareSettings(seconds=0.1 * (count - 1.5))).open()
+            TaredWrenchSource(
+                Played(noisy(count, BIAS, 1.0, seed), 100.0), TareSettings(seconds=0.1 * (count - 1.5))
+            ).open()
         except TareRefused:
             refused += 1
     assert refused <= 0.003 * tares
@@ -120,26 +124,26 @@ def test_noise_alone_hardly_ever_refuses_a_tare(count: int) -> None:
 
 def test_how_far_the_untouched_reading_wandered_is_told_and_too_few_samples_are_refused() -> None:
     warmer = BIAS + np.array([0, 0, 0.15, 0, 0, 0])
-    with Tared(Played([*noisy(101, BIAS), *noisy(101, BIAS, seed=1), *noisy(101, warmer)], 10.0)) as source:
+    with TaredWrenchSource(Played([*noisy(101, BIAS), *noisy(101, BIAS, seed=1), *noisy(101, warmer)], 10.0)) as source:
         near = source.measure_wander(1.0)
         assert not near.too_far and "no need" in near.sentence and near.since_s == pytest.approx(1.01)
         far = source.measure_wander(1.0)
         assert far.too_far and far.six[2] == pytest.approx(0.15, abs=0.02) and "; tare again" in far.sentence
-    with pytest.raises(TareRefused, match="expected 8 samples"), Tared(Played(noisy(10), 400.0)):
+    with pytest.raises(TareRefused, match="expected 8 samples"), TaredWrenchSource(Played(noisy(10), 400.0)):
         pass
 
 
 def test_the_mount_turns_what_the_device_feels_into_what_the_object_does_to_the_skin() -> None:
     push = [0, 0, -5.0, 0, 0, 0]  # at the skin's centre, straight down
-    with Mounted(Played([push])) as source:
+    with MountedWrenchSource(Played([push])) as source:
         wrench = source.read()
     assert wrench.force_n.tolist() == [0, 0, -5] and wrench.about_mm.tolist() == [0, 0, -35]
     sideways = [1.0, 0, 0, 0, 0.035, 0]  # 1 N along x at the skin: felt 35 mm below with its lever
-    with Mounted(Played([sideways])) as source:
+    with MountedWrenchSource(Played([sideways])) as source:
         assert source.read().about(np.zeros(3)).torque_nm == pytest.approx(0, abs=1e-12)
     # Hung upside down (turned about x), a quarter about z, the device telling the reaction.
     mount = ForceTorqueMount((1.0, 2.0, -40.0), (180.0, 0.0, 90.0), -1)
-    with Mounted(Played([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3]]), mount) as source:
+    with MountedWrenchSource(Played([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3]]), mount) as source:
         wrench = source.read()
     assert wrench.force_n == pytest.approx([-2, -1, 3]) and wrench.torque_nm == pytest.approx([-0.2, -0.1, 0.3])
     assert wrench.about_mm.tolist() == [1, 2, -40]
@@ -151,8 +155,8 @@ def test_measured_is_all_of_them_in_order() -> None:
     mount = ForceTorqueMount(turned_deg=(0.0, 0.0, 90.0))
     pressed = BIAS + np.array([2.0, 0, -3.0, 0, 0, 0])
     played = Played([*noisy(1001, BIAS), *noisy(50, pressed), np.array([0, 0, -30, 0, 0, 0]), *noisy(50, pressed)])
-    settings = MeasuredSettings(TrustSettings(range_n=(30, 30, 30)))
-    with measured(played, mount, lambda loss: None, settings=settings) as source:
+    settings = WrenchPipelineSettings(SampleCheckSettings(range_n=(30, 30, 30)))
+    with build_wrench_source(played, mount, lambda loss: None, settings=settings) as source:
         wrenches = [source.read() for _ in range(50)]
         with pytest.raises(WrenchSaturated):  # judged by what the device measured, not by what the tare leaves
             source.read()
@@ -179,6 +183,6 @@ def test_stamps_follow_the_device_through_bundles_wraps_and_a_clock_that_is_off(
 
 
 def test_numbers_that_never_arrived_are_counted_over_the_wrap() -> None:
-    numbering = Numbering(16)
+    numbering = SampleCounter(16)
     assert [numbering.missed(number) for number in (65_533, 65_534, 2, 3, 0, 1)] == [0, 0, 3, 0, 0, 0]
-    assert WrenchFrozen.__mro__[1] is WrenchJumped.__mro__[1] is WrenchUntrusted
+    assert WrenchFrozen.__mro__[1] is WrenchJumped.__mro__[1] is WrenchSampleRejected

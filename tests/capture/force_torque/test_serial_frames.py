@@ -7,7 +7,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ninedtact.capture.force_torque.serial_frames import BEGIN, FRAME_BYTES, FrameFinder, SerialFrame, decoded
+from ninedtact.capture.force_torque.serial_port import (
+    BEGIN,
+    FRAME_BYTES,
+    SerialFrame,
+    SerialFrameParser,
+    parse_serial_frame,
+)
 
 numbers = st.floats(-1e3, 1e3, width=32)
 frames = st.builds(
@@ -24,7 +30,7 @@ garbage = st.one_of(
 
 
 def found(raw: bytes, cuts: list[int]) -> list[SerialFrame]:
-    finder = FrameFinder()
+    finder = SerialFrameParser()
     places = [0, *sorted(cut % (len(raw) + 1) for cut in cuts), len(raw)]
     heard = [frame for start, stop in pairwise(places) for frame in finder.feed(raw[start:stop])]
     # A false beginning in the garbage holds the last frame back until as many bytes have come as a frame has.
@@ -56,13 +62,13 @@ def test_a_damaged_frame_is_never_believed_and_costs_no_other(sent, bit, is_cut)
     raw = bytearray(sent[1].encoded())
     raw[bit // 8] ^= 1 << bit % 8
     damaged = bytes(raw[: bit // 8]) if is_cut else bytes(raw)
-    assert decoded(damaged) is None
+    assert parse_serial_frame(damaged) is None
     heard = found(sent[0].encoded() + damaged + b"".join(frame.encoded() for frame in sent[2:]), [])
     assert heard == [sent[0], *sent[2:]]
 
 
 def test_it_counts_what_it_could_not_use() -> None:
-    finder = FrameFinder()
+    finder = SerialFrameParser()
     assert list(finder.feed(np.arange(200, dtype=np.uint8).tobytes() * 5)) == [] and finder.garbage_bytes > 900
     frame = SerialFrame(1, 2, (0.0,) * 6)
     assert list(finder.feed(frame.encoded())) == [frame] and finder.garbage_bytes == 0

@@ -21,7 +21,7 @@ from ninedtact.calibration.brightness import (
 from ninedtact.calibration.drift.brightness_change import SkinChange, skin_change
 from ninedtact.calibration.drift.skin_motion import GOOD, SkinMotion, skin_motion
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.images import read_image, require_size
+from ninedtact.capture.image_file import read_image, require_image_size
 from ninedtact.quantities import Coverage, Frame, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification
@@ -109,7 +109,7 @@ def drift(known: KnownSkin, today: Image) -> Drift:
 
     today: raw image (rows, cols, 3) of what should be the untouched skin.
     """
-    require_size(today, *known.rectify.raw_shape, "today's image")
+    require_image_size(today, *known.rectify.raw_shape, "today's image")
     require_usable("untouched image", today)
     nearest = skin_motion(known.depth_image, today)
     moved = skin_motion(known.lens_image, today)

@@ -47,7 +47,7 @@ from ninedtact.calibration.sensor_folder import (
     record_toml,
 )
 from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, MapTable, PinTable, SensorRecord
-from ninedtact.capture.images import read_image
+from ninedtact.capture.image_file import read_image
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Coverage

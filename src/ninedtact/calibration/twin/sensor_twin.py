@@ -5,7 +5,7 @@ from scipy.interpolate import RBFInterpolator
 
 from ninedtact.calibration.brightness import Image
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.images import read_image
+from ninedtact.capture.image_file import read_image
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.gel import bonded_layer

@@ -11,24 +11,29 @@ from typing import Any
 
 import numpy as np
 
-from ninedtact.capture.force_torque.device_clock import DeviceClock, step
-from ninedtact.capture.force_torque.line import LISTENED_S, Line, Sample
-from ninedtact.capture.force_torque.refusals import (
-    ForceTorqueLibraryMissing,
-    WrenchFaulty,
-    WrenchSaturated,
-    WrenchSensorNotFound,
-    WrenchUntrusted,
+from ninedtact.capture.force_torque.sensor import (
+    RECEIVE_TIMEOUT_S,
+    DeviceClock,
+    ForceTorqueDriver,
+    ForceTorqueSample,
+    counter_step,
 )
 from ninedtact.capture.force_torque.stdout_held import stdout_held
-from ninedtact.capture.wrench_source import WrenchSensorLost
+from ninedtact.capture.wrench_source import (
+    ForceTorqueLibraryMissing,
+    WrenchFaulty,
+    WrenchSampleRejected,
+    WrenchSaturated,
+    WrenchSensorLost,
+    WrenchSensorNotFound,
+)
 
 CLOCK_BITS = 32
 POLLS_PER_PERIOD = 4
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 2e-4, 5e-3
 
 
-class BotaLine(Line):
+class BotaDriver(ForceTorqueDriver):
     """A sensor by the driver's configuration file, which Bota delivers with it."""
 
     def __init__(self, config: Path) -> None:
@@ -75,9 +80,9 @@ class BotaLine(Line):
         self._driver, self._clock = driver, DeviceClock(CLOCK_BITS)
         return None
 
-    def receive(self) -> Sequence[Sample]:
+    def receive(self) -> Sequence[ForceTorqueSample]:
         """The newest frame, once there is a new one; those in between count as dropped."""
-        give_up_at = time.monotonic() + LISTENED_S
+        give_up_at = time.monotonic() + RECEIVE_TIMEOUT_S
         try:
             while (frame := self._driver.read_frame()).timestamp == self._last_us:
                 if time.monotonic() > give_up_at:
@@ -89,12 +94,14 @@ class BotaLine(Line):
             ) from trouble
         return [self._sample(frame, time.monotonic_ns())]
 
-    def _sample(self, frame: Any, arrived_ns: int) -> Sample:
+    def _sample(self, frame: Any, arrived_ns: int) -> ForceTorqueSample:
         # The device has no count, but a clock: a step of three periods means that two samples are missing.
-        self._number += max(round(step(self._last_us, frame.timestamp, CLOCK_BITS) / self._period_us), 1)
+        self._number += max(round(counter_step(self._last_us, frame.timestamp, CLOCK_BITS) / self._period_us), 1)
         self._last_us = frame.timestamp
         six = np.array([*frame.force, *frame.torque], float)
-        return Sample(six, self._clock.stamp_ns(frame.timestamp, arrived_ns), self._number, self._flaw(frame.status))
+        return ForceTorqueSample(
+            six, self._clock.stamp_ns(frame.timestamp, arrived_ns), self._number, self._flaw(frame.status)
+        )
 
     def disconnect(self) -> None:
         """Stop and release; the driver prints until its last reference is gone."""
@@ -104,7 +111,7 @@ class BotaLine(Line):
             self._driver.shutdown()
             self._driver = None
 
-    def _flaw(self, status: Any) -> WrenchUntrusted | None:
+    def _flaw(self, status: Any) -> WrenchSampleRejected | None:
         if status.overrange:
             return WrenchSaturated(f"expected a load that {self.name} can measure, got its overrange flag; press less")
         if status.invalid or status.raw:

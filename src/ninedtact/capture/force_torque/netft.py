@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ninedtact.capture.force_torque.line import LISTENED_S, Line, Sample
-from ninedtact.capture.force_torque.refusals import (
+from ninedtact.capture.force_torque.sensor import RECEIVE_TIMEOUT_S, ForceTorqueDriver, ForceTorqueSample
+from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
     WrenchFaulty,
+    WrenchSampleRejected,
     WrenchSaturated,
+    WrenchSensorLost,
     WrenchSensorNotFound,
-    WrenchUntrusted,
 )
-from ninedtact.capture.wrench_source import WrenchSensorLost
 
 if TYPE_CHECKING:
     import pynetft
@@ -39,7 +39,7 @@ NM_PER_UNIT = {
 
 
 @dataclass(frozen=True)
-class Counts:
+class CountScale:
     """What a count of a device is worth that does not tell it."""
 
     per_n: float
@@ -47,10 +47,10 @@ class Counts:
 
 
 @dataclass(frozen=True)
-class Dialect:
+class DeviceVariant:
     """How one maker's devices differ."""
 
-    counts: Counts | None
+    counts: CountScale | None
     """None: the device tells over HTTP."""
     saturated: int
     """Bits of the status that say so."""
@@ -58,17 +58,17 @@ class Dialect:
     """Statuses of a good sample."""
 
 
-ATI = Dialect(None, saturated=0x0002_0000, harmless=(0, 0x8001_0000))
+ATI = DeviceVariant(None, saturated=0x0002_0000, harmless=(0, 0x8001_0000))
 """Bit 17: transducer saturation. 8001 0000: a threshold that somebody set on the device was passed (docs/force_torque.md)."""
-ONROBOT = Dialect(Counts(per_n=10_000, per_nm=100_000), saturated=0)
+ONROBOT = DeviceVariant(CountScale(per_n=10_000, per_nm=100_000), saturated=0)
 """The default counts of its maker's example; what its status bits mean is not public, so any is a fault."""
 
 
-class NetFtLine(Line):
+class NetFtDriver(ForceTorqueDriver):
     """A device by its host name or address."""
 
     def __init__(
-        self, name: str, host: str, dialect: Dialect = ATI, rdt_port: int = RDT_PORT, http_port: int = HTTP_PORT
+        self, name: str, host: str, dialect: DeviceVariant = ATI, rdt_port: int = RDT_PORT, http_port: int = HTTP_PORT
     ) -> None:
         self.name = name
         self._host, self._ports, self._dialect = host, (rdt_port, http_port), dialect
@@ -92,14 +92,14 @@ class NetFtLine(Line):
                 f"expected RDT records from {self._host}, got: {cause}; check its address, its power and that no other "
                 "program listens to it"
             )
-        self._client, self._records = client, client.samples(LISTENED_S)
+        self._client, self._records = client, client.samples(RECEIVE_TIMEOUT_S)
 
-    def receive(self) -> Sequence[Sample]:
+    def receive(self) -> Sequence[ForceTorqueSample]:
         """The next record; pynetft's own thread stamped it when it came."""
         try:
             return [self._sample(next(self._records))]
         except TimeoutError:
-            self._records = self._client.samples(LISTENED_S)
+            self._records = self._client.samples(RECEIVE_TIMEOUT_S)
             return []
         except StopIteration:
             raise WrenchSensorLost(f"expected a sample from {self.name}, got its end; open it again") from None
@@ -125,16 +125,16 @@ class NetFtLine(Line):
             ),
         )
 
-    def _sample(self, record: "pynetft.Sample") -> Sample:
+    def _sample(self, record: "pynetft.ForceTorqueSample") -> ForceTorqueSample:
         force, torque = N_PER_UNIT.get(record.force_unit), NM_PER_UNIT.get(record.torque_unit)
         flaw = self._flaw(record.status)
         if force is None or torque is None:
             units = f"{record.force_unit.value} and {record.torque_unit.value}"
             flaw = WrenchFaulty(f"expected units of {self.name} that are known, got {units}; set N and N-m on it")
         six = np.concatenate([np.array(record.force) * (force or np.nan), np.array(record.torque) * (torque or np.nan)])
-        return Sample(six, record.received_at_ns, record.rdt_sequence, flaw)
+        return ForceTorqueSample(six, record.received_at_ns, record.rdt_sequence, flaw)
 
-    def _flaw(self, status: int) -> WrenchUntrusted | None:
+    def _flaw(self, status: int) -> WrenchSampleRejected | None:
         if status in self._dialect.harmless:
             return None
         if status & self._dialect.saturated:

@@ -66,8 +66,8 @@ class Adapt:
 
     def weighed(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[WeighedPress]":
         """Every press as the estimator reads it; raises `AdaptationImpossible`, naming the image."""
-        from ninedtact.capture.image_list import ImageList
-        from ninedtact.capture.images import read_image
+        from ninedtact.capture.image_and_video_files import ImageList
+        from ninedtact.capture.image_file import read_image
         from ninedtact.force.adaptation import AdaptationImpossible, WeighedPress, newtons
         from ninedtact.quantities import Frame
         from ninedtact.sensor import Sensor

@@ -12,7 +12,7 @@ from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.capture.source import FrameSource
+    from ninedtact.capture.frame_source import FrameSource
     from ninedtact.force.estimator import ForceEstimator
     from ninedtact.quantities import Frame, Reading
     from ninedtact.sensor import Sensor
@@ -71,7 +71,7 @@ class Estimate:
 
     def frames(self) -> "FrameSource":
         """The images that were named, as a source; raises `NothingToEstimate`."""
-        from ninedtact.capture.settings import AS_SENSOR
+        from ninedtact.capture.frame_source import DEFAULT_CAMERA
         from ninedtact.cli.devices import source_named
 
         if not self.source:
@@ -81,7 +81,7 @@ class Estimate:
                 raise NothingToEstimate(
                     "expected --reference with single images, got none; name an image of the untouched skin"
                 )
-            from ninedtact.capture.image_list import ImageList
+            from ninedtact.capture.image_and_video_files import ImageList
 
             return ImageList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:
@@ -89,12 +89,12 @@ class Estimate:
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )
-        return source_named(self.source[0], AS_SENSOR)
+        return source_named(self.source[0], DEFAULT_CAMERA)
 
     @property
     def references(self) -> "list[Frame]":
         """The untouched skin, as far as it was given."""
-        from ninedtact.capture.images import read_image
+        from ninedtact.capture.image_file import read_image
         from ninedtact.quantities import Frame
 
         return [Frame(read_image(path)) for path in self.reference]

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from ninedtact.capture.sampling_rule import RuleSettings
+from ninedtact.capture.sampling_rule import SamplingRuleSettings
 from ninedtact.dataset.generation.hand import Hand
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
@@ -62,7 +62,7 @@ class DatasetSettings:
     sessions_per_file: int = 5
     design: SensorDesign = SensorDesign()
     """What all sensors were meant to be."""
-    rule: RuleSettings = RuleSettings()
+    rule: SamplingRuleSettings = SamplingRuleSettings()
     hand: Hand = field(default_factory=Hand)
 
     def __post_init__(self) -> None:

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.files import counting_order
+from ninedtact.capture.image_and_video_files import natural_sort_key
 from ninedtact.dataset.generation.pair import png
 from ninedtact.dataset.rows import Fault, Item, LeftOut, Row, UntouchedImage
 from ninedtact.dataset.sources.source import Part, Source, name_of
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
-from ninedtact.recording.saved_pair import SavedPair, UntouchedSkin
+from ninedtact.recording.saved_pairs import ReferenceImages, SavedPair
 from ninedtact.shape.calibrated import mean_rectified
 from ninedtact.shape.rectification import Rectification
 
@@ -43,12 +43,12 @@ class EpisodePart(Part):
 
     def pairs(self) -> Iterator[Item]:
         """The same; raises what reading does."""
-        from ninedtact.recording.episode_pairs import pairs_of
+        from ninedtact.recording.saved_pairs import read_saved_pairs
 
         rectify = self.rectification()
         told: set[str] = set()
         steps: Counter[str] = Counter()
-        for pair in pairs_of(self.file):
+        for pair in read_saved_pairs(self.file):
             if pair.untouched.id not in told:
                 told.add(pair.untouched.id)
                 yield untouched_image(pair.untouched, pair.sensor, rectify)
@@ -57,12 +57,12 @@ class EpisodePart(Part):
 
     def rectification(self) -> Rectification:
         """Of the sensor that was named, or that rides along; raises `RecordingUnreadable`, `SensorFolderDamaged`."""
-        from ninedtact.recording.sensor_copy import restore_sensor
+        from ninedtact.recording.reader import restore_sensor_folder
 
         if self.sensor_folder is not None:
             return self.read_sensor(self.sensor_folder)
         with TemporaryDirectory() as folder:
-            return self.read_sensor(restore_sensor(self.file, Path(folder) / "sensor"))
+            return self.read_sensor(restore_sensor_folder(self.file, Path(folder) / "sensor"))
 
     def row(self, pair: SavedPair, step: int, rectify: Rectification) -> Row:
         """One pair."""
@@ -84,7 +84,7 @@ class EpisodePart(Part):
         )
 
 
-def untouched_image(skin: UntouchedSkin, sensor: str, rectify: Rectification) -> UntouchedImage:
+def untouched_image(skin: ReferenceImages, sensor: str, rectify: Rectification) -> UntouchedImage:
     """The mean of its images, as the live sensor takes it."""
     mean = mean_rectified([rectify(Frame(image)) for image in skin.images])
     return UntouchedImage(skin.id, png(whole_levels(mean.grey)), sensor)
@@ -107,7 +107,7 @@ class EpisodesSource(Source):
         if self.path.is_file():
             return [self.path]
         found = (path for path in self.path.rglob(f"*{SUFFIX}") if not path.name.startswith("."))
-        return sorted(found, key=lambda path: (counting_order(path.relative_to(self.path)), path))
+        return sorted(found, key=lambda path: (natural_sort_key(path.relative_to(self.path)), path))
 
     def parts(self) -> list[Part]:
         """One for each recording."""

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.files import counting_order
+from ninedtact.capture.image_and_video_files import natural_sort_key
 from ninedtact.dataset.generation.pair import png
 from ninedtact.dataset.rows import Fault, Item, LeftOut, Row, UntouchedImage
 from ninedtact.dataset.sources.frames import Archive, archive
@@ -140,7 +140,7 @@ class HttSource(Source):
         if self.path.is_file():
             return [self.path]
         found = (path for path in self.path.rglob(f"*{SUFFIX}") if not path.name.startswith("."))
-        return sorted(found, key=lambda path: (counting_order(path.relative_to(self.path)), path))
+        return sorted(found, key=lambda path: (natural_sort_key(path.relative_to(self.path)), path))
 
     def parts(self) -> list[Part]:
         """One for each episode."""

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.capture.files import IMAGE_SUFFIXES, counting_order
+from ninedtact.capture.image_and_video_files import IMAGE_SUFFIXES, natural_sort_key
 from ninedtact.dataset.rows import Fault, Item, LeftOut, UntouchedImage
 from ninedtact.dataset.sources.pair_files import PairFiles, reference_in
 from ninedtact.dataset.sources.source import Part, Source, SourceUnknown, Statements
@@ -121,7 +121,7 @@ def sorted_out(root: Path, files: list[Path]) -> tuple[list[PairFiles], list[str
             stray.append(file.relative_to(root).as_posix())
         else:
             pairs.setdefault((middle[0], stem), {})[role] = file
-    order = sorted(pairs, key=lambda key: (counting_order(Path(key[0])), counting_order(Path(key[1])), key))
+    order = sorted(pairs, key=lambda key: (natural_sort_key(Path(key[0])), natural_sort_key(Path(key[1])), key))
     return [PairFiles(object_name, stem, **pairs[object_name, stem]) for object_name, stem in order], stray
 
 

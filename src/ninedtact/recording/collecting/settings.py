@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from ninedtact.capture.force_torque.tared import TareSettings
-from ninedtact.capture.force_torque.trusted import TrustSettings
-from ninedtact.capture.sampling_rule import RuleSettings, Six
+from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
+from ninedtact.capture.force_torque.tare import TareSettings
+from ninedtact.capture.sampling_rule import SamplingRuleSettings, SixFloats
 from ninedtact.errors import NinedtactError
 
 
@@ -16,9 +16,9 @@ class CollectionImpossible(NinedtactError):
 class CollectSettings:
     """When an image and a wrench are a pair worth keeping."""
 
-    rule: RuleSettings = RuleSettings()
+    rule: SamplingRuleSettings = SamplingRuleSettings()
     """The paper's rule for pairs within a contact."""
-    trust: TrustSettings = TrustSettings()
+    trust: SampleCheckSettings = SampleCheckSettings()
     """Which samples of the force/torque sensor are not believed."""
     tare: TareSettings = TareSettings()
     """How the untouched skin is weighed."""
@@ -32,7 +32,7 @@ class CollectSettings:
     """Share of pairs with contact that press less than the rule begins with."""
     untouched_images: int = 10
     """Of the skin before the first touch and at every tare."""
-    rest: Six = (0.2, 0.2, 0.2, 0.015, 0.015, 0.01)
+    rest: SixFloats = (0.2, 0.2, 0.2, 0.015, 0.015, 0.01)
     """What an untouched skin may weigh, N and N·m about its centre; more calls for a tare."""
     touched_levels: float = 2.0
     """Grey levels by which a place must differ from the untouched skin to be seen touched; below half of it nothing touches."""

@@ -1,29 +1,61 @@
-"""The untouched skin of a stretch of the session: how it looks, and what it weighs."""
+"""Whether an image shows the skin untouched: places of 8 x 8 pixels, held against the reference.
 
+Noise averages out in a place. What the whole image gained or lost (a lamp that warms up) is taken off first.
+
+The untouched skin of a stretch of the session: how it looks, and what it weighs.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.force_torque.tared import TareRefused, tare_of
+from ninedtact.capture.force_torque.tare import TareRefused, compute_tare
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collecting.settings import CollectSettings
-from ninedtact.recording.collecting.skin_seen import SkinSeen
+
+PLACE_PX = 8
+
+
+class ContactImageDetector:
+    """The untouched skin, and how far an image is from it."""
+
+    def __init__(self, untouched: Sequence[UInt8[Array, "rows cols 3"]]) -> None:
+        self._reference = np.mean([places(image) for image in untouched], axis=0)
+        self._median = float(np.median(self._reference))
+
+    def change(self, image: UInt8[Array, "rows cols 3"]) -> float:
+        """Grey levels by which the most changed place differs."""
+        seen = places(image)
+        if seen.shape != self._reference.shape:
+            return float("inf")
+        gain = self._median / max(float(np.median(seen)), 1.0)
+        return float(np.abs(gain * seen - self._reference).max())
+
+
+def places(image: UInt8[Array, "rows cols 3"]) -> Float32[Array, "_ _"]:
+    """Mean grey level of each place."""
+    rows, cols = (max(side // PLACE_PX, 1) for side in image.shape[:2])
+    small = cv2.resize(image.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
+
 
 LEAVE_IT = "leave the skin untouched"
 NO_SAMPLES = "no samples from the force/torque sensor yet"
 
 
 @dataclass(frozen=True)
-class Untouched:
+class TareReference:
     """What a tare found."""
 
     number: int
     frames: tuple[Frame, ...]
     zero: Float64[Array, "6"]
     """N and N·m about the skin's centre."""
-    seen: SkinSeen
+    seen: ContactImageDetector
 
     def taken_off(self, wrench: Wrench) -> Wrench:
         """A wrench about the skin's centre without what nothing weighs."""
@@ -32,12 +64,12 @@ class Untouched:
 
 
 @dataclass
-class Taring:
+class TareInProgress:
     """Gathers images and samples until they are enough and still; begins anew when something moves."""
 
     number: int
     settings: CollectSettings
-    last: Untouched | None = None
+    last: TareReference | None = None
     """What the skin was before."""
     frames: list[Frame] = field(default_factory=list)
     wrenches: list[Wrench] = field(default_factory=list)
@@ -63,7 +95,7 @@ class Taring:
         long_ns = self.wrenches[-1].stamp_ns - self.wrenches[0].stamp_ns if self.wrenches else 0
         return len(self.frames) >= self.settings.untouched_images and long_ns >= self.settings.tare.seconds * 1e9
 
-    def untouched(self) -> Untouched | None:
+    def untouched(self) -> TareReference | None:
         """What was found, when it is enough and still."""
         if not self.is_enough:
             return None
@@ -79,12 +111,14 @@ class Taring:
         self.wrenches.clear()
         return None
 
-    def found(self) -> Untouched:
+    def found(self) -> TareReference:
         """The skin as it was gathered; raises `TareRefused`."""
-        zero = tare_of(self.wrenches, self.settings.tare).mean
-        return Untouched(self.number, tuple(self.frames), zero, SkinSeen([frame.image for frame in self.frames]))
+        zero = compute_tare(self.wrenches, self.settings.tare).mean
+        return TareReference(
+            self.number, tuple(self.frames), zero, ContactImageDetector([frame.image for frame in self.frames])
+        )
 
-    def objection(self, found: Untouched) -> str:
+    def objection(self, found: TareReference) -> str:
         """Why this cannot be untouched skin; empty when it can."""
         most = self.settings.touched_levels
         if any(found.seen.change(frame.image) > most for frame in found.frames):

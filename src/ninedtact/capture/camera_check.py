@@ -1,0 +1,129 @@
+"""What a source really delivers: some USB boards send every image twice and call it double the rate.
+
+One source examined: does it open, how fast is it really, and is it set as touch needs it.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from ninedtact.capture.frame_source import CameraSettings, FrameSource, SourceEnded
+from ninedtact.capture.uvc_camera import UvcCamera
+from ninedtact.errors import NinedtactError
+
+SETTLING = 5
+"""Images that arrive in a burst after opening, left out."""
+
+
+class FrameRateUnmeasurable(NinedtactError):
+    """Too few different images to speak of a rate."""
+
+
+@dataclass(frozen=True)
+class FrameRate:
+    """Rates of one measurement."""
+
+    delivered_hz: float
+    """Images per second as they come."""
+    true_hz: float
+    """Images per second that differ from the one before."""
+    jitter_ms: float
+    """Standard deviation of the time between two different images."""
+    frames: int
+    duplicates: int
+    """Images identical, byte by byte, to the one before."""
+
+
+def measure_frame_rate(source: FrameSource, frames: int = 60, limit_s: float = 5.0) -> FrameRate:
+    """Time up to `frames` images of an open source, `limit_s` at most; raises `FrameRateUnmeasurable` below three."""
+    stamps, is_new = arrivals(source, frames, limit_s)
+    fresh = stamps[is_new]
+    if len(fresh) < 3:
+        raise FrameRateUnmeasurable(
+            f"expected at least 3 different images from {source.name} in {limit_s:g} s, got {len(fresh)}; "
+            "check the camera, and that its view is not all black"
+        )
+    return FrameRate(
+        delivered_hz=float((len(stamps) - 1) / (stamps[-1] - stamps[0])),
+        true_hz=float((len(fresh) - 1) / (fresh[-1] - fresh[0])),
+        jitter_ms=float(np.std(np.diff(fresh)) * 1000),
+        frames=len(stamps),
+        duplicates=int(len(stamps) - len(fresh)),
+    )
+
+
+def arrivals(source: FrameSource, frames: int, limit_s: float) -> tuple[Float[Array, " n"], np.ndarray]:
+    """Arrival times in seconds, and which images differ from the one before."""
+    stamps: list[float] = []
+    is_new: list[bool] = []
+    before = None
+    give_up_at = time.monotonic() + limit_s
+    while len(stamps) < frames + SETTLING and time.monotonic() < give_up_at:
+        try:
+            frame = source.read()
+        except SourceEnded:
+            break
+        stamps.append(frame.stamp_ns / 1e9)
+        is_new.append(before is None or not np.array_equal(frame.image, before))
+        before = frame.image
+    settled = SETTLING if len(stamps) > 2 * SETTLING else 0
+    return np.array(stamps[settled:]), np.array(is_new[settled:], dtype=bool)
+
+
+TOLERATED_DUPLICATES = 0.1
+
+
+@dataclass(frozen=True)
+class CameraCheck:
+    """What was found; `trouble` is a sentence where the source could not be opened or measured."""
+
+    name: str
+    model: str | None = None
+    size_px: tuple[int, int] | None = None
+    """Columns and rows."""
+    rate: FrameRate | None = None
+    recorded_hz: float | None = None
+    settings: CameraSettings | None = None
+    trouble: str | None = None
+    advice: tuple[str, ...] = ()
+
+
+def check_camera(source: FrameSource, model: str | None = None, frames: int = 60) -> CameraCheck:
+    """Open, measure and close a source; never raises for what is wrong with the source itself."""
+    try:
+        with source:
+            return _examine_open(source, model, frames)
+    except NinedtactError as trouble:
+        return CameraCheck(source.name, model, trouble=str(trouble))
+
+
+def _examine_open(source: FrameSource, model: str | None, frames: int) -> CameraCheck:
+    rows, cols = source.read().image.shape[:2]
+    # A recording comes as fast as the disk; the rate that it tells of is the one at which it was made.
+    rate = measure_frame_rate(source, frames) if source.recorded_hz is None else None
+    settings = source.settings_in_force if isinstance(source, UvcCamera) else None
+    advice = (*frame_rate_advice(rate), *camera_settings_advice(settings))
+    return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, advice=advice)
+
+
+def frame_rate_advice(rate: FrameRate | None) -> list[str]:
+    """What to do about images that come twice."""
+    if rate is None or rate.duplicates <= TOLERATED_DUPLICATES * rate.frames:
+        return []
+    return [
+        f"{rate.duplicates} of {rate.frames} images repeat the one before: the camera makes {rate.true_hz:.1f} per "
+        f"second, its board sends {rate.delivered_hz:.1f}; ask for a lower rate, a shorter exposure or more light"
+    ]
+
+
+def camera_settings_advice(settings: CameraSettings | None) -> list[str]:
+    """What to do about a camera that regulates itself, and so answers a press by changing its brightness."""
+    advice = []
+    if settings is not None and settings.auto_exposure:
+        advice.append("automatic exposure is on, a press will change it: `v4l2-ctl -d DEVICE -c auto_exposure=1`")
+    if settings is not None and settings.auto_white_balance:
+        advice.append("automatic white balance is on: `v4l2-ctl -d DEVICE -c white_balance_automatic=0`")
+    return advice

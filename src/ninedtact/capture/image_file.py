@@ -1,0 +1,183 @@
+"""Whether an image file is whole, judged before any decoder sees it.
+
+Decoders differ by version in what they let pass: half an image with a line on standard error, or a crash on a damaged
+animation. The structure of a file tells the same on all of them. PNG: https://www.w3.org/TR/png-3/ section 5;
+JPEG: ITU-T T.81 annex B.
+
+Still images: read strictly, because an image that is half there would be measured as if it were whole.
+"""
+
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Shaped, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.capture.chatter import stderr_held
+from ninedtact.errors import NinedtactError
+
+LARGEST_PIXELS = 100_000_000
+PNG, JPEG, BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
+KNOWN_OTHERS = {
+    b"GIF8": "a GIF",
+    b"II*\0": "a TIFF",
+    b"MM\0*": "a TIFF",
+    b"RIFF": "a WebP or a video",
+    b"\0\0\0": "a video, HEIC or AVIF",
+    b"%PDF": "a PDF",
+}
+CUT_SHORT = "a file that is cut short"
+DAMAGED = "a damaged file"
+
+
+def image_file_fault(content: bytes) -> str | None:
+    """What is wrong with an image file, as words that follow "got"; None for a whole PNG, JPEG or BMP."""
+    if content.startswith(PNG):
+        return _png_fault(content)
+    if content.startswith(JPEG):
+        return _jpeg_fault(content)
+    if content.startswith(BMP):
+        return _bmp_fault(content)
+    kind = next((kind for start, kind in KNOWN_OTHERS.items() if content.startswith(start)), "something else")
+    return f"{kind} where PNG, JPEG or BMP is read"
+
+
+def _png_fault(content: bytes) -> str | None:
+    at, last = len(PNG), b""
+    while last != b"IEND":
+        size, last = int.from_bytes(content[at : at + 4]), content[at + 4 : at + 8]
+        body, check = content[at + 4 : at + 8 + size], content[at + 8 + size : at + 12 + size]
+        if len(check) < 4:
+            return CUT_SHORT
+        if zlib.crc32(body) != int.from_bytes(check):
+            return DAMAGED
+        if last == b"acTL":
+            return "an animation"
+        if last == b"IHDR" and (fault := _too_large(int.from_bytes(body[4:8]), int.from_bytes(body[8:12]))):
+            return fault
+        at += 12 + size
+    return None
+
+
+def _jpeg_fault(content: bytes) -> str | None:
+    """Walk the marker segments; only an end-of-image marker outside of all segments ends a whole file."""
+    for marker, segment in _jpeg_segments(content):
+        if marker == 0xD9:
+            return None
+        is_frame_header = 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
+        if is_frame_header and (fault := _too_large(int.from_bytes(segment[5:7]), int.from_bytes(segment[3:5]))):
+            return fault
+    return CUT_SHORT
+
+
+def _jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Markers with the bytes that follow them, scan data skipped (in it, 0xFF precedes 0x00 or a restart marker)."""
+    at = 2
+    while (at := content.find(b"\xff", at)) >= 0 and at + 1 < len(content):
+        marker = content[at + 1]
+        if marker in (0x00, 0x01, 0xFF) or 0xD0 <= marker <= 0xD7:
+            at += 1 if marker == 0xFF else 2
+            continue
+        size = 0 if marker == 0xD9 else int.from_bytes(content[at + 2 : at + 4])
+        yield marker, content[at + 2 : at + 2 + size]
+        at += 2 + size
+
+
+def _bmp_fault(content: bytes) -> str | None:
+    size = int.from_bytes(content[2:6], "little")
+    if len(content) < max(size, 26):
+        return CUT_SHORT
+    cols, rows = (int.from_bytes(content[at : at + 4], "little", signed=True) for at in (18, 22))
+    return _too_large(abs(cols), abs(rows))
+
+
+def _too_large(cols: int, rows: int) -> str | None:
+    return f"{cols} x {rows} pixels" if cols * rows > LARGEST_PIXELS else None
+
+
+LARGEST_FILE_BYTES = 500_000_000
+
+
+class ImageUnreadable(NinedtactError):
+    """An image that is missing, damaged, or not of a kind that can be measured."""
+
+
+class ImageSizeWrong(NinedtactError):
+    """An image of another size than the ones it belongs to."""
+
+
+def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:
+    """Read a PNG, JPEG or BMP file as 8-bit BGR, pixels as stored (no rotation by EXIF).
+
+    Grey is repeated in all three channels; a fully opaque alpha channel is dropped. All else raises
+    `ImageUnreadable`: missing, empty, cut short or damaged files, animations, 16 bits, transparency.
+    """
+    path = Path(path)
+    content = read_content(path)
+    if fault := image_file_fault(content):
+        raise ImageUnreadable(f"expected an image in {path}, got {fault}; record it again, or save it as 8-bit PNG")
+    return _bgr(_decoded(content, path), path)
+
+
+def read_content(path: Path) -> bytes:
+    """The bytes of a file that a person named; raises `ImageUnreadable` with what is wrong with the name."""
+    if path.is_dir():
+        raise ImageUnreadable(f"expected an image file, got the folder {path}; name one file in it")
+    if not path.exists():
+        raise ImageUnreadable(f"expected an image at {path}, got no such file; check the path")
+    if not path.is_file() or path.stat().st_size > LARGEST_FILE_BYTES:
+        raise ImageUnreadable(f"expected an image file, got {path}, a device or a huge file; check the path")
+    try:
+        content = path.read_bytes()
+    except OSError as trouble:
+        raise ImageUnreadable(f"expected to read {path}, got: {trouble.strerror}; check its permissions") from trouble
+    if not content:
+        raise ImageUnreadable(f"expected an image in {path}, got an empty file; record it again")
+    return content
+
+
+def require_image_size(image: Shaped[Array, "rows cols *channels"], rows: int, cols: int, what: str) -> None:
+    """Raise `ImageSizeWrong` unless the image called `what` has this size."""
+    got_rows, got_cols = image.shape[:2]
+    if (got_rows, got_cols) != (rows, cols):
+        raise ImageSizeWrong(
+            f"expected {what} to be {cols} x {rows} pixels, got {got_cols} x {got_rows}; record both alike"
+        )
+
+
+def average_images(images: Sequence[UInt8[Array, "_ _ 3"]]) -> UInt8[Array, "rows cols 3"]:
+    """Mean of images of one size, rounded to whole grey levels; raises `ImageSizeWrong`, `ImageUnreadable`."""
+    if not images:
+        raise ImageUnreadable("expected at least one image to average, got none; name the images")
+    rows, cols = images[0].shape[:2]
+    total = np.zeros((rows, cols, 3), np.uint32)
+    for number, image in enumerate(images, start=1):
+        require_image_size(image, rows, cols, f"image {number} of {len(images)}")
+        total += image
+    return ((total + len(images) // 2) // len(images)).astype(np.uint8)
+
+
+def _decoded(content: bytes, path: Path) -> Shaped[Array, "rows cols *channels"]:
+    """Whatever OpenCV makes of the file, refused also where the decoder merely grumbled about missing data."""
+    with stderr_held() as overheard:
+        try:
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error:
+            image = None
+    if image is None or "Corrupt JPEG" in overheard.text or "Premature end" in overheard.text:
+        raise ImageUnreadable(f"expected an image in {path}, got damaged data; record it again")
+    return image
+
+
+def _bgr(image: Shaped[Array, "rows cols *channels"], path: Path) -> UInt8[Array, "rows cols 3"]:
+    if image.dtype != np.uint8:
+        bits = image.dtype.itemsize * 8
+        raise ImageUnreadable(f"expected 8 bits per channel in {path}, got {bits}; save it as an 8-bit PNG")
+    if image.ndim == 2:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    if image.shape[2] == 4 and image[:, :, 3].min() < 255:
+        raise ImageUnreadable(f"expected an opaque image in {path}, got transparent pixels; save it without alpha")
+    return np.ascontiguousarray(image[:, :, :3])

@@ -1,0 +1,138 @@
+"""A camera on the ribbon cable of a Raspberry Pi, through picamera2, which only that machine needs."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from ninedtact.capture.frame_source import (
+    DEFAULT_CAMERA,
+    CameraLost,
+    CameraNotFound,
+    CameraSettingRefused,
+    CameraSettings,
+    FrameSource,
+    SourceNotOpen,
+)
+from ninedtact.quantities import Frame
+
+SILENCE_LIMIT_S = 2.0
+IMAGES_TO_SETTLE = 30
+RELATIVE_TOLERANCE = 0.05
+Control = float | int | bool
+HOW_TO_GET_IT = (
+    "on Raspberry Pi OS run `sudo apt install python3-picamera2` and make the environment with "
+    "`python3 -m venv --system-site-packages`; elsewhere `pip install 'ninedtact[raspberry-pi]'`"
+)
+
+
+def open_picamera(number: int) -> Any:
+    """Take hold of a camera; raises `CameraNotFound` without picamera2 or without a camera."""
+    try:
+        from picamera2 import Picamera2
+    except ImportError as absence:
+        raise CameraNotFound(f"expected picamera2 for csi:{number}, got no such package; {HOW_TO_GET_IT}") from absence
+    try:
+        return Picamera2(number)
+    except (IndexError, RuntimeError) as trouble:
+        raise CameraNotFound(
+            f"expected a camera at csi:{number}, got: {trouble}; check the ribbon cable and close other programs"
+        ) from trouble
+
+
+class RaspberryPiCamera(FrameSource):
+    """A CSI camera by its number; settings are asked of libcamera and read back from the images' own data."""
+
+    def __init__(
+        self,
+        number: int = 0,
+        settings: CameraSettings = DEFAULT_CAMERA,
+        opener: Callable[[int], Any] = open_picamera,
+    ) -> None:
+        self.name = f"csi:{number}"
+        self.settings = settings
+        self._number = number
+        self._opener = opener
+        self._lock = Lock()
+        self._camera: Any = None
+        self._next_index = 0
+
+    def open(self) -> None:
+        """Open, set and read back; raises `CameraNotFound` or `CameraSettingRefused`."""
+        if self._camera is not None:
+            return
+        camera = self._opener(self._number)
+        try:
+            self._start(camera)
+        except BaseException:
+            camera.close()
+            raise
+        self._camera, self._next_index = camera, 0
+
+    def read(self) -> Frame:
+        """Wait for the next image; `CameraLost` after two seconds of silence."""
+        with self._lock:
+            if self._camera is None:
+                raise SourceNotOpen(self.name)
+            image, _ = self._capture(self._camera)
+            self._next_index += 1
+            return Frame(image, time.monotonic_ns(), self._next_index - 1)
+
+    def close(self) -> None:
+        """Stop and release the camera."""
+        with self._lock:
+            camera, self._camera = self._camera, None
+        if camera is not None:
+            camera.close()
+
+    def _start(self, camera: Any) -> None:
+        controls = dict(controls_of(self.settings))
+        if unknown := [name for name in controls if name not in camera.camera_controls]:
+            raise CameraSettingRefused(f"expected {self.name} to take {unknown[0]}, got no such control; leave it out")
+        # picamera2 calls "RGB888" what lies in memory as blue, green, red. Without a queue an image is never older
+        # than the wish for it.
+        main = {"format": "RGB888", "size": self.settings.size_px or (640, 480)}
+        camera.configure(camera.create_video_configuration(main=main, controls=controls, queue=False))
+        camera.start()
+        self._read_back(camera, controls)
+
+    def _read_back(self, camera: Any, controls: dict[str, Control]) -> None:
+        """libcamera applies controls a few images late: give it time, then refuse."""
+        wanted = {name: controls[name] for name in ("ExposureTime", "AnalogueGain") if name in controls}
+        got: dict[str, Control] = {}
+        for _ in range(IMAGES_TO_SETTLE):
+            _, got = self._capture(camera)
+            if all(math.isclose(got[name], value, rel_tol=RELATIVE_TOLERANCE) for name, value in wanted.items()):
+                return
+        raise CameraSettingRefused(
+            f"expected {self.name} to take {wanted}, got { {name: got[name] for name in wanted} }; ask for other values"
+        )
+
+    def _capture(self, camera: Any) -> tuple[Any, dict[str, Any]]:
+        job = camera.capture_arrays(["main"], wait=False)
+        try:
+            (image,), metadata = job.get_result(timeout=SILENCE_LIMIT_S)
+        except TimeoutError as silence:
+            raise CameraLost(f"expected an image from {self.name}, got none; check the ribbon cable") from silence
+        return np.array(image[:, :, :3], order="C"), metadata
+
+
+def controls_of(settings: CameraSettings) -> Iterator[tuple[str, Control]]:
+    """The settings in libcamera's words; raises `CameraSettingRefused` for those that it has no word for."""
+    if settings.pixel_format is not None or settings.white_balance_k is not None:
+        raise CameraSettingRefused(
+            "expected no pixel_format and no white_balance_k on a Raspberry Pi, got one; leave it out"
+        )
+    if settings.rate_hz is not None:
+        yield "FrameRate", settings.rate_hz
+    if settings.auto_exposure is not None or settings.exposure_ms is not None:
+        yield "AeEnable", bool(settings.auto_exposure)
+    if settings.exposure_ms is not None:
+        yield "ExposureTime", round(settings.exposure_ms * 1000)
+    if settings.gain is not None:
+        yield "AnalogueGain", settings.gain
+    if settings.auto_white_balance is not None:
+        yield "AwbEnable", settings.auto_white_balance
