@@ -81,15 +81,15 @@ def trained_for_a_moment(folder: Path) -> Path:
     from dataclasses import replace
 
     from ninedtact.force.splits import Rows
-    from ninedtact.force.training.examples import Examples
-    from ninedtact.force.training.run import train
-    from ninedtact.force.training.settings import OURS, Machine
+    from ninedtact.force.training.examples import TrainingExamples
+    from ninedtact.force.training.settings import DEFAULT_TRAINING, ComputeSettings
+    from ninedtact.force.training.train import train_network
 
     rng, names = np.random.default_rng(0), ["any"] * 80
-    heights = rng.normal(0, 0.1, (80, OURS.input.rows, OURS.input.cols))
-    examples = Examples(heights, rng.normal(0, 1, (80, 6)).astype(np.float32), names, names)
-    rows, settings = Rows(np.arange(64), np.arange(64, 80)), replace(OURS, epochs=1)
-    trained = train(examples, rows, settings, folder / "model", machine=Machine(accelerator="cpu"))
+    heights = rng.normal(0, 0.1, (80, DEFAULT_TRAINING.input.rows, DEFAULT_TRAINING.input.cols))
+    examples = TrainingExamples(heights, rng.normal(0, 1, (80, 6)).astype(np.float32), names, names)
+    rows, settings = Rows(np.arange(64), np.arange(64, 80)), replace(DEFAULT_TRAINING, epochs=1)
+    trained = train_network(examples, rows, settings, folder / "model", machine=ComputeSettings(accelerator="cpu"))
     assert trained is not None
     return trained.path
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ninedtact.cli import main
-from ninedtact.force.evaluation import Predictions, PredictionsUnusable
-from ninedtact.force.evaluation.predictions_file import read_predictions, write_predictions
-from ninedtact.force.evaluation.published import PUBLISHED, PUBLISHED_AT_SKIN
+from ninedtact.force.evaluation import PredictionsUnusable, WrenchPredictions
+from ninedtact.force.evaluation.predictions_csv import read_predictions, write_predictions
+from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES, PUBLISHED_SCORES_AT_SKIN
 
 AT_SKIN = ("--given-about-mm", "0", "0", "-35", "--about-mm", "0", "0", "0")
 PLACES = {"mae": (4, 5), "std": (4, 5), "rmse": (4, 5), "r2": (3, 3), "slope": (3, 3), "skill": (3, 3)}
@@ -27,16 +27,18 @@ def told(capsys: pytest.CaptureFixture[str], *options: str) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-def drawn(pairs: int = 60, seed: int = 0) -> Predictions:
+def drawn(pairs: int = 60, seed: int = 0) -> WrenchPredictions:
     draw = np.random.default_rng(seed)
     truth = np.array([1, 1, 3, 0.03, 0.03, 0.004]) * draw.normal(size=(pairs, 6)) - [0, 0, 6, 0, 0, 0]
     truth[:3] = 0
     predicted = truth + 0.1 * draw.normal(size=(pairs, 6)) * [1, 1, 1, 0.03, 0.03, 0.004]
     names = [f"gear_{number:02d}" for number in draw.integers(0, 40, pairs)]
-    return Predictions(truth, predicted, np.full((pairs, 6), 0.1), objects=names, sensors=["a", "b"] * (pairs // 2))
+    return WrenchPredictions(
+        truth, predicted, np.full((pairs, 6), 0.1), objects=names, sensors=["a", "b"] * (pairs // 2)
+    )
 
 
-@pytest.mark.parametrize(("where", "published"), [((), PUBLISHED), (AT_SKIN, PUBLISHED_AT_SKIN)])
+@pytest.mark.parametrize(("where", "published"), [((), PUBLISHED_SCORES), (AT_SKIN, PUBLISHED_SCORES_AT_SKIN)])
 def test_the_published_predictions_give_the_published_row(real_data, capsys, where, published) -> None:
     found = told(capsys, "--predictions", str(real_data / "wrenches_10000.csv"), *where)
     for figure, (of_force, of_torque) in PLACES.items():
@@ -89,7 +91,7 @@ six_columns = arrays(float, (4, 6), elements=st.floats(-100, 100))
 def test_predictions_are_read_as_they_were_written(tmp_path_factory, truth, predicted, error, named) -> None:
     path = tmp_path_factory.getbasetemp() / "round.csv"
     names = ['a, "b"', "ç", "3", "x"] if named else None
-    write_predictions(path, Predictions(truth, predicted, error, objects=names))
+    write_predictions(path, WrenchPredictions(truth, predicted, error, objects=names))
     back = read_predictions(path)
     assert (back.truth == truth).all() and (back.predicted == predicted).all()
     assert back.error is None if error is None else np.array_equal(back.error, error)
@@ -159,7 +161,7 @@ def refusal(path: Path, capsys) -> str:
 def test_a_bad_file_is_refused_in_one_sentence(tmp_path: Path, capsys, case: str) -> None:
     change, words = FILES[case]
     path = tmp_path / "some.csv"
-    write_predictions(path, Predictions(drawn().truth, drawn().predicted))
+    write_predictions(path, WrenchPredictions(drawn().truth, drawn().predicted))
     path.write_text(change(path.read_text()))
     assert re.search(words, refusal(path, capsys))
 
@@ -167,7 +169,7 @@ def test_a_bad_file_is_refused_in_one_sentence(tmp_path: Path, capsys, case: str
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_bad_cell_is_named_by_line_and_column(tmp_path: Path, capsys, cell: str) -> None:
     path = tmp_path / "some.csv"
-    write_predictions(path, Predictions(drawn().truth, drawn().predicted))
+    write_predictions(path, WrenchPredictions(drawn().truth, drawn().predicted))
     rows = path.read_text().splitlines()
     rows[2] = re.sub(r"^([^,]+),[^,]+", rf"\1,{cell}", rows[2])
     path.write_text("\n".join(rows))
@@ -183,6 +185,6 @@ def test_what_is_no_file_is_refused(tmp_path: Path, capsys) -> None:
 
 def test_whoever_knows_better_about_units_may_go_on(tmp_path: Path, capsys) -> None:
     found = drawn()
-    write_predictions(tmp_path / "strong.csv", Predictions(1000 * found.truth, 1000 * found.predicted))
+    write_predictions(tmp_path / "strong.csv", WrenchPredictions(1000 * found.truth, 1000 * found.predicted))
     assert "--trust-units" in refusal(tmp_path / "strong.csv", capsys)
     assert told(capsys, "--predictions", str(tmp_path / "strong.csv"), "--trust-units")["pairs"] == 60

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ninedtact.force.evaluation import Distribution, Predictions, PredictionsUnusable, evaluate
-from ninedtact.force.evaluation.table import lines
+from ninedtact.force.evaluation import ErrorDistribution, PredictionsUnusable, WrenchPredictions, evaluate_predictions
+from ninedtact.force.evaluation.report import format_evaluation_report
 from ninedtact.quantities import Wrench
 
 SCALE = np.array([1, 1, 4, 0.03, 0.03, 0.004])
@@ -25,11 +25,13 @@ def wrenches(pairs: int = 500, seed: int = 0) -> np.ndarray:
 
 def test_a_perfect_answer_and_the_median_are_the_ends_of_the_scale() -> None:
     truth = wrenches()
-    perfect = evaluate(Predictions(truth, truth.copy())).scores
+    perfect = evaluate_predictions(WrenchPredictions(truth, truth.copy())).scores
     assert not perfect.mae.any() and not perfect.bias.any()
     for figure in (perfect.skill, perfect.r2, perfect.slope, perfect.slope_with_offset):
         assert figure == pytest.approx(1)
-    median = evaluate(Predictions(truth, np.broadcast_to(np.median(truth, axis=0), truth.shape).copy())).scores
+    median = evaluate_predictions(
+        WrenchPredictions(truth, np.broadcast_to(np.median(truth, axis=0), truth.shape).copy())
+    ).scores
     assert median.skill == pytest.approx(0) and median.mae == pytest.approx(median.median_mae)
     assert median.slope_with_offset == pytest.approx(0, abs=1e-9)
 
@@ -37,9 +39,9 @@ def test_a_perfect_answer_and_the_median_are_the_ends_of_the_scale() -> None:
 @given(st.floats(0.1, 3), st.lists(st.floats(-2, 2), min_size=6, max_size=6))
 def test_slope_is_of_the_prediction_on_the_truth_and_bias_is_predicted_minus_true(slope: float, shift: list) -> None:
     truth = wrenches(50)
-    scaled = evaluate(Predictions(truth, slope * truth)).scores
+    scaled = evaluate_predictions(WrenchPredictions(truth, slope * truth)).scores
     assert scaled.slope == pytest.approx(slope) and scaled.slope_with_offset == pytest.approx(slope)
-    moved = evaluate(Predictions(truth, truth + shift)).scores
+    moved = evaluate_predictions(WrenchPredictions(truth, truth + shift)).scores
     assert moved.bias == pytest.approx(shift, abs=1e-9) and moved.slope_with_offset == pytest.approx(1)
     assert moved.mae == pytest.approx(np.abs(shift)) and moved.std == pytest.approx(0, abs=1e-9)
 
@@ -48,7 +50,7 @@ def test_the_figures_are_those_of_their_formulas() -> None:
     truth = np.zeros((4, 6))
     predicted = np.zeros((4, 6))
     truth[:, 2], predicted[:, 2] = [-1, -2, -3, -6], [-2, -2, -2, -5]
-    found = evaluate(Predictions(truth, predicted)).scores
+    found = evaluate_predictions(WrenchPredictions(truth, predicted)).scores
     for figure, expected in {
         "mae": 0.75,
         "std": np.sqrt(3) / 4,
@@ -65,33 +67,42 @@ def test_the_figures_are_those_of_their_formulas() -> None:
 
 
 def test_where_the_truth_does_not_vary_the_answer_is_null_and_a_dash() -> None:
-    still = evaluate(Predictions(np.zeros((2, 6)), np.zeros((2, 6))))
+    still = evaluate_predictions(WrenchPredictions(np.zeros((2, 6)), np.zeros((2, 6))))
     table = json.loads(json.dumps(still.as_table(), allow_nan=False))
     assert table["skill"] == [None] * 6 and table["mae"] == [0] * 6
-    assert "skill                       –" in "\n".join(lines(still))
+    assert "skill                       –" in "\n".join(format_evaluation_report(still))
 
 
-@pytest.mark.parametrize("distribution", Distribution)
-def test_honest_errors_cover_what_they_say_and_small_ones_less(distribution: Distribution) -> None:
+@pytest.mark.parametrize("distribution", ErrorDistribution)
+def test_honest_errors_cover_what_they_say_and_small_ones_less(distribution: ErrorDistribution) -> None:
     truth, draw = wrenches(20_000), np.random.default_rng(1)
     std = SCALE * draw.uniform(0.1, 0.5, truth.shape)
-    shaped = {Distribution.GAUSSIAN: draw.normal, Distribution.LAPLACE: draw.laplace}[distribution](size=truth.shape)
-    off = std * shaped / (1 if distribution is Distribution.GAUSSIAN else np.sqrt(2))
-    found = {one.share: one.covered for one in evaluate(Predictions(truth, truth + off, std, distribution)).coverage}
+    shaped = {ErrorDistribution.GAUSSIAN: draw.normal, ErrorDistribution.LAPLACE: draw.laplace}[distribution](
+        size=truth.shape
+    )
+    off = std * shaped / (1 if distribution is ErrorDistribution.GAUSSIAN else np.sqrt(2))
+    found = {
+        one.share: one.covered
+        for one in evaluate_predictions(WrenchPredictions(truth, truth + off, std, distribution)).coverage
+    }
     assert found[0.5] == pytest.approx(0.5, abs=0.015) and found[0.9] == pytest.approx(0.9, abs=0.01)
-    halved = evaluate(Predictions(truth, truth + off, std / 2, distribution)).coverage
+    halved = evaluate_predictions(WrenchPredictions(truth, truth + off, std / 2, distribution)).coverage
     assert all((one.covered < one.share - 0.1).all() for one in halved)
-    other = next(one for one in Distribution if one is not distribution)
-    assert abs(evaluate(Predictions(truth, truth + off, std, other)).coverage[0].covered - 0.5).min() > 0.05
+    other = next(one for one in ErrorDistribution if one is not distribution)
+    assert (
+        abs(evaluate_predictions(WrenchPredictions(truth, truth + off, std, other)).coverage[0].covered - 0.5).min()
+        > 0.05
+    )
 
 
 def test_errors_without_end_cover_all_and_exact_zeros_do_not_flatter() -> None:
     truth = np.concatenate([np.zeros((100, 6)), wrenches(100)])
     predicted = np.concatenate([np.zeros((100, 6)), wrenches(100, seed=1)])
     assert all(
-        (one.covered == 1).all() for one in evaluate(Predictions(truth, predicted, np.full((200, 6), np.inf))).coverage
+        (one.covered == 1).all()
+        for one in evaluate_predictions(WrenchPredictions(truth, predicted, np.full((200, 6), np.inf))).coverage
     )
-    narrow = evaluate(Predictions(truth, predicted, np.full((200, 6), 1e-9))).coverage
+    narrow = evaluate_predictions(WrenchPredictions(truth, predicted, np.full((200, 6), 1e-9))).coverage
     assert all((one.covered == 0).all() for one in narrow)
 
 
@@ -102,7 +113,9 @@ def test_parts_make_up_the_whole_and_an_untouched_skin_is_apart() -> None:
     predicted[:29, :3] = 0
     predicted[29, :3] = (0.3, 0, -0.4)
     names = [*["none"] * 30, *draw.choice(["ball", "gear"], 270).tolist()]
-    found = evaluate(Predictions(truth, predicted, objects=names, sensors=draw.choice([*"abc"], 300).tolist()))
+    found = evaluate_predictions(
+        WrenchPredictions(truth, predicted, objects=names, sensors=draw.choice([*"abc"], 300).tolist())
+    )
     for parts, pairs in ((found.by_load, 270), (found.by_object, 270), (found.by_sensor, 300)):
         assert sum(part.pairs for part in parts) == pairs
     weighted = sum(part.pairs * part.mae for part in found.by_sensor) / 300
@@ -117,16 +130,16 @@ def test_parts_make_up_the_whole_and_an_untouched_skin_is_apart() -> None:
 
 def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() -> None:
     truth, predicted = wrenches(20), wrenches(20, seed=1)
-    given_about = Predictions(truth, predicted, np.ones((20, 6)), about_mm=(0.0, 0.0, -35.0))
+    given_about = WrenchPredictions(truth, predicted, np.ones((20, 6)), about_mm=(0.0, 0.0, -35.0))
     moved = given_about.about((0.0, 0.0, 0.0))
     for six, there in ((truth, moved.truth), (predicted, moved.predicted)):
         for before, after in zip(six, there, strict=True):
             wrench = Wrench(before[:3], before[3:], np.array([0.0, 0, -35]))
             assert after == pytest.approx(wrench.about(np.zeros(3)).six)
-    covered = evaluate(moved).coverage[0].covered
+    covered = evaluate_predictions(moved).coverage[0].covered
     assert np.isnan(covered).tolist() == [False] * 3 + [True, True, False]
-    assert evaluate(given_about.about((0.0, 0.0, -35.0))).coverage[0].covered.tolist() == pytest.approx(
-        evaluate(given_about).coverage[0].covered.tolist()
+    assert evaluate_predictions(given_about.about((0.0, 0.0, -35.0))).coverage[0].covered.tolist() == pytest.approx(
+        evaluate_predictions(given_about).coverage[0].covered.tolist()
     )
     with pytest.raises(PredictionsUnusable, match=r"name it .--given-about-mm"):
         replace(given_about, about_mm=None).about((0.0, 0.0, 0.0))
@@ -150,4 +163,4 @@ def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() 
 def test_what_cannot_be_judged_is_refused(change: dict, words: str) -> None:
     whole = {"truth": wrenches(10), "predicted": wrenches(10), "error": None, "objects": None}
     with pytest.raises(PredictionsUnusable, match=words):
-        Predictions(**{**whole, **change})
+        WrenchPredictions(**{**whole, **change})

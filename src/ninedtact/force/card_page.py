@@ -7,7 +7,7 @@ import numpy as np
 
 from ninedtact.force.card import Card
 from ninedtact.force.evaluation.predictions import AXES
-from ninedtact.force.evaluation.published import PUBLISHED
+from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES
 
 VALIDATION = "validation"
 """Name of the table that training itself makes: it chose the epoch by it."""
@@ -75,7 +75,7 @@ def section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
         if (six := found(table, place)) is not None:
             yield row(words, six * (np.array([1, 1, 1, 1e3, 1e3, 1e3]) if place in WITH_UNITS else 1), written)
         if place == "skill_35_mm_below" and six is not None:
-            yield row("published network, its own sensor", np.array(PUBLISHED.skill), "{:.3f}")
+            yield row("published network, its own sensor", np.array(PUBLISHED_SCORES.skill), "{:.3f}")
     yield from (line for line in touches(table))
 
 

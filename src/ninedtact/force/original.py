@@ -19,7 +19,7 @@ from torch import Tensor
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator import ForceEstimator, untouched
-from ninedtact.force.evaluation.published import PUBLISHED_AT_SKIN
+from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES_AT_SKIN
 from ninedtact.force.gate import Touching, is_touched
 from ninedtact.force.inputs import Channels, NetworkInput, whole
 from ninedtact.force.networks.densenet import DenseNet, densenet
@@ -46,7 +46,7 @@ class OriginalForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """The wrench of the object on the skin about the skin's centre, zero exactly where nothing touches."""
-        error, stamp_ns = np.array(PUBLISHED_AT_SKIN.rmse), reading.frame.stamp_ns
+        error, stamp_ns = np.array(PUBLISHED_SCORES_AT_SKIN.rmse), reading.frame.stamp_ns
         if not self.touching(reading):
             return WrenchEstimate(untouched(stamp_ns), error, touching=False)
         parts = self.parts(reading)

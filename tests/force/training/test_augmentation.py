@@ -8,10 +8,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from ninedtact.force.training.augmentation import NOTHING_CHANGED, Augmentation
-from ninedtact.force.training.batches import TouchBatch
-from ninedtact.force.training.disturbance import HeightErrors, LightErrors
-from ninedtact.force.training.geometry import Move, Moves, moved
+from ninedtact.force.training.augmentation import (
+    NO_AUGMENTATION,
+    Augmentation,
+    GeometricAugmentation,
+    GeometricTransform,
+    HeightPerturbations,
+    PhotometricPerturbations,
+    apply_transform,
+)
+from ninedtact.force.training.examples import TrainingBatch
 from ninedtact.force.traits import USUAL
 
 ROWS, COLS, MM_PER_PX = 60, 80, 0.3
@@ -52,16 +58,18 @@ def cross(a: Tensor, b: Tensor) -> Tensor:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def batch(n: int) -> TouchBatch:
+def batch(n: int) -> TrainingBatch:
     z_mm = images(n)
-    return TouchBatch(z_mm, law(z_mm), None, usual(n))
+    return TrainingBatch(z_mm, law(z_mm), None, usual(n))
 
 
-def moves(**given: list[float] | list[list[float]]) -> Move:
+def moves(**given: list[float] | list[list[float]]) -> GeometricTransform:
     """As given for each of n images; nothing else is done to them."""
     n = len(next(iter(given.values())))
     nothing = {"mirror": torch.ones(n, 2), "turn_rad": torch.zeros(n), "shift_mm": torch.zeros(n, 2)}
-    return Move(**{**nothing, "scale": torch.ones(n), **{name: torch.tensor(value) for name, value in given.items()}})
+    return GeometricTransform(
+        **{**nothing, "scale": torch.ones(n), **{name: torch.tensor(value) for name, value in given.items()}}
+    )
 
 
 TILTED = [0.2, -0.3, 0.1]
@@ -76,7 +84,7 @@ MOVES = {
 @pytest.mark.parametrize("name", MOVES)
 def test_moving_the_image_and_moving_the_wrench_come_to_the_same(name: str) -> None:
     before = batch(3)
-    after = moved(before, MOVES[name], MM_PER_PX)
+    after = apply_transform(before, MOVES[name], MM_PER_PX)
     size = before.wrench.abs().amax(0)
     assert (size > 0).all() and ((after.wrench - before.wrench).abs() / size).amax() > 0.1
     # Between pixels, interpolation itself moves a dent by up to a hundredth of a mm.
@@ -85,8 +93,8 @@ def test_moving_the_image_and_moving_the_wrench_come_to_the_same(name: str) -> N
 
 def test_signs_of_a_mirrored_wrench() -> None:
     one = replace(batch(1), wrench=torch.arange(1.0, 7.0)[None])
-    along_x = moved(one, moves(mirror=[[-1.0, 1.0]]), MM_PER_PX)
-    along_y = moved(one, moves(mirror=[[1.0, -1.0]]), MM_PER_PX)
+    along_x = apply_transform(one, moves(mirror=[[-1.0, 1.0]]), MM_PER_PX)
+    along_y = apply_transform(one, moves(mirror=[[1.0, -1.0]]), MM_PER_PX)
     assert along_x.wrench[0].tolist() == [-1, 2, 3, 4, -5, -6]
     assert along_y.wrench[0].tolist() == [1, -2, 3, -4, 5, -6]
     assert torch.allclose(along_x.images, one.images.flip(2), atol=1e-6)
@@ -94,7 +102,7 @@ def test_signs_of_a_mirrored_wrench() -> None:
 
 def test_a_scaled_image_has_a_wider_dent_and_the_same_wrench() -> None:
     one = batch(1)
-    wider = moved(one, moves(scale=[1.1]), MM_PER_PX)
+    wider = apply_transform(one, moves(scale=[1.1]), MM_PER_PX)
     assert torch.equal(wider.wrench, one.wrench)
     assert float(wider.images.sum() / one.images.sum()) == pytest.approx(1.21, rel=0.01)
 
@@ -103,17 +111,17 @@ def test_chance_decides_and_nothing_else() -> None:
     again = [Augmentation()(batch(8), MM_PER_PX, torch.Generator().manual_seed(seed)) for seed in (3, 3, 4)]
     assert torch.equal(again[0].images, again[1].images) and torch.equal(again[0].wrench, again[1].wrench)
     assert not torch.equal(again[0].images, again[2].images)
-    same = NOTHING_CHANGED(batch(8), MM_PER_PX, torch.Generator().manual_seed(3))
+    same = NO_AUGMENTATION(batch(8), MM_PER_PX, torch.Generator().manual_seed(3))
     assert torch.allclose(same.images, batch(8).images, atol=1e-5) and torch.equal(same.wrench, batch(8).wrench)
 
 
 def test_errors_of_heights_are_as_large_as_asked_for() -> None:
-    flat = TouchBatch(torch.zeros(500, 24, 32), torch.zeros(500, 6), None, usual(500))
-    only = replace(NOTHING_CHANGED, heights=HeightErrors(0.0, 0.01, 0.001, 0.0, 0.0))
+    flat = TrainingBatch(torch.zeros(500, 24, 32), torch.zeros(500, 6), None, usual(500))
+    only = replace(NO_AUGMENTATION, heights=HeightPerturbations(0.0, 0.01, 0.001, 0.0, 0.0))
     z_mm = only(flat, 0.3, torch.Generator().manual_seed(0)).images
     assert float(z_mm.mean((1, 2)).std()) == pytest.approx(0.01, rel=0.1)
     assert float((z_mm[:, :, -1] - z_mm[:, :, 0]).mean(1).std()) == pytest.approx(31 * 0.3 * 0.001, rel=0.1)
-    noisy = replace(NOTHING_CHANGED, heights=HeightErrors(0.0, 0.0, 0.0, 0.02, 0.6))
+    noisy = replace(NO_AUGMENTATION, heights=HeightPerturbations(0.0, 0.0, 0.0, 0.02, 0.6))
     noise = noisy(flat, 0.3, torch.Generator().manual_seed(0)).images
     assert float(noise.std((1, 2)).mean()) == pytest.approx(0.01, rel=0.1)
     neighbours = float((noise[:, :, 1:] * noise[:, :, :-1]).mean() / (noise**2).mean())
@@ -122,16 +130,16 @@ def test_errors_of_heights_are_as_large_as_asked_for() -> None:
 
 def test_a_brighter_lamp_changes_image_and_reference_alike_and_drift_the_reference_alone() -> None:
     grey = torch.full((400, 8, 8), 100.0)
-    lit = TouchBatch(grey, torch.zeros(400, 6), grey, usual(400))
-    lamp = LightErrors(0.05, 0.0, 0.0)(lit, torch.Generator().manual_seed(0))
+    lit = TrainingBatch(grey, torch.zeros(400, 6), grey, usual(400))
+    lamp = PhotometricPerturbations(0.05, 0.0, 0.0)(lit, torch.Generator().manual_seed(0))
     assert lamp.references is not None and torch.allclose(lamp.images, lamp.references)
     assert float(lamp.images.mean((1, 2)).std()) == pytest.approx(5, rel=0.15)
-    drift = LightErrors(0.0, 0.01, 0.0)(lit, torch.Generator().manual_seed(0))
+    drift = PhotometricPerturbations(0.0, 0.01, 0.0)(lit, torch.Generator().manual_seed(0))
     assert drift.references is not None and torch.equal(drift.images, grey)
     assert float(drift.references.mean((1, 2)).std()) == pytest.approx(1, rel=0.15)
 
 
 def test_as_often_mirrored_as_not() -> None:
-    drawn = Moves().drawn(4000, torch.Generator().manual_seed(0))
+    drawn = GeometricAugmentation().drawn(4000, torch.Generator().manual_seed(0))
     assert drawn.mirror.mean(0).abs().max() < 0.06 and (drawn.mirror.abs() == 1).all()
     assert float((drawn.turn_rad != 0).float().mean()) == pytest.approx(0.5, abs=0.05)

@@ -15,30 +15,33 @@ from ninedtact.force.inputs import Channels
 from ninedtact.force.model_file import read_model
 from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.splits import Rows
-from ninedtact.force.training import fit as fitting
-from ninedtact.force.training.augmentation import NOTHING_CHANGED
-from ninedtact.force.training.checkpoints import CheckpointDamaged, checkpoint
-from ninedtact.force.training.examples import Examples, ExamplesUnusable, about_point
-from ninedtact.force.training.export import rewrite_card
-from ninedtact.force.training.fit import fit
-from ninedtact.force.training.folder import FolderTaken
-from ninedtact.force.training.learner import Learner, cost_of, labels_of
-from ninedtact.force.training.lesson import Lesson
-from ninedtact.force.training.manners import TrainingStopped
-from ninedtact.force.training.run import Trained, train
-from ninedtact.force.training.settings import PAPER, PRESETS, Machine, TrainingImpossible, TrainingSettings
+from ninedtact.force.training import train as fitting
+from ninedtact.force.training.augmentation import NO_AUGMENTATION
+from ninedtact.force.training.examples import ExamplesUnusable, TrainingExamples, move_torque_reference
+from ninedtact.force.training.lightning_compat import CheckpointDamaged, TrainingStopped, load_checkpoint
+from ninedtact.force.training.onnx_export import rewrite_card
+from ninedtact.force.training.settings import (
+    PAPER_TRAINING,
+    TRAINING_PRESETS,
+    ComputeSettings,
+    TrainingImpossible,
+    TrainingSettings,
+)
+from ninedtact.force.training.train import TrainingFolderTaken, TrainingResult, fit_network, train_network
+from ninedtact.force.training.trained_network import TrainedNetwork
+from ninedtact.force.training.training_module import ForceTrainingModule, compute_batch_loss, fit_label_scaling
 
-CPU = Machine(accelerator="cpu")
+CPU = ComputeSettings(accelerator="cpu")
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
-    done = train(of_heights(), ROWS, toy_settings(), tmp_path_factory.mktemp("training") / "out", machine=CPU)
+def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
+    done = train_network(of_heights(), ROWS, toy_settings(), tmp_path_factory.mktemp("training") / "out", machine=CPU)
     assert done is not None
     return done
 
 
-def test_the_folder_holds_all_that_was_learnt_and_noted(trained: Trained) -> None:
+def test_the_folder_holds_all_that_was_learnt_and_noted(trained: TrainingResult) -> None:
     names = {path.name for path in trained.path.parent.iterdir()}
     assert names == {"model.onnx", "settings.json", "metrics.csv", "curves.png", "tensorboard", "checkpoints"}
     with (trained.path.parent / "metrics.csv").open() as file:
@@ -48,7 +51,7 @@ def test_the_folder_holds_all_that_was_learnt_and_noted(trained: Trained) -> Non
     assert (trained.path.parent / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_file_says_all_about_itself(trained: Trained) -> None:
+def test_the_file_says_all_about_itself(trained: TrainingResult) -> None:
     card = read_model(trained.path).card
     wrench = of_heights().wrench[ROWS.train]
     assert card == trained.model.card
@@ -62,10 +65,12 @@ def test_the_file_says_all_about_itself(trained: Trained) -> None:
     assert len(card.evaluation["validation"]["skill"]) == 6
 
 
-def test_the_graph_answers_as_the_network_does(trained: Trained) -> None:
+def test_the_graph_answers_as_the_network_does(trained: TrainingResult) -> None:
     settings = toy_settings()
-    network = WrenchNetwork(settings.network, settings.input, labels_of(of_heights().wrench[ROWS.train], settings))
-    state = checkpoint(trained.path.parent / "checkpoints" / "best.ckpt")["state_dict"]
+    network = WrenchNetwork(
+        settings.network, settings.input, fit_label_scaling(of_heights().wrench[ROWS.train], settings)
+    )
+    state = load_checkpoint(trained.path.parent / "checkpoints" / "best.ckpt")["state_dict"]
     network.load_state_dict({name.removeprefix("model."): weights for name, weights in state.items()})
     shown = torch.randn(7, *settings.input.shape) * 0.1
     with torch.no_grad():
@@ -73,12 +78,12 @@ def test_the_graph_answers_as_the_network_does(trained: Trained) -> None:
     np.testing.assert_allclose(trained.model(shown.numpy()).wrench, wrench.double().numpy(), atol=1e-5)
 
 
-def test_its_intervals_cover_what_they_claim_where_they_were_set_right(trained: Trained) -> None:
+def test_its_intervals_cover_what_they_claim_where_they_were_set_right(trained: TrainingResult) -> None:
     half, most = (found.covered for found in trained.evaluation.coverage)
     assert np.abs(half - 0.5).max() < 0.15 and np.abs(most - 0.9).max() < 0.1
 
 
-def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: Trained, tmp_path: Path) -> None:
+def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: TrainingResult, tmp_path: Path) -> None:
     import msgspec
 
     copy = tmp_path / "model.onnx"
@@ -89,13 +94,13 @@ def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: Trained
     np.testing.assert_array_equal(again(shown).wrench, trained.model(shown).wrench)
 
 
-def weights_of(learner: Learner) -> dict[str, torch.Tensor]:
+def weights_of(learner: ForceTrainingModule) -> dict[str, torch.Tensor]:
     return {name: part.clone() for name, part in learner.state_dict().items()}
 
 
-def fitted(out: Path, settings: TrainingSettings) -> tuple[Learner, list[dict[str, float]]]:
-    learner = Learner(settings, labels_of(of_heights().wrench[ROWS.train], settings))
-    history = fit(learner, of_heights(), ROWS, out, CPU).history
+def fitted(out: Path, settings: TrainingSettings) -> tuple[ForceTrainingModule, list[dict[str, float]]]:
+    learner = ForceTrainingModule(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
+    history = fit_network(learner, of_heights(), ROWS, out, CPU).history
     return learner, [{name: value for name, value in row.items() if name != "seconds"} for row in history.rows]
 
 
@@ -105,18 +110,18 @@ def test_gone_on_with_after_a_stop_it_learns_the_same(
 ) -> None:
     settings = toy_settings(schedule=schedule, optimiser="adam" if schedule == "constant" else "adamw")
     whole, rows = fitted(tmp_path / "whole", settings)
-    step, handler = Learner.training_step, signal.getsignal(signal.SIGINT)
+    step, handler = ForceTrainingModule.training_step, signal.getsignal(signal.SIGINT)
 
-    def interrupted(self: Learner, batch: object, number: int) -> torch.Tensor:
+    def interrupted(self: ForceTrainingModule, batch: object, number: int) -> torch.Tensor:
         if self.current_epoch == 2 and number == 1:
             raise KeyboardInterrupt
         return step(self, batch, number)
 
-    monkeypatch.setattr(Learner, "training_step", interrupted)
+    monkeypatch.setattr(ForceTrainingModule, "training_step", interrupted)
     with pytest.raises(TrainingStopped, match="run the command again"):
         fitted(tmp_path / "stopped", settings)
     assert signal.getsignal(signal.SIGINT) is handler
-    monkeypatch.setattr(Learner, "training_step", step)
+    monkeypatch.setattr(ForceTrainingModule, "training_step", step)
     again, rows_again = fitted(tmp_path / "stopped", settings)
     assert rows_again == rows
     for name, part in weights_of(whole).items():
@@ -124,19 +129,21 @@ def test_gone_on_with_after_a_stop_it_learns_the_same(
 
 
 def test_half_precision_is_not_for_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    settings, seen = toy_settings(augmentation=NOTHING_CHANGED), []
+    settings, seen = toy_settings(augmentation=NO_AUGMENTATION), []
     monkeypatch.setattr(
-        "ninedtact.force.training.learner.cost_of",
-        lambda answer, wrench, unit: seen.append(wrench) or cost_of(answer, wrench, unit),
+        "ninedtact.force.training.training_module.compute_batch_loss",
+        lambda answer, wrench, unit: seen.append(wrench) or compute_batch_loss(answer, wrench, unit),
     )
-    learner = Learner(replace(settings, epochs=1), labels_of(of_heights().wrench[ROWS.train], settings))
-    fit(learner, of_heights(), ROWS, tmp_path, Machine(accelerator="cpu", precision="bf16-mixed"))
+    learner = ForceTrainingModule(
+        replace(settings, epochs=1), fit_label_scaling(of_heights().wrench[ROWS.train], settings)
+    )
+    fit_network(learner, of_heights(), ROWS, tmp_path, ComputeSettings(accelerator="cpu", precision="bf16-mixed"))
     known = {tuple(six) for six in of_heights().wrench.tolist()}
     assert {tuple(six) for six in torch.cat(seen).tolist()} <= known
 
 
 def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
-    folder = tmp_path / fitting.CHECKPOINTS
+    folder = tmp_path / fitting.CHECKPOINT_FOLDER
     folder.mkdir()
     (folder / "last.ckpt").write_bytes(b"half of a file")
     with pytest.raises(CheckpointDamaged, match="remove it to begin again"):
@@ -144,20 +151,20 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) -> None:
-    settings = replace(PAPER, network="moments", input=IMAGES, epochs=1, batch=32)
-    examples = about_point(of_images(), settings.about_mm)
-    labels = labels_of(examples.wrench[ROWS.train], settings)
-    learner = Learner(settings, labels)
+    settings = replace(PAPER_TRAINING, network="moments", input=IMAGES, epochs=1, batch=32)
+    examples = move_torque_reference(of_images(), settings.about_mm)
+    labels = fit_label_scaling(examples.wrench[ROWS.train], settings)
+    learner = ForceTrainingModule(settings, labels)
     parts = (examples.wrench[ROWS.train] - np.array(labels.offset)) / np.array(labels.unit)
     assert parts.min() == pytest.approx(0, abs=1e-5) and parts.max() == pytest.approx(1, abs=1e-5)
-    fit(learner, examples, ROWS, tmp_path, CPU)
-    evaluation = Lesson(learner.model.eval(), examples, ROWS, settings).evaluation
+    fit_network(learner, examples, ROWS, tmp_path, CPU)
+    evaluation = TrainedNetwork(learner.model.eval(), examples, ROWS, settings).evaluation
     np.testing.assert_allclose(evaluation.predictions.truth, of_images().wrench[ROWS.test], atol=1e-6)
     assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
 
 
 def test_presets_are_as_published() -> None:
-    paper = PRESETS["paper"]
+    paper = TRAINING_PRESETS["paper"]
     assert (paper.network, paper.batch, paper.learning_rate, paper.epochs) == ("densenet169", 64, 5e-4, 200)
     assert (paper.input.channels, paper.input.rows, paper.input.cols) == (Channels.DEFORMATION, 345, 460)
     assert (paper.optimiser, paper.weight_decay, paper.scale_weight) == ("adam", 0.0, 0.0)
@@ -174,9 +181,11 @@ def test_presets_are_as_published() -> None:
         (replace(of_heights(), images=np.zeros((PAIRS, 8, 8))), ROWS, "got 8 x 8"),
     ],
 )
-def test_what_cannot_be_learnt_from_is_refused(examples: Examples, rows: Rows, says: str, tmp_path: Path) -> None:
+def test_what_cannot_be_learnt_from_is_refused(
+    examples: TrainingExamples, rows: Rows, says: str, tmp_path: Path
+) -> None:
     with pytest.raises(ExamplesUnusable, match=says):
-        train(examples, rows, toy_settings(), tmp_path / "out", machine=CPU)
+        train_network(examples, rows, toy_settings(), tmp_path / "out", machine=CPU)
     assert not (tmp_path / "out").exists()
 
 
@@ -189,12 +198,12 @@ def test_labels_that_are_no_numbers_are_refused() -> None:
         replace(of_heights(), objects=["ball"])
 
 
-def test_another_training_in_the_same_folder_is_refused(trained: Trained, tmp_path: Path) -> None:
-    with pytest.raises(FolderTaken, match="another settings"):
-        train(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
+def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult, tmp_path: Path) -> None:
+    with pytest.raises(TrainingFolderTaken, match="another settings"):
+        train_network(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
     (tmp_path / "something").write_text("else")
-    with pytest.raises(FolderTaken, match="something else"):
-        train(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
+    with pytest.raises(TrainingFolderTaken, match="something else"):
+        train_network(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
 
 
 def test_wrenches_at_one_modulus() -> None:

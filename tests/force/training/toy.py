@@ -6,8 +6,8 @@ import numpy as np
 
 from ninedtact.force.inputs import Channels, InputSettings
 from ninedtact.force.splits import Rows
-from ninedtact.force.training.examples import Examples
-from ninedtact.force.training.settings import OURS, TrainingSettings
+from ninedtact.force.training.examples import TrainingExamples
+from ninedtact.force.training.settings import DEFAULT_TRAINING, TrainingSettings
 from ninedtact.quantities import centred_axis_mm
 
 GRID = InputSettings(rows=16, cols=24, mm_per_px=0.6)
@@ -16,7 +16,7 @@ ROWS = Rows(np.arange(128), np.arange(128, PAIRS))
 
 
 def toy_settings(**changes: object) -> TrainingSettings:
-    return replace(OURS, input=GRID, epochs=4, batch=32, **changes)
+    return replace(DEFAULT_TRAINING, input=GRID, epochs=4, batch=32, **changes)
 
 
 def dents(n: int = PAIRS) -> tuple[np.ndarray, np.ndarray]:
@@ -31,13 +31,13 @@ def dents(n: int = PAIRS) -> tuple[np.ndarray, np.ndarray]:
     return z_mm, np.concatenate([force, torque], 1).astype(np.float32)
 
 
-def of_heights() -> Examples:
+def of_heights() -> TrainingExamples:
     z_mm, wrench = dents()
     names = [f"object_{number % 5}" for number in range(PAIRS)], [f"sensor_{number % 2}" for number in range(PAIRS)]
-    return Examples(z_mm.astype(np.float16), wrench, *names)
+    return TrainingExamples(z_mm.astype(np.float16), wrench, *names)
 
 
-def of_images() -> Examples:
+def of_images() -> TrainingExamples:
     """Two sensors with a reference each."""
     heights = of_heights()
     references = np.stack([np.full((GRID.rows, GRID.cols), grey, np.uint8) for grey in (120, 150)])

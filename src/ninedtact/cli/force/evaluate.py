@@ -10,7 +10,7 @@ from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.force.evaluation import Evaluation, Predictions
+    from ninedtact.force.evaluation import WrenchEvaluation, WrenchPredictions
 
 Point = tuple[float, float, float]
 
@@ -56,26 +56,26 @@ class Evaluate:
 
     def run(self) -> int:
         """Judge, and say how it compares."""
-        from ninedtact.force.evaluation import evaluate
-        from ninedtact.force.evaluation.table import lines
+        from ninedtact.force.evaluation import evaluate_predictions
+        from ninedtact.force.evaluation.report import format_evaluation_report
 
-        evaluation = evaluate(self.judged)
+        evaluation = evaluate_predictions(self.judged)
         files = {} if self.out is None else self.written(evaluation, self.out)
         figures = {**evaluation.as_table(), "files": files}
-        told = (*lines(evaluation), *(f"  {kind}: {path}" for kind, path in files.items()))
+        told = (*format_evaluation_report(evaluation), *(f"  {kind}: {path}" for kind, path in files.items()))
         return answer(self.json, figures, told)
 
     @property
-    def judged(self) -> "Predictions":
+    def judged(self) -> "WrenchPredictions":
         """What is judged, its torques about the point that was asked for; raises `PredictionsUnusable`."""
         found = self.made if self.data is not None else self.stored
         return found if self.about_mm is None else found.about(self.about_mm)
 
     @property
-    def made(self) -> "Predictions":
+    def made(self) -> "WrenchPredictions":
         """The estimator's, on the data set; raises `NothingToJudge`."""
         from ninedtact.cli.force.judged_data import JudgedData
-        from ninedtact.force.evaluation.predictions_file import write_predictions
+        from ninedtact.force.evaluation.predictions_csv import write_predictions
 
         if self.predictions is not None or self.data is None:
             raise NothingToJudge("expected --predictions or --data, got both; name one of them")
@@ -92,21 +92,21 @@ class Evaluate:
         return made
 
     @property
-    def stored(self) -> "Predictions":
+    def stored(self) -> "WrenchPredictions":
         """Those of the file; raises `PredictionsUnusable`, `NothingToJudge`."""
-        from ninedtact.force.evaluation import Distribution
-        from ninedtact.force.evaluation.predictions_file import read_predictions
-        from ninedtact.force.evaluation.units import require_units
+        from ninedtact.force.evaluation import ErrorDistribution
+        from ninedtact.force.evaluation.predictions import require_si_units
+        from ninedtact.force.evaluation.predictions_csv import read_predictions
 
         if self.predictions is None:
             raise NothingToJudge("expected --predictions or --data, got neither; name a CSV file or a data set")
-        found = read_predictions(self.predictions, Distribution(self.distribution), self.given_about_mm)
+        found = read_predictions(self.predictions, ErrorDistribution(self.distribution), self.given_about_mm)
         if not self.trust_units:
-            require_units(found)
+            require_si_units(found)
         return found
 
-    def written(self, evaluation: "Evaluation", out: Path) -> dict[str, str]:
+    def written(self, evaluation: "WrenchEvaluation", out: Path) -> dict[str, str]:
         """Page, figures and numbers; kind and path of each."""
-        from ninedtact.force.evaluation.page import write_report
+        from ninedtact.force.evaluation.report import write_evaluation_report
 
-        return {kind: str(path) for kind, path in write_report(out, evaluation)}
+        return {kind: str(path) for kind, path in write_evaluation_report(out, evaluation)}

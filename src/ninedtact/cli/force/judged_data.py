@@ -9,7 +9,7 @@ from ninedtact.cli.force.estimators import BOTH, PHYSICS
 if TYPE_CHECKING:
     from ninedtact.dataset.sensor_heights import CalibratedSensor
     from ninedtact.force.estimator import ForceEstimator
-    from ninedtact.force.evaluation import Predictions
+    from ninedtact.force.evaluation import WrenchPredictions
     from ninedtact.simulation.population.member import SensorMember
 
 Modulus = Literal["true", "design", "weighed"]
@@ -29,14 +29,14 @@ class JudgedData:
     gate: bool = True
     """Whether a network is asked only where something touches."""
 
-    def predictions(self) -> "Predictions":
+    def predictions(self) -> "WrenchPredictions":
         """All answers; raises what estimators and data sets raise."""
         import numpy as np
         from tqdm import tqdm
 
         from ninedtact.cli.force.own_sensors import members_of
         from ninedtact.dataset.readings import readings
-        from ninedtact.force.evaluation import Distribution, Predictions
+        from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions
 
         (sensors, refused), members = self.calibrated(), members_of(self.folder)
         estimators: dict[str, ForceEstimator] = {}
@@ -54,9 +54,9 @@ class JudgedData:
             names.append(pair.sensor)
         six = [np.array(rows, float).reshape(-1, 6) for rows in (truth, found, error)]
         gaussian = self.force.partition(":")[0] in (PHYSICS, BOTH)
-        distribution = Distribution.GAUSSIAN if gaussian else Distribution.LAPLACE
+        distribution = ErrorDistribution.GAUSSIAN if gaussian else ErrorDistribution.LAPLACE
         claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
-        return Predictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
+        return WrenchPredictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
 
     def calibrated(self) -> "tuple[dict[str, CalibratedSensor], dict[str, str]]":
         """Every sensor, its gel as stiff as a weighing would have told; and those that could not be calibrated."""

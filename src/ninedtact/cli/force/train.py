@@ -12,8 +12,8 @@ from ninedtact.cli.terminal import answer
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.force.training.run import Trained
-    from ninedtact.force.training.settings import Machine, TrainingSettings
+    from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
+    from ninedtact.force.training.train import TrainingResult
 
 Shown = Literal["heights", "heights_and_gel", "heights_and_sensor", "deformation", "mixed"]
 Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
@@ -41,12 +41,12 @@ class Hardware:
     workers: int = 0
     """Processes that gather examples while others are learnt."""
 
-    def machine(self) -> "Machine":
+    def machine(self) -> "ComputeSettings":
         """The same as training names it."""
-        from ninedtact.force.training.settings import Machine
+        from ninedtact.force.training.settings import ComputeSettings
 
         devices = int(self.devices) if self.devices.isdigit() else self.devices
-        return Machine(self.accelerator, devices, self.nodes, self.strategy, self.precision, self.workers)
+        return ComputeSettings(self.accelerator, devices, self.nodes, self.strategy, self.precision, self.workers)
 
 
 @dataclass(frozen=True)
@@ -97,15 +97,15 @@ class Train:
         trained = self.trained()
         return 0 if trained is None else answer(self.json, figures(trained), lines(trained))
 
-    def trained(self) -> "Trained | None":
+    def trained(self) -> "TrainingResult | None":
         """The model; None on all processes but the first."""
-        from ninedtact.force.training.run import train
+        from ninedtact.force.training.train import train_network
 
         settings, progress = self.settings, not self.json
         data = TrainingData(self.data, settings.input, self.sensors, self.reading_workers, progress)
         examples, ids = data.read()
         rows = Division(self.held_out, self.held_out_part, self.split, self.seed).rows(ids, examples)
-        return train(
+        return train_network(
             examples,
             rows,
             settings,
@@ -123,9 +123,9 @@ class Train:
         Raises `TrainingImpossible`, `NetworkUnknown`.
         """
         from ninedtact.force.inputs import Channels, with_size, with_width
-        from ninedtact.force.training.settings import PRESETS
+        from ninedtact.force.training.settings import TRAINING_PRESETS
 
-        preset = PRESETS[self.preset]
+        preset = TRAINING_PRESETS[self.preset]
         shown = (
             preset.input if self.channels is None else replace(preset.input, channels=Channels[self.channels.upper()])
         )
@@ -151,7 +151,7 @@ def require_libraries() -> None:
         )
 
 
-def figures(trained: "Trained") -> dict[str, Any]:
+def figures(trained: "TrainingResult") -> dict[str, Any]:
     """For a script."""
     training = trained.model.card.training
     return {
@@ -164,9 +164,9 @@ def figures(trained: "Trained") -> dict[str, Any]:
     }
 
 
-def lines(trained: "Trained") -> Iterator[str]:
+def lines(trained: "TrainingResult") -> Iterator[str]:
     """For a person."""
-    from ninedtact.force.evaluation.table import lines as table
+    from ninedtact.force.evaluation.report import format_evaluation_report as table
 
     training = trained.model.card.training
     yield (

@@ -10,7 +10,7 @@ from ninedtact.cli.force.own_sensors import members_of, sensors_for, tell_refuse
 if TYPE_CHECKING:
     from ninedtact.force.inputs import InputSettings
     from ninedtact.force.splits import Rows, SplitSettings
-    from ninedtact.force.training.examples import Examples
+    from ninedtact.force.training.examples import TrainingExamples
     from ninedtact.simulation.population.member import SensorMember
 
 HeldOut = Literal["sensor_and_object", "object", "sensor", "standard"]
@@ -26,17 +26,17 @@ class TrainingData:
     workers: int = 1
     progress: bool = False
 
-    def read(self) -> tuple["Examples", Sequence[str]]:
-        """Examples with labels as of one modulus where the moduli are known, and their ids."""
+    def read(self) -> tuple["TrainingExamples", Sequence[str]]:
+        """TrainingExamples with labels as of one modulus where the moduli are known, and their ids."""
         examples, ids = self.of_heights() if self.grid.channels.of_heights else self.of_images()
         return at_one_modulus(examples, members_of(self.folder)), ids
 
-    def of_heights(self) -> tuple["Examples", Sequence[str]]:
+    def of_heights(self) -> tuple["TrainingExamples", Sequence[str]]:
         """Heights by the calibration of each sensor."""
         import numpy as np
 
         from ninedtact.dataset.heights import height_pairs
-        from ninedtact.force.training.examples import Examples
+        from ninedtact.force.training.examples import TrainingExamples
         from ninedtact.force.traits import traits_of
 
         sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
@@ -52,18 +52,18 @@ class TrainingData:
         rows = {name: traits_of(sensor.shape, sensor.gel).row for name, sensor in sensors.by_name.items()}
         traits = np.array([rows[name] for name in pairs.sensors.tolist()])
         names = pairs.objects.tolist(), pairs.sensors.tolist()
-        return Examples(pairs.z_mm, pairs.wrenches, *names, traits=traits), pairs.ids.tolist()
+        return TrainingExamples(pairs.z_mm, pairs.wrenches, *names, traits=traits), pairs.ids.tolist()
 
-    def of_images(self) -> tuple["Examples", Sequence[str]]:
+    def of_images(self) -> tuple["TrainingExamples", Sequence[str]]:
         """Grey images with their references."""
         from ninedtact.dataset.reader import DataSet
-        from ninedtact.force.training.examples import Examples
+        from ninedtact.force.training.examples import TrainingExamples
 
         size = self.grid.cols, self.grid.rows
         pairs = DataSet.open(self.folder, size, threads=self.workers, progress=self.progress)
         names = pairs.objects.each.tolist(), pairs.sensors.each.tolist()
         codes, files = pairs.references.codes, pairs.files
-        return Examples(
+        return TrainingExamples(
             files.images, pairs.wrenches, *names, references=files.references, reference_of=codes
         ), pairs.ids.tolist()
 
@@ -74,7 +74,7 @@ def designed_width_mm(data: Path) -> float | None:
     return max(widths, default=None)
 
 
-def at_one_modulus(examples: "Examples", members: Mapping[str, "SensorMember"]) -> "Examples":
+def at_one_modulus(examples: "TrainingExamples", members: Mapping[str, "SensorMember"]) -> "TrainingExamples":
     """Wrenches of twins as gels of the design's modulus would have given them; real ones as they were measured."""
     import numpy as np
 
@@ -97,7 +97,7 @@ class Division:
     """A split whose part to train is divided, the part to test never looked at."""
     seed: int = 0
 
-    def rows(self, ids: Sequence[str], examples: "Examples") -> "Rows":
+    def rows(self, ids: Sequence[str], examples: "TrainingExamples") -> "Rows":
         """Raises `SplitImpossible`, `SplitUnfit`."""
         import numpy as np
 

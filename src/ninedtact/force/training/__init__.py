@@ -1,13 +1,14 @@
-"""Training of force models: examples → one ONNX file that says all about itself.
+"""Training of force models: examples (heights or images with wrenches) go in, one ONNX file with its model card comes out.
 
-run.py            `train`, the whole of it; read this first
-settings.py       what is asked for, and the presets `paper` and `ours`
-examples.py       what is learnt from, in memory or mapped; batches.py some of it at a time, in an order that a seed decides
-augmentation.py   the same touch seen otherwise: geometry.py image and wrench alike, disturbance.py the image alone
-learner.py        one step and its loss; fit.py all steps; history.py what is noted of each epoch
-folder.py         where it is kept; checkpoints.py, manners.py how it is gone on with after a stop
-lesson.py         what it comes to: intervals.py errors that cover what they claim, an evaluation, the card
-export.py         to ONNX; curves.py an image of the training
+train.py             `train_network`: the whole training; read this first
+settings.py          the settings of a training, and the presets `default` and `paper`
+examples.py          the examples, in memory or mapped from a file, and their batches in a seeded order
+augmentation.py      random changes of an example: geometric ones of image and wrench, and perturbations of the image alone
+training_module.py   the loss and one optimisation step, as a Lightning module
+lightning_compat.py  checkpoints, metrics, progress bar and interrupts, adapted to Lightning
+trained_network.py   the scale of errors calibrated, the evaluation on held-out pairs, and the model card
+onnx_export.py       the network with its card as one ONNX file
 
-Built on Lightning: accelerator, devices, nodes and precision are its own flags (`settings.Machine`).
+The package is built on Lightning: accelerator, devices, nodes and precision are its own flags (`settings.ComputeSettings`).
+Importing a module of this package loads torch, so this file exports nothing.
 """

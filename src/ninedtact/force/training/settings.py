@@ -9,7 +9,7 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import NinedtactError
 from ninedtact.force.inputs import Channels, InputSettings, whole
 from ninedtact.force.networks.named import require_size
-from ninedtact.force.training.augmentation import NOTHING_CHANGED, Augmentation
+from ninedtact.force.training.augmentation import NO_AUGMENTATION, Augmentation
 
 Point = tuple[float, float, float]
 
@@ -55,8 +55,8 @@ class TrainingSettings:
         return msgspec.json.decode(msgspec.json.encode(self), type=dict[str, Any])
 
 
-OURS = TrainingSettings()
-PAPER = TrainingSettings(
+DEFAULT_TRAINING = TrainingSettings()
+PAPER_TRAINING = TrainingSettings(
     network="densenet169",
     input=whole(Channels.DEFORMATION),
     epochs=200,
@@ -67,14 +67,14 @@ PAPER = TrainingSettings(
     labels="ranges",
     about_mm=ForceTorqueMount().origin_mm,
     scale_weight=0.0,
-    augmentation=NOTHING_CHANGED,
+    augmentation=NO_AUGMENTATION,
 )
 """9DTact, section V (docs/references.md)."""
-PRESETS = {"ours": OURS, "paper": PAPER}
+TRAINING_PRESETS = {"ours": DEFAULT_TRAINING, "paper": PAPER_TRAINING}
 
 
 @dataclass(frozen=True)
-class Machine:
+class ComputeSettings:
     """Lightning's own flags: what the training runs on. They change its speed, not what is learnt."""
 
     accelerator: str = "auto"

@@ -9,7 +9,7 @@ from ninedtact.cli.force.estimators import BOTH
 from ninedtact.cli.force.judged_data import JudgedData
 
 if TYPE_CHECKING:
-    from ninedtact.force.evaluation import Predictions
+    from ninedtact.force.evaluation import WrenchPredictions
 
 PAPERS_POINT = (0.0, 0.0, -35.0)
 KINDS = {
@@ -30,25 +30,25 @@ TOGETHER = ", network and physics together"
 class Judgement:
     """Predictions for a data set of twins: the network's, with and without the gate, and those of network and physics together."""
 
-    network: "Predictions"
-    ungated: "Predictions"
-    together: "Predictions"
+    network: "WrenchPredictions"
+    ungated: "WrenchPredictions"
+    together: "WrenchPredictions"
     kinds: dict[str, str]
     """Mechanics of each sensor."""
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """For the card."""
-        from ninedtact.force.evaluation import evaluate
+        from ninedtact.force.evaluation import evaluate_predictions
 
         told = {
             words + suffix: table(part)
             for suffix, predictions in (("", self.network), (TOGETHER, self.together))
             for words, part in self.parts(predictions)
         }
-        told["all"]["untouched_without_gate"] = evaluate(self.ungated).as_table()["untouched"]
+        told["all"]["untouched_without_gate"] = evaluate_predictions(self.ungated).as_table()["untouched"]
         return told
 
-    def parts(self, predictions: "Predictions") -> "Iterator[tuple[str, Predictions]]":
+    def parts(self, predictions: "WrenchPredictions") -> "Iterator[tuple[str, WrenchPredictions]]":
         """Of each kind of mechanics that occurs, then all."""
         assert predictions.sensors is not None
         each = [self.kinds[name] for name in predictions.sensors]
@@ -58,12 +58,12 @@ class Judgement:
         yield "all", predictions
 
 
-def table(predictions: "Predictions") -> dict[str, Any]:
+def table(predictions: "WrenchPredictions") -> dict[str, Any]:
     """All figures about the skin's centre, the skill about the paper's point beside them."""
-    from ninedtact.force.evaluation import evaluate
+    from ninedtact.force.evaluation import evaluate_predictions
 
-    whole = evaluate(predictions).as_table()
-    below = evaluate(predictions.about(PAPERS_POINT)).scores.skill
+    whole = evaluate_predictions(predictions).as_table()
+    below = evaluate_predictions(predictions.about(PAPERS_POINT)).scores.skill
     return {**{key: value for key, value in whole.items() if key not in LEFT_OUT}, "skill_35_mm_below": below.tolist()}
 
 

@@ -102,8 +102,8 @@ class Make:
         from ninedtact.cli.force.model.judgement import judged
         from ninedtact.force.card_page import page
         from ninedtact.force.model_file import read_model
-        from ninedtact.force.training.export import rewrite_card
-        from ninedtact.force.training.folder import MODEL as LEARNT
+        from ninedtact.force.training.onnx_export import rewrite_card
+        from ninedtact.force.training.train import MODEL_FILE as LEARNT
 
         learnt = self.out / TRAINING / LEARNT
         card = read_model(learnt).card

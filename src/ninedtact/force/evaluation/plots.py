@@ -1,22 +1,25 @@
 """An evaluation drawn for a person: predicted against true, error by load, intervals, error by object and by sensor.
 
 matplotlib is slow to import, so it is imported when a figure is drawn; its global state is never touched.
+
+A training drawn: what was learnt and what held-out images say, epoch by epoch.
+
+matplotlib is slow to import, so it is imported when the figure is drawn; its global state is never touched.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ninedtact.force.evaluation.coverage import covered
-from ninedtact.force.evaluation.evaluation import Evaluation
-from ninedtact.force.evaluation.parts import Part
+from ninedtact.force.evaluation.evaluation import GroupScores, WrenchEvaluation, covered_fraction
 from ninedtact.force.evaluation.predictions import AXES, FORCES, TORQUES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 DPI = 130
 INK, PALE_INK, RULE = "#22262b", "#6b7280", "#c2410c"
@@ -29,27 +32,27 @@ MOST_NAMED = 30
 WORST = 6
 
 
-def figures(evaluation: Evaluation) -> Iterator[tuple[str, bytes]]:
+def plot_evaluation(evaluation: WrenchEvaluation) -> Iterator[tuple[str, bytes]]:
     """Name and PNG of every figure that there is something to draw for."""
-    yield "scatter", scatter(evaluation)
+    yield "scatter", _plot_predicted_against_true(evaluation)
     if evaluation.by_load:
-        yield "load", load(evaluation)
+        yield "load", _plot_error_by_load(evaluation)
     if evaluation.coverage:
-        yield "coverage", intervals(evaluation)
+        yield "coverage", _plot_interval_coverage(evaluation)
     for name, parts in (("objects", evaluation.by_object), ("sensors", evaluation.by_sensor)):
         if len(parts) > 1:
-            yield name, groups(parts, name)
+            yield name, _plot_error_by_group(parts, name)
 
 
-def scatter(evaluation: Evaluation) -> bytes:
+def _plot_predicted_against_true(evaluation: WrenchEvaluation) -> bytes:
     """Predicted against true, axis by axis: hexagons are darker where there are more pairs."""
     from matplotlib.colors import LogNorm
 
-    figure = sheet(10.5, 7.2)
+    figure = _new_figure(10.5, 7.2)
     for axis, axes in enumerate(figure.subplots(2, 3).flat):
         factor, unit = (1.0, "N") if axis < 3 else (MILLI, "mN·m")
-        true, predicted = (factor * six[:, axis] for six in vars_of(evaluation))
-        low, high = padded(min(true.min(), predicted.min()), max(true.max(), predicted.max()))
+        true, predicted = (factor * six[:, axis] for six in _truth_and_predicted(evaluation))
+        low, high = _padded_limits(min(true.min(), predicted.min()), max(true.max(), predicted.max()))
         axes.hexbin(
             true, predicted, gridsize=60, extent=(low, high, low, high), mincnt=1, cmap="Blues", norm=LogNorm(0.3)
         )
@@ -58,18 +61,18 @@ def scatter(evaluation: Evaluation) -> bytes:
         axes.plot([low, high], [slope * low, slope * high], color=RULE, linewidth=1.2, label=f"slope {slope:.2f}")
         axes.set(xlim=(low, high), ylim=(low, high), aspect="equal")
         title = f"{AXES[axis]}, skill {evaluation.scores.skill[axis]:.3f}"
-        dress(axes, title, f"true ({unit})", f"predicted ({unit})")
-    return png(figure)
+        _style_axes(axes, title, f"true ({unit})", f"predicted ({unit})")
+    return _encode_png(figure)
 
 
-def vars_of(evaluation: Evaluation) -> tuple[np.ndarray, np.ndarray]:
+def _truth_and_predicted(evaluation: WrenchEvaluation) -> tuple[np.ndarray, np.ndarray]:
     """True and predicted."""
     return evaluation.predictions.truth, evaluation.predictions.predicted
 
 
-def load(evaluation: Evaluation) -> bytes:
+def _plot_error_by_load(evaluation: WrenchEvaluation) -> bytes:
     """Mean absolute error of every axis by the true load, and its bias as a mark on the bar."""
-    figure = sheet(10.5, 4.2)
+    figure = _new_figure(10.5, 4.2)
     names = [f"{part.name}\n{part.pairs}" for part in evaluation.by_load]
     for axes, which, factor, unit in zip(
         figure.subplots(1, 2), (FORCES, TORQUES), (1.0, MILLI), ("N", "mN·m"), strict=True
@@ -85,30 +88,30 @@ def load(evaluation: Evaluation) -> bytes:
         axes.plot([], [], "_", color=INK, markersize=7, markeredgewidth=1.6, label="bias")
         axes.axhline(0, color=INK, linewidth=0.6)
         axes.set_xticks(at, names)
-        dress(axes, "", "true |Fz|, pairs", f"mean absolute error and bias ({unit})")
-        legend_above(axes)
-    return png(figure)
+        _style_axes(axes, "", "true |Fz|, pairs", f"mean absolute error and bias ({unit})")
+        _place_legend_above(axes)
+    return _encode_png(figure)
 
 
-def intervals(evaluation: Evaluation) -> bytes:
+def _plot_interval_coverage(evaluation: WrenchEvaluation) -> bytes:
     """Share of pairs inside each interval against the share that it claims."""
-    figure = sheet(5.2, 5.0)
+    figure = _new_figure(5.2, 5.0)
     axes = figure.subplots()
-    found = np.array([covered(evaluation.predictions, share) for share in SHARES]).T
+    found = np.array([covered_fraction(evaluation.predictions, share) for share in SHARES]).T
     axes.plot([0, 1], [0, 1], color=PALE_INK, linewidth=0.8, linestyle=(0, (4, 3)))
     for axis, (name, inside) in enumerate(zip(AXES, found, strict=True)):
         style = "-" if axis < 3 else "--"
         axes.plot(SHARES, inside, style, color=COLOURS[axis % 3], linewidth=1.5, label=name)
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
     title = f"above the diagonal: errors claimed too large ({evaluation.predictions.distribution})"
-    dress(axes, title, "share that the interval claims", "share of pairs inside")
-    return png(figure)
+    _style_axes(axes, title, "share that the interval claims", "share of pairs inside")
+    return _encode_png(figure)
 
 
-def groups(parts: Sequence[Part], what: str) -> bytes:
+def _plot_error_by_group(parts: Sequence[GroupScores], what: str) -> bytes:
     """Mean absolute error of forces and of torques, a bar for each, in order of the force's."""
     order = sorted(parts, key=lambda part: part.mae[FORCES].mean())
-    figure = sheet(10.5, 5.4)
+    figure = _new_figure(10.5, 5.4)
     at, few = np.arange(len(order)), len(order) <= MOST_NAMED
     both = figure.subplots(2, 1, sharex=True)
     for axes, which, factor, unit in zip(both, (FORCES, TORQUES), (1.0, MILLI), ("N", "mN·m"), strict=True):
@@ -117,8 +120,8 @@ def groups(parts: Sequence[Part], what: str) -> bytes:
             share = np.array([factor * part.mae[which][number] / 3 for part in order])
             axes.bar(at, share, 0.85, below, color=colour, label=AXES[which][number])
             below += share
-        dress(axes, "", "", f"mean of three errors ({unit})")
-        legend_above(axes)
+        _style_axes(axes, "", "", f"mean of three errors ({unit})")
+        _place_legend_above(axes)
     words = f"{len(order)} {what}"
     if few:
         both[1].set_xticks(at, [part.name for part in order], rotation=60, ha="right", rotation_mode="anchor")
@@ -127,23 +130,23 @@ def groups(parts: Sequence[Part], what: str) -> bytes:
         words += f"; the worst of them, from the right: {', '.join(part.name for part in order[: -WORST - 1 : -1])}"
     both[1].set_xlabel(words, color=INK, size=9)
     both[0].margins(x=0.01)
-    return png(figure)
+    return _encode_png(figure)
 
 
-def padded(low: float, high: float) -> tuple[float, float]:
+def _padded_limits(low: float, high: float) -> tuple[float, float]:
     """Limits a little outside what is shown."""
     margin = 0.03 * (high - low) or 1.0
     return low - margin, high + margin
 
 
-def sheet(width_in: float, height_in: float) -> "Figure":
+def _new_figure(width_in: float, height_in: float) -> "Figure":
     """An empty white figure."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white", layout="constrained")
 
 
-def dress(axes: "Axes", title: str, x_label: str, y_label: str) -> None:
+def _style_axes(axes: "Axes", title: str, x_label: str, y_label: str) -> None:
     """Words, a legend and quiet lines."""
     axes.set_title(title, size=9.5, color=INK)
     axes.set_xlabel(x_label, size=9, color=INK)
@@ -153,15 +156,41 @@ def dress(axes: "Axes", title: str, x_label: str, y_label: str) -> None:
     axes.legend(fontsize=8, frameon=False, labelcolor=INK)
 
 
-def legend_above(axes: "Axes") -> None:
+def _place_legend_above(axes: "Axes") -> None:
     """Where bars may reach everywhere."""
     axes.legend(
         fontsize=8, frameon=False, labelcolor=INK, ncols=4, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2
     )
 
 
-def png(figure: "Figure") -> bytes:
+def _encode_png(figure: "Figure") -> bytes:
     """The figure as a PNG."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
+
+
+def plot_training_curves(
+    epochs: Sequence[Mapping[str, float]], validation_loss: str, median_mae: Sequence[float], best_epoch: int
+) -> bytes:
+    """Plot the losses and the validation error of every epoch, and return the figure as a PNG.
+
+    epochs: metrics of each epoch (`epoch`, `train_loss`, `mae_Fx` … `mae_Tz` and the one that `validation_loss` names).
+    median_mae: validation error, by axis, of always predicting the median.
+    """
+    figure = _new_figure(9.0, 3.8)
+    left, right = figure.subplots(1, 2)
+    numbers = [row["epoch"] for row in epochs]
+    left.plot(numbers, [row["train_loss"] for row in epochs], color=PALE_INK, label="training, augmented")
+    left.plot(numbers, [row[validation_loss] for row in epochs], color=COLOURS[0], label="validation")
+    for number, (axis, alone) in enumerate(zip(AXES, median_mae, strict=True)):
+        error = np.array([row[f"mae_{axis}"] for row in epochs]) / alone
+        right.plot(numbers, error, "-" if number < 3 else "--", color=COLOURS[number % 3], label=axis)
+    right.set_ylim(bottom=0)
+    for axes, y_label in (
+        (left, "mean absolute error (units of the labels)"),
+        (right, "validation error / error of the median (1 − skill)"),
+    ):
+        axes.axvline(best_epoch, color=PALE_INK, linewidth=0.8, linestyle=":", label=f"best epoch: {best_epoch}")
+        _style_axes(axes, "", "epoch", y_label)
+    return _encode_png(figure)

@@ -12,15 +12,15 @@ from torch import Tensor
 
 from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.networks import Labels, WrenchNetwork
-from ninedtact.force.training.batches import TouchBatch
+from ninedtact.force.training.examples import TrainingBatch
 from ninedtact.force.training.settings import TrainingSettings
 
-BEST = "val_loss"
+MONITORED_METRIC = "val_loss"
 """What the best epoch is best by: the mean absolute error in units of the labels."""
 SMALLEST_UNIT = 1e-9
 
 
-def labels_of(wrench: Float32[Array, "n 6"], settings: TrainingSettings) -> Labels:
+def fit_label_scaling(wrench: Float32[Array, "n 6"], settings: TrainingSettings) -> Labels:
     """What six numbers are counted in, of the wrenches that are learnt."""
     if settings.labels == "ranges":
         low, high = wrench.min(0), wrench.max(0)
@@ -32,7 +32,7 @@ def labels_of(wrench: Float32[Array, "n 6"], settings: TrainingSettings) -> Labe
 
 
 @dataclass(frozen=True)
-class Cost:
+class BatchLoss:
     """Of a batch, in units of the labels."""
 
     off: Tensor
@@ -46,16 +46,16 @@ class Cost:
         return total if self.unlikely is None else total + scale_weight * self.unlikely.sum()
 
 
-def cost_of(answer: tuple[Tensor, ...], wrench: Tensor, unit: Tensor) -> Cost:
+def compute_batch_loss(answer: tuple[Tensor, ...], wrench: Tensor, unit: Tensor) -> BatchLoss:
     """How far off the answer is, and how unlikely its own scale makes that."""
     off = ((answer[0] - wrench) / unit).abs()
     if len(answer) == 1:
-        return Cost(off, None)
+        return BatchLoss(off, None)
     scale = answer[1] / unit
-    return Cost(off, off.detach() / scale + scale.log())
+    return BatchLoss(off, off.detach() / scale + scale.log())
 
 
-class Learner(lightning.LightningModule):
+class ForceTrainingModule(lightning.LightningModule):
     """The network while it learns."""
 
     def __init__(self, settings: TrainingSettings, labels: Labels) -> None:
@@ -66,25 +66,28 @@ class Learner(lightning.LightningModule):
             self.model = WrenchNetwork(settings.network, settings.input, labels, with_scale=settings.scale_weight > 0)
         self.model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def training_step(self, batch: TouchBatch, number: int) -> Tensor:
+    def training_step(self, batch: TrainingBatch, number: int) -> Tensor:
         """The cost of examples that were changed by chance of their own."""
         settings = self.settings
         # Labels, and where pixels come from, are not for half precision.
         with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
             seen = settings.augmentation(batch.floating(), settings.input.mm_per_px, self.chance(number))
             channels = seen.channels(settings.input.channels)
-        cost = cost_of(self.model(channels), seen.wrench, self.model.unit)
+        cost = compute_batch_loss(self.model(channels), seen.wrench, self.model.unit)
         self.log(
             "train_loss", cost.off.mean(), on_step=False, on_epoch=True, batch_size=len(batch.wrench), sync_dist=True
         )
         return cost.total(settings.scale_weight)
 
-    def validation_step(self, batch: TouchBatch, number: int) -> None:
+    def validation_step(self, batch: TrainingBatch, number: int) -> None:
         """Mean absolute errors, in units all together and by axis in N and N·m."""
         channels = batch.floating().channels(self.settings.input.channels)
-        cost = cost_of(self.model(channels), batch.wrench, self.model.unit)
+        cost = compute_batch_loss(self.model(channels), batch.wrench, self.model.unit)
         by_axis = (cost.off.mean(0) * self.model.unit).unbind()
-        told = {BEST: cost.off.mean(), **{f"mae_{axis}": mae for axis, mae in zip(AXES, by_axis, strict=True)}}
+        told = {
+            MONITORED_METRIC: cost.off.mean(),
+            **{f"mae_{axis}": mae for axis, mae in zip(AXES, by_axis, strict=True)},
+        }
         self.log_dict(told, batch_size=len(batch.wrench), sync_dist=True)
 
     def chance(self, number: int) -> torch.Generator:

@@ -17,20 +17,20 @@ from ninedtact.force.card import Card
 from ninedtact.force.model_file import INPUT, KEY, SCALE, WRENCH, ForceModel, model_from, read_model
 from ninedtact.force.networks import WrenchNetwork
 
-SAME = 1e-3
+_PARITY_TOLERANCE = 1e-3
 """ONNX Runtime may differ from torch by this part of the labels' unit, and of the answer."""
-TRIED = 3
+_PARITY_INPUTS = 3
 
 
 class ExportFailed(NinedtactError):
     """The exported graph answers otherwise than the network."""
 
 
-def write_model(path: Path, network: WrenchNetwork, card: Card) -> ForceModel:
+def export_model(path: Path, network: WrenchNetwork, card: Card) -> ForceModel:
     """Whole or not at all, and checked; raises `ExportFailed`, `FileNotWritten`."""
-    content = with_card(graph_of(network, card), card)
+    content = _serialise_with_card(_build_onnx_graph(network, card), card)
     model = model_from(content, str(path))
-    require_same(network, model)
+    _require_onnx_parity(network, model)
     write_file_atomically(path, content)
     return model
 
@@ -41,14 +41,14 @@ def rewrite_card(path: Path, card: Card, out: Path) -> None:
     Raises `ModelUnusable`, `FileNotWritten`.
     """
     read_model(path)
-    write_file_atomically(out, with_card(onnx.load(str(path)), card))
+    write_file_atomically(out, _serialise_with_card(onnx.load(str(path)), card))
 
 
-def graph_of(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
+def _build_onnx_graph(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
     """For any number of images at once."""
     network.cpu().eval()
     shown = torch.zeros(2, *card.input.shape)
-    with quiet(), torch.no_grad():
+    with _silence_exporter(), torch.no_grad():
         outputs = [WRENCH, SCALE][: len(network(shown))]
         program = torch.onnx.export(
             network,
@@ -63,22 +63,22 @@ def graph_of(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
     return program.model_proto
 
 
-def with_card(graph: onnx.ModelProto, card: Card) -> bytes:
+def _serialise_with_card(graph: onnx.ModelProto, card: Card) -> bytes:
     """The file's bytes."""
     onnx.helper.set_model_props(graph, {KEY: msgspec.json.encode(card).decode()})
     return graph.SerializeToString()
 
 
-def require_same(network: WrenchNetwork, model: ForceModel) -> None:
+def _require_onnx_parity(network: WrenchNetwork, model: ForceModel) -> None:
     """Refuse a graph that answers otherwise; raises `ExportFailed`."""
-    shown = torch.rand(TRIED, *model.card.input.shape)
+    shown = torch.rand(_PARITY_INPUTS, *model.card.input.shape)
     with torch.no_grad():
         wanted = [part.double().numpy() for part in network(shown)]
     given = model(shown.numpy())
     unit = network.unit.double().numpy()
     pairs = zip(wanted, (given.wrench, given.scale), strict=False)
     off = max(float((np.abs(a - b) / (unit + np.abs(a))).max()) for a, b in pairs)
-    if not off <= SAME:
+    if not off <= _PARITY_TOLERANCE:
         raise ExportFailed(
             f"expected the exported graph to answer as the network, got answers that differ by {off:.2g} of their size; update "
             "torch and onnx"
@@ -86,7 +86,7 @@ def require_same(network: WrenchNetwork, model: ForceModel) -> None:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def _silence_exporter() -> Iterator[None]:
     """Without the exporter's remarks."""
     log = logging.getLogger("torch.onnx")
     before = log.level

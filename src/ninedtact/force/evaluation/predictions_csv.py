@@ -16,7 +16,13 @@ from typing import NoReturn
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.force.evaluation.predictions import AXES, Distribution, Predictions, PredictionsUnusable, Wrenches
+from ninedtact.force.evaluation.predictions import (
+    AXES,
+    ErrorDistribution,
+    PredictionsUnusable,
+    Wrenches,
+    WrenchPredictions,
+)
 
 TRUTH = tuple(f"{axis}_{'N' if axis.startswith('F') else 'Nm'}" for axis in AXES)
 PREDICTED = tuple(f"p{axis}" for axis in AXES)
@@ -26,24 +32,24 @@ GROUPS = ("object", "sensor")
 
 def read_predictions(
     path: Path,
-    distribution: Distribution = Distribution.GAUSSIAN,
+    distribution: ErrorDistribution = ErrorDistribution.GAUSSIAN,
     about_mm: tuple[float, float, float] | None = None,
-) -> Predictions:
+) -> WrenchPredictions:
     """Read and check; raises `PredictionsUnusable` with the line and column of what is wrong.
 
     What a file does not hold is said beside it: what errors are distributed like, and the point that torques are about.
     """
-    header, rows = table(path)
-    require_columns(path, header)
+    header, rows = _read_csv_rows(path)
+    _require_columns(path, header)
     columns = dict(zip(header, zip(*(row for _, row in rows), strict=True), strict=True))
     lines = [line for line, _ in rows]
-    truth, predicted = (numbers(path, columns, names, lines) for names in (TRUTH, PREDICTED))
-    error = numbers(path, columns, ERROR, lines) if ERROR[0] in columns else None
+    truth, predicted = (_parse_columns(path, columns, names, lines) for names in (TRUTH, PREDICTED))
+    error = _parse_columns(path, columns, ERROR, lines) if ERROR[0] in columns else None
     objects, sensors = (columns.get(name) for name in GROUPS)
-    return Predictions(truth, predicted, error, distribution, objects, sensors, about_mm)
+    return WrenchPredictions(truth, predicted, error, distribution, objects, sensors, about_mm)
 
 
-def table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def _read_csv_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Header, and the rows with their line numbers; raises `PredictionsUnusable`."""
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -61,11 +67,11 @@ def table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     (_, header), *rows = filled
     for line, row in rows:
         if len(row) != len(header):
-            refuse(path, line, f"expected {len(header)} cells as in the header, got {len(row)}")
+            _refuse_line(path, line, f"expected {len(header)} cells as in the header, got {len(row)}")
     return header, rows
 
 
-def require_columns(path: Path, header: Sequence[str]) -> None:
+def _require_columns(path: Path, header: Sequence[str]) -> None:
     """Refuse a header without what is needed, or with a name twice."""
     wanted = (*TRUTH, *PREDICTED, *(ERROR if any(name in ERROR for name in header) else ()))
     missing = [name for name in wanted if name not in header]
@@ -78,18 +84,20 @@ def require_columns(path: Path, header: Sequence[str]) -> None:
         )
 
 
-def numbers(path: Path, columns: dict[str, tuple[str, ...]], names: Sequence[str], lines: Sequence[int]) -> Wrenches:
+def _parse_columns(
+    path: Path, columns: dict[str, tuple[str, ...]], names: Sequence[str], lines: Sequence[int]
+) -> Wrenches:
     """Six columns as finite numbers; raises `PredictionsUnusable`."""
     try:
         six = np.array([columns[name] for name in names]).astype(float).T
     except ValueError:
         six = np.full((len(lines), len(names)), np.nan)
     if not np.isfinite(six).all():
-        return np.array(list(one_by_one(path, columns, names, lines))).reshape(len(names), len(lines)).T
+        return np.array(list(_parse_cells(path, columns, names, lines))).reshape(len(names), len(lines)).T
     return np.ascontiguousarray(six)
 
 
-def one_by_one(
+def _parse_cells(
     path: Path, columns: dict[str, tuple[str, ...]], names: Sequence[str], lines: Sequence[int]
 ) -> Iterator[float]:
     """The same slowly, to say where it fails. An infinite error is one that knows nothing, and allowed."""
@@ -98,18 +106,18 @@ def one_by_one(
             try:
                 value = float(cell)
             except ValueError:
-                refuse(path, line, f"expected a number in column {name}, got {cell[:40]!r}")
+                _refuse_line(path, line, f"expected a number in column {name}, got {cell[:40]!r}")
             if not (isfinite(value) or (name in ERROR and value == np.inf)):
-                refuse(path, line, f"expected a finite number in column {name}, got {cell}")
+                _refuse_line(path, line, f"expected a finite number in column {name}, got {cell}")
             yield value
 
 
-def refuse(path: Path, line: int, fault: str) -> NoReturn:
+def _refuse_line(path: Path, line: int, fault: str) -> NoReturn:
     """Say where."""
     raise PredictionsUnusable(f"{fault}, in line {line} of {path}; correct it or leave the line out")
 
 
-def write_predictions(path: Path, predictions: Predictions) -> None:
+def write_predictions(path: Path, predictions: WrenchPredictions) -> None:
     """Whole or not at all (`FileNotWritten`); every number as it is, so that it is read back the same."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")

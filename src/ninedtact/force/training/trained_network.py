@@ -1,4 +1,11 @@
-"""What a training comes to: errors set right, an evaluation on what was held out, and the model's card."""
+"""Errors that cover what they claim, as images of held-out sensors and objects show.
+
+A network's own scale b knows which images are hard, but not how large errors are where it was not trained. What is told is
+gain · b^power, both by axis: the power so that errors over it are distributed like Laplace's, their 90 % quantile ln 10 / ln 2
+times the median; the gain so that the quantiles are right themselves.
+
+What a training comes to: errors set right, an evaluation on what was held out, and the model's card.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,22 +13,51 @@ from importlib.metadata import version
 
 import numpy as np
 import torch
-from jaxtyping import Int
+from jaxtyping import Float64, Int
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.force.card import FORMAT, Card, TrainingSummary
-from ninedtact.force.evaluation import Distribution, Evaluation, Predictions, evaluate
+from ninedtact.force.evaluation import ErrorDistribution, WrenchEvaluation, WrenchPredictions, evaluate_predictions
 from ninedtact.force.likeness import Range, numbers, ranges
 from ninedtact.force.model_file import Prediction
 from ninedtact.force.network_force import DEVIATIONS_PER_SCALE, moved_to_skin
 from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.splits import Rows
-from ninedtact.force.training.batches import ExampleBatches
-from ninedtact.force.training.examples import Examples, about_point
-from ninedtact.force.training.history import History
-from ninedtact.force.training.intervals import gain_and_power
+from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_torque_reference
+from ninedtact.force.training.lightning_compat import MetricsHistory
 from ninedtact.force.training.settings import TrainingSettings
+
+SHARES = (0.5, 0.9)
+LAPLACE_QUANTILES = -np.log1p(-np.array(SHARES))
+"""|error| / scale below which these shares of a Laplace distribution lie."""
+POWERS = np.linspace(0.5, 1.3, 33)
+FEWEST = 20
+"""Images that quantiles need."""
+
+Six = Float64[Array, "6"]
+
+
+def fit_scale_correction(off: Float64[Array, "n 6"], scale: Float64[Array, "n 6"]) -> tuple[Six, Six]:
+    """From absolute errors and untouched scales, both in units of the labels."""
+    if len(off) < FEWEST:
+        return np.ones(6), np.ones(6)
+    both = np.array([_fit_axis_correction(off[:, axis], scale[:, axis]) for axis in range(off.shape[1])])
+    return both[:, 0], both[:, 1]
+
+
+def _fit_axis_correction(off: Float64[Array, " n"], scale: Float64[Array, " n"]) -> tuple[float, float]:
+    """Gain and power of one axis; where several powers do as well, the nearest to one."""
+    misses = [np.log(_error_quantiles(off, scale, power) / LAPLACE_QUANTILES) for power in POWERS]
+    wrong = [abs(miss[1] - miss[0]) + 0.01 * abs(power - 1) for miss, power in zip(misses, POWERS, strict=True)]
+    chosen = int(np.argmin(wrong))
+    return float(np.exp(misses[chosen].mean())), float(POWERS[chosen])
+
+
+def _error_quantiles(off: Float64[Array, " n"], scale: Float64[Array, " n"], power: float) -> Float64[Array, "2"]:
+    """Of errors over scales."""
+    return np.maximum(np.quantile(off / scale**power, SHARES), 1e-12)
+
 
 MOST_LOOKED_AT = 5000
 """Images whose numbers tell what training saw."""
@@ -31,11 +67,11 @@ WITH = ("ninedtact", "torch", "lightning", "numpy")
 
 
 @dataclass(frozen=True)
-class Lesson:
+class TrainedNetwork:
     """A trained network with what it was trained and is judged on."""
 
     network: WrenchNetwork
-    examples: Examples
+    examples: TrainingExamples
     """Torques about the settings' point."""
     rows: Rows
     settings: TrainingSettings
@@ -46,12 +82,12 @@ class Lesson:
         if np.isfinite(found.scale).all():
             off = np.abs(found.wrench - self.examples.wrench[self.rows.test]) / unit
             for part, values in zip(
-                (self.network.gain, self.network.power), gain_and_power(off, found.scale / unit), strict=True
+                (self.network.gain, self.network.power), fit_scale_correction(off, found.scale / unit), strict=True
             ):
                 part.copy_(torch.from_numpy(values))
 
     @property
-    def evaluation(self) -> Evaluation:
+    def evaluation(self) -> WrenchEvaluation:
         """On what was held out, torques about the skin's centre."""
         test = self.rows.test
         found = moved_to_skin(self.answers(test), self.settings.about_mm)
@@ -60,8 +96,8 @@ class Lesson:
         objects, sensors = (
             np.asarray(names)[test].tolist() for names in (self.examples.objects, self.examples.sensors)
         )
-        return evaluate(
-            Predictions(truth, found.wrench, error, Distribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0))
+        return evaluate_predictions(
+            WrenchPredictions(truth, found.wrench, error, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0))
         )
 
     def answers(self, rows: Int[Array, " n"]) -> Prediction:
@@ -76,12 +112,12 @@ class Lesson:
         settings, device = self.settings, self.network.unit.device
         chance = torch.Generator(device).manual_seed(settings.seed)
         for at in range(0, len(rows), settings.batch):
-            batch = ExampleBatches(self.examples)[rows[at : at + settings.batch]].to(device).floating()
+            batch = BatchDataset(self.examples)[rows[at : at + settings.batch]].to(device).floating()
             if changed:
                 batch = settings.augmentation(batch, settings.input.mm_per_px, chance)
             yield batch.channels(settings.input.channels)
 
-    def card(self, evaluation: Evaluation, history: History, name: str, licence: str) -> Card:
+    def card(self, evaluation: WrenchEvaluation, history: MetricsHistory, name: str, licence: str) -> Card:
         """What a user must know."""
         wrench = self.at_skin.wrench[self.rows.train].astype(float)
         table = {key: value for key, value in evaluation.as_table().items() if key not in LEFT_OUT}
@@ -100,7 +136,7 @@ class Lesson:
             licence=licence,
         )
 
-    def summary(self, history: History) -> TrainingSummary:
+    def summary(self, history: MetricsHistory) -> TrainingSummary:
         """Where the model comes from."""
         kept = np.concatenate([self.rows.train, self.rows.test])
         return TrainingSummary(
@@ -125,10 +161,10 @@ class Lesson:
         return ranges({name: np.concatenate([one[name] for one in each]) for name in each[0]})
 
     @property
-    def at_skin(self) -> Examples:
+    def at_skin(self) -> TrainingExamples:
         """Torques about the skin's centre."""
         x, y, z = self.settings.about_mm
-        return about_point(self.examples, (-x, -y, -z))
+        return move_torque_reference(self.examples, (-x, -y, -z))
 
     @property
     def median_mae(self) -> list[float]:

@@ -6,7 +6,7 @@ SixNumbers = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Published:
+class PublishedScores:
     """Figures of one network, named as in `Scores`."""
 
     what: str
@@ -18,7 +18,7 @@ class Published:
     skill: SixNumbers
 
 
-PUBLISHED = Published(
+PUBLISHED_SCORES = PublishedScores(
     "published: DenseNet-169, 10,000 pairs of its own sensor, standard split; torques about 35 mm below the skin",
     mae=(0.2956, 0.3483, 0.2778, 0.00899, 0.00784, 0.00123),
     std=(0.2570, 0.3028, 0.3310, 0.00923, 0.00813, 0.00160),
@@ -28,22 +28,22 @@ PUBLISHED = Published(
     skill=(0.475, 0.484, 0.862, 0.691, 0.718, 0.636),
 )
 """Computed by this program from the predictions that were published."""
-PUBLISHED_AT_SKIN = replace(
-    PUBLISHED,
+PUBLISHED_SCORES_AT_SKIN = replace(
+    PUBLISHED_SCORES,
     what="published: DenseNet-169, 10,000 pairs of its own sensor, standard split; torques moved up by 35 mm to the skin",
-    mae=(*PUBLISHED.mae[:3], 0.00502, 0.00424, 0.00123),
-    std=(*PUBLISHED.std[:3], 0.00906, 0.00501, 0.00160),
-    rmse=(*PUBLISHED.rmse[:3], 0.01036, 0.00657, 0.00202),
-    r2=(*PUBLISHED.r2[:3], 0.732, 0.940, 0.815),
-    slope=(*PUBLISHED.slope[:3], 0.925, 0.965, 0.872),
-    skill=(*PUBLISHED.skill[:3], 0.677, 0.797, 0.636),
+    mae=(*PUBLISHED_SCORES.mae[:3], 0.00502, 0.00424, 0.00123),
+    std=(*PUBLISHED_SCORES.std[:3], 0.00906, 0.00501, 0.00160),
+    rmse=(*PUBLISHED_SCORES.rmse[:3], 0.01036, 0.00657, 0.00202),
+    r2=(*PUBLISHED_SCORES.r2[:3], 0.732, 0.940, 0.815),
+    slope=(*PUBLISHED_SCORES.slope[:3], 0.925, 0.965, 0.872),
+    skill=(*PUBLISHED_SCORES.skill[:3], 0.677, 0.797, 0.636),
 )
 """The same predictions with their torques about the skin's centre, the force/torque sensor taken to be 35 mm below it."""
-OBJECT_MAE = ("0.35", "0.40", "0.41", "0.011", "0.010", "0.002")
-OBJECT_STD = ("0.31", "0.36", "0.44", "0.015", "0.014", "0.003")
+PAPER_OBJECT_SPLIT_MAE = ("0.35", "0.40", "0.41", "0.011", "0.010", "0.002")
+PAPER_OBJECT_SPLIT_STD = ("0.31", "0.36", "0.44", "0.015", "0.014", "0.003")
 """As the paper prints them for objects that the network had not seen; its single predictions of those were not published."""
 
 
-def published_about(point_mm: tuple[float, float, float] | None) -> Published:
+def published_scores_about(point_mm: tuple[float, float, float] | None) -> PublishedScores:
     """The row whose torques are about a point: the skin's centre, or else where the paper has them."""
-    return PUBLISHED_AT_SKIN if point_mm == (0.0, 0.0, 0.0) else PUBLISHED
+    return PUBLISHED_SCORES_AT_SKIN if point_mm == (0.0, 0.0, 0.0) else PUBLISHED_SCORES
