@@ -20,15 +20,16 @@ from numpy import ndarray as Array
 from turns import Tasks, Times, in_turns
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact import Contact, ContactModel, Effort
-from ninedtact.mechanics.gel import half_space
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.normal import HeldLoad, Pressed, press
-from ninedtact.mechanics.padding import image_error_mm
-from ninedtact.mechanics.patch import Patch, padded_patch
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.array_namespace import forward_transform, inverse_transform
+from ninedtact.mechanics.contact import Contact, periodic_image_error_mm
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.layer_compliance import half_space_compliance
+from ninedtact.mechanics.normal_contact import LoadConstraint, PressureSolution, solve_pressure
+from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, gel_skin
-from ninedtact.mechanics.transform import field_of, spectrum
 from ninedtact.simulation.twin import default_twin
 
 AREA_MM, PITCH_MM, MARGIN_MM = (24.0, 18.0), 0.2, 4.0
@@ -40,7 +41,7 @@ FRAME_MS, FRAME = 11.0, "live step and its 640 x 480 image"
 PAIR = "transform there and back"
 
 POINTS, LOAD_N = 256, 3.0
-GRID = Patch(POINTS, POINTS, 0.1)
+GRID = PeriodicGrid(POINTS, POINTS, 0.1)
 SURFACES = ("ball", "rough surface")
 TARGET_MM = 1e-4
 """Largest gap or overlap of a cold solve; the ball sinks in 1.6 mm, the roughness is 0.1 mm."""
@@ -57,7 +58,7 @@ def contact_speed(rounds: int = 30, json: bool = False) -> None:
 def warm_figures(times: dict[tuple[str, str], Times]) -> Iterator[Figure]:
     """Steps of a live press."""
     pair = times["ours", PAIR].median_cpu_ms
-    patch = padded_patch(*AREA_MM, PITCH_MM, MARGIN_MM)
+    patch = padded_grid(*AREA_MM, PITCH_MM, MARGIN_MM)
     yield Figure(f"{PAIR}, {patch.rows} x {patch.cols}, float32, ms", pair)
     for tolerance in TOLERANCES:
         step = times["ours", warm(tolerance)].median_cpu_ms
@@ -85,20 +86,22 @@ def margin_figures() -> Iterator[Figure]:
     """What the patch's margin leaves of the periodic images."""
     moves = [Pose(depth_mm=1.0), Pose(depth_mm=1.5), Pose(x_mm=0.5, depth_mm=1.5)]
     for margin in (0.0, 2.0, MARGIN_MM):
-        model = ContactModel(gel_skin(padded_patch(*AREA_MM, PITCH_MM, margin), GEL, np.zeros(())))
+        model = ContactModel(gel_skin(padded_grid(*AREA_MM, PITCH_MM, margin), GEL, np.zeros(())))
         *_, contact = model.follow(BALL, moves)
-        error = np.abs(image_error_mm(contact)) * 1e3
+        error = np.abs(periodic_image_error_mm(contact)) * 1e3
         middle = error[tuple(slice(cells // 2 - 20, cells // 2 + 20) for cells in error.shape)]
         yield Figure(f"periodic images, margin {margin:g} mm, µm", f"{error.max():.1f}, within 4 mm {middle.max():.2f}")
 
 
 def our_tasks() -> Tasks:
-    patch = padded_patch(*AREA_MM, PITCH_MM, MARGIN_MM)
+    patch = padded_grid(*AREA_MM, PITCH_MM, MARGIN_MM)
     field = np.random.default_rng(0).normal(size=patch.shape).astype(np.float32)
-    tasks: Tasks = {PAIR: lambda call: field_of(spectrum(field, patch.shape), patch.shape, patch.shape)}
+    tasks: Tasks = {
+        PAIR: lambda call: inverse_transform(forward_transform(field, patch.shape), patch.shape, patch.shape)
+    }
     tasks |= {warm(tolerance): live_steps(patch, tolerance) for tolerance in TOLERANCES}
     tasks[FRAME] = live_frames()
-    skin = Skin(GRID, partial(half_space, gel=GEL), np.zeros(()))
+    skin = Skin(GRID, partial(half_space_compliance, gel=GEL), np.zeros(()))
     return tasks | {name: partial(our_cold_solve, skin, surface(name)) for name in SURFACES}
 
 
@@ -106,9 +109,9 @@ def warm(tolerance: float) -> str:
     return f"warm step to {tolerance:g} of the depth"
 
 
-def live_steps(patch: Patch, tolerance: float) -> Callable[[int], Contact]:
+def live_steps(patch: PeriodicGrid, tolerance: float) -> Callable[[int], Contact]:
     """One step further at each call, over and over."""
-    model = ContactModel(gel_skin(patch, GEL), effort=Effort(tolerance=tolerance))
+    model = ContactModel(gel_skin(patch, GEL), effort=SolverSettings(tolerance=tolerance))
     poses, contacts = cycle(live_poses()), [model.untouched()]
 
     def step(call: int) -> Contact:
@@ -151,11 +154,11 @@ def surface(name: str) -> Float64[Array, "rows cols"]:
     return (heights - heights.min()) * (0.1 / heights.std())
 
 
-def our_cold_solve(skin: Skin, heights: Float64[Array, "rows cols"], call: int = 0) -> Pressed:
-    none, held = np.zeros((1, 1)), HeldLoad(LOAD_N / GRID.cell_mm2)
+def our_cold_solve(skin: Skin, heights: Float64[Array, "rows cols"], call: int = 0) -> PressureSolution:
+    none, held = np.zeros((1, 1)), LoadConstraint(LOAD_N / GRID.cell_mm2)
     even = held.loaded(np.zeros(GRID.shape))
-    start = Pressed(even, skin.response.sunk_mm(even), none, none, none, none)
-    return press(skin.response, held, -heights, start, none + 2 * TARGET_MM, 1000)
+    start = PressureSolution(even, skin.response.sunk_mm(even), none, none, none, none)
+    return solve_pressure(skin.response, held, -heights, start, none + 2 * TARGET_MM, 1000)
 
 
 def tamaas_tasks() -> Tasks:

@@ -22,13 +22,20 @@ from numpy import ndarray as Array
 from scipy.optimize import minimize_scalar
 
 from ninedtact.design import Gel
-from ninedtact.mechanics import finite_strain as correction
-from ninedtact.mechanics.contact import ContactModel
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.finite_strain import (
+    BULGE_GROWTH,
+    LOAD_STIFFENING,
+    PRESSURE_STIFFENING,
+    finite_strain_height_mm,
+    finite_strain_load_factor,
+    finite_strain_traction_mpa,
+)
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, gel_skin
-from ninedtact.mechanics.touch import Contact
 
 GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=1.0, poisson_ratio=0.5)
 DEPTHS_MM = tuple(np.round(np.arange(0.1, 1.95, 0.1), 3).tolist())
@@ -94,7 +101,7 @@ class Pair:
 
     @property
     def piled_up_mm(self) -> Float[Array, " radii"]:
-        return correction.piled_up_mm(self.in_space_mm, GEL.thickness_mm)
+        return finite_strain_height_mm(self.in_space_mm, GEL.thickness_mm)
 
     def difference_um(self, heights_mm: Float[Array, " radii"]) -> tuple[float, float]:
         """Largest and RMS."""
@@ -105,7 +112,7 @@ class Pair:
     def stiffened_load(self) -> float:
         """Sum of the corrected pressure."""
         contact = self.linear
-        pressure = correction.stiffened_mpa(contact.pressure_mpa, contact.height_mm, GEL.thickness_mm)
+        pressure = finite_strain_traction_mpa(contact.pressure_mpa, contact.height_mm, GEL.thickness_mm)
         return float(pressure.sum()) * contact.skin.patch.cell_mm2
 
 
@@ -135,7 +142,7 @@ def finite_strain(json: bool = False, element_mm: float = 0.15, images: Path = I
 
 
 def linear_skin(points: int, pitch_mm: float) -> Skin:
-    return gel_skin(Patch(points, points, pitch_mm), GEL, np.zeros((), np.float64))
+    return gel_skin(PeriodicGrid(points, points, pitch_mm), GEL, np.zeros((), np.float64))
 
 
 def pairs(parts: Parts, skin: Skin, ball: RigidBall, depths_mm: Iterable[float]) -> list[Pair]:
@@ -226,7 +233,7 @@ def worst_and_rms(pair: Pair, heights_mm: Float[Array, " radii"]) -> str:
 def corrected(ball_mm: float, together: list[Pair]) -> list[Figure]:
     """What is left after the corrections of `ninedtact.mechanics.finite_strain`; the linear model's own error as peer."""
     name, plain = f"{ball_mm:g} mm ball, sticks, all depths: ", [1 / pair.load_ratio for pair in together]
-    by_factor = [correction.load_factor(np.float64(pair.strain)) / pair.load_ratio for pair in together]
+    by_factor = [finite_strain_load_factor(np.float64(pair.strain)) / pair.load_ratio for pair in together]
     by_field = [pair.stiffened_load / pair.elements.load for pair in together]
     return [
         at_most(name + "load_factor, largest error, %", worst_percent(by_factor), 3.0, peer=worst_percent(plain)),
@@ -260,21 +267,21 @@ def best_constants(together: list[Pair]) -> list[Figure]:
         return rms([np.exp(constant * pair.strain**2) / pair.load_ratio - 1 for pair in together])
 
     def of_pressure(constant: float) -> float:
-        part = constant / correction.PRESSURE
+        part = constant / PRESSURE_STIFFENING
         linear = [pair.linear_load / pair.elements.load for pair in together]
         stiffened = [pair.stiffened_load / pair.elements.load for pair in together]
         return rms([(1 - part) * low + part * high - 1 for low, high in zip(linear, stiffened, strict=True)])
 
     def of_bulge(constant: float) -> float:
-        part = constant / correction.BULGE
+        part = constant / BULGE_GROWTH
         return rms([rms((1 - part) * pair.in_space_mm + part * pair.piled_up_mm - pair.true_mm) for pair in together])
 
     return [
         Figure(f"constant of {name} that fits the 4 mm ball best (in use: {used:g})", best(measure))
         for name, used, measure in (
-            ("load_factor", correction.LOAD, of_load),
-            ("stiffened_mpa", correction.PRESSURE, of_pressure),
-            ("piled_up_mm", correction.BULGE, of_bulge),
+            ("finite_strain_load_factor", LOAD_STIFFENING, of_load),
+            ("finite_strain_traction_mpa", PRESSURE_STIFFENING, of_pressure),
+            ("finite_strain_height_mm", BULGE_GROWTH, of_bulge),
         )
     ]
 
@@ -338,7 +345,7 @@ def draw_loads(presses: Presses, path: Path) -> None:
         hollow = {"markerfacecolor": "none"} if name == "slides" else {}
         factors.plot(strain, ratio, mark, ms=4, color=COLOURS[ball], label=f"{ball:g} mm ball, {name}", **hollow)
     strain = np.linspace(0, 0.8, 81)
-    factors.plot(strain, correction.load_factor(strain), color="black", lw=1, label="exp(0.81 s²)")
+    factors.plot(strain, finite_strain_load_factor(strain), color="black", lw=1, label="exp(0.81 s²)")
     factors.set(
         title="Finite strain over linear", xlabel="depth / thickness s", ylabel="ratio of loads", ylim=(0.9, 1.7)
     )

@@ -18,7 +18,7 @@ from figures import Figure, answer, at_most
 from ninedtact import CalibrationImages, Frame, Rectified, calibrate
 from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.shape.calibrated import mean_rectified
 from ninedtact.shape.depth import DepthReader, Smoothing
 from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images

@@ -16,7 +16,7 @@ from traction_skill import bench
 
 from ninedtact.force.traction.explained import Effort
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.solids import Cylinder
+from ninedtact.mechanics.indenter_primitives import Cylinder
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.simulation.objects.generated import object_named
 from ninedtact.simulation.population.member import member

@@ -18,8 +18,8 @@ from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.evidence import ByHeight
 from ninedtact.force.traction.ground import YIELDING
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.indenter import Ball, Indenter
-from ninedtact.mechanics.solids import Cylinder
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
 from ninedtact.quantities import Frame, HeightMap, Reading, Rectified
 from ninedtact.simulation.objects.generated import object_named
 from ninedtact.simulation.population.mechanics import Kind, compliance_below, drawn_base, felt

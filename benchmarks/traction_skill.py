@@ -23,7 +23,7 @@ from ninedtact.dataset.generation.settings import DatasetSettings
 from ninedtact.errors import NinedtactError
 from ninedtact.force.traction.estimator import TractionForce, traction_force
 from ninedtact.force.traction.explained import Effort
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Coverage, Doubt, Frame, Reading, Rectified, WrenchEstimate
 from ninedtact.shape.calibrated import CalibratedShape

@@ -17,7 +17,7 @@ from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.evidence import ByLight
 from ninedtact.force.traction.explained import Effort
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Reading, Rectified
 from ninedtact.shape.calibrated import keep_freed_memory

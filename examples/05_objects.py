@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ninedtact.mechanics.indenter import NOTHING_MM, Indenter
+from ninedtact.mechanics.indenter import NO_OBJECT_MM, Indenter
 from ninedtact.simulation.objects.families import FAMILIES
 from ninedtact.simulation.objects.named import object_for
 
@@ -28,7 +28,7 @@ x_mm, y_mm = np.meshgrid(axis_mm, axis_mm)
 def tile(pressed: Indenter) -> np.ndarray:
     """The underside, lit from the upper left; the lower a place, the brighter."""
     height_mm = pressed.underside_mm(x_mm, y_mm)
-    there = height_mm < NOTHING_MM / 2
+    there = height_mm < NO_OBJECT_MM / 2
     shown = np.clip(np.where(there, height_mm, 5), 0, 5)
     down, along = np.gradient(shown, TILE_MM / TILE_PX)
     light = (0.8 + 0.45 * (along + down)) / np.sqrt(1 + along**2 + down**2)

@@ -12,7 +12,7 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import write_sensor
 from ninedtact.cli import main
 from ninedtact.force.adaptation import G_STANDARD
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.gauges import gauge_images
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import default_twin

@@ -11,7 +11,7 @@ import trimesh
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.image_file import read_image
 from ninedtact.cli import main
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.height_png import read_height_png

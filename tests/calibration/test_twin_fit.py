@@ -13,9 +13,9 @@ from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin
 from ninedtact.calibration.twin.sensor_twin import twin_from
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.indenter import Ball, Indenter
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.solids import Cylinder
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.light import Light

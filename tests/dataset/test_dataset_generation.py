@@ -23,7 +23,7 @@ from ninedtact.dataset.generation.settings import DatasetImpossible, DatasetSett
 from ninedtact.dataset.generation.table import schema
 from ninedtact.dataset.generation.touch import Touch
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.batched.requests import alone
 from ninedtact.simulation.objects.generated import ObjectUnknown
 from ninedtact.simulation.population.member import member, member_from

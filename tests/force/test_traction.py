@@ -12,10 +12,11 @@ from ninedtact.force.traction.evidence import ByHeight, ByLight, by_light
 from ninedtact.force.traction.explained import Effort
 from ninedtact.force.traction.ground import YIELDING
 from ninedtact.force.traction.refusals import TractionImpossible
-from ninedtact.mechanics.contact import Contact, ContactModel
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.layers import layered
-from ninedtact.mechanics.patch import padded_patch
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.layer_compliance import layered_compliance
+from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, gel_skin
 from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Reading, Rectified, centred_axis_mm
@@ -36,7 +37,7 @@ CURVE = DepthCurve("ratio", tuple((0.15 * DEPTH).tolist()), tuple(DEPTH.tolist()
 
 @lru_cache
 def dragged(x_mm: float = 1.0, y_mm: float = -0.6, drag_mm: float = 0.5) -> Contact:
-    model = ContactModel(gel_skin(padded_patch(24, 18, PX_MM, 4.0), GEL))
+    model = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL))
     down = [Pose(x_mm, y_mm, depth) for depth in (0.4, 0.8, 1.0)]
     *_, last = model.follow(Ball(4.0), [*down, Pose(x_mm + drag_mm, y_mm + drag_mm / 2, 1.0)])
     return last
@@ -185,7 +186,7 @@ def test_a_touch_deeper_than_calibrated_is_doubted() -> None:
 
 
 def test_a_touch_deeper_than_linear_gel_goes_is_doubted() -> None:
-    *_, deepest = ContactModel(gel_skin(padded_patch(24, 18, PX_MM, 4.0), GEL)).follow(
+    *_, deepest = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL)).follow(
         Ball(4.0), [Pose(0.5, 0.3, depth) for depth in (0.6, 1.2, 1.6, 1.9)]
     )
     assert Doubt.OUT_OF_RANGE in by_height().estimate(reading(noisy(contact=deepest))).doubts
@@ -196,7 +197,7 @@ def test_a_touch_deeper_than_linear_gel_goes_is_doubted() -> None:
 
 def test_a_base_that_yields_is_borne_when_it_is_told() -> None:
     base = Gel(6.0, 10 * GEL.shear_modulus_mpa)
-    skin = Skin(padded_patch(24, 18, PX_MM, 8.0), layered((GEL, base)), thickness_mm=8.5)
+    skin = Skin(padded_grid(24, 18, PX_MM, 8.0), layered_compliance((GEL, base)), thickness_mm=8.5)
     *_, contact = ContactModel(skin).follow(Ball(4.0), [Pose(0, 0, 0.6), Pose(0, 0, 1.0), Pose(0.5, 0.2, 1.0)])
     true = contact.wrench().force_n
     told = replace(by_height(), base=YIELDING).estimate(reading(noisy(contact=contact))).wrench.force_n

@@ -17,7 +17,7 @@ from ninedtact.force.traction.observation import averaging, roughness
 from ninedtact.force.traction.pivoting import Quadratic, lowest
 from ninedtact.force.traction.prior import Prior, ShearModes, stiffness
 from ninedtact.force.traction.weigh import Weigh
-from ninedtact.mechanics.layers import layered
+from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.skin import Skin, gel_skin
 from ninedtact.quantities import Traction
 from ninedtact.shape.depth import DepthCurve
@@ -168,7 +168,7 @@ def test_bulges_too_faint_for_their_dents_tell_a_base_that_yields() -> None:
 def test_heights_on_a_base_that_yields_are_those_of_the_contact_mechanics() -> None:
     tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
     tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
-    skin = Skin(CELLS.patch, layered((Gel(2.5, 1.0), YIELDING)))
+    skin = Skin(CELLS.patch, layered_compliance((Gel(2.5, 1.0), YIELDING)))
     true = skin.response.displaced_mm(tractions[0], tractions[1:])[0]
     found = Forward(CELLS, 2.5, 0.5, 0.6, YIELDING).heights(tractions[:, : CELLS.rows, : CELLS.cols])
     np.testing.assert_allclose(found, true, atol=1e-4)

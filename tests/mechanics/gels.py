@@ -6,17 +6,20 @@ from typing import Any
 import numpy as np
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact import Contact, ContactModel, Effort
-from ninedtact.mechanics.indenter import Ball, Heights, Indenter
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.indenter import Heights, Indenter
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import gel_skin
 
 GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=0.1, poisson_ratio=0.5)
 BALL = Ball(4.0)
 DOUBLE = np.zeros((), np.float64)
-SMALL = Patch(64, 72, 0.3)
-EXACT = Effort(tolerance=1e-7, least_tolerance_mm=1e-10)
+SMALL = PeriodicGrid(64, 72, 0.3)
+EXACT = SolverSettings(tolerance=1e-7, least_tolerance_mm=1e-10)
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,13 @@ class Plate(Indenter):
         return 0 * x_mm
 
 
-def model(gel: Gel = GEL, patch: Patch = SMALL, friction: float = 1.0, effort: Effort = EXACT, like: Any = DOUBLE):
+def model(
+    gel: Gel = GEL,
+    patch: PeriodicGrid = SMALL,
+    friction: float = 1.0,
+    effort: SolverSettings = EXACT,
+    like: Any = DOUBLE,
+):
     return ContactModel(gel_skin(patch, gel, like), friction, effort)
 
 

@@ -9,18 +9,19 @@ import pytest
 import torch
 from gels import BALL, DOUBLE, GEL, model
 
-from ninedtact.mechanics import halving
-from ninedtact.mechanics.contact import Contact, Effort
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics import batching
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.indenter_primitives import Cone, Cylinder
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import gel_skin
-from ninedtact.mechanics.solids import Cone, Cylinder
 
 BEGUN = [Pose(depth_mm=0.8), Pose(3.0, -2.0, 0.4, 0.3), Pose(depth_mm=-0.2), Pose(1.0, 2.0, 1.2, 0.0, 0.1, -0.05)]
 MOVED = [Pose(0.3, 0.1, 0.8), Pose(3.0, -1.8, 0.5, 0.5), Pose(depth_mm=0.3), Pose(1.2, 2.0, 1.2, 0.1, 0.05, 0.0)]
 TORCH = torch.zeros((), dtype=torch.float64)
-TIGHT = Effort(tolerance=1e-6, least_tolerance_mm=1e-8)
-GRID = Patch(40, 45, 0.45)
+TIGHT = SolverSettings(tolerance=1e-6, least_tolerance_mm=1e-8)
+GRID = PeriodicGrid(40, 45, 0.45)
 
 
 def alone(like: Any) -> list[Contact]:
@@ -28,7 +29,7 @@ def alone(like: Any) -> list[Contact]:
     return [list(pressing.follow(BALL, poses))[-1] for poses in zip(BEGUN, MOVED, strict=True)]
 
 
-def together(like: Any, effort: Effort = TIGHT) -> list[Contact]:
+def together(like: Any, effort: SolverSettings = TIGHT) -> list[Contact]:
     pressing = model(like=like, patch=GRID, effort=effort)
     return list(pressing.follow(BALL, [Pose.batch(BEGUN), Pose.batch(MOVED)]))[-1].each()
 
@@ -62,14 +63,14 @@ def test_alone_or_together_in_numpy_or_torch(reference, found):
 
 def test_single_precision_is_as_good_as_its_tolerance(reference):
     for like in (np.zeros((), np.float32), torch.zeros((), dtype=torch.float32)):
-        rough = together(like, Effort(tolerance=1e-3))
+        rough = together(like, SolverSettings(tolerance=1e-3))
         for one, other in zip(rough, reference, strict=True):
             assert one.pressure_mpa.dtype == like.dtype
             np.testing.assert_allclose(one.wrench().force_n, other.wrench().force_n, atol=0.02)
 
 
 def test_each_of_a_batch_says_how_well_it_was_solved():
-    batch = model(effort=Effort(tolerance=1e-4)).step(model().untouched(), BALL, Pose.batch(BEGUN))
+    batch = model(effort=SolverSettings(tolerance=1e-4)).step(model().untouched(), BALL, Pose.batch(BEGUN))
     assert batch.residual_mm.shape == batch.iterations.shape == (4,)
     assert batch.iterations[2] == 0
     assert batch.iterations[[0, 1, 3]].min() > 3
@@ -78,7 +79,7 @@ def test_each_of_a_batch_says_how_well_it_was_solved():
 
 
 def test_a_batch_shares_what_its_poses_share():
-    few = model(effort=Effort(tolerance=1e-5))
+    few = model(effort=SolverSettings(tolerance=1e-5))
     swept = few.step(few.untouched(), BALL, Pose(x_mm=2.0, depth_mm=np.array([0.2, 0.5, 0.9])))
     loads = [-one.wrench().force_n[2] for one in swept.each()]
     again = few.step_to_load(few.untouched(), BALL, Pose(x_mm=2.0, depth_mm=0.5), np.array(loads))
@@ -86,7 +87,7 @@ def test_a_batch_shares_what_its_poses_share():
 
 
 def test_who_lifts_off_in_a_batch_leaves_the_skin_untouched():
-    pressing = model(patch=GRID, effort=Effort(tolerance=1e-4))
+    pressing = model(patch=GRID, effort=SolverSettings(tolerance=1e-4))
     down = pressing.step(pressing.untouched(), BALL, Pose(depth_mm=np.array([0.6, 0.8])))
     lifted, pressed = pressing.step(down, BALL, Pose(x_mm=0.2, depth_mm=np.array([-0.3, 0.8]))).each()
     assert pressed.touches
@@ -100,7 +101,7 @@ def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pyte
     poses = Pose(np.linspace(0, 1, 12), 0.0, depths, np.linspace(0, 0.5, 12)), Pose(np.linspace(0, 1, 12), 0.2, depths)
     found = []
     for fewest in (100, 1):
-        monkeypatch.setattr(halving, "FEWEST", fewest)
+        monkeypatch.setattr(batching, "MIN_CONTACTS_TO_SPLIT", fewest)
         found.append(list(pressing.follow(BALL, poses))[-1])
     waited, halved = found
     assert waited.iterations.tolist() == halved.iterations.tolist()
@@ -115,9 +116,9 @@ def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pyte
 def test_half_a_batch_has_all_in_it_that_go_on(
     going: list[int], half: list[int] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(halving, "FEWEST", 1)
+    monkeypatch.setattr(batching, "MIN_CONTACTS_TO_SPLIT", 1)
     for which in (np.array(going) > 0, torch.tensor(going) > 0):
-        found = halving.half_of(which[:, None, None])
+        found = batching.unconverged_half(which[:, None, None])
         assert (None if found is None else found.tolist()) == half
 
 

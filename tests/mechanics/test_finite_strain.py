@@ -5,10 +5,15 @@ import pytest
 import torch
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact import ContactModel
-from ninedtact.mechanics.finite_strain import DEEPEST, load_factor, piled_up_mm, stiffened_mpa
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.finite_strain import (
+    MAX_FITTED_DEPTH_OVER_THICKNESS,
+    finite_strain_height_mm,
+    finite_strain_load_factor,
+    finite_strain_traction_mpa,
+)
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import gel_skin
 
@@ -26,7 +31,7 @@ BULGES_MM = {
 @pytest.fixture(scope="module", params=sorted(LOADS_MM2))
 def presses(request):
     """A ball pressed into the linear gel, with loads and bulges of the other one."""
-    model = ContactModel(gel_skin(Patch(128, 128, 0.2), Gel(THICKNESS_MM, 1.0, 0.5), np.zeros(())), friction=1.0)
+    model = ContactModel(gel_skin(PeriodicGrid(128, 128, 0.2), Gel(THICKNESS_MM, 1.0, 0.5), np.zeros(())), friction=1.0)
     steps = np.arange(0.1, 1.95, 0.1).round(2)
     contacts = model.follow(Ball(request.param), [Pose(depth_mm=depth) for depth in steps])
     chosen = [contact for contact in contacts if contact.pose.depth_mm in DEPTHS_MM]
@@ -39,47 +44,51 @@ def linear_load(contact, pressure_mpa) -> float:
 
 def test_the_factor_makes_the_linear_load_that_of_finite_strain(presses):
     for contact, load, _ in presses:
-        factor = load_factor(np.float64(contact.pose.depth_mm / THICKNESS_MM))
+        factor = finite_strain_load_factor(np.float64(contact.pose.depth_mm / THICKNESS_MM))
         assert factor * linear_load(contact, contact.pressure_mpa) == pytest.approx(load, rel=0.03)
 
 
 def test_the_stiffened_pressure_adds_up_to_the_load_of_finite_strain(presses):
     for contact, load, _ in presses:
-        pressure = stiffened_mpa(contact.pressure_mpa, contact.height_mm, THICKNESS_MM)
+        pressure = finite_strain_traction_mpa(contact.pressure_mpa, contact.height_mm, THICKNESS_MM)
         assert linear_load(contact, pressure) == pytest.approx(load, rel=0.04)
 
 
 def test_raised_bulges_are_nearer_to_those_of_finite_strain(presses):
     linear = [contact.height_mm.max() / bulge - 1 for contact, _, bulge in presses]
-    raised = [piled_up_mm(contact.height_mm, THICKNESS_MM).max() / bulge - 1 for contact, _, bulge in presses]
+    raised = [
+        finite_strain_height_mm(contact.height_mm, THICKNESS_MM).max() / bulge - 1 for contact, _, bulge in presses
+    ]
     assert np.abs(raised).max() < 0.09
     assert np.abs(raised).mean() < 0.7 * np.abs(linear).mean()
 
 
 def test_small_strain_needs_no_correction():
-    assert load_factor(np.float64(0)) == 1
+    assert finite_strain_load_factor(np.float64(0)) == 1
     nearly_flat = np.array([[-1e-4, 0.0, 1e-4]])
-    assert stiffened_mpa(np.ones((1, 3)), nearly_flat, THICKNESS_MM) == pytest.approx(1, abs=1e-6)
-    assert piled_up_mm(nearly_flat, THICKNESS_MM) == pytest.approx(nearly_flat, rel=1e-4)
+    assert finite_strain_traction_mpa(np.ones((1, 3)), nearly_flat, THICKNESS_MM) == pytest.approx(1, abs=1e-6)
+    assert finite_strain_height_mm(nearly_flat, THICKNESS_MM) == pytest.approx(nearly_flat, rel=1e-4)
 
 
 def test_deeper_is_stiffer_and_higher_stays_higher():
-    assert (np.diff(load_factor(np.linspace(0, DEEPEST, 50))) > 0).all()
+    assert (np.diff(finite_strain_load_factor(np.linspace(0, MAX_FITTED_DEPTH_OVER_THICKNESS, 50))) > 0).all()
     heights = np.linspace(-0.9, 0.4, 50)[None] * THICKNESS_MM
-    assert (np.diff(stiffened_mpa(np.ones_like(heights), heights, THICKNESS_MM)) <= 0).all()
-    assert (np.diff(piled_up_mm(heights, THICKNESS_MM)) > 0).all()
+    assert (np.diff(finite_strain_traction_mpa(np.ones_like(heights), heights, THICKNESS_MM)) <= 0).all()
+    assert (np.diff(finite_strain_height_mm(heights, THICKNESS_MM)) > 0).all()
 
 
 def test_bulges_carry_no_more_pressure_and_hollows_keep_their_depth():
     heights = np.array([[-1.0, 0.5]])
-    assert stiffened_mpa(np.ones((1, 2)), heights, THICKNESS_MM)[0, 1] == 1
-    assert piled_up_mm(heights, THICKNESS_MM)[0, 0] == -1
+    assert finite_strain_traction_mpa(np.ones((1, 2)), heights, THICKNESS_MM)[0, 1] == 1
+    assert finite_strain_height_mm(heights, THICKNESS_MM)[0, 0] == -1
 
 
 def test_torch_gets_the_same_answer():
     heights, pressure = np.array([[-1.0, 0.5]]), np.array([[2.0, 0.0]])
     theirs = torch.from_numpy(heights)
-    assert load_factor(theirs).numpy() == pytest.approx(load_factor(heights))
-    assert piled_up_mm(theirs, THICKNESS_MM).numpy() == pytest.approx(piled_up_mm(heights, THICKNESS_MM))
-    stiffened = stiffened_mpa(torch.from_numpy(pressure), theirs, THICKNESS_MM)
-    assert stiffened.numpy() == pytest.approx(stiffened_mpa(pressure, heights, THICKNESS_MM))
+    assert finite_strain_load_factor(theirs).numpy() == pytest.approx(finite_strain_load_factor(heights))
+    assert finite_strain_height_mm(theirs, THICKNESS_MM).numpy() == pytest.approx(
+        finite_strain_height_mm(heights, THICKNESS_MM)
+    )
+    stiffened = finite_strain_traction_mpa(torch.from_numpy(pressure), theirs, THICKNESS_MM)
+    assert stiffened.numpy() == pytest.approx(finite_strain_traction_mpa(pressure, heights, THICKNESS_MM))

@@ -9,16 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.closed_forms import SQUARE_LATTICE, hertz, mindlin_shear_n
-from ninedtact.mechanics.contact import Contact, Effort
-from ninedtact.mechanics.friction import Grip, Sheared, drag
-from ninedtact.mechanics.gel import half_space
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.closed_forms import SQUARE_LATTICE_SUM, hertz_contact, mindlin_shear_force_n
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, solve_shear
+from ninedtact.mechanics.layer_compliance import half_space_compliance
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
 
 DOWN = Pose(depth_mm=1.0)
-FINE = Effort(tolerance=1e-4)
+FINE = SolverSettings(tolerance=1e-4)
 
 
 def shear_n(contact: Contact) -> np.ndarray:
@@ -28,17 +29,17 @@ def shear_n(contact: Contact) -> np.ndarray:
 @pytest.mark.parametrize("part", [0.2, 0.5, 0.8])
 def test_a_ball_on_a_half_space_slips_from_its_rim_as_cattaneo_and_mindlin_say(part):
     """Pressure held; the drag allows for the images' share of the displacement."""
-    gel, patch, friction, radius, depth = Gel(2.5, 0.1, 0.5), Patch(128, 128, 0.1), 0.5, 4.0, 0.2
-    response, zero = Skin(patch, partial(half_space, gel=gel), DOUBLE).response, np.zeros((1, 1))
-    ball, tolerance = hertz(gel, radius, depth), np.full((1, 1), 1e-6)
+    gel, patch, friction, radius, depth = Gel(2.5, 0.1, 0.5), PeriodicGrid(128, 128, 0.1), 0.5, 4.0, 0.2
+    response, zero = Skin(patch, partial(half_space_compliance, gel=gel), DOUBLE).response, np.zeros((1, 1))
+    ball, tolerance = hertz_contact(gel, radius, depth), np.full((1, 1), 1e-6)
     x, y = patch.place_mm
     pressure = ball.peak_mpa * np.sqrt(np.maximum(1 - (x**2 + y**2) / ball.radius_mm**2, 0))
     slips_at = 3 * friction * ball.load_n * 1.5 / (16 * 0.1 * ball.radius_mm)
-    shear = mindlin_shear_n(gel, ball, friction, part * slips_at)
-    images = SQUARE_LATTICE / patch.width_mm * shear * 1.5 / (4 * np.pi * 0.1)
+    shear = mindlin_shear_force_n(gel, ball, friction, part * slips_at)
+    images = SQUARE_LATTICE_SUM / patch.width_mm * shear * 1.5 / (4 * np.pi * 0.1)
     target = np.stack([np.full(patch.shape, part * slips_at - images), np.zeros(patch.shape)])
-    start = Sheared(0 * target, 0 * target, zero, zero, zero)
-    found = drag(response, target, Grip(friction * pressure), start, tolerance, 500)
+    start = ShearSolution(0 * target, 0 * target, zero, zero, zero)
+    found = solve_shear(response, target, FrictionLimit(friction * pressure), start, tolerance, 500)
     assert found.residual_mm <= tolerance
     assert found.shear_mpa[0].sum() * patch.cell_mm2 == pytest.approx(shear, rel=0.03)
     stuck = np.hypot(*found.shear_mpa) < 0.999 * friction * pressure

@@ -9,49 +9,53 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import Gel
+from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.closed_forms import (
-    BallContact,
+    BallContactSolution,
     flat_punch_load_n,
-    hertz,
-    periodic_shortfall_mm,
-    thin_layer,
+    hertz_contact,
+    periodic_half_space_shortfall_mm,
+    thin_layer_contact,
 )
-from ninedtact.mechanics.contact import Contact, ContactModel, Effort, NotConverged
-from ninedtact.mechanics.gel import half_space
+from ninedtact.mechanics.contact import Contact, ContactNotConverged
+from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.normal import HeldDepth, Pressed, press
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.layer_compliance import half_space_compliance
+from ninedtact.mechanics.normal_contact import DepthConstraint, PressureSolution, solve_pressure
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
 
 UNIT = Gel(2.5, 1.0, 0.5)
 
 
-def measured(contact: Contact) -> BallContact:
+def measured(contact: Contact) -> BallContactSolution:
     area = (contact.pressure_mpa > 0).sum() * contact.skin.patch.cell_mm2
-    return BallContact(-contact.wrench().force_n[2], float(np.sqrt(area / np.pi)), float(contact.pressure_mpa.max()))
+    return BallContactSolution(
+        -contact.wrench().force_n[2], float(np.sqrt(area / np.pi)), float(contact.pressure_mpa.max())
+    )
 
 
-def on_half_space(gel: Gel, indenter: Indenter, depth_mm: float, load_n: float, patch: Patch) -> Contact:
+def on_half_space(gel: Gel, indenter: Indenter, depth_mm: float, load_n: float, patch: PeriodicGrid) -> Contact:
     """A contact whose images are allowed for."""
-    skin = Skin(patch, partial(half_space, gel=gel), DOUBLE)
-    depth = depth_mm - periodic_shortfall_mm(gel, load_n, patch.width_mm)
-    return pressed(ContactModel(skin, 0.0, Effort(tolerance=1e-4)), Pose(depth_mm=depth), indenter=indenter)
+    skin = Skin(patch, partial(half_space_compliance, gel=gel), DOUBLE)
+    depth = depth_mm - periodic_half_space_shortfall_mm(gel, load_n, patch.width_mm)
+    return pressed(ContactModel(skin, 0.0, SolverSettings(tolerance=1e-4)), Pose(depth_mm=depth), indenter=indenter)
 
 
 @pytest.mark.parametrize("nu", [0.5, 0.3])
 def test_a_ball_on_a_half_space_is_hertz(nu):
     gel = Gel(2.5, 0.1, nu)
-    wanted = hertz(gel, 4.0, 0.25)
+    wanted = hertz_contact(gel, 4.0, 0.25)
     assert wanted.load_n == pytest.approx(8 / 3 / (1 - nu) * 0.1 * np.sqrt(4.0) * 0.25**1.5)
-    found = measured(on_half_space(gel, Paraboloid(4.0), 0.25, wanted.load_n, Patch(128, 128, 0.1)))
+    found = measured(on_half_space(gel, Paraboloid(4.0), 0.25, wanted.load_n, PeriodicGrid(128, 128, 0.1)))
     assert found.load_n == pytest.approx(wanted.load_n, rel=0.005)
     assert found.radius_mm == pytest.approx(wanted.radius_mm, rel=0.01)
     assert found.peak_mpa == pytest.approx(wanted.peak_mpa, rel=0.005)
 
 
 def test_a_flat_punch_on_a_half_space_is_boussinesq_and_its_load_goes_with_depth():
-    patch, radius = Patch(160, 160, 0.1), 1.0
+    patch, radius = PeriodicGrid(160, 160, 0.1), 1.0
     loads = [flat_punch_load_n(GEL, radius, depth) for depth in (0.1, 0.2)]
     found = [
         measured(on_half_space(GEL, Punch(radius), depth, load, patch)).load_n
@@ -64,10 +68,12 @@ def test_a_flat_punch_on_a_half_space_is_boussinesq_and_its_load_goes_with_depth
 @pytest.mark.parametrize(("nu", "within"), [(0.5, 0.06), (0.3, 0.01)])
 def test_a_ball_on_a_thin_layer_squeezes_it(nu, within):
     gel, radius, depth = Gel(0.2, 1.0, nu), 100.0, 0.05
-    wanted = thin_layer(gel, radius, depth)
-    patch = Patch(96, 96, wanted.radius_mm / 25)
+    wanted = thin_layer_contact(gel, radius, depth)
+    patch = PeriodicGrid(96, 96, wanted.radius_mm / 25)
     found = measured(
-        pressed(model(gel, patch, 0.0, Effort(tolerance=1e-4)), Pose(depth_mm=depth), indenter=Paraboloid(radius))
+        pressed(
+            model(gel, patch, 0.0, SolverSettings(tolerance=1e-4)), Pose(depth_mm=depth), indenter=Paraboloid(radius)
+        )
     )
     for name, value in vars(wanted).items():
         assert getattr(found, name) == pytest.approx(value, rel=within), name
@@ -76,7 +82,9 @@ def test_a_ball_on_a_thin_layer_squeezes_it(nu, within):
 @pytest.mark.parametrize(("depth", "load", "radius"), [(1.9, 130.5, 3.34), (1.0, 35.4, 2.51)])
 def test_the_layer_bears_the_published_load(depth, load, radius):
     single = np.zeros((), np.float32)
-    found = measured(pressed(model(UNIT, Patch(384, 384, 0.1), 0.0, Effort(), single), Pose(depth_mm=depth)))
+    found = measured(
+        pressed(model(UNIT, PeriodicGrid(384, 384, 0.1), 0.0, SolverSettings(), single), Pose(depth_mm=depth))
+    )
     assert found.load_n == pytest.approx(load, rel=2e-3)
     assert found.radius_mm == pytest.approx(radius, rel=5e-3)
 
@@ -119,7 +127,7 @@ def test_pressure_goes_with_the_modulus_and_shape_does_not(stiffness, depth):
 def test_odd_and_even_grids_agree(shape):
     # The ball is wide against the pitch, so that it matters little which points lie under it.
     even, other = (
-        measured(pressed(model(patch=Patch(*s, 0.3)), Pose(depth_mm=1.2, x_mm=0.3))) for s in ((64, 64), shape)
+        measured(pressed(model(patch=PeriodicGrid(*s, 0.3)), Pose(depth_mm=1.2, x_mm=0.3))) for s in ((64, 64), shape)
     )
     assert other.load_n == pytest.approx(even.load_n, rel=4e-3)
     assert other.peak_mpa == pytest.approx(even.peak_mpa, rel=1e-2)
@@ -133,8 +141,8 @@ def test_the_answer_does_not_depend_on_the_first_guess(seed):
     guess = np.random.default_rng(seed).exponential(0.1, SMALL.shape) * (overlap > -0.5)
     answers = []
     for start in (0 * guess, guess):
-        first = Pressed(start, skin.response.sunk_mm(start), none, none, none, none)
-        answers.append(press(skin.response, HeldDepth(), overlap, first, tolerance, 300).pressure_mpa)
+        first = PressureSolution(start, skin.response.sunk_mm(start), none, none, none, none)
+        answers.append(solve_pressure(skin.response, DepthConstraint(), overlap, first, tolerance, 300).pressure_mpa)
     np.testing.assert_allclose(*answers, atol=1e-6)
 
 
@@ -161,13 +169,13 @@ def test_a_load_can_be_dragged_and_lifted_like_a_depth():
 
 
 def test_what_has_not_converged_is_refused_unless_asked_for():
-    hasty = Effort(tolerance=1e-6, rounds=1, iterations=2)
+    hasty = SolverSettings(tolerance=1e-6, rounds=1, iterations=2)
     with pytest.raises(
-        NotConverged, match=r"expected the contact solved to .* mm, got .* mm after \d+ iterations; take"
+        ContactNotConverged, match=r"expected the contact solved to .* mm, got .* mm after \d+ iterations; take"
     ):
         pressed(model(effort=hasty), Pose(depth_mm=1.0))
     found = pressed(
-        model(effort=Effort(tolerance=1e-6, rounds=1, iterations=2, must_converge=False)), Pose(depth_mm=1.0)
+        model(effort=SolverSettings(tolerance=1e-6, rounds=1, iterations=2, must_converge=False)), Pose(depth_mm=1.0)
     )
     assert found.residual_mm > 1e-6
     exact = pressed(model(effort=EXACT), Pose(depth_mm=1.0))

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import DesignImpossible, Gel
-from ninedtact.mechanics.contact import LoadImpossible
-from ninedtact.mechanics.pose import Pose, PoseImpossible, carried_mm
+from ninedtact.mechanics.contact import InvalidLoad
+from ninedtact.mechanics.pose import InvalidPose, Pose, rigid_displacement_mm
 
 numbers = st.floats(-1, 1)
 poses = st.builds(Pose, numbers, numbers, numbers, numbers, numbers, numbers)
@@ -21,7 +21,7 @@ def test_a_rigid_object_carries_its_points_rigidly(before, after):
     points = np.concatenate([place, np.zeros((1, 3, 4))]).reshape(3, -1)
     own = before.rotation.T @ (points - before.origin_mm[:, None])
     moved = after.rotation @ own + after.origin_mm[:, None] - points
-    np.testing.assert_allclose(carried_mm(before, after, place).reshape(2, -1), moved[:2], atol=1e-12)
+    np.testing.assert_allclose(rigid_displacement_mm(before, after, place).reshape(2, -1), moved[:2], atol=1e-12)
     np.testing.assert_allclose(before.rotation @ before.rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(before.rotation) == pytest.approx(1)
 
@@ -38,24 +38,24 @@ def test_a_batch_of_poses_is_its_poses(single):
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
 def test_a_pose_is_finite(wrong):
-    with pytest.raises(PoseImpossible, match=r"expected a finite depth_mm, got (nan|inf); correct the pose"):
+    with pytest.raises(InvalidPose, match=r"expected a finite depth_mm, got (nan|inf); correct the pose"):
         Pose(depth_mm=wrong)
 
 
 def test_an_object_stays_above_the_base():
     with pytest.raises(
-        PoseImpossible, match=r"expected the object less deep .* base, 2\.5 mm, got 2\.6\d* mm; press less"
+        InvalidPose, match=r"expected the object less deep .* base, 2\.5 mm, got 2\.6\d* mm; press less"
     ):
         pressed(model(), Pose(depth_mm=2.7))
     pressing = model()
-    with pytest.raises(PoseImpossible, match=r"base, 2\.5 mm"):
+    with pytest.raises(InvalidPose, match=r"base, 2\.5 mm"):
         pressing.step_to_load(pressing.untouched(), BALL, Pose(depth_mm=1.0), 100.0)
 
 
 @pytest.mark.parametrize("load", [0.0, -1.0, np.nan, np.inf])
 def test_a_load_presses(load):
     pressing = model()
-    with pytest.raises(LoadImpossible, match=r"expected a load above zero, got .* N; press with a force, or lift"):
+    with pytest.raises(InvalidLoad, match=r"expected a load above zero, got .* N; press with a force, or lift"):
         pressing.step_to_load(pressing.untouched(), BALL, Pose(depth_mm=1.0), load)
 
 

@@ -6,13 +6,13 @@ from gels import BALL, DOUBLE, GEL, SMALL, Plate, model, pressed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ninedtact.mechanics import contact as contacts
-from ninedtact.mechanics.contact import ContactLeavesPatch, Effort
-from ninedtact.mechanics.padding import image_error_mm
-from ninedtact.mechanics.patch import GridImpossible, Patch, padded_patch
+from ninedtact.mechanics import contact_model as contacts
+from ninedtact.mechanics.active_region import find_active_region, whole_grid_region
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact import ContactLeavesGrid, periodic_image_error_mm
+from ninedtact.mechanics.periodic_grid import InvalidGrid, PeriodicGrid, padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import gel_skin
-from ninedtact.mechanics.window import whole_patch, window_around
 
 MOVES = (Pose(depth_mm=0.8), Pose(0.4, -0.2, 0.9, 0.1))
 
@@ -20,7 +20,7 @@ MOVES = (Pose(depth_mm=0.8), Pose(0.4, -0.2, 0.9, 0.1))
 @settings(max_examples=25, deadline=None)
 @given(st.integers(20, 41), st.integers(20, 41), st.integers(1, 10), st.integers(1, 10), st.integers(0, 99))
 def test_a_window_answers_exactly_as_the_patch_with_zeros_around_it(rows, cols, high, wide, seed):
-    skin, random = gel_skin(Patch(rows, cols, 0.5), GEL, DOUBLE), np.random.default_rng(seed)
+    skin, random = gel_skin(PeriodicGrid(rows, cols, 0.5), GEL, DOUBLE), np.random.default_rng(seed)
     top, left = random.integers(0, rows - high), random.integers(0, cols - wide)
     inside = (..., slice(top, top + high), slice(left, left + wide))
     tractions = np.zeros((3, rows, cols))
@@ -33,9 +33,9 @@ def test_a_window_answers_exactly_as_the_patch_with_zeros_around_it(rows, cols, 
 
 def test_a_contact_in_a_window_is_the_contact_on_the_patch(monkeypatch):
     in_window = pressed(model(), *MOVES)
-    window = window_around(in_window.skin, -BALL.over_skin_mm(MOVES[0], *SMALL.place_mm))
+    window = find_active_region(in_window.skin, -BALL.over_skin_mm(MOVES[0], *SMALL.place_mm))
     assert window.response.field_shape < SMALL.shape
-    monkeypatch.setattr(contacts, "window_around", lambda skin, overlap: whole_patch(skin))
+    monkeypatch.setattr(contacts, "find_active_region", lambda skin, overlap: whole_grid_region(skin))
     on_patch = pressed(model(), *MOVES)
     np.testing.assert_allclose(in_window.pressure_mpa, on_patch.pressure_mpa, atol=1e-6)
     np.testing.assert_allclose(in_window.height_mm, on_patch.height_mm, atol=1e-6)
@@ -45,16 +45,21 @@ def test_skin_that_rises_into_the_object_beyond_the_window_is_seen(monkeypatch):
     honest = pressed(model(friction=3.0), Pose(depth_mm=0.5), Pose(x_mm=1.0, depth_mm=0.5))
     narrow = model(friction=3.0).skin.window(8, 8)
     middle = slice(SMALL.rows // 2 - 4, SMALL.rows // 2 + 4), slice(SMALL.cols // 2 - 4, SMALL.cols // 2 + 4)
-    monkeypatch.setattr(contacts, "window_around", lambda skin, _: contacts.Window(*middle, SMALL.shape, narrow))
+    monkeypatch.setattr(
+        contacts, "find_active_region", lambda skin, _: contacts.ActiveRegion(*middle, SMALL.shape, narrow)
+    )
     found = pressed(model(friction=3.0), Pose(depth_mm=0.5), Pose(x_mm=1.0, depth_mm=0.5))
     np.testing.assert_allclose(found.pressure_mpa, honest.pressure_mpa, atol=1e-5)
 
 
 def test_the_margin_keeps_the_images_of_a_contact_away():
     """Figures of docs/mechanics.md: a ball 1.5 mm deep, dragged 0.5 mm, with the margin of the twins."""
-    moves, rough = [Pose(depth_mm=1.0), Pose(depth_mm=1.5), Pose(x_mm=0.5, depth_mm=1.5)], Effort(tolerance=1e-2)
+    moves, rough = (
+        [Pose(depth_mm=1.0), Pose(depth_mm=1.5), Pose(x_mm=0.5, depth_mm=1.5)],
+        SolverSettings(tolerance=1e-2),
+    )
     worst = [
-        image_error_mm(pressed(model(patch=padded_patch(24, 18, 0.3, margin), effort=rough), *moves))
+        periodic_image_error_mm(pressed(model(patch=padded_grid(24, 18, 0.3, margin), effort=rough), *moves))
         for margin in (0, 4)
     ]
     near = [np.abs(error)[error.shape[0] // 2 - 10 : -(error.shape[0] // 2 - 10)].max() for error in worst]
@@ -67,19 +72,19 @@ def test_the_margin_keeps_the_images_of_a_contact_away():
 @pytest.mark.parametrize("depth", [0.1, 0.5])
 def test_what_reaches_the_border_is_refused(depth):
     with pytest.raises(
-        ContactLeavesPatch, match=r"expected the contact inside the patch of 21\.6 x 19\.2 mm, got it at .*; give"
+        ContactLeavesGrid, match=r"expected the contact inside the patch of 21\.6 x 19\.2 mm, got it at .*; give"
     ):
         pressed(model(), Pose(depth_mm=depth), indenter=Plate())
-    with pytest.raises(ContactLeavesPatch, match="left and right"):
-        pressing = model(friction=0.0, effort=Effort(rounds=2, iterations=20))
+    with pytest.raises(ContactLeavesGrid, match="left and right"):
+        pressing = model(friction=0.0, effort=SolverSettings(rounds=2, iterations=20))
         pressing.step_to_load(pressing.untouched(), Plate(), Pose(), 1.0)
 
 
 def test_a_patch_is_wide_enough_and_quick_to_transform():
-    patch = padded_patch(24, 18, 0.2, 4)
+    patch = padded_grid(24, 18, 0.2, 4)
     assert patch.width_mm >= 32
     assert patch.height_mm >= 26
     assert patch.cell_mm2 == pytest.approx(0.04)
     np.testing.assert_allclose(patch.place_mm.mean(axis=(1, 2)), 0, atol=1e-12)
-    with pytest.raises(GridImpossible, match=r"expected a grid of at least 8 x 8 points"):
-        Patch(4, 100, 0.2)
+    with pytest.raises(InvalidGrid, match=r"expected a grid of at least 8 x 8 points"):
+        PeriodicGrid(4, 100, 0.2)

@@ -6,10 +6,10 @@ from gels import BALL, SMALL, model, pressed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ninedtact.mechanics.contact import Effort
+from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.pose import Pose
 
-FINE = Effort(tolerance=1e-5)
+FINE = SolverSettings(tolerance=1e-5)
 
 
 def test_a_straight_press_has_neither_shear_nor_torque():

@@ -2,7 +2,7 @@
 
 from math import radians
 
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.motion import touch
 from ninedtact.simulation.stage import Act, Stage

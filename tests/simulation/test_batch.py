@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from ninedtact.mechanics.contact import ContactModel, Effort
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.batch import BatchRenderer
 from ninedtact.simulation.twin import Twin, default_twin
@@ -25,10 +26,10 @@ def twin() -> Twin:
 )
 def test_a_batch_is_drawn_as_each_alone(twin: Twin, like: object) -> None:
     skin = replace(twin.model.skin, like=like)
-    model = ContactModel(skin, twin.friction, Effort(tolerance=1e-4))
+    model = ContactModel(skin, twin.friction, SolverSettings(tolerance=1e-4))
     batch = model.step(model.untouched(), Ball(4.0), Pose.batch(POSES))
     factors = np.asarray(BatchRenderer(twin.renderer, like).factors(batch))
-    alone = ContactModel(twin.model.skin, twin.friction, Effort(tolerance=1e-4))
+    alone = ContactModel(twin.model.skin, twin.friction, SolverSettings(tolerance=1e-4))
     for pose, factor in zip(POSES, factors, strict=True):
         single = twin.renderer.factor(alone.step(alone.untouched(), Ball(4.0), pose))
         assert np.abs(factor - single).max() < 4e-3, "half a grey level, at the edge of the contact"

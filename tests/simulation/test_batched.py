@@ -20,10 +20,9 @@ from ninedtact.dataset.generation.hand import Hand
 from ninedtact.dataset.generation.job import Made, make_dataset
 from ninedtact.dataset.generation.settings import DatasetImpossible, DatasetSettings, Shares
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics import response
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.pose import Pose, PoseImpossible
-from ninedtact.mechanics.solids import FlatPunch
+from ninedtact.mechanics import skin
+from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
+from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched import device as devices
 from ninedtact.simulation.batched.device import Device, DeviceMissing, device_named
 from ninedtact.simulation.batched.objects import Shelf
@@ -134,7 +133,7 @@ class FullMemory:
     """Room for the fields of so many contacts."""
 
     def __init__(self, contacts: int, trouble: Exception) -> None:
-        self.contacts, self.trouble, self.spectrum = contacts, trouble, response.spectrum
+        self.contacts, self.trouble, self.spectrum = contacts, trouble, skin.forward_transform
 
     def __call__(self, field: Any, shape: tuple[int, int]) -> Any:
         if field.shape[0] > self.contacts:
@@ -150,7 +149,7 @@ class FullMemory:
 def test_a_full_memory_halves_the_batch_and_is_told(
     tmp_path: Path, together: Made, monkeypatch: pytest.MonkeyPatch, trouble: Exception
 ) -> None:
-    monkeypatch.setattr(response, "spectrum", FullMemory(2, trouble))
+    monkeypatch.setattr(skin, "forward_transform", FullMemory(2, trouble))
     said: list[str] = []
     make_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", tell=said.append)
     assert said == [
@@ -163,7 +162,7 @@ def test_a_full_memory_halves_the_batch_and_is_told(
 def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(response, "spectrum", FullMemory(0, torch.OutOfMemoryError("CUDA out of memory.")))
+    monkeypatch.setattr(skin, "forward_transform", FullMemory(0, torch.OutOfMemoryError("CUDA out of memory.")))
     options = "--pairs 2 --sensors 2 --size 32 24 --names ball:3 --pitch-mm 0.5 --device torch-cpu"
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split()]) == 1
     told = capsys.readouterr().err
@@ -172,7 +171,7 @@ def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
 
 
 def test_other_trouble_is_not_taken_for_a_full_memory(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(response, "spectrum", FullMemory(0, RuntimeError("CUDA error: an illegal memory access")))
+    monkeypatch.setattr(skin, "forward_transform", FullMemory(0, RuntimeError("CUDA error: an illegal memory access")))
     with pytest.raises(RuntimeError, match="illegal"):
         room.answers([Step(room.bench(0), None, Ball(), Pose(depth_mm=0.5))])
 
@@ -204,8 +203,8 @@ def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: Room) -> None:
             assert answer.area_mm2 == alone.area_mm2
             assert answer.stiffer == pytest.approx(alone.stiffer)
     assert isinstance(told[1], PoseOutOfView)
-    assert isinstance(told[2], PoseImpossible)
-    assert isinstance(told[3], PoseImpossible)
+    assert isinstance(told[2], InvalidPose)
+    assert isinstance(told[3], InvalidPose)
 
 
 def test_untouched_skin_is_shown_as_it_is(room: Room) -> None:

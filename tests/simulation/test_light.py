@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.simulation.light import Light, LightImpossible
 from ninedtact.simulation.seeing import FINER, Sight, refined, scattered
 
@@ -44,7 +44,7 @@ def test_a_negative_light_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize("shape", [(40, 48), (41, 49)], ids=["even", "odd"])
 def test_a_finer_grid_goes_through_the_same_points(shape: tuple[int, int]) -> None:
-    patch = Patch(*shape, 0.2)
+    patch = PeriodicGrid(*shape, 0.2)
     field = np.random.default_rng(0).normal(size=shape).astype(np.float32)
     (calm,) = scattered(patch, 0.4, field)
     (fine,) = refined(patch, np.ascontiguousarray(calm[::FINER, ::FINER]))
@@ -53,7 +53,7 @@ def test_a_finer_grid_goes_through_the_same_points(shape: tuple[int, int]) -> No
 
 
 def test_a_line_of_sight_meets_the_skin_where_it_is() -> None:
-    patch, nearness = Patch(100, 120, 0.2), 0.06
+    patch, nearness = PeriodicGrid(100, 120, 0.2), 0.06
     x, y = (axis.astype(np.float32) for axis in patch.place_mm)
     height = -1.5 * np.exp(-((x - 4) ** 2 + (y + 2) ** 2) / 8)
     through = np.array([[4.2, 3.0, 5.5]], np.float32), np.array([[-2.1, -1.0, -3.0]], np.float32)

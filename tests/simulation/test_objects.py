@@ -12,10 +12,10 @@ import torch
 import trimesh
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.indenter import NOTHING_MM, Ball, Indenter, TiltTooSteep
+from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
+from ninedtact.mechanics.indenter import NO_OBJECT_MM, Indenter, TiltTooSteep
+from ninedtact.mechanics.indenter_primitives import Ball, Cone, Cylinder, Ellipsoid, FlatPunch
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.relief import relief_of
-from ninedtact.mechanics.solids import Cone, Cylinder, Ellipsoid, FlatPunch
 from ninedtact.simulation.objects.families import FAMILIES
 from ninedtact.simulation.objects.generated import PAPER_COUNT, SHEET, object_named, object_names, objects
 from ninedtact.simulation.objects.mesh import KEPT_MM, MeshUnusable, Placing
@@ -37,10 +37,10 @@ X, Y = np.meshgrid(AXIS, AXIS)
 @every_member
 def test_an_underside_touches_its_plane_and_stays_above(name: str) -> None:
     heights = MEMBERS[name].underside_mm(X, Y)
-    assert np.isfinite(heights).all() and heights.min() >= 0 and heights.max() == NOTHING_MM
+    assert np.isfinite(heights).all() and heights.min() >= 0 and heights.max() == NO_OBJECT_MM
     # The grid may straddle the lowest point of the steepest edge.
     assert heights.min() < 0.06
-    footprint = heights < NOTHING_MM
+    footprint = heights < NO_OBJECT_MM
     reach = max(np.ptp(X[footprint]), np.ptp(Y[footprint]))
     assert 3.5 < reach < 21.8, "between what the skin can feel and what it can hold"
 
@@ -134,7 +134,9 @@ def test_an_object_is_its_seed_family_and_number_alone() -> None:
     assert object_names(10) == object_names(300)[:10]
     for name in ("gear_03", "fractal_02", "key_07"):
         family, number = name.rsplit("_", 1)
-        again = relief_of(name, SHEET.smooth(FAMILIES[family](Draw(0, family, int(number)), SHEET)), SHEET.pitch_mm)
+        again = indenter_from_heights(
+            name, SHEET.smooth(FAMILIES[family](Draw(0, family, int(number)), SHEET)), SHEET.pitch_mm
+        )
         assert (object_named(name).table_mm == again.table_mm).all()
         other = object_named(name, seed=1).table_mm
         assert other.shape != again.table_mm.shape or abs(other - again.table_mm).max() > 0.1
@@ -165,7 +167,7 @@ def folder(tmp_path: Path) -> Path:
 def test_a_ball_as_a_mesh_is_a_ball(folder: Path, name: str) -> None:
     found, near = object_for(str(folder / name)).underside_mm(X, Y), np.hypot(X, Y) < 3.5
     assert abs(found - Ball(4.0).underside_mm(X, Y))[near].max() < 0.02
-    assert (found[np.hypot(X, Y) > 4.15] == NOTHING_MM).all()
+    assert (found[np.hypot(X, Y) > 4.15] == NO_OBJECT_MM).all()
 
 
 def test_the_side_that_faces_the_skin_is_chosen(folder: Path) -> None:
@@ -176,7 +178,7 @@ def test_the_side_that_faces_the_skin_is_chosen(folder: Path) -> None:
     assert sizes["-x"] == pytest.approx((4, 6), abs=0.15) and sizes["+y"] == pytest.approx((10, 4), abs=0.15)
     ring = load_mesh(folder / "ring.ply").relief
     origin = np.zeros((1, 1))
-    assert ring.underside_mm(origin, origin) == NOTHING_MM and ring.underside_mm(origin + 3.5, origin) == 0
+    assert ring.underside_mm(origin, origin) == NO_OBJECT_MM and ring.underside_mm(origin + 3.5, origin) == 0
 
 
 def test_holes_and_crops_are_told(folder: Path) -> None:

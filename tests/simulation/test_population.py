@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ninedtact.design import Gel, SensingArea, SensorDesign
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.population.mechanics import finite_strain
 from ninedtact.simulation.population.member import SensorMember, member, member_from, population

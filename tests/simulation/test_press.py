@@ -8,9 +8,8 @@ import pytest
 from small_stage import TWIN
 
 from ninedtact.design import PinBoard
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.pose import Pose, PoseImpossible
-from ninedtact.mechanics.solids import FlatPunch
+from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
+from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.gauges import gauge_images, pin_board
 from ninedtact.simulation.press import Press, PressImpossible
 from ninedtact.simulation.truth import heights, heights_like, pressure_mpa, shear_mpa
@@ -51,7 +50,7 @@ def test_what_a_twin_cannot_answer_for_is_refused() -> None:
             Press(1.0, at_mm=beside).on(TWIN, Ball(4.0))
     with pytest.raises(PressImpossible, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
         Press(2.7).on(TWIN, Ball(4.0))
-    with pytest.raises(PoseImpossible, match=r"its base, 2.5 mm, got 2.59"):
+    with pytest.raises(InvalidPose, match=r"its base, 2.5 mm, got 2.59"):
         TWIN.step(TWIN.model.untouched(), Ball(4.0), Pose(depth_mm=2.6))
     for large, at in ((FlatPunch(18.0), (0.0, 0.0)), (FlatPunch(13.0), (0.0, 0.0)), (Ball(4.0), (13.5, 0.0))):
         with pytest.raises(ObjectTooLarge, match=r"touch no more than the gel of 29.5 x 22.5 mm, .* smaller object"):

@@ -8,7 +8,7 @@ from small_stage import PRESSED, TWIN, small_stage
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.camera import SimulatedCamera
 from ninedtact.simulation.force_torque import EXACT, SimulatedForceTorque
 from ninedtact.simulation.image import Renderer

@@ -7,7 +7,7 @@ import pytest
 from small_stage import PRESSED, TWIN, small_stage
 
 from ninedtact.capture.frame_source import SourceEnded
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.motion import Motion, MotionImpossible, Move, in_turn, touch
 from ninedtact.simulation.stage import KEPT_CONTACTS, Act, Stage, StageEmpty, StepForgotten

@@ -23,7 +23,7 @@ from jaxtyping import Float32, Shaped, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.library import library_of
+from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.quantities import Deformation, Rectified
 
 LEVELS = 256
@@ -91,14 +91,14 @@ def resized(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
 
 def parts(images: Any, references: Any) -> tuple[Any, Any]:
     """Darker and brighter of images of one size, (…, rows, cols); NumPy's or torch's arrays, of integers too."""
-    xp = library_of(images)
+    xp = array_namespace_of(images)
     change = xp.astype(references, xp.float32) - xp.astype(images, xp.float32)
     return xp.clip(change, 0, None), xp.clip(-change, 0, None)
 
 
 def channels(darker: Any, brighter: Any, reference: Any, layout: Layout = Layout.PLAIN) -> Any:
     """The input of a network, (…, 3, rows, cols) float32, from its parts (…, rows, cols) in NumPy or torch."""
-    xp = library_of(darker)
+    xp = array_namespace_of(darker)
     if layout is Layout.PLAIN:
         return xp.stack((darker, brighter, reference), axis=-3)
     tripled = [ORIGINAL_SCALE * xp.round(part) for part in (brighter, darker)]

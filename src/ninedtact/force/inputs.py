@@ -21,7 +21,7 @@ from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import DeformationReader, Layout, channels, network_input, parts
 from ninedtact.force.places import PlaceGrid, heights_at_places
 from ninedtact.force.traits import NUMBER, USUAL, Traits
-from ninedtact.mechanics.library import library_of
+from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.quantities import HeightMap, Reading, Rectified
 
 WHOLE_MM_PER_PX = 0.0522
@@ -142,7 +142,7 @@ def height_channels(z_mm: Any, traits: Any, channels: Channels) -> Any:
     per_image = traits[..., None, None]
     relative = z_mm / per_image[..., 0, :, :]
     told = (per_image[..., at, :, :] / float(usual) + 0 * relative for at, usual in enumerate(USUAL.row))
-    return library_of(relative).stack((relative, *islice(told, TRAITS_TOLD[channels])), axis=-3)
+    return array_namespace_of(relative).stack((relative, *islice(told, TRAITS_TOLD[channels])), axis=-3)
 
 
 def image_channels(images: Any, references: Any, of: Channels) -> Any:

@@ -9,25 +9,32 @@ conjugate gradients, which lose their memory whenever a point begins or ceases t
 from dataclasses import dataclass
 from functools import cached_property
 
-from ninedtact.mechanics.halving import Chosen, half_of, put, some
-from ninedtact.mechanics.library import library_of
-from ninedtact.mechanics.per_contact import PerContact, Which, positive
-from ninedtact.mechanics.response import Field, Points, Response, Vectors
+from ninedtact.mechanics.array_namespace import array_namespace_of
+from ninedtact.mechanics.batching import (
+    ContactFlags,
+    ContactIndices,
+    PerContact,
+    nonzero_divisor,
+    put_contacts,
+    take_contacts,
+    unconverged_half,
+)
+from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, VectorField
 
-AT_LIMIT = 0.99999
+_SLIP_FROM = 0.99999
 """Of μp, from which a point counts as slipping."""
-HELD = 1.00003
+_ROUNDING_MARGIN = 1.00003
 """Times that limit's square, a shear is surely beyond it, whatever rounding did."""
-LEAST_MPA = 1e-30
+_SMALLEST_MPA = 1e-30
 """So that nothing is divided by zero."""
 
 
 @dataclass(frozen=True)
-class Sheared:
+class ShearSolution:
     """Skin under shear, and how well it follows the object."""
 
-    shear_mpa: Vectors
-    slid_mm: Vectors
+    shear_mpa: VectorField
+    slid_mm: VectorField
     """Tangential displacement by the shear."""
     residual_mm: PerContact
     """The largest distance by which a sticking point misses where the object carried it, or by which a slipping point
@@ -38,155 +45,182 @@ class Sheared:
 
 
 @dataclass(frozen=True)
-class Grip:
+class FrictionLimit:
     """What friction can hold: shear up to μp, and none where there is no pressure."""
 
-    most_mpa: Field
+    most_mpa: ScalarField
 
-    def of(self, chosen: Chosen) -> "Grip":
+    def of(self, chosen: ContactIndices) -> "FrictionLimit":
         """On the chosen contacts of a batch."""
-        return Grip(some(self.most_mpa, chosen))
+        return FrictionLimit(take_contacts(self.most_mpa, chosen))
 
     @cached_property
-    def touched(self) -> Field:
+    def touched(self) -> ScalarField:
         """One under pressure, zero elsewhere."""
         return self.most_mpa * 0 + (self.most_mpa > 0)
 
     @cached_property
-    def limit(self) -> Field:
+    def limit(self) -> ScalarField:
         """Square from which a shear slips."""
-        return (AT_LIMIT * self.most_mpa) ** 2
+        return (_SLIP_FROM * self.most_mpa) ** 2
 
-    def exceeded(self, shear: Vectors) -> bool:
+    def exceeded(self, shear: VectorField) -> bool:
         """Whether some shear is more than friction holds, by more than rounding."""
-        return bool((squared(shear) > self.limit * HELD).any())
+        return bool((_squared_length(shear) > self.limit * _ROUNDING_MARGIN).any())
 
-    def capped(self, shear: Vectors) -> Vectors:
+    def capped(self, shear: VectorField) -> VectorField:
         """Each shear vector shortened to what friction can hold."""
-        xp = library_of(shear)
-        length = xp.sqrt(squared(shear))
-        return shear * (self.most_mpa / xp.maximum(length, self.most_mpa + LEAST_MPA))[..., None, :, :]
+        xp = array_namespace_of(shear)
+        length = xp.sqrt(_squared_length(shear))
+        return shear * (self.most_mpa / xp.maximum(length, self.most_mpa + _SMALLEST_MPA))[..., None, :, :]
 
-    def residual_mm(self, miss: Vectors, shear: Vectors) -> PerContact:
+    def residual_mm(self, miss: VectorField, shear: VectorField) -> PerContact:
         """The longest miss that a change of shear may still reduce, of either component.
 
         At the limit a miss that pulls the shear outward cannot be followed; what remains is the part across the shear.
         """
-        outward, square = dot(miss, shear), squared(shear)
+        outward, square = _dot_at_each_point(miss, shear), _squared_length(shear)
         slips = (square >= self.limit) & (outward < 0)
-        radial = slips * outward / (square + LEAST_MPA)
-        return farthest((miss - radial[..., None, :, :] * shear) * self.touched[..., None, :, :])
+        radial = slips * outward / (square + _SMALLEST_MPA)
+        return _max_component_over_grid((miss - radial[..., None, :, :] * shear) * self.touched[..., None, :, :])
 
 
 @dataclass(frozen=True)
-class Descent:
+class _ShearIterate:
     """Where the search for the shear has come to."""
 
-    shear_mpa: Vectors
-    miss_mm: Vectors
+    shear_mpa: VectorField
+    miss_mm: VectorField
     """From where the object carries the skin to where the shear does."""
     stride: PerContact
     """MPa per mm of miss, (…, 1, 1, 1)."""
 
-    def of(self, chosen: Chosen) -> "Descent":
+    def of(self, chosen: ContactIndices) -> "_ShearIterate":
         """That of the chosen contacts of a batch."""
-        return Descent(some(self.shear_mpa, chosen), some(self.miss_mm, chosen), some(self.stride, chosen))
+        return _ShearIterate(
+            take_contacts(self.shear_mpa, chosen),
+            take_contacts(self.miss_mm, chosen),
+            take_contacts(self.stride, chosen),
+        )
 
-    def after(self, chosen: Chosen, part: "Descent") -> "Descent":
+    def after(self, chosen: ContactIndices, part: "_ShearIterate") -> "_ShearIterate":
         """That of all contacts, after some went on."""
-        shear, miss = put(self.shear_mpa, chosen, part.shear_mpa), put(self.miss_mm, chosen, part.miss_mm)
-        return Descent(shear, miss, put(self.stride, chosen, part.stride))
+        shear, miss = (
+            put_contacts(self.shear_mpa, chosen, part.shear_mpa),
+            put_contacts(self.miss_mm, chosen, part.miss_mm),
+        )
+        return _ShearIterate(shear, miss, put_contacts(self.stride, chosen, part.stride))
 
 
 @dataclass(frozen=True)
-class Pull:
+class _ShearProblem:
     """What the search is for."""
 
-    response: Response
-    target_mm: Vectors
-    grip: Grip
+    response: DisplacementOperators
+    target_mm: VectorField
+    grip: FrictionLimit
     tolerance_mm: PerContact
 
-    def of(self, chosen: Chosen) -> "Pull":
+    def of(self, chosen: ContactIndices) -> "_ShearProblem":
         """For the chosen contacts of a batch."""
-        target, tolerance = some(self.target_mm, chosen), some(self.tolerance_mm, chosen)
-        return Pull(self.response.of(chosen), target, self.grip.of(chosen), tolerance)
+        target, tolerance = take_contacts(self.target_mm, chosen), take_contacts(self.tolerance_mm, chosen)
+        return _ShearProblem(self.response.of(chosen), target, self.grip.of(chosen), tolerance)
 
 
-def drag(
-    response: Response, target_mm: Vectors, grip: Grip, start: Sheared, tolerance_mm: PerContact, most_iterations: int
-) -> Sheared:
+def solve_shear(
+    response: DisplacementOperators,
+    target_mm: VectorField,
+    grip: FrictionLimit,
+    start: ShearSolution,
+    tolerance_mm: PerContact,
+    most_iterations: int,
+) -> ShearSolution:
     """Find the shear that carries the skin's points to where the object takes them, as far as friction holds.
 
     target_mm: wanted displacement by shear alone. start: a first guess; it is kept where it is good to the tolerance, else
     improved to half of it. Stops at `most_iterations` without complaint: the residual tells.
     """
-    at = begun(response, target_mm, grip, start)
+    at = _first_iterate(response, target_mm, grip, start)
     residual = disturbed = grip.residual_mm(at.miss_mm, at.shear_mpa)
-    pull, going = Pull(response, target_mm, grip, tolerance_mm), disturbed > tolerance_mm
-    at, residual, iterations = brought(pull, at, residual, going, range(most_iterations))
-    return Sheared(at.shear_mpa, at.miss_mm + target_mm, residual, disturbed, iterations)
+    pull, going = _ShearProblem(response, target_mm, grip, tolerance_mm), disturbed > tolerance_mm
+    at, residual, iterations = _iterate_shear(pull, at, residual, going, range(most_iterations))
+    return ShearSolution(at.shear_mpa, at.miss_mm + target_mm, residual, disturbed, iterations)
 
 
-def brought(
-    pull: Pull, at: Descent, residual: PerContact, going: Which, counts: range
-) -> tuple[Descent, PerContact, PerContact]:
+def _iterate_shear(
+    pull: _ShearProblem, at: _ShearIterate, residual: PerContact, going: ContactFlags, counts: range
+) -> tuple[_ShearIterate, PerContact, PerContact]:
     """Down to half the tolerance, with its residual and iterations; half a batch by itself when the other half is done."""
     iterations = 0 * pull.tolerance_mm
     for count in counts:
         if not bool(going.any()):
             break
-        if (half := half_of(going)) is not None:
-            picked = pull.of(half), at.of(half), some(residual, half), some(going, half)
-            part, left, more = brought(*picked, range(count, counts.stop))
-            return at.after(half, part), put(residual, half, left), iterations + put(0 * iterations, half, more)
-        at = descended(at, pull.response, pull.target_mm, pull.grip, going[..., None, :, :], long=count % 2 == 0)
+        if (half := unconverged_half(going)) is not None:
+            picked = pull.of(half), at.of(half), take_contacts(residual, half), take_contacts(going, half)
+            part, left, more = _iterate_shear(*picked, range(count, counts.stop))
+            return (
+                at.after(half, part),
+                put_contacts(residual, half, left),
+                iterations + put_contacts(0 * iterations, half, more),
+            )
+        at = _projected_gradient_step(
+            at, pull.response, pull.target_mm, pull.grip, going[..., None, :, :], long=count % 2 == 0
+        )
         residual = pull.grip.residual_mm(at.miss_mm, at.shear_mpa)
         iterations = iterations + going
         going = going & (residual > pull.tolerance_mm / 2)
     return at, residual, iterations
 
 
-def begun(response: Response, target_mm: Vectors, grip: Grip, start: Sheared) -> Descent:
+def _first_iterate(
+    response: DisplacementOperators, target_mm: VectorField, grip: FrictionLimit, start: ShearSolution
+) -> _ShearIterate:
     """The first guess, as far as friction holds it; the first stride is that of the waves a quarter as soft as the softest."""
     shear, slid = start.shear_mpa, start.slid_mm
     if grip.exceeded(shear):
         shear = grip.capped(shear)
         slid = response.slid_mm(shear)
-    return Descent(shear, slid - target_mm, 4 / response.softest_mm_per_mpa + 0 * slid[..., :1, :1, :1])
+    return _ShearIterate(shear, slid - target_mm, 4 / response.softest_mm_per_mpa + 0 * slid[..., :1, :1, :1])
 
 
-def descended(last: Descent, response: Response, target_mm: Vectors, grip: Grip, going: Which, long: bool) -> Descent:
+def _projected_gradient_step(
+    last: _ShearIterate,
+    response: DisplacementOperators,
+    target_mm: VectorField,
+    grip: FrictionLimit,
+    going: ContactFlags,
+    long: bool,
+) -> _ShearIterate:
     """One step down the miss, and the stride for the next: by turns Barzilai and Borwein's longer and shorter one."""
     shear = grip.capped(last.shear_mpa - going * last.stride * last.miss_mm)
     miss = response.slid_mm(shear) - target_mm
     change, answer = shear - last.shear_mpa, miss - last.miss_mm
-    curvature = inner(change, answer)
-    ratio = (inner(change, change), curvature) if long else (curvature, inner(answer, answer))
-    stride = response.xp.where(curvature > 0, ratio[0] / positive(ratio[1]), last.stride)
-    return Descent(shear, miss, stride)
+    curvature = _inner_product(change, answer)
+    ratio = (_inner_product(change, change), curvature) if long else (curvature, _inner_product(answer, answer))
+    stride = response.xp.where(curvature > 0, ratio[0] / nonzero_divisor(ratio[1]), last.stride)
+    return _ShearIterate(shear, miss, stride)
 
 
-def dot(one: Vectors, other: Vectors) -> Field:
+def _dot_at_each_point(one: VectorField, other: VectorField) -> ScalarField:
     """Product of two vectors at each point."""
     return one[..., 0, :, :] * other[..., 0, :, :] + one[..., 1, :, :] * other[..., 1, :, :]
 
 
-def squared(vectors: Vectors) -> Field:
+def _squared_length(vectors: VectorField) -> ScalarField:
     """Squared length of each vector."""
-    return dot(vectors, vectors)
+    return _dot_at_each_point(vectors, vectors)
 
 
-def slipping(shear: Vectors, most: Field) -> Points:
+def slip_mask(shear: VectorField, most: ScalarField) -> PointMask:
     """Where friction is at its limit."""
-    return squared(shear) >= Grip(most).limit
+    return _squared_length(shear) >= FrictionLimit(most).limit
 
 
-def farthest(miss: Vectors) -> PerContact:
+def _max_component_over_grid(miss: VectorField) -> PerContact:
     """The longest component of all."""
-    return library_of(miss).max(abs(miss), axis=(-3, -2, -1), keepdims=True)[..., 0, :, :]
+    return array_namespace_of(miss).max(abs(miss), axis=(-3, -2, -1), keepdims=True)[..., 0, :, :]
 
 
-def inner(one: Vectors, other: Vectors) -> PerContact:
+def _inner_product(one: VectorField, other: VectorField) -> PerContact:
     """Sum of products over grid and components, (…, 1, 1, 1)."""
     return (one * other).sum(axis=(-3, -2, -1), keepdims=True)

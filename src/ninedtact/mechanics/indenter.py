@@ -13,24 +13,23 @@ from array_api_compat import array_namespace
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.design import require_positive
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.per_contact import Number, over_grid
+from ninedtact.mechanics.batching import ScalarPerContact, expand_over_grid
 from ninedtact.mechanics.pose import Pose
 
 Heights = Float[Any, "*batch rows cols"]
-Posed = Float[Any, "*posed rows cols"]
+PosedHeights = Float[Any, "*posed rows cols"]
 """Heights under a pose, or under each of a batch of poses."""
 
-NOTHING_MM = 50.0
+NO_OBJECT_MM = 50.0
 """Height of the underside where there is no object."""
-TILT_REACH_MM = 8.0
+_TILT_REACH_MM = 8.0
 """Of a tilted underside, what is higher than this over its own plane counts as nothing: no skin yields so far."""
-TILT_DRIFT_MM = 0.3
+_TILT_DRIFT_MM = 0.3
 """How far a vertical line may move sideways in the frame of a tilted object between two layers that are looked at."""
-TILT_HALVINGS = 3
+_TILT_HALVINGS = 3
 """Of the stretch between two layers, each after a secant: exact for smooth undersides, near enough for walls."""
-STEEPEST_TILT_RAD = 1.0
+MAX_TILT_RAD = 1.0
 
 
 class TiltTooSteep(NinedtactError):
@@ -47,25 +46,25 @@ class Indenter(ABC):
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """Height of the underside over the object's own plane z = 0, which its lowest point touches."""
 
-    def over_skin_mm(self, pose: Pose, x_mm: Heights, y_mm: Heights) -> Posed:
+    def over_skin_mm(self, pose: Pose, x_mm: Heights, y_mm: Heights) -> PosedHeights:
         """Height of the posed underside over the untouched skin at these places, negative where it is pressed in.
 
-        Exact without tilt; with it, see `tilted_mm`. Raises `TiltTooSteep`.
+        Exact without tilt; with it, see `_tilted_underside_mm`. Raises `TiltTooSteep`.
         """
         if pose.level:
-            return self.underside_mm(*turned_back(pose, x_mm, y_mm)) - over_grid(pose.depth_mm, x_mm)
-        return tilted_mm(self, pose, x_mm, y_mm)
+            return self.underside_mm(*_to_object_frame(pose, x_mm, y_mm)) - expand_over_grid(pose.depth_mm, x_mm)
+        return _tilted_underside_mm(self, pose, x_mm, y_mm)
 
 
-def turned_back(pose: Pose, x_mm: Heights, y_mm: Heights) -> tuple[Posed, Posed]:
+def _to_object_frame(pose: Pose, x_mm: Heights, y_mm: Heights) -> tuple[PosedHeights, PosedHeights]:
     """Places of the skin in the frame of an object without tilt."""
-    x, y = x_mm - over_grid(pose.x_mm, x_mm), y_mm - over_grid(pose.y_mm, y_mm)
-    cos, sin = over_grid(np.cos(pose.twist_rad), x), over_grid(np.sin(pose.twist_rad), x)
+    x, y = x_mm - expand_over_grid(pose.x_mm, x_mm), y_mm - expand_over_grid(pose.y_mm, y_mm)
+    cos, sin = expand_over_grid(np.cos(pose.twist_rad), x), expand_over_grid(np.sin(pose.twist_rad), x)
     return cos * x + sin * y, cos * y - sin * x
 
 
 @dataclass(frozen=True)
-class Uprights:
+class _VerticalLines:
     """The vertical lines through places of the skin, in the frame of a tilted object."""
 
     indenter: Indenter
@@ -88,7 +87,7 @@ class Uprights:
 
 
 @dataclass
-class Bracket:
+class _EntryBracket:
     """Heights below and inside the object, between which each line enters it, and how deep inside both are."""
 
     below_mm: Any
@@ -114,64 +113,44 @@ class Bracket:
         return self.below_mm + part * (self.inside_mm - self.below_mm)
 
 
-def tilted_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: Heights) -> Posed:
+def _tilted_underside_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: Heights) -> PosedHeights:
     """Height over the skin of a tilted underside: where a vertical line first enters the object.
 
     Layers of the object are looked at from its own plane upwards until a line is inside; secants and halvings narrow the
     stretch where it entered. Walls, overhangs and edges have one such place, where a fixed point would jump to and fro.
     """
-    if not np.all(np.abs(pose.tilt_x_rad) + np.abs(pose.tilt_y_rad) < STEEPEST_TILT_RAD):
+    if not np.all(np.abs(pose.tilt_x_rad) + np.abs(pose.tilt_y_rad) < MAX_TILT_RAD):
         raise TiltTooSteep(
-            f"expected tilts of at most {STEEPEST_TILT_RAD:g} rad together, got {pose.tilt_x_rad} and "
+            f"expected tilts of at most {MAX_TILT_RAD:g} rad together, got {pose.tilt_x_rad} and "
             f"{pose.tilt_y_rad} rad; turn the object itself, so that another side faces the skin"
         )
-    turn = [[over_grid(pose.rotation[..., row, col], x_mm) for col in range(3)] for row in range(3)]
-    lines = Uprights(indenter, turn, x_mm - over_grid(pose.x_mm, x_mm), y_mm - over_grid(pose.y_mm, y_mm))
-    bracket = first_entry(lines, np.hypot(*pose.rotation[..., 2, :2].T) / pose.rotation[..., 2, 2])
+    turn = [[expand_over_grid(pose.rotation[..., row, col], x_mm) for col in range(3)] for row in range(3)]
+    lines = _VerticalLines(
+        indenter, turn, x_mm - expand_over_grid(pose.x_mm, x_mm), y_mm - expand_over_grid(pose.y_mm, y_mm)
+    )
+    bracket = _bracket_first_entry(lines, np.hypot(*pose.rotation[..., 2, :2].T) / pose.rotation[..., 2, 2])
     xp = array_namespace(x_mm)
-    for _ in range(TILT_HALVINGS):
+    for _ in range(_TILT_HALVINGS):
         for height in (bracket.secant_mm, (bracket.below_mm + bracket.inside_mm) / 2):
             bracket.take(xp, height, lines.excess_mm(height), bracket.found)
-    return xp.where(bracket.found, lines.z_mm(bracket.secant_mm), NOTHING_MM) - over_grid(pose.depth_mm, x_mm)
+    return xp.where(bracket.found, lines.z_mm(bracket.secant_mm), NO_OBJECT_MM) - expand_over_grid(pose.depth_mm, x_mm)
 
 
-def first_entry(lines: Uprights, slope: Number) -> Bracket:
+def _bracket_first_entry(lines: _VerticalLines, slope: ScalarPerContact) -> _EntryBracket:
     """The lowest layer of the object in which each line is inside it; layers are closest near the object's plane.
 
     In a batch each object has as many as it would have alone; the last one is looked at again while others have more.
     """
     xp, zero = array_namespace(lines.x_mm), lines.x_mm * 0
-    bracket = Bracket(zero, zero, zero - 1, zero + 1, zero > 0)
-    for part in layers(slope):
-        height = zero + over_grid(TILT_REACH_MM * part**2, zero)
+    bracket = _EntryBracket(zero, zero, zero - 1, zero + 1, zero > 0)
+    for part in _search_height_fractions(slope):
+        height = zero + expand_over_grid(_TILT_REACH_MM * part**2, zero)
         bracket.take(xp, height, lines.excess_mm(height), ~bracket.found)
     return bracket
 
 
-def layers(slope: Number) -> Float[Array, "layers ..."]:
+def _search_height_fractions(slope: ScalarPerContact) -> Float[Array, "layers ..."]:
     """Parts of the reach, from zero to one, in as many layers as each object has, and one for the rest."""
-    counts = [int(2 * TILT_REACH_MM * one / TILT_DRIFT_MM) + 3 for one in np.ravel(slope).tolist()]
+    counts = [int(2 * _TILT_REACH_MM * one / _TILT_DRIFT_MM) + 3 for one in np.ravel(slope).tolist()]
     each = [np.append(np.linspace(0, 1, count), np.ones(max(counts) - count)) for count in counts]
     return np.stack(each, axis=-1).reshape(-1, *np.shape(slope))
-
-
-@dataclass(frozen=True)
-class Ball(Indenter):
-    """A sphere."""
-
-    radius_mm: float = 4.0
-
-    def __post_init__(self) -> None:
-        require_positive("ball.radius_mm", self.radius_mm)
-
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """Ball and diameter."""
-        return f"ball_{2 * self.radius_mm:g}mm"
-
-    def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """The lower cap; nothing beyond the equator."""
-        xp = array_namespace(x_mm)
-        below = self.radius_mm**2 - x_mm**2 - y_mm**2
-        cap = self.radius_mm - xp.sqrt(xp.where(below > 0, below, 0.0))
-        return xp.where(below > 0, cap, NOTHING_MM)

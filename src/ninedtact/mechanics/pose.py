@@ -14,11 +14,11 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.library import library_of
-from ninedtact.mechanics.per_contact import Number, over_grid
+from ninedtact.mechanics.array_namespace import array_namespace_of
+from ninedtact.mechanics.batching import ScalarPerContact, expand_over_grid
 
 
-class PoseImpossible(NinedtactError):
+class InvalidPose(NinedtactError):
     """A place where no object can be, or none that this skin can answer for."""
 
 
@@ -26,26 +26,30 @@ class PoseImpossible(NinedtactError):
 class Pose:
     """Position of the object's origin, mm, and its turn, rad.
 
-    A batch of poses has arrays (batch,) in place of some or all numbers. Raises `PoseImpossible` unless all are finite.
+    A batch of poses has arrays (batch,) in place of some or all numbers. Raises `InvalidPose` unless all are finite.
     """
 
-    x_mm: Number = 0.0
-    y_mm: Number = 0.0
-    depth_mm: Number = 0.0
+    x_mm: ScalarPerContact = 0.0
+    y_mm: ScalarPerContact = 0.0
+    depth_mm: ScalarPerContact = 0.0
     """How far the origin is below the untouched skin, −z; negative above it."""
-    twist_rad: Number = 0.0
-    tilt_x_rad: Number = 0.0
-    tilt_y_rad: Number = 0.0
+    twist_rad: ScalarPerContact = 0.0
+    tilt_x_rad: ScalarPerContact = 0.0
+    tilt_y_rad: ScalarPerContact = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not np.isfinite(value).all():
-                raise PoseImpossible(f"expected a finite {name}, got {value}; correct the pose")
+                raise InvalidPose(f"expected a finite {name}, got {value}; correct the pose")
 
     @cached_property
     def rotation(self) -> Float[Array, "*batch 3 3"]:
         """Columns are the object's axes in the sensor's frame."""
-        turned = turn(1, self.tilt_y_rad) @ turn(0, self.tilt_x_rad) @ turn(2, self.twist_rad)
+        turned = (
+            _rotation_about_axis(1, self.tilt_y_rad)
+            @ _rotation_about_axis(0, self.tilt_x_rad)
+            @ _rotation_about_axis(2, self.twist_rad)
+        )
         return np.broadcast_to(turned, (*self.batch_shape, 3, 3))
 
     @property
@@ -80,7 +84,7 @@ class Pose:
         return Pose(*np.array([[getattr(pose, field.name) for field in fields(Pose)] for pose in poses], float).T)
 
 
-def turn(axis: int, angle_rad: Number) -> Float[Array, "*batch 3 3"]:
+def _rotation_about_axis(axis: int, angle_rad: ScalarPerContact) -> Float[Array, "*batch 3 3"]:
     """Rotation about a coordinate axis, right-handed."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
     matrix = np.zeros((*np.shape(angle_rad), 3, 3))
@@ -91,7 +95,7 @@ def turn(axis: int, angle_rad: Number) -> Float[Array, "*batch 3 3"]:
     return matrix
 
 
-def carried_mm(before: Pose, after: Pose, place_mm: Any) -> Any:
+def rigid_displacement_mm(before: Pose, after: Pose, place_mm: Any) -> Any:
     """How far (x, y) the points of a rigid object at these places of the skin's plane move between two poses.
 
     place_mm: (…, 2, rows, cols); the result has the same shape, with the batch of the poses.
@@ -100,8 +104,8 @@ def carried_mm(before: Pose, after: Pose, place_mm: Any) -> Any:
     turned = step[..., :2, :2] - np.eye(2)
     # A point of the plane stands origin depth above the object's origin, which matters for tilts alone.
     shift = (after.origin_mm - before.origin_mm)[..., :2] + step[..., :2, 2] * np.asarray(before.depth_mm)[..., None]
-    x = place_mm[..., 0, :, :] - over_grid(before.x_mm, place_mm)
-    y = place_mm[..., 1, :, :] - over_grid(before.y_mm, place_mm)
+    x = place_mm[..., 0, :, :] - expand_over_grid(before.x_mm, place_mm)
+    y = place_mm[..., 1, :, :] - expand_over_grid(before.y_mm, place_mm)
     rows = [[*(turned[..., row, col] for col in (0, 1)), shift[..., row]] for row in (0, 1)]
-    rows = [[over_grid(number, place_mm) for number in row] for row in rows]
-    return library_of(place_mm).stack([by_x * x + by_y * y + by for by_x, by_y, by in rows], axis=-3)
+    rows = [[expand_over_grid(number, place_mm) for number in row] for row in rows]
+    return array_namespace_of(place_mm).stack([by_x * x + by_y * y + by for by_x, by_y, by in rows], axis=-3)

@@ -12,10 +12,9 @@ import numpy as np
 from array_api_compat import device
 from jaxtyping import Float
 
+from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
+from ninedtact.mechanics.batching import expand_over_grid
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.library import library_of
-from ninedtact.mechanics.per_contact import over_grid
-from ninedtact.mechanics.transform import field_of, spectrum
 from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.seeing import FINER, STEPS
 
@@ -35,8 +34,8 @@ class BatchRenderer:
         """Brightness of every raw pixel relative to untouched skin, one image for each contact of the batch."""
         light = self.renderer.light
         seen = light.change(self.seen_mm(contacts))
-        dark = library_of(seen).clip(-seen, min=0.0) * self.sensing
-        lost = light.global_dimming * library_of(seen).sum(dark, axis=(-2, -1), keepdims=True)
+        dark = array_namespace_of(seen).clip(-seen, min=0.0) * self.sensing
+        lost = light.global_dimming * array_namespace_of(seen).sum(dark, axis=(-2, -1), keepdims=True)
         return self.through_lens((1 + self.scattered(seen)) * (1 - lost))
 
     def images(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols 3"]:
@@ -56,7 +55,7 @@ class BatchRenderer:
         """Height of the skin at places of the sensor."""
         patch = contacts.skin.patch
         cols, rows = (
-            (place - over_grid(middle, place)) / patch.pitch_mm + (points - 1) / 2
+            (place - expand_over_grid(middle, place)) / patch.pitch_mm + (points - 1) / 2
             for place, middle, points in zip((x_mm, y_mm), contacts.centre_mm, (patch.cols, patch.rows), strict=True)
         )
         return between(cols, rows, patch.shape).of_each(contacts.height_mm)
@@ -65,12 +64,12 @@ class BatchRenderer:
         """Through the point-spread, made finer by its waves."""
         plane = self.renderer.plane
         fine = plane.rows * FINER, plane.cols * FINER
-        wave = spectrum(field, plane.shape) * self.spread
-        xp, (upper, half) = library_of(wave), ((plane.rows + 1) // 2, wave.shape[-1])
+        wave = forward_transform(field, plane.shape) * self.spread
+        xp, (upper, half) = array_namespace_of(wave), ((plane.rows + 1) // 2, wave.shape[-1])
         room = xp.zeros((wave.shape[0], fine[0], fine[1] // 2 + 1), dtype=wave.dtype, device=device(wave))
         room[:, :upper, :half] = wave[:, :upper, :]
         room[:, upper - plane.rows :, :half] = wave[:, upper:, :]
-        return field_of(room, fine, fine)
+        return inverse_transform(room, fine, fine)
 
     def through_lens(self, fine: Fields) -> Float[Any, "batch raw_rows raw_cols"]:
         """As each raw pixel sees the plane."""
@@ -107,7 +106,7 @@ class BatchRenderer:
 
     def asarray(self, values: Any) -> Any:
         """Numbers as an array like those of this renderer."""
-        xp = library_of(self.like)
+        xp = array_namespace_of(self.like)
         return xp.asarray(np.ascontiguousarray(values, np.float32), dtype=self.like.dtype, device=device(self.like))
 
 
@@ -123,7 +122,7 @@ class Between:
 
     def of(self, fields: Fields) -> Places:
         """The same places in each of many fields."""
-        xp, many = library_of(fields), fields.shape[0]
+        xp, many = array_namespace_of(fields), fields.shape[0]
         flat, shape = xp.reshape(fields, (many, -1)), (many, *self.along.shape)
         return self.mixed(
             *(xp.reshape(xp.take(flat, xp.reshape(corner, (-1,)), axis=1), shape) for corner in self.corners)
@@ -131,7 +130,7 @@ class Between:
 
     def of_each(self, fields: Fields) -> Places:
         """In each field places of its own."""
-        xp, (many, height, width) = library_of(fields), fields.shape
+        xp, (many, height, width) = array_namespace_of(fields), fields.shape
         flat, start = xp.reshape(fields, (-1,)), xp.arange(many, device=device(fields)) * (height * width)
         indices = (corner + start[:, None, None] for corner in self.corners)
         return self.mixed(*(xp.reshape(xp.take(flat, xp.reshape(k, (-1,)), axis=0), k.shape) for k in indices))
@@ -145,7 +144,7 @@ class Between:
 
 def between(cols: Float[Any, "*batch a b"], rows: Float[Any, "*batch a b"], shape: tuple[int, int]) -> Between:
     """These places of fields of this shape (rows, cols)."""
-    xp, (height, width) = library_of(cols), shape
+    xp, (height, width) = array_namespace_of(cols), shape
     first_col, first_row = xp.floor(cols), xp.floor(rows)
     left, right = (xp.astype(first_col + step, xp.int64) % width for step in (0, 1))
     upper, lower = (xp.astype(first_row + step, xp.int64) % height * width for step in (0, 1))

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from ninedtact.design import ACRYLIC, SILICONE, SensorDesign
-from ninedtact.mechanics.gel import bonded_layer
+from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
@@ -34,7 +34,7 @@ def designed_twin(design: SensorDesign, seed: int = 0) -> Twin:
     area = design.sensing_area
     return Twin(
         "default" if design == AVERAGE else "designed",
-        partial(bonded_layer, gel=design.gel),
+        partial(bonded_layer_compliance, gel=design.gel),
         renderer,
         area_mm=area.size_mm,
         thickness_mm=design.gel.thickness_mm,

@@ -8,9 +8,9 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.image_file import average_images
 from ninedtact.design import PinBoard, SensorDesign
-from ninedtact.mechanics.contact import Effort
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.relief import Relief, relief_of
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.image import Image
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import Twin
@@ -26,7 +26,7 @@ GUIDED_FRAMES, GUIDED_BOARD_MM = 8, 0.85
 BALL_DEPTH_MM = 1.8
 BALL_DRAG_MM = 0.2, -0.12
 """A hand never presses straight."""
-ENOUGH = Effort(tolerance=5e-3)
+ENOUGH = SolverSettings(tolerance=5e-3)
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,14 @@ def gauge_images(
     )
 
 
-def pin_board(board: PinBoard) -> Relief:
+def pin_board(board: PinBoard) -> HeightGridIndenter:
     """The board's underside: hemispheres on cylinders on a floor."""
     half = [(count - 1) / 2 * board.pitch_mm + board.pitch_mm / 2 for count in (board.cols, board.rows)]
     x, y = np.meshgrid(*(np.linspace(-reach, reach, round(2 * reach / TABLE_PITCH_MM) + 1) for reach in half))
     from_pin = np.hypot(from_nearest(x, board.cols, board.pitch_mm), from_nearest(y, board.rows, board.pitch_mm))
     radius = board.pin_diameter_mm / 2
     tip = radius - np.sqrt(np.maximum(radius**2 - from_pin**2, 0))
-    return relief_of("pin_board", np.where(from_pin < radius, tip, PIN_TALL_MM), TABLE_PITCH_MM)
+    return indenter_from_heights("pin_board", np.where(from_pin < radius, tip, PIN_TALL_MM), TABLE_PITCH_MM)
 
 
 def from_nearest(place_mm: Float[Array, "rows cols"], pins: int, pitch_mm: float) -> Float[Array, "rows cols"]:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.patch import Patch, padded_patch
+from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.simulation.light import Light
 from ninedtact.simulation.noise import Noise
 from ninedtact.simulation.seeing import FINER, Sight, grid, scattered
@@ -55,10 +55,10 @@ class Renderer:
         return np.asarray(cv2.remap(factor, *self.lens, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
     @cached_property
-    def plane(self) -> Patch:
+    def plane(self) -> PeriodicGrid:
         """Grid of the untouched plane, which covers the view."""
         x, y = self.view.reach_mm
-        return padded_patch(2 * x, 2 * y, PLANE_PITCH_MM, PLANE_PITCH_MM)
+        return padded_grid(2 * x, 2 * y, PLANE_PITCH_MM, PLANE_PITCH_MM)
 
     @cached_property
     def plane_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:

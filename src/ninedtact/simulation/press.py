@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.contact import Contact, Effort
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.twin import Twin
 
 DOWN_MM, ALONG_MM, ROUND_RAD = 0.5, 0.3, np.radians(4.0)
 """The longest steps: friction remembers the way, so it matters."""
-CAREFUL = Effort(tolerance=2e-3)
+CAREFUL = SolverSettings(tolerance=2e-3)
 
 
 class PressImpossible(NinedtactError):
@@ -54,7 +55,7 @@ class Press:
         if dragged != pressed:
             yield from (pressed.towards(dragged, number / many) for number in range(1, many + 1))
 
-    def on(self, twin: Twin, indenter: Indenter, effort: Effort | None = CAREFUL) -> Contact:
+    def on(self, twin: Twin, indenter: Indenter, effort: SolverSettings | None = CAREFUL) -> Contact:
         """The contact at its end. effort: None leaves the twin's own. Raises what `Twin.step` raises."""
         self.require_above_base(twin)
         twin = twin if effort is None else replace(twin, effort=effort)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 
 STEPS = 3
 """Of the fixed point that finds where a line of sight meets the skin; each gains a factor of slope · place/D, under 0.4."""
@@ -31,7 +31,7 @@ class Sight:
     y_mm: Float32[Array, "a b"]
     nearness_per_mm: float
 
-    def away(self, patch: Patch, centre_mm: tuple[float, float], height: Field) -> Float32[Array, "a b"]:
+    def away(self, patch: PeriodicGrid, centre_mm: tuple[float, float], height: Field) -> Float32[Array, "a b"]:
         """How many times farther from the middle than on the plane each line meets the skin."""
         away = np.ones_like(self.x_mm)
         for _ in range(STEPS if self.nearness_per_mm else 0):
@@ -40,7 +40,7 @@ class Sight:
         return away
 
     def height_mm(
-        self, patch: Patch, centre_mm: tuple[float, float], height: Field, *, fine: bool = False
+        self, patch: PeriodicGrid, centre_mm: tuple[float, float], height: Field, *, fine: bool = False
     ) -> Float32[Array, "a b"]:
         """Height of the skin that these points show. `centre_mm`: where the patch's middle lies on the sensor."""
         away = self.away(patch, centre_mm, height)
@@ -48,7 +48,9 @@ class Sight:
         return sampled(refined(patch, height)[0] if fine else height, *at)
 
 
-def grid(patch: Patch, centre_mm: tuple[float, float], x_mm: Array, y_mm: Array, finer: int = 1) -> tuple[Array, Array]:
+def grid(
+    patch: PeriodicGrid, centre_mm: tuple[float, float], x_mm: Array, y_mm: Array, finer: int = 1
+) -> tuple[Array, Array]:
     """Columns and rows of a patch, or of one made finer, at places of the sensor."""
     per_mm = np.float32(finer / patch.pitch_mm)
     cols = (x_mm - np.float32(centre_mm[0])) * per_mm + np.float32((patch.cols - 1) / 2 * finer)
@@ -61,12 +63,12 @@ def sampled(field: Float32[Array, "rows cols"], cols: Array, rows: Array) -> Arr
     return np.asarray(cv2.remap(field, cols, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
 
 
-def refined(patch: Patch, *fields: Field) -> Float32[Array, "n fine_rows fine_cols"]:
+def refined(patch: PeriodicGrid, *fields: Field) -> Float32[Array, "n fine_rows fine_cols"]:
     """Fields of a patch on a grid `FINER` times finer, by their waves."""
     return scattered(patch, 0.0, *fields)
 
 
-def scattered(patch: Patch, sigma_mm: float, *fields: Field) -> Float32[Array, "n fine_rows fine_cols"]:
+def scattered(patch: PeriodicGrid, sigma_mm: float, *fields: Field) -> Float32[Array, "n fine_rows fine_cols"]:
     """The same through a Gaussian point-spread; exact and periodic."""
     from scipy.fft import irfft2, rfft2
 
@@ -77,7 +79,7 @@ def scattered(patch: Patch, sigma_mm: float, *fields: Field) -> Float32[Array, "
     return np.asarray(irfft2(with_room(wave, patch), s=(patch.rows * FINER, patch.cols * FINER)), np.float32)
 
 
-def with_room(wave: Array, patch: Patch) -> Array:
+def with_room(wave: Array, patch: PeriodicGrid) -> Array:
     """A transform with zeros where the finer grid has waves that the patch has not."""
     upper = (patch.rows + 1) // 2
     room = np.zeros((*wave.shape[:-2], patch.rows * FINER, patch.cols * FINER // 2 + 1), wave.dtype)

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
+from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.per_contact import on_cpu
 from ninedtact.quantities import Coverage, HeightMap, centred_axis_mm
 from ninedtact.simulation.seeing import Sight, grid, sampled
 
@@ -23,7 +23,7 @@ def heights(contact: Contact, shape: tuple[int, int], mm_per_px: float, nearness
     """
     sight = Sight(*grid_mm(shape, mm_per_px), nearness_per_mm)
     z_mm = sight.height_mm(
-        contact.skin.patch, contact.centre_mm, on_cpu(contact.height_mm).astype(np.float32), fine=True
+        contact.skin.patch, contact.centre_mm, to_numpy(contact.height_mm).astype(np.float32), fine=True
     )
     coverage = np.full(shape, Coverage.MEASURED, np.uint8)
     return HeightMap(z_mm, coverage, mm_per_px, camera_distance_mm=1 / nearness_per_mm if nearness_per_mm else np.inf)
@@ -54,7 +54,7 @@ def shear_mpa(contact: Contact, shape: tuple[int, int], mm_per_px: float) -> Flo
 def on_grid(contact: Contact, field: Array, shape: tuple[int, int], mm_per_px: float) -> Float32[Array, "rows cols"]:
     """A field of the skin at the places of a grid, linearly."""
     at = grid(contact.skin.patch, contact.centre_mm, *grid_mm(shape, mm_per_px))
-    return sampled(on_cpu(field).astype(np.float32), *at)
+    return sampled(to_numpy(field).astype(np.float32), *at)
 
 
 def grid_mm(

@@ -8,11 +8,13 @@ import numpy as np
 
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.contact import Contact, ContactLeavesPatch, ContactModel, Effort
-from ninedtact.mechanics.gel import ComplianceOf, bonded_layer
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.array_namespace import to_numpy
+from ninedtact.mechanics.contact import Contact, ContactLeavesGrid
+from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.patch import padded_patch
-from ninedtact.mechanics.per_contact import on_cpu
+from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance
+from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
 from ninedtact.simulation.image import Renderer
@@ -24,7 +26,7 @@ from ninedtact.simulation.view import WideLens
 PITCH_MM = 0.2
 MARGIN_MM = 4.0
 """Skin beyond the sensing area; see docs/mechanics.md for the error it leaves."""
-LIVE = Effort(tolerance=1e-2, must_converge=False)
+LIVE = SolverSettings(tolerance=1e-2, must_converge=False)
 """A hundredth of the depth: less than the noise of an image shows."""
 
 
@@ -46,12 +48,12 @@ class Twin:
     """Everything needed to press it and to look at it."""
 
     name: str
-    compliance_of: ComplianceOf
+    compliance_of: ComplianceFunction
     renderer: Renderer
     friction: float = 1.0
     pitch_mm: float = PITCH_MM
     area_mm: tuple[float, float] = (24.0, 18.0)
-    effort: Effort = field(default_factory=lambda: LIVE)
+    effort: SolverSettings = field(default_factory=lambda: LIVE)
     thickness_mm: float = np.inf
     """Of all that yields."""
     gel_mm: tuple[float, float] = (29.5, 22.5)
@@ -62,7 +64,7 @@ class Twin:
     @cached_property
     def model(self) -> ContactModel:
         """The skin, ready to be pressed."""
-        patch = padded_patch(*self.area_mm, self.pitch_mm, MARGIN_MM)
+        patch = padded_grid(*self.area_mm, self.pitch_mm, MARGIN_MM)
         skin = Skin(patch, self.compliance_of, np.zeros((), np.float32), self.thickness_mm)
         return ContactModel(skin, self.friction, self.effort)
 
@@ -77,7 +79,7 @@ class Twin:
                 contact = self.model.step(last, indenter, pose)
             else:
                 contact = self.model.step_to_load(last, indenter, pose, load_n)
-        except ContactLeavesPatch as beyond:
+        except ContactLeavesGrid as beyond:
             raise self.too_large(indenter, "more than that") from beyond
         self.require_on_gel(indenter, contact)
         return contact
@@ -93,7 +95,7 @@ class Twin:
 
     def require_on_gel(self, indenter: Indenter, contact: Contact) -> None:
         """Refuse a contact that reaches over the gel's rim; raises `ObjectTooLarge`."""
-        pressed = on_cpu(contact.pressure_mpa) > 0
+        pressed = to_numpy(contact.pressure_mpa) > 0
         if not pressed.any():
             return
         reach = [float(np.abs(place[pressed]).max()) for place in contact.surface_mm[:2]]
@@ -113,4 +115,4 @@ def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
     """The twin of no sensor in particular: the published gel, an average light and lens; the seed is that of its skin."""
     view = WideLens().view()
     renderer = Renderer(view, untouched_image(view, seed=seed), Light(), Noise(shape=view.raw_shape, seed=seed))
-    return Twin("default", partial(bonded_layer, gel=gel), renderer, thickness_mm=gel.thickness_mm)
+    return Twin("default", partial(bonded_layer_compliance, gel=gel), renderer, thickness_mm=gel.thickness_mm)

@@ -14,10 +14,12 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.brightness import smoothed
 from ninedtact.design import SensorDesign
-from ninedtact.mechanics.contact import Contact, ContactModel, Effort
-from ninedtact.mechanics.gel import bonded_layer
-from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
 from ninedtact.quantities import Rectified
@@ -139,12 +141,12 @@ class ObservedPress:
         return whole[::EVERY_PX, ::EVERY_PX]
 
 
-PATCH = Patch(128, 128, 0.2)
+PATCH = PeriodicGrid(128, 128, 0.2)
 """25.6 mm square around the contact: what is beyond is too faint to matter."""
 FRICTION = 1.0
 """Silicone on anything clean; between 0.5 and 1 the fit hardly changes."""
 PRESS_STEP_MM, DRAG_STEP_MM = 0.5, 0.35
-EFFORT = Effort(tolerance=2e-3, must_converge=False)
+EFFORT = SolverSettings(tolerance=2e-3, must_converge=False)
 KEPT_CONTACTS = 64
 
 
@@ -230,4 +232,4 @@ def skin_of(thickness_mm: float, poisson_ratio: float) -> Skin:
     from ninedtact.design import Gel
 
     gel = replace(Gel(), thickness_mm=thickness_mm, shear_modulus_mpa=1.0, poisson_ratio=poisson_ratio)
-    return Skin(PATCH, lambda wave_number: bonded_layer(wave_number, gel), np.zeros((), np.float32))
+    return Skin(PATCH, lambda wave_number: bonded_layer_compliance(wave_number, gel), np.zeros((), np.float32))

@@ -16,11 +16,12 @@ from ninedtact.calibration.brightness import smoothed
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.ball_press_model import DIMMEST, FRICTION, SMOOTHING_PX
 from ninedtact.design import PinBoard
-from ninedtact.mechanics.contact import ContactModel, Effort
-from ninedtact.mechanics.gel import bonded_layer
-from ninedtact.mechanics.patch import Patch, padded_patch
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter
+from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
+from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.relief import Relief
 from ninedtact.mechanics.skin import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.lens import Points
@@ -93,7 +94,7 @@ class ObservedBoard:
 
 MARGIN_MM = 5.0
 """Skin beyond the outermost pins."""
-EFFORT = Effort(tolerance=5e-3, must_converge=False)
+EFFORT = SolverSettings(tolerance=5e-3, must_converge=False)
 
 Field = Float32[Array, "rows cols"]
 
@@ -116,7 +117,7 @@ class BoardPress:
 class Drawn:
     """Relative change of brightness on the untouched plane, finely sampled."""
 
-    patch: Patch
+    patch: PeriodicGrid
     field: Float32[Array, "fine_rows fine_cols"]
 
     def at(self, points_mm: Points) -> Float[Array, " n"]:
@@ -138,16 +139,16 @@ class BoardForward:
     board: PinBoard
 
     @cached_property
-    def relief(self) -> Relief:
+    def relief(self) -> HeightGridIndenter:
         """The board's underside."""
         return pin_board(self.board)
 
     @cached_property
-    def patch(self) -> Patch:
+    def patch(self) -> PeriodicGrid:
         """Pins, the floor around them, and skin beyond."""
         pitch_mm = self.board.pitch_mm
         width_mm, height_mm = (count * pitch_mm for count in (self.board.cols, self.board.rows))
-        return padded_patch(width_mm, height_mm, pitch_mm / PINS_PER_CELL, MARGIN_MM)
+        return padded_grid(width_mm, height_mm, pitch_mm / PINS_PER_CELL, MARGIN_MM)
 
     @cached_property
     def heights(self) -> dict[BoardPress, Field]:
@@ -170,7 +171,7 @@ class BoardForward:
             shear_modulus_mpa=1.0,
             poisson_ratio=press.poisson_ratio,
         )
-        skin = Skin(self.patch, lambda wave_number: bonded_layer(wave_number, gel), np.zeros((), np.float32))
+        skin = Skin(self.patch, lambda wave_number: bonded_layer_compliance(wave_number, gel), np.zeros((), np.float32))
         model = ContactModel(skin, FRICTION, EFFORT)
         pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
         return np.asarray(model.step(model.untouched(), self.relief, pose).height_mm, np.float32)

@@ -8,7 +8,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.image_file import read_image
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.gel import bonded_layer
+from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.shape.rectification import Rectification, skin_grid_mm
 from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.light import Light
@@ -41,7 +41,9 @@ def twin_from(
     """The twin of a sensor, on the untouched image that it was calibrated from."""
     noise = Noise(noise_grey_levels, rectify.raw_shape)
     renderer = Renderer(view_of(rectify), untouched.astype(np.float32), light, noise)
-    return Twin(name, lambda wave_number: bonded_layer(wave_number, gel), renderer, thickness_mm=gel.thickness_mm)
+    return Twin(
+        name, lambda wave_number: bonded_layer_compliance(wave_number, gel), renderer, thickness_mm=gel.thickness_mm
+    )
 
 
 def view_of(rectify: Rectification) -> View:

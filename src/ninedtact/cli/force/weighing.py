@@ -41,7 +41,7 @@ def presses(estimator: "ForceEstimator", member: "SensorMember", shape: "Calibra
 
 def readings(member: "SensorMember", shape: "CalibratedShape") -> "Iterator[tuple[Reading, float]]":
     """Every press as the sensor reads it, and its load."""
-    from ninedtact.mechanics.indenter import Ball
+    from ninedtact.mechanics.indenter_primitives import Ball
     from ninedtact.mechanics.pose import Pose
     from ninedtact.quantities import Frame, Reading
 

@@ -12,13 +12,13 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.dataset.generation.hand import Aim, Hand
-from ninedtact.mechanics.contact import ContactLeavesPatch, LoadImpossible
+from ninedtact.mechanics.contact import ContactLeavesGrid, InvalidLoad
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.pose import Pose, PoseImpossible
+from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched.requests import Asking, Bench, Felt, Step
 from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 
-LIFTED = (PoseOutOfView, LoadImpossible, ContactLeavesPatch, ObjectTooLarge)
+LIFTED = (PoseOutOfView, InvalidLoad, ContactLeavesGrid, ObjectTooLarge)
 """Where no contact can be: the hand lifts the object."""
 FARTHEST_MM = 0.5
 """One step sideways at most."""
@@ -80,7 +80,7 @@ class Touch:
         """Under the load, or as deep as a hand goes."""
         try:
             felt: Felt = yield self.step(pose, load_n)
-        except PoseImpossible:
+        except InvalidPose:
             # The object would go through the gel: no hand presses a needle that hard.
             return (yield from self.sunk(pose, load_n / 2))
         too_deep = felt.deepest_mm - self.hand.deepest * self.bench.member.gel.thickness_mm

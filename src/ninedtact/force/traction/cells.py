@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.patch import Patch
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.quantities import centred_axis_mm
 
 COARSEST_MM = 0.7
@@ -42,13 +42,13 @@ class Cells:
         return self.rows - 2 * BEYOND, self.cols - 2 * BEYOND
 
     @cached_property
-    def patch(self) -> Patch:
+    def patch(self) -> PeriodicGrid:
         """The periodic skin."""
         from scipy.fft import next_fast_len
 
         around = 2 * int(np.ceil(AROUND_MM / self.pitch_mm))
         rows, cols = (next_fast_len(side + around, real=True) for side in self.shape)
-        return Patch(rows, cols, self.pitch_mm)
+        return PeriodicGrid(rows, cols, self.pitch_mm)
 
     @cached_property
     def axes_mm(self) -> tuple[Float32[Array, " cols"], Float32[Array, " rows"]]:

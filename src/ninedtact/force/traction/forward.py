@@ -12,10 +12,9 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.cells import Cells
-from ninedtact.mechanics.gel import bonded_layer
-from ninedtact.mechanics.layers import layered
+from ninedtact.mechanics.array_namespace import forward_transform, inverse_transform
+from ninedtact.mechanics.layer_compliance import bonded_layer_compliance, layered_compliance
 from ninedtact.mechanics.skin import Skin as Layers
-from ninedtact.mechanics.transform import field_of, spectrum
 
 View = Float32[Array, "rows cols"]
 Skin = Float32[Array, "skin_rows skin_cols"]
@@ -39,7 +38,7 @@ class Forward:
     def symbols(self) -> Complex64[Array, "3 skin_rows half"]:
         """What the transforms of the tractions are multiplied by."""
         gel = Gel(self.thickness_mm, 1.0, self.poisson_ratio)
-        below = partial(bonded_layer, gel=gel) if self.base is None else layered((gel, self.base))
+        below = partial(bonded_layer_compliance, gel=gel) if self.base is None else layered_compliance((gel, self.base))
         parts = Layers(self.cells.patch, below, np.zeros(())).symbols
         up = np.stack([-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"]])
         return up.astype(np.complex64)
@@ -62,20 +61,20 @@ class Forward:
 
     def heights(self, tractions: Tractions) -> Skin:
         """Height of all skin."""
-        return self.raised(spectrum(tractions, self.cells.patch.shape))
+        return self.raised(forward_transform(tractions, self.cells.patch.shape))
 
     def raised(self, wave: Complex64[Array, "3 skin_rows half"]) -> Skin:
         """The same from the tractions' transforms."""
         shape = self.cells.patch.shape
-        return field_of((wave * self.symbols).sum(axis=0), shape, shape)
+        return inverse_transform((wave * self.symbols).sum(axis=0), shape, shape)
 
     def pulled_back(self, skin: Skin) -> Complex64[Array, "3 skin_rows half"]:
         """The adjoint of `heights`, still as waves."""
-        return spectrum(skin, self.cells.patch.shape) * self.back_symbols
+        return forward_transform(skin, self.cells.patch.shape) * self.back_symbols
 
     def of_view(self, waves: Complex64[Array, "*n skin_rows half"]) -> Float32[Array, "*n rows cols"]:
         """Waves back in space, the view cut out."""
-        return field_of(waves, self.cells.patch.shape, self.cells.shape)
+        return inverse_transform(waves, self.cells.patch.shape, self.cells.shape)
 
     def scattered(self, skin: Skin) -> View:
         """What the camera sees of a change of brightness all over the skin."""

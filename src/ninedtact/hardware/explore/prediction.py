@@ -12,8 +12,8 @@ import numpy as np
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.optics import reach_mm
 from ninedtact.hardware.report import BuiltSensor
-from ninedtact.mechanics.contact import Effort
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.designed import designed_twin
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import Twin
@@ -23,7 +23,7 @@ DEEPEST_PART = 0.75
 LOAD_N = 1.0
 BALL_RADIUS_MM = 4.0
 """Of what presses, at every design; the published calibration's ball."""
-ENOUGH = Effort(tolerance=5e-3)
+ENOUGH = SolverSettings(tolerance=5e-3)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import traction_force
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.quantities import Frame, Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.simulation.designed import designed_twin

@@ -11,10 +11,15 @@ from jaxtyping import Bool, Float64
 from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.library import library_of
-from ninedtact.mechanics.per_contact import largest, on_cpu, plain
-from ninedtact.mechanics.refusals import ContactLeavesPatch, require_above_base, require_inside, require_load
-from ninedtact.mechanics.response import Field
+from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
+from ninedtact.mechanics.batching import max_over_grid, to_scalars
+from ninedtact.mechanics.contact import (
+    ContactLeavesGrid,
+    require_above_base,
+    require_inside_grid,
+    require_positive_load,
+)
+from ninedtact.mechanics.skin import ScalarField
 from ninedtact.simulation.batched.requests import Felt, Step
 from ninedtact.simulation.batched.steps import Steps, picked
 from ninedtact.simulation.batched.weighing import felt_by_each
@@ -44,14 +49,14 @@ class Judge:
             if step.load_n is None:
                 require_above_base(float(self.deepest_mm[number]), step.bench.twin.thickness_mm)
                 if self.overlap_at_border[number]:
-                    require_inside(self.steps.skins.grid.patch, self.steps.overlap_mm[number])
+                    require_inside_grid(self.steps.skins.grid.patch, self.steps.overlap_mm[number])
             if self.window_too_small[number]:
                 return replace(step, widely=True)
             if self.doubtful[number]:
                 contact = picked(self.steps.contacts, [number]).each()[0]
                 step.bench.twin.model.accepted(contact)
                 step.bench.twin.require_on_gel(step.indenter, contact)
-        except ContactLeavesPatch:
+        except ContactLeavesGrid:
             return step.bench.twin.too_large(step.indenter, "more than that")
         except NinedtactError as refusal:
             return refusal
@@ -72,7 +77,7 @@ class Judge:
     @cached_property
     def deepest_mm(self) -> Float64[Array, " batch"]:
         """Of the overlaps."""
-        return np.asarray(plain(largest(self.steps.overlap_mm)))
+        return np.asarray(to_scalars(max_over_grid(self.steps.overlap_mm)))
 
     @cached_property
     def overlap_at_border(self) -> Flags:
@@ -82,7 +87,7 @@ class Judge:
     @cached_property
     def window_too_small(self) -> Flags:
         """Whether a contact is larger than its window."""
-        return flags(library_of(self.steps.too_small).any(self.steps.too_small, axis=(1, 2)))
+        return flags(array_namespace_of(self.steps.too_small).any(self.steps.too_small, axis=(1, 2)))
 
     @cached_property
     def doubtful(self) -> Flags:
@@ -101,21 +106,21 @@ class Judge:
         axes = ((1, place[0][0], contacts.pose.x_mm), (2, place[1][:, 0], contacts.pose.y_mm))
         reach = []
         for over, along, middle in axes:
-            touched = flags(library_of(pressed).any(pressed, axis=over))
+            touched = flags(array_namespace_of(pressed).any(pressed, axis=over))
             reach.append(np.max(np.abs(along + np.asarray(middle)[:, None]) * touched, axis=1))
         return np.stack(reach, axis=1)
 
 
-def at_border(field: Field) -> Flags:
+def at_border(field: ScalarField) -> Flags:
     """Whether it is above zero at the patch's border."""
-    above, xp = field > 0, library_of(field)
+    above, xp = field > 0, array_namespace_of(field)
     sides = (above[:, :, 0], above[:, :, -1], above[:, 0, :], above[:, -1, :])
     return flags(xp.any(xp.concat(sides, axis=1), axis=1))
 
 
 def flags(values: Bool[Any, "*shape"]) -> Bool[Array, "*shape"]:
     """On the processor."""
-    return on_cpu(values) > 0
+    return to_numpy(values) > 0
 
 
 def refused_before(step: Step) -> NinedtactError | None:
@@ -123,7 +128,7 @@ def refused_before(step: Step) -> NinedtactError | None:
     try:
         step.bench.twin.require_in_view(step.pose)
         if step.load_n is not None:
-            require_load(step.load_n)
+            require_positive_load(step.load_n)
     except NinedtactError as refusal:
         return refusal
     return None

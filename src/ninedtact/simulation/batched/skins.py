@@ -9,11 +9,11 @@ import numpy as np
 from array_api_compat import device
 from jaxtyping import Bool
 
-from ninedtact.mechanics.contact import Contact, ContactModel
-from ninedtact.mechanics.library import library_of
-from ninedtact.mechanics.per_contact import over_grid
-from ninedtact.mechanics.response import Response
-from ninedtact.mechanics.skin import Skin
+from ninedtact.mechanics.array_namespace import array_namespace_of
+from ninedtact.mechanics.batching import expand_over_grid
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.skin import DisplacementOperators, Skin
 from ninedtact.simulation.batched.requests import Bench
 from ninedtact.simulation.batched.windows import Rectangle
 
@@ -62,21 +62,21 @@ class Skins:
             [one.tangential[0] for one in responses],
             [one.tangential[1][None] for one in responses],
         )
-        xp = library_of(self.like)
+        xp = array_namespace_of(self.like)
         normal, bulge, diagonal, crossed = (xp.asarray(np.stack(stack), device=device(self.like)) for stack in stacks)
         return normal, bulge, diagonal, crossed
 
     def response(
         self, which: Sequence[int], windows: Sequence[Rectangle], inside: Bool[Any, "batch rows cols"]
-    ) -> Response:
+    ) -> DisplacementOperators:
         """Of one skin for each contact of a batch, each answering within its own window."""
-        xp, shape = library_of(self.like), self.grid.patch.shape
+        xp, shape = array_namespace_of(self.like), self.grid.patch.shape
         numbers = xp.asarray(np.array(which), device=device(self.like))
         normal, bulge, diagonal, crossed = (xp.take(symbol, numbers, axis=0) for symbol in self.symbols)
         softest = [self.softest_of(number, window.shape) for number, window in zip(which, windows, strict=True)]
-        return Response(
+        return DisplacementOperators(
             *(normal, bulge, (diagonal, crossed), shape, shape),
-            softest_mm_per_mpa=over_grid(np.array(softest), self.like)[..., None],
+            softest_mm_per_mpa=expand_over_grid(np.array(softest), self.like)[..., None],
             inside=xp.astype(inside, self.like.dtype),
         )
 

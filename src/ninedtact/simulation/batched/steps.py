@@ -11,14 +11,14 @@ from functools import cached_property
 import numpy as np
 from array_api_compat import device
 
-from ninedtact.mechanics.contact import Contact, Effort
-from ninedtact.mechanics.indenter import NOTHING_MM
-from ninedtact.mechanics.library import library_of
-from ninedtact.mechanics.per_contact import counted, over_grid, plain
+from ninedtact.mechanics.alternating_solver import AlternatingSolver, AlternationResult, SolverSettings
+from ninedtact.mechanics.array_namespace import array_namespace_of
+from ninedtact.mechanics.batching import expand_over_grid, to_counts, to_scalars
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_model import carried_displacement_mm
+from ninedtact.mechanics.indenter import NO_OBJECT_MM
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.response import Field, Points, Response
-from ninedtact.mechanics.travel import carried_along
-from ninedtact.mechanics.turns import Settled, Turns
+from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField
 from ninedtact.simulation.batched.held import HeldEach
 from ninedtact.simulation.batched.objects import Shelf
 from ninedtact.simulation.batched.requests import Step
@@ -53,7 +53,7 @@ class Steps:
         return stacked([step.last or replace(blank, pose=step.pose) for step in self.asked])
 
     @cached_property
-    def overlap_mm(self) -> Field:
+    def overlap_mm(self) -> ScalarField:
         """How far each object reaches into the untouched skin."""
         objects = self.shelf.several([step.indenter for step in self.asked])
         return -objects.over_skin_mm(replace(self.pose, x_mm=0.0, y_mm=0.0), *self.skins.grid.places_mm)
@@ -65,39 +65,41 @@ class Steps:
         return [patch if step.widely else window for step, window in zip(self.asked, windows, strict=True)]
 
     @cached_property
-    def inside(self) -> Points:
+    def inside(self) -> PointMask:
         """The points of those windows."""
         return inside(self.windows, self.overlap_mm)
 
     @cached_property
-    def response(self) -> Response:
+    def response(self) -> DisplacementOperators:
         """Of each sensor's skin in its contact's window."""
         return self.skins.response(self.which, self.windows, self.inside)
 
     @property
-    def effort(self) -> Effort:
+    def effort(self) -> SolverSettings:
         """The same for all twins."""
         return self.asked[0].bench.twin.effort
 
     @property
     def held(self) -> HeldEach:
         """By load or by depth, each as it is asked."""
-        loads, xp = [step.load_n for step in self.asked], library_of(self.overlap_mm)
-        totals = over_grid(np.array([load or 0.0 for load in loads]) / self.skins.grid.patch.cell_mm2, self.overlap_mm)
+        loads, xp = [step.load_n for step in self.asked], array_namespace_of(self.overlap_mm)
+        totals = expand_over_grid(
+            np.array([load or 0.0 for load in loads]) / self.skins.grid.patch.cell_mm2, self.overlap_mm
+        )
         by_load = np.array([load is not None for load in loads])[:, None, None]
         return HeldEach(totals, xp.asarray(by_load, device=device(self.overlap_mm)), self.response.inside)
 
     @cached_property
-    def settled(self) -> Settled:
+    def settled(self) -> AlternationResult:
         """All of them solved, each to its own end."""
         overlap, window = self.overlap_mm, self.response.inside
-        turns = Turns(
+        turns = AlternatingSolver(
             self.response,
             self.held,
-            library_of(overlap).where(self.inside, overlap, -NOTHING_MM),
-            over_grid(self.pose.depth_mm, overlap),
-            carried_along(self.last, self.pose),
-            over_grid(np.array([step.bench.twin.friction for step in self.asked]), overlap),
+            array_namespace_of(overlap).where(self.inside, overlap, -NO_OBJECT_MM),
+            expand_over_grid(self.pose.depth_mm, overlap),
+            carried_displacement_mm(self.last, self.pose),
+            expand_over_grid(np.array([step.bench.twin.friction for step in self.asked]), overlap),
             self.effort,
         )
         return turns.settled(turns.begun(self.last.pressure_mpa * window, self.last.shear_mpa * window[:, None]))
@@ -109,16 +111,16 @@ class Steps:
         height, moved = replace(self.response, inside=None).displaced_mm(pressed.pressure_mpa, sheared.shear_mpa)
         return Contact(
             self.last.skin,
-            replace(self.pose, depth_mm=self.pose.depth_mm + plain(pressed.deeper_mm)),
+            replace(self.pose, depth_mm=self.pose.depth_mm + to_scalars(pressed.deeper_mm)),
             *(pressed.pressure_mpa, sheared.shear_mpa, height, moved, self.last.friction),
-            *(plain(self.settled.residual_mm), counted(self.settled.iterations)),
+            *(to_scalars(self.settled.residual_mm), to_counts(self.settled.iterations)),
         )
 
     @cached_property
-    def too_small(self) -> Points:
+    def too_small(self) -> PointMask:
         """Where skin beyond a contact's own window is inside its object by more than the tolerance."""
         contacts, deeper = self.contacts, self.settled.turn.pressed.deeper_mm
-        level = self.effort.tolerance_mm(over_grid(self.pose.depth_mm, deeper) + deeper) - deeper
+        level = self.effort.tolerance_mm(expand_over_grid(self.pose.depth_mm, deeper) + deeper) - deeper
         return (contacts.height_mm + self.overlap_mm > level) & ~self.inside
 
     def of_sensor(self, chosen: Sequence[int]) -> Contact:
@@ -130,7 +132,7 @@ class Steps:
 
 def picked(contacts: Contact, chosen: Sequence[int]) -> Contact:
     """Some contacts of a batch."""
-    xp, where = library_of(contacts.height_mm), np.array(chosen)
+    xp, where = array_namespace_of(contacts.height_mm), np.array(chosen)
     there = xp.asarray(where, device=device(contacts.height_mm))
     names = ("pressure_mpa", "shear_mpa", "height_mm", "moved_mm")
     fields = {name: xp.take(getattr(contacts, name), there, axis=0) for name in names}

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray as Array
 
+from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
+from ninedtact.mechanics.batching import expand_over_grid, sum_over_grid
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.library import library_of
-from ninedtact.mechanics.per_contact import on_cpu, over_grid, total
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Wrench
 from ninedtact.simulation.batched.requests import Felt
@@ -17,7 +17,7 @@ from ninedtact.simulation.batched.requests import Felt
 
 def stacked(contacts: Sequence[Contact]) -> Contact:
     """Contacts on one grid as a batch; skin and friction are those of the first."""
-    first, stack = contacts[0], library_of(contacts[0].height_mm).stack
+    first, stack = contacts[0], array_namespace_of(contacts[0].height_mm).stack
     pressure, shear = stack([one.pressure_mpa for one in contacts]), stack([one.shear_mpa for one in contacts])
     height, moved = stack([one.height_mm for one in contacts]), stack([one.moved_mm for one in contacts])
     return Contact(
@@ -38,12 +38,12 @@ def felt_by_each(contacts: Contact, seen: Contact) -> list[Felt]:
 
 def numbers(contacts: Contact, seen: Contact) -> Float64[Array, "batch 3"]:
     """Points under pressure, the largest indentation, and how much heavier each is felt than it was solved."""
-    xp, pressed = library_of(contacts.height_mm), contacts.pressure_mpa > 0
-    solved = total(contacts.pressure_mpa)
-    stiffer = xp.where(solved > 0, total(seen.pressure_mpa) / xp.where(solved > 0, solved, 1.0), 1.0)
+    xp, pressed = array_namespace_of(contacts.height_mm), contacts.pressure_mpa > 0
+    solved = sum_over_grid(contacts.pressure_mpa)
+    stiffer = xp.where(solved > 0, sum_over_grid(seen.pressure_mpa) / xp.where(solved > 0, solved, 1.0), 1.0)
     deepest = -xp.min(contacts.height_mm, axis=(-2, -1), keepdims=True)
-    every = (xp.astype(total(pressed), deepest.dtype), deepest, stiffer)
-    return on_cpu(xp.concat(every, axis=-1))[:, 0, :]
+    every = (xp.astype(sum_over_grid(pressed), deepest.dtype), deepest, stiffer)
+    return to_numpy(xp.concat(every, axis=-1))[:, 0, :]
 
 
 def wrenches(seen: Contact) -> Float64[Array, "batch 6"]:
@@ -52,15 +52,15 @@ def wrenches(seen: Contact) -> Float64[Array, "batch 6"]:
     f_x, f_y = (double(seen.shear_mpa[:, axis]) * patch.cell_mm2 for axis in (0, 1))
     f_z = -double(seen.pressure_mpa) * patch.cell_mm2
     x, y = (
-        double(place) + over_grid(np.asarray(middle), z)
+        double(place) + expand_over_grid(np.asarray(middle), z)
         for place, middle in zip(seen.skin.places_mm, seen.centre_mm, strict=True)
     )
     torques = (y * f_z - z * f_y, z * f_x - x * f_z, x * f_y - y * f_x)
-    every = [*(total(force) for force in (f_x, f_y, f_z)), *(total(torque) / 1e3 for torque in torques)]
-    return on_cpu(library_of(z).concat(every, axis=-1))[:, 0, :]
+    every = [*(sum_over_grid(force) for force in (f_x, f_y, f_z)), *(sum_over_grid(torque) / 1e3 for torque in torques)]
+    return to_numpy(array_namespace_of(z).concat(every, axis=-1))[:, 0, :]
 
 
 def double(field: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
     """In double precision."""
-    xp = library_of(field)
+    xp = array_namespace_of(field)
     return xp.astype(field, xp.float64)

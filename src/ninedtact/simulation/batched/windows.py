@@ -12,9 +12,9 @@ import numpy as np
 from array_api_compat import device
 from jaxtyping import Bool, Float
 
-from ninedtact.mechanics.library import library_of
-from ninedtact.mechanics.per_contact import largest, on_cpu
-from ninedtact.mechanics.window import CLEARANCE, stretch
+from ninedtact.mechanics.active_region import REGION_CLEARANCE, active_interval
+from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
+from ninedtact.mechanics.batching import max_over_grid
 
 Shape = tuple[int, int]
 
@@ -39,22 +39,22 @@ def whole(shape: Shape) -> Rectangle:
 
 def windows_around(overlap_mm: Float[Any, "batch rows cols"]) -> list[Rectangle]:
     """Of each contact, where its object can touch: as `mechanics.window.window_around` says of it alone."""
-    xp, deepest = library_of(overlap_mm), largest(overlap_mm)
-    near = (overlap_mm > -CLEARANCE * deepest) & (deepest > 0)
+    xp, deepest = array_namespace_of(overlap_mm), max_over_grid(overlap_mm)
+    near = (overlap_mm > -REGION_CLEARANCE * deepest) & (deepest > 0)
     shape = near.shape[1], near.shape[2]
-    by_row, by_col = (on_cpu(xp.any(near, axis=axis)) > 0 for axis in (2, 1))
+    by_row, by_col = (to_numpy(xp.any(near, axis=axis)) > 0 for axis in (2, 1))
     return [rectangle(rows, cols, shape) for rows, cols in zip(by_row, by_col, strict=True)]
 
 
 def rectangle(rows: Any, cols: Any, shape: Shape) -> Rectangle:
     """Around the rows and columns that are near; the patch where there are none, or too many."""
-    down, across = (stretch(near, points) for near, points in zip((rows, cols), shape, strict=True))
+    down, across = (active_interval(near, points) for near, points in zip((rows, cols), shape, strict=True))
     return whole(shape) if down is None or across is None else Rectangle(down, across)
 
 
 def inside(rectangles: Sequence[Rectangle], field: Any) -> Bool[Any, "batch rows cols"]:
     """The points of each contact's rectangle, where `field` is."""
-    xp = library_of(field)
+    xp = array_namespace_of(field)
     sides = []
     for name, points in (("rows", field.shape[-2]), ("cols", field.shape[-1])):
         ends = np.array([(getattr(one, name).start, getattr(one, name).stop) for one in rectangles])

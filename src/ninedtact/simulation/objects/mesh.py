@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.relief import Relief, relief_of
+from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.simulation.objects.raster import lowest_mm
 from ninedtact.simulation.objects.sheet import Heights
 
@@ -66,7 +66,7 @@ class Placing:
 class MeshObject:
     """The underside of a mesh, and what to know of the mesh."""
 
-    relief: Relief
+    relief: HeightGridIndenter
     size_mm: tuple[float, float, float]
     triangles: int
     closed: bool
@@ -86,7 +86,9 @@ def mesh_object(name: str, vertices: Vertices, faces: Faces, placing: Placing = 
     check_size(name, size)
     heights, cropped = kept(lowest_mm(turned[faces], PITCH_MM))
     x, y, z = size.tolist()
-    return MeshObject(relief_of(name, heights, PITCH_MM), (x, y, z), len(faces), is_closed(vertices, faces), cropped)
+    return MeshObject(
+        indenter_from_heights(name, heights, PITCH_MM), (x, y, z), len(faces), is_closed(vertices, faces), cropped
+    )
 
 
 def kept(heights: Heights) -> tuple[Float[Array, "kept_rows kept_cols"], bool]:

@@ -13,8 +13,8 @@ from dataclasses import replace
 from math import isfinite, radians
 from pathlib import Path
 
-from ninedtact.mechanics.indenter import Ball, Indenter
-from ninedtact.mechanics.solids import Cone, Cylinder, Ellipsoid, FlatPunch
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.indenter_primitives import Ball, Cone, Cylinder, Ellipsoid, FlatPunch
 from ninedtact.simulation.objects.families import FAMILIES
 from ninedtact.simulation.objects.generated import ObjectUnknown, object_named
 from ninedtact.simulation.objects.mesh import MM_PER_UNIT, SIDES, MeshObject, Placing

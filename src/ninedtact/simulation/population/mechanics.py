@@ -12,9 +12,8 @@ import numpy as np
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.finite_strain import piled_up_mm, stiffened_mpa
-from ninedtact.mechanics.gel import ComplianceOf, bonded_layer
-from ninedtact.mechanics.layers import layered
+from ninedtact.mechanics.finite_strain import finite_strain_height_mm, finite_strain_traction_mpa
+from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 
 Kind = Literal["bonded", "compliant_base", "finite_strain"]
 BASE_STIFFNESS = 10.0
@@ -27,9 +26,9 @@ def drawn_base(rng: np.random.Generator, gel: Gel) -> Gel:
     return Gel(float(rng.uniform(4.0, 8.0)), float(modulus), gel.poisson_ratio)
 
 
-def compliance_below(gel: Gel, base: Gel | None) -> ComplianceOf:
+def compliance_below(gel: Gel, base: Gel | None) -> ComplianceFunction:
     """Of gel on a base, or on a rigid one where none is given."""
-    return partial(bonded_layer, gel=gel) if base is None else layered((gel, base))
+    return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
 
 
 def felt(contact: Contact, kind: Kind, gel: Gel) -> Contact:
@@ -43,7 +42,7 @@ def finite_strain(contact: Contact, thickness_mm: float) -> Contact:
     on_both_axes = height[..., None, :, :] + 0 * contact.shear_mpa
     return replace(
         contact,
-        pressure_mpa=stiffened_mpa(contact.pressure_mpa, height, thickness_mm),
-        shear_mpa=stiffened_mpa(contact.shear_mpa, on_both_axes, thickness_mm),
-        height_mm=piled_up_mm(height, thickness_mm),
+        pressure_mpa=finite_strain_traction_mpa(contact.pressure_mpa, height, thickness_mm),
+        shear_mpa=finite_strain_traction_mpa(contact.shear_mpa, on_both_axes, thickness_mm),
+        height_mm=finite_strain_height_mm(height, thickness_mm),
     )

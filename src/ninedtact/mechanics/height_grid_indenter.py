@@ -1,9 +1,9 @@
 """An underside given as a table of heights: what generated objects and meshes become.
 
 The table is a square grid, (rows, cols) along (y, x), centred on the object's origin as every grid of this package: the
-middle of n samples is index (n − 1)/2. `relief_of` puts the origin in the middle of the footprint, so that twists turn
+middle of n samples is index (n − 1)/2. `indenter_from_heights` puts the origin in the middle of the footprint, so that twists turn
 about it, at the height of the lowest point, wherever that is. Between two samples heights are bilinear, so the wall at the end of
-the object rises within one pitch, to `NOTHING_MM`.
+the object rises within one pitch, to `NO_OBJECT_MM`.
 """
 
 from dataclasses import dataclass
@@ -17,27 +17,27 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.indenter import NOTHING_MM, Heights, Indenter
+from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter
 
 
-class UndersideImpossible(NinedtactError):
+class InvalidUnderside(NinedtactError):
     """A table of heights that no object has."""
 
 
 @dataclass(frozen=True, eq=False)
-class Relief(Indenter):
+class HeightGridIndenter(Indenter):
     """An underside as a table; equal to itself alone, so that it is cheap to pass, to hash and to compare."""
 
     name: str
     table_mm: Float[Array, "rows cols"]
-    """Heights from zero, which is reached, to `NOTHING_MM`."""
+    """Heights from zero, which is reached, to `NO_OBJECT_MM`."""
     pitch_mm: float
 
     def __post_init__(self) -> None:
         require_positive("relief.pitch_mm", self.pitch_mm)
-        if self.table_mm.size == 0 or self.table_mm.min() != 0 or not self.table_mm.max() <= NOTHING_MM:
-            raise UndersideImpossible(
-                f"expected heights of {self.name} from 0 to {NOTHING_MM:g} mm, got a table of {self.table_mm.shape} that is "
+        if self.table_mm.size == 0 or self.table_mm.min() != 0 or not self.table_mm.max() <= NO_OBJECT_MM:
+            raise InvalidUnderside(
+                f"expected heights of {self.name} from 0 to {NO_OBJECT_MM:g} mm, got a table of {self.table_mm.shape} that is "
                 f"empty, not finite or out of that range; make it with relief_of"
             )
 
@@ -50,46 +50,46 @@ class Relief(Indenter):
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """Bilinear between samples, nothing beyond the table."""
         xp = array_namespace(x_mm)
-        table, (rows, cols) = framed(self, xp, x_mm.dtype, device(x_mm)), self.table_mm.shape
-        row, down = cell(xp, y_mm, self.pitch_mm, rows)
-        col, along = cell(xp, x_mm, self.pitch_mm, cols)
+        table, (rows, cols) = framed_heights(self, xp, x_mm.dtype, device(x_mm)), self.table_mm.shape
+        row, down = _grid_cell(xp, y_mm, self.pitch_mm, rows)
+        col, along = _grid_cell(xp, x_mm, self.pitch_mm, cols)
         first = xp.astype(row * (cols + 2) + col, xp.int64)
-        upper, upper_right, lower, lower_right = (at(xp, table, first + step) for step in (0, 1, cols + 2, cols + 3))
+        upper, upper_right, lower, lower_right = (
+            take_entries(xp, table, first + step) for step in (0, 1, cols + 2, cols + 3)
+        )
         upper, lower = upper + along * (upper_right - upper), lower + along * (lower_right - lower)
         return upper + down * (lower - upper)
 
 
-def cell(xp: Any, place_mm: Any, pitch_mm: float, samples: int) -> tuple[Any, Any]:
+def _grid_cell(xp: Any, place_mm: Any, pitch_mm: float, samples: int) -> tuple[Any, Any]:
     """The cell of the framed table along one axis, and the place in it from 0 to 1."""
     index = place_mm * (1 / pitch_mm) + (samples + 1) / 2
     first = xp.clip(xp.floor(index), 0.0, float(samples))
     return first, xp.clip(index - first, 0.0, 1.0)
 
 
-def at(xp: Any, table: Any, index: Any) -> Any:
+def take_entries(xp: Any, table: Any, index: Any) -> Any:
     """Entries of a flat table, in the shape of the index."""
     return xp.reshape(xp.take(table, xp.reshape(index, (-1,)), axis=0), index.shape)
 
 
 @lru_cache(maxsize=64)
-def framed(relief: Relief, xp: Any, dtype: Any, where: Any) -> Any:
+def framed_heights(relief: HeightGridIndenter, xp: Any, dtype: Any, where: Any) -> Any:
     """The table with a frame of nothing, flat, in the library, precision and place that the look-up needs."""
-    table = np.pad(relief.table_mm, 1, constant_values=NOTHING_MM)
+    table = np.pad(relief.table_mm, 1, constant_values=NO_OBJECT_MM)
     return xp.asarray(table.ravel(), dtype=dtype, device=where)
 
 
-def relief_of(name: str, heights_mm: Float[Array, "rows cols"], pitch_mm: float) -> Relief:
+def indenter_from_heights(name: str, heights_mm: Float[Array, "rows cols"], pitch_mm: float) -> HeightGridIndenter:
     """Heights on a grid, infinite or not-a-number where there is no object, as an underside.
 
-    Lowered until the lowest point touches the plane, and cut to the footprint. Raises `UndersideImpossible` for a table
+    Lowered until the lowest point touches the plane, and cut to the footprint. Raises `InvalidUnderside` for a table
     without any object.
     """
     seen = np.isfinite(heights_mm)
     if not seen.any():
-        raise UndersideImpossible(
-            f"expected an underside of {name}, got a table with nothing in it; give another object"
-        )
+        raise InvalidUnderside(f"expected an underside of {name}, got a table with nothing in it; give another object")
     lowest = heights_mm[seen].min()
-    heights = np.where(seen, np.minimum(heights_mm - lowest, NOTHING_MM), NOTHING_MM)
-    rows, cols = (np.flatnonzero((heights < NOTHING_MM).any(axis=axis)) for axis in (1, 0))
-    return Relief(name, heights[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1], pitch_mm)
+    heights = np.where(seen, np.minimum(heights_mm - lowest, NO_OBJECT_MM), NO_OBJECT_MM)
+    rows, cols = (np.flatnonzero((heights < NO_OBJECT_MM).any(axis=axis)) for axis in (1, 0))
+    return HeightGridIndenter(name, heights[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1], pitch_mm)

@@ -7,7 +7,29 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from ninedtact.design import require_positive
-from ninedtact.mechanics.indenter import NOTHING_MM, Heights, Indenter
+from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter
+
+
+@dataclass(frozen=True)
+class Ball(Indenter):
+    """A sphere."""
+
+    radius_mm: float = 4.0
+
+    def __post_init__(self) -> None:
+        require_positive("ball.radius_mm", self.radius_mm)
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Ball and diameter."""
+        return f"ball_{2 * self.radius_mm:g}mm"
+
+    def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
+        """The lower cap; nothing beyond the equator."""
+        xp = array_namespace(x_mm)
+        below = self.radius_mm**2 - x_mm**2 - y_mm**2
+        cap = self.radius_mm - xp.sqrt(xp.where(below > 0, below, 0.0))
+        return xp.where(below > 0, cap, NO_OBJECT_MM)
 
 
 @dataclass(frozen=True)
@@ -30,13 +52,13 @@ class Ellipsoid(Indenter):
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """The lower half."""
         left = 1 - (x_mm / self.half_length_mm) ** 2 - (y_mm / self.half_width_mm) ** 2
-        return self.half_height_mm + lowered(left, self.half_height_mm)
+        return self.half_height_mm + _lower_half_mm(left, self.half_height_mm)
 
 
-def lowered(left: Any, by_mm: float) -> Any:
+def _lower_half_mm(left: Any, by_mm: float) -> Any:
     """Minus a half-axis times the root of what is left of one; nothing where nothing is left."""
     xp = array_namespace(left)
-    return xp.where(left > 0, -by_mm * xp.sqrt(xp.where(left > 0, left, 0.0)), NOTHING_MM - by_mm)
+    return xp.where(left > 0, -by_mm * xp.sqrt(xp.where(left > 0, left, 0.0)), NO_OBJECT_MM - by_mm)
 
 
 @dataclass(frozen=True)
@@ -59,8 +81,8 @@ class Cylinder(Indenter):
         """The lower half of the shell."""
         xp = array_namespace(x_mm)
         beside = xp.abs(x_mm) > self.length_mm / 2
-        trough = self.radius_mm + lowered(1 - (y_mm / self.radius_mm) ** 2, self.radius_mm)
-        return xp.where(beside, NOTHING_MM, trough)
+        trough = self.radius_mm + _lower_half_mm(1 - (y_mm / self.radius_mm) ** 2, self.radius_mm)
+        return xp.where(beside, NO_OBJECT_MM, trough)
 
 
 @dataclass(frozen=True)
@@ -90,7 +112,7 @@ class Cone(Indenter):
         on_cap = radius < tip * float(np.sin(self.slope_rad))
         cap = tip - xp.sqrt(xp.where(on_cap, tip**2 - radius**2, 0.0))
         flank = steep * radius + tip * (1 - 1 / float(np.cos(self.slope_rad)))
-        return xp.where(radius > self.radius_mm, NOTHING_MM, xp.where(on_cap, cap, flank))
+        return xp.where(radius > self.radius_mm, NO_OBJECT_MM, xp.where(on_cap, cap, flank))
 
 
 @dataclass(frozen=True)
@@ -114,5 +136,5 @@ class FlatPunch(Indenter):
         """Zero on the face, a quarter circle at its edge."""
         xp = array_namespace(x_mm)
         over = xp.sqrt(x_mm**2 + y_mm**2) - (self.radius_mm - self.edge_mm)
-        edge = self.edge_mm + lowered(1 - (xp.where(over > 0, over, 0.0) / self.edge_mm) ** 2, self.edge_mm)
+        edge = self.edge_mm + _lower_half_mm(1 - (xp.where(over > 0, over, 0.0) / self.edge_mm) ** 2, self.edge_mm)
         return xp.where(over > 0, edge, 0.0 * edge)

@@ -7,14 +7,14 @@ pressure allows.
 from dataclasses import dataclass
 from typing import Any
 
-from ninedtact.mechanics.friction import Grip, Sheared, drag
-from ninedtact.mechanics.normal import Held, Pressed, press
-from ninedtact.mechanics.per_contact import PerContact
-from ninedtact.mechanics.response import Field, Response, Vectors
+from ninedtact.mechanics.batching import PerContact
+from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, solve_shear
+from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
+from ninedtact.mechanics.skin import DisplacementOperators, ScalarField, VectorField
 
 
 @dataclass(frozen=True)
-class Effort:
+class SolverSettings:
     """How exact an answer must be, and how long may be looked for it."""
 
     tolerance: float = 1e-3
@@ -22,7 +22,7 @@ class Effort:
     least_tolerance_mm: float = 1e-5
     """That of an object which just touches."""
     rounds: int = 20
-    """Turns between normal contact and friction at most."""
+    """AlternatingSolver between normal contact and friction at most."""
     iterations: int = 200
     """Of each solver in one turn."""
     must_converge: bool = True
@@ -34,18 +34,18 @@ class Effort:
 
 
 @dataclass(frozen=True)
-class Turn:
+class AlternationState:
     """Where the turns have come to."""
 
-    pressed: Pressed
-    sheared: Sheared
-    raised_mm: Field
+    pressed: PressureSolution
+    sheared: ShearSolution
+    raised_mm: ScalarField
     """Outward displacement by the shear."""
-    spread_mm: Vectors
+    spread_mm: VectorField
     """Tangential displacement by the pressure."""
 
     @property
-    def moved_mm(self) -> Vectors:
+    def moved_mm(self) -> VectorField:
         """Tangential displacement by both."""
         return self.sheared.slid_mm + self.spread_mm
 
@@ -56,40 +56,40 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Settled:
+class AlternationResult:
     """The end of the turns."""
 
-    turn: Turn
+    turn: AlternationState
     residual_mm: PerContact
     """The largest violation of the contact's conditions that the last turn found."""
     iterations: PerContact
 
 
 @dataclass(frozen=True)
-class Turns:
+class AlternatingSolver:
     """One object on one window of skin, with nothing yet solved."""
 
-    response: Response
-    held: Held
-    overlap_mm: Field
+    response: DisplacementOperators
+    held: ContactConstraint
+    overlap_mm: ScalarField
     """How far the object reaches into the untouched skin."""
     depth_mm: PerContact
     """Of the object, as its overlap has it."""
-    carried_mm: Vectors
+    carried_mm: VectorField
     """Where the skin's points come to if all that touch stick."""
     friction: float | PerContact
-    effort: Effort
+    effort: SolverSettings
 
-    def begun(self, pressure_mpa: Field, shear_mpa: Vectors) -> Turn:
+    def begun(self, pressure_mpa: ScalarField, shear_mpa: VectorField) -> AlternationState:
         """First guesses with what they do to the skin."""
         pressure, response = self.held.loaded(pressure_mpa), self.response
         none = 0 * self.depth_mm
-        pressed = Pressed(pressure, response.sunk_mm(pressure), none, none, none, none)
-        sheared = Sheared(shear_mpa, response.slid_mm(shear_mpa), none, none, none)
-        return Turn(pressed, sheared, response.raised_mm(shear_mpa), response.spread_mm(pressure))
+        pressed = PressureSolution(pressure, response.sunk_mm(pressure), none, none, none, none)
+        sheared = ShearSolution(shear_mpa, response.slid_mm(shear_mpa), none, none, none)
+        return AlternationState(pressed, sheared, response.raised_mm(shear_mpa), response.spread_mm(pressure))
 
-    def settled(self, turn: Turn) -> Settled:
-        """Turns until one has nothing to do."""
+    def settled(self, turn: AlternationState) -> AlternationResult:
+        """AlternatingSolver until one has nothing to do."""
         iterations = 0 * self.depth_mm
         for _ in range(self.effort.rounds):
             turn = self.turned(turn)
@@ -97,16 +97,18 @@ class Turns:
             if not bool(self.response.xp.any(turn.iterations > 0)):
                 break
         residual = self.response.xp.maximum(turn.pressed.disturbed_mm, turn.sheared.disturbed_mm)
-        return Settled(turn, residual, iterations)
+        return AlternationResult(turn, residual, iterations)
 
-    def turned(self, last: Turn) -> Turn:
+    def turned(self, last: AlternationState) -> AlternationState:
         """Pressure, then shear; what was right already stays as it is."""
         response, most = self.response, self.effort.iterations
         tolerance = self.effort.tolerance_mm(self.depth_mm + last.pressed.deeper_mm)
-        pressed = press(response, self.held, self.overlap_mm + last.raised_mm, last.pressed, tolerance, most)
+        pressed = solve_pressure(response, self.held, self.overlap_mm + last.raised_mm, last.pressed, tolerance, most)
         same = pressed.pressure_mpa is last.pressed.pressure_mpa
         spread = last.spread_mm if same else response.spread_mm(pressed.pressure_mpa)
-        grip = Grip(self.friction * pressed.pressure_mpa)
-        sheared = drag(response, self.carried_mm - spread, grip, last.sheared, tolerance, most)
+        grip = FrictionLimit(self.friction * pressed.pressure_mpa)
+        sheared = solve_shear(response, self.carried_mm - spread, grip, last.sheared, tolerance, most)
         same = sheared.shear_mpa is last.sheared.shear_mpa
-        return Turn(pressed, sheared, last.raised_mm if same else response.raised_mm(sheared.shear_mpa), spread)
+        return AlternationState(
+            pressed, sheared, last.raised_mm if same else response.raised_mm(sheared.shear_mpa), spread
+        )

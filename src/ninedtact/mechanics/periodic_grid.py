@@ -9,15 +9,15 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
 
-LEAST_POINTS = 8
+_MIN_POINTS_PER_SIDE = 8
 
 
-class GridImpossible(NinedtactError):
+class InvalidGrid(NinedtactError):
     """A grid that cannot carry a contact."""
 
 
 @dataclass(frozen=True)
-class Patch:
+class PeriodicGrid:
     """A grid centred on the sensor's origin."""
 
     rows: int
@@ -25,9 +25,9 @@ class Patch:
     pitch_mm: float
 
     def __post_init__(self) -> None:
-        if min(self.rows, self.cols) < LEAST_POINTS or not self.pitch_mm > 0:
-            raise GridImpossible(
-                f"expected a grid of at least {LEAST_POINTS} x {LEAST_POINTS} points with a pitch above zero, got "
+        if min(self.rows, self.cols) < _MIN_POINTS_PER_SIDE or not self.pitch_mm > 0:
+            raise InvalidGrid(
+                f"expected a grid of at least {_MIN_POINTS_PER_SIDE} x {_MIN_POINTS_PER_SIDE} points with a pitch above zero, got "
                 f"{self.rows} x {self.cols} of {self.pitch_mm} mm; give a finer pitch or a larger area"
             )
 
@@ -81,10 +81,10 @@ class Patch:
         return kx / length, ky / length
 
 
-def padded_patch(width_mm: float, height_mm: float, pitch_mm: float, margin_mm: float) -> Patch:
+def padded_grid(width_mm: float, height_mm: float, pitch_mm: float, margin_mm: float) -> PeriodicGrid:
     """The smallest quickly transformed grid with at least this margin on every side of the area."""
     from scipy.fft import next_fast_len
 
     sides = [int(np.ceil((side + 2 * margin_mm) / pitch_mm)) for side in (height_mm, width_mm)]
     rows, cols = (next_fast_len(side, real=True) for side in sides)
-    return Patch(rows, cols, pitch_mm)
+    return PeriodicGrid(rows, cols, pitch_mm)
