@@ -20,7 +20,7 @@ from ninedtact.cli.force.estimators import on_sensor
 from ninedtact.design import Gel
 from ninedtact.force.model_file import read_model
 from ninedtact.force.network_force import NetworkForce, doubts_about
-from ninedtact.quantities import Reading
+from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
 
 ESTIMATE, BOTH = "height → wrench", "frame → height and wrench"

@@ -20,7 +20,8 @@ from ninedtact.force.traction.ground import YIELDING
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
-from ninedtact.quantities import Frame, HeightMap, Reading, Rectified
+from ninedtact.quantities import Frame, HeightMap, Rectified
+from ninedtact.reading import Reading
 from ninedtact.simulation.objects.generated import object_named
 from ninedtact.simulation.population.mechanics import Kind, compliance_below, drawn_base, felt
 from ninedtact.simulation.press import Press

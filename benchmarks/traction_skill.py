@@ -25,7 +25,8 @@ from ninedtact.force.traction.estimator import TractionForce, traction_force
 from ninedtact.force.traction.explained import Effort
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Coverage, Doubt, Frame, Reading, Rectified, WrenchEstimate
+from ninedtact.quantities import Coverage, Doubt, Frame, Rectified, WrenchEstimate
+from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
 from ninedtact.simulation.gauges import gauge_images

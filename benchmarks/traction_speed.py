@@ -19,7 +19,8 @@ from ninedtact.force.traction.evidence import ByLight
 from ninedtact.force.traction.explained import Effort
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Frame, Reading, Rectified
+from ninedtact.quantities import Frame, Rectified
+from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import keep_freed_memory
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.loss import Loss

@@ -44,7 +44,7 @@ motion = touch(Pose(depth_mm=1.2), drag_mm=(0.8, 0.0))
 stage = Stage(twin, [Act(object_for(options.object), motion)], hz=20.0, real_time=False, rounds=1)
 untouched = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-8, 0)))
 
-with Sensor(SimulatedCamera(stage), shape, depth=untouched, estimator=estimator) as sensor:
+with Sensor(SimulatedCamera(stage), shape, depth_reader=untouched, estimator=estimator) as sensor:
     for reading in sensor:
         if reading.frame.index % 10 == 0:
             found, true = reading.force, stage.contact(reading.frame.index).wrench()

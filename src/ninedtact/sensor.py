@@ -1,4 +1,4 @@
-"""A sensor at work: the shape and force rows of the flow, top-down. Read this file first.
+"""A calibrated sensor at work, from camera image to shape and force. Read this file first.
 
 source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap ──estimator──▶ WrenchEstimate
 """
@@ -9,80 +9,104 @@ from time import monotonic_ns, perf_counter
 from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
-from ninedtact.force.estimator import ForceEstimator, NoForce
-from ninedtact.quantities import Frame, Reading
+from ninedtact.errors import NinedtactError
+from ninedtact.force.estimator import ForceEstimator
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
 REFERENCE_FRAMES = 10
-"""Frames of untouched skin averaged when a session starts: their noise falls below that of a reading."""
+"""Number of reference frames averaged when a session starts; it brings their noise below that of a reading."""
 
 
-class Stopwatch:
-    """Milliseconds of each stage since the last mark."""
-
-    def __init__(self) -> None:
-        self.stage_ms: dict[str, float] = {}
-        self._last = perf_counter()
-
-    def mark(self, stage: str) -> None:
-        """The time since the last mark belongs to this stage."""
-        now = perf_counter()
-        self.stage_ms[stage], self._last = (now - self._last) * 1e3, now
+class ReferenceMissing(NinedtactError):
+    """A reading was asked for before the sensor had a reference image."""
 
 
 @dataclass
 class Sensor:
-    """A frame source with a calibration. Open it with `with`; the skin must be untouched then."""
+    """A frame source together with a calibration. Open it in a `with` statement while nothing touches the gel.
+
+    Opening the sensor takes the reference image (no contact), unless a depth reader with a reference is given.
+    """
 
     source: FrameSource
-    calibrated: CalibratedShape
+    shape: CalibratedShape
     reference_frames: int = REFERENCE_FRAMES
-    depth: DepthReader | None = None
-    """Bound to the untouched skin of this session when the sensor is opened; given here, it is kept."""
-    estimator: ForceEstimator = field(default_factory=NoForce)
-    """What reads the wrench out of each reading."""
+    depth_reader: DepthReader | None = None
+    """Computes heights against the reference image of this session. One that is given is kept; otherwise opening takes one."""
+    estimator: ForceEstimator | None = None
+    """Estimates the wrench of every reading; None leaves `Reading.wrench` empty."""
     frames_read: int = field(default=0, init=False)
-    """Since the sensor was opened."""
-    heard_ns: int = field(default=0, init=False)
-    """Stamp of the newest frame, or of the opening: the source has been silent since."""
+    """Number of frames read since the sensor was opened, reference frames included."""
+    last_frame_ns: int = field(default=0, init=False)
+    """Stamp of the newest frame, or the time of opening when none has arrived yet."""
 
     def read(self) -> Reading:
-        """The newest reading: waits for the next frame; raises what the source raises."""
+        """Wait for the next frame and return its reading.
+
+        Raises `ReferenceMissing` when the sensor has no reference image, and whatever the source raises.
+        """
+        depth = self._require_reference()
         watch = Stopwatch()
-        frame = self.next_frame()
+        frame = self._next_frame()
         watch.mark("capture")
-        rectified = self.calibrated.rectify(frame)
+        rectified = self.shape.rectify(frame)
         watch.mark("rectify")
-        height = self.reader(rectified)
+        height = depth(rectified)
         watch.mark("depth")
         dropped = frame.index + 1 - self.frames_read
-        reading = Reading(frame, rectified, height, watch.stage_ms, dropped, self.reader.reference)
-        force = self.estimator.estimate(reading)
+        reading = Reading(frame, rectified, height, watch.stage_ms, dropped, depth.reference)
+        if self.estimator is None:
+            return reading
+        estimate = self.estimator.estimate(reading)
         watch.mark("force")
-        return replace(reading, force=force)
-
-    def next_frame(self) -> Frame:
-        """Wait for the next frame of the source, and count it."""
-        frame = self.source.read()
-        self.frames_read, self.heard_ns = self.frames_read + 1, frame.stamp_ns
-        return frame
-
-    @property
-    def reader(self) -> DepthReader:
-        """The depth reader of this session; the first use without one takes the reference."""
-        if self.depth is None:
-            self.take_reference()
-        assert self.depth is not None
-        return self.depth
+        return replace(reading, force=estimate)
 
     def take_reference(self) -> None:
-        """Take the skin as it is now for untouched."""
-        frames = [self.next_frame() for _ in range(self.reference_frames)]
-        self.depth = self.calibrated.depth_reader(*frames)
-        self.estimator.forget()
+        """Average the next frames into a new reference image. Nothing may touch the gel meanwhile.
+
+        Raises `ReferenceUnusable` when the images are too dark, and whatever the source raises.
+        """
+        frames = [self._next_frame() for _ in range(self.reference_frames)]
+        self.depth_reader = self.shape.depth_reader(*frames)
+        if self.estimator is not None:
+            self.estimator.forget()
+
+    def open(self, take_reference: bool = True) -> None:
+        """Open the source and, unless a depth reader was given, take the reference image.
+
+        With `take_reference=False` the caller takes it later. Raises what the source raises; the source is closed then.
+        """
+        self.source.open()
+        self.frames_read, self.last_frame_ns = 0, monotonic_ns()
+        if take_reference and self.depth_reader is None:
+            try:
+                self.take_reference()
+            except BaseException:
+                self.source.close()
+                raise
+
+    def close(self) -> None:
+        """Close the source."""
+        self.source.close()
+
+    def _next_frame(self) -> Frame:
+        frame = self.source.read()
+        self.frames_read, self.last_frame_ns = self.frames_read + 1, frame.stamp_ns
+        return frame
+
+    def _require_reference(self) -> DepthReader:
+        if self.depth_reader is None:
+            raise ReferenceMissing(
+                "expected a reference image (no contact) before the first reading, got none; open the sensor in a with "
+                "statement, or call take_reference()"
+            )
+        return self.depth_reader
 
     def __iter__(self) -> Iterator[Reading]:
+        """Yield readings until the source ends; a camera never does."""
         try:
             while True:
                 yield self.read()
@@ -90,11 +114,23 @@ class Sensor:
             return
 
     def __enter__(self) -> "Sensor":
-        self.source.__enter__()
-        self.frames_read, self.heard_ns = 0, monotonic_ns()
+        self.open()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.source.__exit__(kind, error, trace)
+        self.close()
+
+
+class Stopwatch:
+    """Durations in ms between successive marks."""
+
+    def __init__(self) -> None:
+        self.stage_ms: dict[str, float] = {}
+        self._last = perf_counter()
+
+    def mark(self, stage: str) -> None:
+        """Assign the time since the last mark to the given stage."""
+        now = perf_counter()
+        self.stage_ms[stage], self._last = (now - self._last) * 1e3, now

@@ -15,7 +15,8 @@ from ninedtact.force.adaptation import (
 )
 from ninedtact.force.adaptation_file import FILE, AdaptationDamaged, read_adaptation, write_adaptation
 from ninedtact.force.estimator import ForceEstimator
-from ninedtact.quantities import Frame, HeightMap, Reading, Rectified, Traction, Wrench, WrenchEstimate
+from ninedtact.quantities import Frame, HeightMap, Rectified, Traction, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 
 ESTIMATED_N = np.array([0.8, 1.5, 3.0, 5.0, 8.0])
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ninedtact.force.gate import is_touched
-from ninedtact.quantities import Coverage, Frame, HeightMap, Reading, Rectified
+from ninedtact.quantities import Coverage, Frame, HeightMap, Rectified
+from ninedtact.reading import Reading
 
 FULL = (345, 460), 0.0522
 

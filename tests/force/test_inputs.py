@@ -16,7 +16,8 @@ from ninedtact.force.inputs import (
 )
 from ninedtact.force.places import heights_at_places
 from ninedtact.force.traits import Traits
-from ninedtact.quantities import Coverage, Frame, HeightMap, Reading, Rectified, centred_axis_mm
+from ninedtact.quantities import Coverage, Frame, HeightMap, Rectified, centred_axis_mm
+from ninedtact.reading import Reading
 from ninedtact.shape.sightlines import from_straight_below
 
 MM_PER_PX = 0.0522

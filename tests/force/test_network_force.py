@@ -9,7 +9,8 @@ from linear_model import SMALL, a_card, linear_model
 from ninedtact.design import Gel
 from ninedtact.force.model_file import model_from
 from ninedtact.force.network_force import NetworkForce
-from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Reading, Rectified, Wrench
+from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Rectified, Wrench
+from ninedtact.reading import Reading
 
 ROWS, COLS, MM_PER_PX = 60, 80, 0.3
 

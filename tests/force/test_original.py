@@ -9,7 +9,8 @@ import torch
 
 from ninedtact.force.networks.densenet import densenet
 from ninedtact.force.original import HIGHEST, LOWEST, OriginalForce, WeightsUnusable, read_original
-from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Reading, Rectified, Wrench
+from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Rectified, Wrench
+from ninedtact.reading import Reading
 
 ROWS, COLS, MM_PER_PX = 345, 460, 0.0522
 

@@ -19,7 +19,8 @@ from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, gel_skin
-from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Reading, Rectified, centred_axis_mm
+from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Rectified, centred_axis_mm
+from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.deblur import Deblurring
 from ninedtact.shape.depth import DepthCurve

@@ -28,7 +28,8 @@ from ninedtact.cli.collect_screen import Screen, headline, keys
 from ninedtact.cli.devices import live_source, sensor_of
 from ninedtact.cli.terminal import ending
 from ninedtact.force.estimator import ForceEstimator
-from ninedtact.quantities import Frame, Reading, Wrench, WrenchEstimate
+from ninedtact.quantities import Frame, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.settings import CollectSettings
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams

@@ -36,7 +36,7 @@ def sentence(loop: SensorLoop) -> str:
 def test_the_newest_reading_wins_and_the_rest_is_counted() -> None:
     fed = HandFed()
     sensor = sensor_on(fed, reference_frames=1)
-    sensor.depth = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
+    sensor.depth_reader = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
 
     def feed(*levels: int) -> None:
         for level in levels:
@@ -51,7 +51,7 @@ def test_the_newest_reading_wins_and_the_rest_is_counted() -> None:
         reading = now_in(loop).reading
         assert reading is not None
         assert reading.dropped == 4 - sensor.frames_read
-        assert set(reading.stage_ms) == {"capture", "rectify", "depth", "force"}
+        assert set(reading.stage_ms) == {"capture", "rectify", "depth"}
 
 
 def test_nobody_looking_holds_nothing_up() -> None:

@@ -11,7 +11,8 @@ from numpy import ndarray as Array
 from ninedtact.dataset.columns import rows_of
 from ninedtact.dataset.sensor_heights import COLUMNS, CalibratedSensor, SensorMissing, grey, reader_for, untouched_of
 from ninedtact.dataset.sources.table import NO_OBJECT, pair_files
-from ninedtact.quantities import Frame, Reading
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading
 from ninedtact.shape.depth import DepthReader
 
 ASKED = (*COLUMNS, "id", "wrench", "object", "kind")

@@ -15,7 +15,8 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator import ForceEstimator
-from ninedtact.quantities import Reading, Traction, Wrench, WrenchEstimate
+from ninedtact.quantities import Traction, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 
 FEWEST = 2
 FEWEST_FOR_CURVE = 4

@@ -4,7 +4,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ninedtact.quantities import Reading, Wrench, WrenchEstimate
+from ninedtact.quantities import Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 
 
 class ForceEstimator(ABC):

@@ -13,7 +13,7 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.force.traction.observation import roughness
-from ninedtact.quantities import Reading
+from ninedtact.reading import Reading
 
 View = Float32[Array, "rows cols"]
 Touching = Callable[[Reading], bool]

@@ -22,7 +22,8 @@ from ninedtact.force.deformation import DeformationReader, Layout, channels, net
 from ninedtact.force.places import PlaceGrid, heights_at_places
 from ninedtact.force.traits import NUMBER, USUAL, Traits
 from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.quantities import HeightMap, Reading, Rectified
+from ninedtact.quantities import HeightMap, Rectified
+from ninedtact.reading import Reading
 
 WHOLE_MM_PER_PX = 0.0522
 """Of the published rectified image."""

@@ -16,7 +16,8 @@ from ninedtact.force.inputs import NetworkInput
 from ninedtact.force.likeness import is_unlike
 from ninedtact.force.model_file import ForceModel, Prediction
 from ninedtact.force.traits import Traits
-from ninedtact.quantities import Doubt, Reading, Wrench, WrenchEstimate
+from ninedtact.quantities import Doubt, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 
 DEVIATIONS_PER_SCALE = sqrt(2)
 """Of a Laplace distribution."""

@@ -23,7 +23,8 @@ from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES_AT_SKI
 from ninedtact.force.gate import Touching, is_touched
 from ninedtact.force.inputs import Channels, NetworkInput, whole
 from ninedtact.force.networks.densenet import DenseNet, densenet
-from ninedtact.quantities import Doubt, Reading, Wrench, WrenchEstimate
+from ninedtact.quantities import Doubt, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 
 NETWORK = "densenet169"
 LOWEST, HIGHEST = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([3, 3, 0, 0.2, 0.2, 0.05])

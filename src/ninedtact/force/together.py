@@ -13,7 +13,8 @@ from numpy import ndarray as Array
 from ninedtact.force.estimator import ForceEstimator, untouched
 from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.quantities import Reading, Wrench, WrenchEstimate
+from ninedtact.quantities import Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 
 Six = Float64[Array, "6"]
 LEAST = 1e-12

@@ -6,7 +6,6 @@ an array of n samples is index (n − 1)/2. Lengths are mm; stamps are ns of the
 """
 
 from ninedtact.quantities.force import Deformation, Doubt, Traction, Wrench, WrenchEstimate
-from ninedtact.quantities.reading import Reading
 from ninedtact.quantities.shape import (
     Coverage,
     Frame,
@@ -25,7 +24,6 @@ __all__ = [
     "HeightMap",
     "Mesh",
     "PointCloud",
-    "Reading",
     "Rectified",
     "Traction",
     "Wrench",

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.force.estimator import ForceEstimator, NoForce
-from ninedtact.quantities import Frame, Reading, Wrench
+from ninedtact.quantities import Frame, Wrench
+from ninedtact.reading import Reading
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter

@@ -6,7 +6,8 @@ from threading import Event
 from ninedtact.capture.frame_source import SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.force.estimator import ForceEstimator
-from ninedtact.quantities import Reading, Wrench, WrenchEstimate
+from ninedtact.quantities import Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 
 WAIT_S = 0.2
 """Between two looks at whether it was closed."""

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.latest_frame import NoRecentFrame
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Reading
+from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated import ReferenceUnusable
 from ninedtact.shape.measures import max_indentation_mm
@@ -85,8 +85,8 @@ class SensorLoop:
 
     def __enter__(self) -> "SensorLoop":
         """Open the sensor, raising what its source raises, and start reading."""
-        self.sensor.__enter__()
-        if self.sensor.depth is None:
+        self.sensor.open(take_reference=False)
+        if self.sensor.depth_reader is None:
             self.take_reference()
         self._thread.start()
         return self
@@ -95,14 +95,14 @@ class SensorLoop:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._closing.set()
-        self.sensor.__exit__(kind, error, trace)
+        self.sensor.close()
         self._thread.join()
 
     @property
     def _heard_ns(self) -> int:
         # An image that has come but is not yet a reading must not make the reading before it look new.
         if self._reading is None or self._phase is Phase.REFERENCE:
-            return self.sensor.heard_ns
+            return self.sensor.last_frame_ns
         return self._reading.frame.stamp_ns
 
     def _run(self) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.quantities import Reading
+from ninedtact.reading import Reading
 from ninedtact.shape.export import export
 
 FORMATS = ("npy", "png", "ply")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from ninedtact.quantities import Reading
+from ninedtact.reading import Reading
 from ninedtact.studio.loop import Moment, Phase
 
 SILENT_AFTER_MS = 1000.0

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Reading
+from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.image.palette import ColourScale
 from ninedtact.studio.history import Rate
@@ -70,7 +70,7 @@ class Studio:
     """One sensor in front of a person, and beside it whatever else tells the force on its skin."""
 
     def __init__(self, loop: SensorLoop, out: Path, wrenches: Sequence[WrenchLoop] = ()) -> None:
-        self.scale: ColourScale = scale_of(loop.sensor.calibrated.curve)
+        self.scale: ColourScale = scale_of(loop.sensor.shape.curve)
         self.frozen = False
         self.wrenches = tuple(wrenches)
         self._loop, self._out = loop, out

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from ninedtact.quantities import Reading
+from ninedtact.reading import Reading
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.image.palette import ColourScale, colourise
 from ninedtact.shape.measures import ShapeSummary, summarise

@@ -74,7 +74,7 @@ class Adapt:
 
         depth = shape.depth_reader(*[Frame(read_image(path)) for path in self.reference])
         images = ImageList([path for path, _ in self.press])
-        with Sensor(images, shape, depth=depth, estimator=estimator) as sensor:
+        with Sensor(images, shape, depth_reader=depth, estimator=estimator) as sensor:
             for (path, grams), reading in zip(self.press, sensor, strict=True):
                 estimator.forget()
                 assert reading.force is not None

@@ -14,7 +14,8 @@ from ninedtact.errors import NinedtactError
 if TYPE_CHECKING:
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.force.estimator import ForceEstimator
-    from ninedtact.quantities import Frame, Reading
+    from ninedtact.quantities import Frame
+    from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated import CalibratedShape
 
@@ -66,7 +67,7 @@ class Estimate:
 
         references = self.references
         depth = shape.depth_reader(*references) if references else None
-        with Sensor(self.frames(), shape, depth=depth, estimator=estimator) as sensor:
+        with Sensor(self.frames(), shape, depth_reader=depth, estimator=estimator) as sensor:
             yield from named(self.source, sensor)
 
     def frames(self) -> "FrameSource":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ninedtact.force.adaptation import WeighedPress
     from ninedtact.force.estimator import ForceEstimator
-    from ninedtact.quantities import Reading
+    from ninedtact.reading import Reading
     from ninedtact.shape.calibrated import CalibratedShape
     from ninedtact.simulation.population.member import SensorMember
 
@@ -43,7 +43,8 @@ def readings(member: "SensorMember", shape: "CalibratedShape") -> "Iterator[tupl
     """Every press as the sensor reads it, and its load."""
     from ninedtact.mechanics.indenter_primitives import Ball
     from ninedtact.mechanics.pose import Pose
-    from ninedtact.quantities import Frame, Reading
+    from ninedtact.quantities import Frame
+    from ninedtact.reading import Reading
 
     twin = member.twin(PITCH_MM)
     depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-UNTOUCHED, 0)))

@@ -27,7 +27,8 @@ from ninedtact.force.traction.inversion import Inversion
 from ninedtact.force.traction.observation import Observation
 from ninedtact.force.traction.prior import Prior
 from ninedtact.force.traction.refusals import required_gel
-from ninedtact.quantities import Doubt, HeightMap, Reading, Traction, WrenchEstimate
+from ninedtact.quantities import Doubt, HeightMap, Traction, WrenchEstimate
+from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
 
 if TYPE_CHECKING:

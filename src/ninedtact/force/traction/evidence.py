@@ -14,7 +14,8 @@ from ninedtact.force.traction.brightness import HEIGHTS_THEMSELVES, BrightnessLa
 from ninedtact.force.traction.cells import Cells
 from ninedtact.force.traction.observation import Observation, View, facts, placed, roughness, seen_at, shrunk
 from ninedtact.force.traction.refusals import TractionImpossible
-from ninedtact.quantities import Reading, Rectified
+from ninedtact.quantities import Rectified
+from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.loss import Loss

@@ -9,7 +9,8 @@ from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import traction_force
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.quantities import Frame, Reading
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.simulation.designed import designed_twin
 from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images

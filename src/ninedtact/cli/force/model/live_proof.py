@@ -57,7 +57,7 @@ def live(model: Path, sensor_folder: Path, design: SensorDesign = SensorDesign()
     stage = touched(twin, min(DEPTH_MM, DEEPEST_PART * design.gel.thickness_mm))
     untouched = folder.shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-IMAGES, 0)))
     estimator = on_sensor(str(model), folder.shape, gel)
-    with Sensor(SimulatedCamera(stage), folder.shape, depth=untouched, estimator=estimator) as sensor:
+    with Sensor(SimulatedCamera(stage), folder.shape, depth_reader=untouched, estimator=estimator) as sensor:
         for reading in sensor:
             if reading.frame.index % EVERY == 0 and reading.force is not None:
                 true = stage.contact(reading.frame.index).wrench().six

@@ -1,0 +1,93 @@
+from ._version import __version__
+from .calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+from .calibration.sensor_folder import SensorFolder, load_sensor
+from .calibration.save import write_sensor
+from .capture.source_address import source_for
+from .capture.latest_frame import LatestFrameSource
+from .capture.image_file import read_image
+from .capture.frame_source import FIXED_EXPOSURE, CameraSettings
+from .capture.frame_source import FrameSource, SourceEnded
+from .capture.wrench_source import WrenchSource
+from .design import SensorDesign
+from .errors import NinedtactError
+from .mechanics.pose import Pose
+from .quantities import (
+    Coverage,
+    Deformation,
+    Doubt,
+    Frame,
+    HeightMap,
+    Mesh,
+    PointCloud,
+    Rectified,
+    Traction,
+    Wrench,
+    WrenchEstimate,
+)
+from .reading import Reading
+from .sensor import Sensor
+from .shape.cloud import point_cloud
+from .shape.export import export
+from .shape.height_png import read_height_png
+from .shape.image import height_image, shaded_image
+from .shape.measures import summarise
+from .shape.mesh import surface_mesh
+from .shape.sightlines import from_straight_below
+from .simulation.camera import SimulatedCamera
+from .simulation.force_torque import SimulatedForceTorque
+from .simulation.motion import touch
+from .simulation.objects.named import object_for
+from .simulation.press import Press
+from .simulation.stage import Act, Stage
+from .simulation.twin import Twin, default_twin
+
+__all__ = [
+    "FIXED_EXPOSURE",
+    "Act",
+    "CalibrationImages",
+    "CalibrationSettings",
+    "CameraSettings",
+    "Coverage",
+    "Deformation",
+    "Doubt",
+    "Frame",
+    "FrameSource",
+    "LatestFrameSource",
+    "HeightMap",
+    "Mesh",
+    "NinedtactError",
+    "PointCloud",
+    "Pose",
+    "Press",
+    "Reading",
+    "Rectified",
+    "Sensor",
+    "SensorDesign",
+    "SensorFolder",
+    "SimulatedCamera",
+    "SimulatedForceTorque",
+    "SourceEnded",
+    "Stage",
+    "Traction",
+    "Twin",
+    "Wrench",
+    "WrenchEstimate",
+    "WrenchSource",
+    "__version__",
+    "calibrate",
+    "default_twin",
+    "export",
+    "from_straight_below",
+    "height_image",
+    "load_sensor",
+    "object_for",
+    "point_cloud",
+    "read_height_png",
+    "read_image",
+    "shaded_image",
+    "source_for",
+    "summarise",
+    "surface_mesh",
+    "touch",
+    "write_sensor",
+]

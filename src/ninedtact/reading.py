@@ -1,0 +1,79 @@
+"""The result of one frame: the image, the shape of the gel surface and, where an estimator runs, the wrench."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from jaxtyping import Float64, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.quantities import Doubt, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
+from ninedtact.shape.cloud import point_cloud
+from ninedtact.shape.measures import ShapeSummary, summarise
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Everything computed from one frame, with the cost of each stage.
+
+    Measures of the contact and points are computed when they are first asked for.
+    """
+
+    frame: Frame
+    rectified: Rectified
+    height: HeightMap
+    stage_ms: dict[str, float] = field(default_factory=dict)
+    """Duration of each stage in ms: capture, rectify, depth, force."""
+    dropped: int = 0
+    """Number of frames that the source delivered since it was opened and that were never read."""
+    reference: Rectified | None = None
+    """Rectified reference image (no contact) that the heights were computed against."""
+    force: WrenchEstimate | None = None
+    """The estimate with all its parts; None where the sensor has no estimator."""
+
+    @property
+    def image(self) -> UInt8[Array, "rows cols 3"]:
+        """The raw camera image, BGR, shape (rows, cols, 3)."""
+        return self.frame.image
+
+    @property
+    def stamp_ns(self) -> int:
+        """Arrival time of the frame on the monotonic clock, ns."""
+        return self.frame.stamp_ns
+
+    @property
+    def wrench(self) -> Wrench | None:
+        """Force in N and torque in N·m that the object applies to the skin; None where the sensor has no estimator."""
+        return None if self.force is None else self.force.wrench
+
+    @property
+    def wrench_std(self) -> Float64[Array, "6"] | None:
+        """One standard deviation of F_x, F_y, F_z in N and T_x, T_y, T_z in N·m; None where the sensor has no estimator."""
+        return None if self.force is None else self.force.error
+
+    @property
+    def warnings(self) -> tuple[Doubt, ...]:
+        """Reasons to distrust the wrench, for example a press beyond the calibrated range; empty where there are none."""
+        return () if self.force is None else self.force.doubts
+
+    @cached_property
+    def summary(self) -> ShapeSummary:
+        """All measures of the contact: depth, area, volume, centre."""
+        return summarise(self.height)
+
+    @property
+    def max_indentation_mm(self) -> float:
+        """Greatest indentation in view, mm; 0 where nothing is pressed in."""
+        return self.summary.max_indentation_mm
+
+    @property
+    def contact_area_mm2(self) -> float:
+        """Area of the contact, measured on the plane of the untouched skin, mm²."""
+        return self.summary.contact_area_mm2
+
+    def points(self) -> PointCloud:
+        """Return the surface as points with outward unit normals, mm, in the sensor frame."""
+        return point_cloud(self.height)
+
+    def age_ms(self, now_ns: int) -> float:
+        """Return the time since the frame arrived, given the present `time.monotonic_ns()`."""
+        return (now_ns - self.frame.stamp_ns) / 1e6

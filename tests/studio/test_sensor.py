@@ -1,0 +1,74 @@
+"""A sensor without a page: when the reference is taken, what is counted, and what a reading offers."""
+
+import numpy as np
+import pytest
+from small_sensor import SHAPE, SkinCamera
+
+from ninedtact.capture.source import CameraLost
+from ninedtact.force.estimator import ForceEstimator
+from ninedtact.quantities import Wrench, WrenchEstimate
+from ninedtact.reading import Reading
+from ninedtact.sensor import ReferenceMissing, Sensor
+
+STD = np.array([0.1, 0.1, 0.2, 1e-3, 1e-3, 1e-4])
+
+
+class ConstantForce(ForceEstimator):
+    """Estimates 2 N of pressure for every reading."""
+
+    name = "constant"
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        return WrenchEstimate(Wrench(np.array([0.0, 0.0, -2.0]), np.zeros(3)), STD, touching=True)
+
+    def forget(self) -> None: ...
+
+
+def test_opening_takes_the_reference_and_the_first_reading_counts_no_drops() -> None:
+    camera = SkinCamera(period_s=0.02)
+    with Sensor(camera, SHAPE, reference_frames=5) as sensor:
+        assert sensor.frames_read == 5
+        camera.level = 75
+        first = sensor.read()
+    assert first.dropped == 0 and first.frame.index == 5
+    assert first.max_indentation_mm == pytest.approx(1.0, abs=0.01)
+    assert first.stage_ms["depth"] < 5 * 20, "waiting for reference frames was booked as depth"
+
+
+def test_a_reading_without_a_reference_is_refused() -> None:
+    sensor = Sensor(SkinCamera(), SHAPE)
+    sensor.open(take_reference=False)
+    with pytest.raises(ReferenceMissing, match="take_reference"):
+        sensor.read()
+    sensor.close()
+
+
+def test_a_reference_that_fails_leaves_the_source_closed() -> None:
+    camera = SkinCamera()
+    closed = []
+    camera.close = lambda: closed.append(True)  # type: ignore[method-assign]
+    sensor = Sensor(camera, SHAPE)
+    camera.read = lambda: (_ for _ in ()).throw(CameraLost("expected an image, got none; plug it in"))  # type: ignore[method-assign]
+    with pytest.raises(CameraLost), sensor:
+        pytest.fail("it must not open")
+    assert closed
+
+
+def test_a_reading_offers_shape_and_force() -> None:
+    camera = SkinCamera()
+    with Sensor(camera, SHAPE, reference_frames=2, estimator=ConstantForce()) as sensor:
+        camera.level = 75
+        reading = sensor.read()
+    assert reading.wrench is not None and reading.wrench.force_n[2] == -2
+    assert reading.wrench_std is STD and reading.warnings == ()
+    assert reading.image.shape == (48, 64, 3) and reading.stamp_ns == reading.frame.stamp_ns
+    rows, cols = reading.height.z_mm.shape
+    assert reading.contact_area_mm2 == pytest.approx(rows * cols * 0.25, rel=0.15)
+    points = reading.points()
+    assert points.points_mm[:, 2].min() == pytest.approx(-reading.max_indentation_mm)
+
+
+def test_without_an_estimator_there_is_no_wrench() -> None:
+    with Sensor(SkinCamera(), SHAPE, reference_frames=1) as sensor:
+        reading = sensor.read()
+    assert reading.wrench is None and reading.wrench_std is None and reading.warnings == ()
