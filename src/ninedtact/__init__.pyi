@@ -1,12 +1,11 @@
 from ._version import __version__
 from .calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
-from .calibration.sensor_folder import SensorFolder, load_sensor
 from .calibration.save import write_sensor
-from .capture.source_address import source_for
-from .capture.latest_frame import LatestFrameSource
+from .calibration.sensor_folder import SensorFolder, load_sensor
+from .capture.frame_source import FIXED_EXPOSURE, CameraSettings, FrameSource, SourceEnded
 from .capture.image_file import read_image
-from .capture.frame_source import FIXED_EXPOSURE, CameraSettings
-from .capture.frame_source import FrameSource, SourceEnded
+from .capture.latest_frame import LatestFrameSource
+from .capture.source_address import source_for
 from .capture.wrench_source import WrenchSource
 from .design import SensorDesign
 from .errors import NinedtactError
@@ -52,8 +51,8 @@ __all__ = [
     "Doubt",
     "Frame",
     "FrameSource",
-    "LatestFrameSource",
     "HeightMap",
+    "LatestFrameSource",
     "Mesh",
     "NinedtactError",
     "PointCloud",

@@ -105,7 +105,9 @@ class Live:
             on_lost=lambda loss: say(f"{loss}; waiting for it"),
             on_back=lambda: say("it is back"),
         )
-        return Sensor(LatestFrameSource(source), shape, depth_reader=shape.depth_reader(*references) if references else None)
+        return Sensor(
+            LatestFrameSource(source), shape, depth_reader=shape.depth_reader(*references) if references else None
+        )
 
     def named_source(self) -> "FrameSource":
         """The source that was named, over and over if so wished."""
@@ -160,7 +162,9 @@ def on_page(
     from ninedtact.studio.wrench_loop import WrenchLoop
 
     depth = shape.depth_reader(*(references or shown.untouched))
-    return Sensor(LatestFrameSource(shown.camera), shape, depth_reader=depth), [WrenchLoop(shown.force_torque, TRUE_WRENCH)]
+    return Sensor(LatestFrameSource(shown.camera), shape, depth_reader=depth), [
+        WrenchLoop(shown.force_torque, TRUE_WRENCH)
+    ]
 
 
 def estimated(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchLoop]":
