@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from ninedtact.capture.source import CameraLost
 from small_sensor import SHAPE, SkinCamera
 
+from ninedtact.capture.frame_source import CameraLost
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.reading import Reading
