@@ -68,7 +68,7 @@ def test_the_figures_are_those_of_their_formulas() -> None:
 
 def test_where_the_truth_does_not_vary_the_answer_is_null_and_a_dash() -> None:
     still = evaluate_predictions(WrenchPredictions(np.zeros((2, 6)), np.zeros((2, 6))))
-    table = json.loads(json.dumps(still.as_table(), allow_nan=False))
+    table = json.loads(json.dumps(still.to_json_dict(), allow_nan=False))
     assert table["skill"] == [None] * 6 and table["mae"] == [0] * 6
     assert "skill                       –" in "\n".join(format_evaluation_report(still))
 

@@ -66,7 +66,7 @@ def batch(n: int) -> TrainingBatch:
 def moves(**given: list[float] | list[list[float]]) -> GeometricTransform:
     """As given for each of n images; nothing else is done to them."""
     n = len(next(iter(given.values())))
-    nothing = {"mirror": torch.ones(n, 2), "turn_rad": torch.zeros(n), "shift_mm": torch.zeros(n, 2)}
+    nothing = {"mirror": torch.ones(n, 2), "rotation_rad": torch.zeros(n), "shift_mm": torch.zeros(n, 2)}
     return GeometricTransform(
         **{**nothing, "scale": torch.ones(n), **{name: torch.tensor(value) for name, value in given.items()}}
     )
@@ -75,9 +75,9 @@ def moves(**given: list[float] | list[list[float]]) -> GeometricTransform:
 TILTED = [0.2, -0.3, 0.1]
 MOVES = {
     "mirror": moves(mirror=[[-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]),
-    "turn": moves(turn_rad=TILTED),
+    "turn": moves(rotation_rad=TILTED),
     "shift": moves(shift_mm=[[0.9, 0.0], [0.0, -0.7], [0.41, 0.37]]),
-    "all": moves(mirror=[[-1.0, 1.0]] * 3, turn_rad=TILTED, shift_mm=[[0.5, -0.8]] * 3),
+    "all": moves(mirror=[[-1.0, 1.0]] * 3, rotation_rad=TILTED, shift_mm=[[0.5, -0.8]] * 3),
 }
 
 
@@ -140,6 +140,6 @@ def test_a_brighter_lamp_changes_image_and_reference_alike_and_drift_the_referen
 
 
 def test_as_often_mirrored_as_not() -> None:
-    drawn = GeometricAugmentation().drawn(4000, torch.Generator().manual_seed(0))
+    drawn = GeometricAugmentation().sample_transforms(4000, torch.Generator().manual_seed(0))
     assert drawn.mirror.mean(0).abs().max() < 0.06 and (drawn.mirror.abs() == 1).all()
-    assert float((drawn.turn_rad != 0).float().mean()) == pytest.approx(0.5, abs=0.05)
+    assert float((drawn.rotation_rad != 0).float().mean()) == pytest.approx(0.5, abs=0.05)

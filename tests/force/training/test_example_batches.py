@@ -36,13 +36,13 @@ def test_all_rows_are_judged_and_only_whole_batches_are_learnt() -> None:
 
 def test_a_batch_is_a_copy_and_carries_its_own_references() -> None:
     examples = of_images()
-    batch = BatchDataset(examples)[np.array([0, 3])].floating()
+    batch = BatchDataset(examples)[np.array([0, 3])].to_float()
     assert batch.references is not None
     assert batch.references[:, 0, 0].tolist() == [120, 150]
     batch.wrench[:] = 0
     assert examples.wrench[0].any()
-    assert batch.channels(Channels.DEFORMATION).shape == (2, 3, 16, 24)
-    heights = BatchDataset(of_heights())[np.array([0, 3])].floating().channels(Channels.HEIGHTS_AND_GEL)
+    assert batch.network_input(Channels.DEFORMATION).shape == (2, 3, 16, 24)
+    heights = BatchDataset(of_heights())[np.array([0, 3])].to_float().network_input(Channels.HEIGHTS_AND_GEL)
     assert torch.equal(heights[:, 1], torch.ones(2, 16, 24))
 
 

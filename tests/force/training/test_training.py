@@ -59,7 +59,7 @@ def test_the_file_says_all_about_itself(trained: TrainingResult) -> None:
     np.testing.assert_allclose([card.lowest, card.highest], [wrench.min(0), wrench.max(0)])
     assert (card.training.pairs, card.training.validation_pairs) == (128, 32)
     assert (card.training.objects, card.training.sensors) == (5, 2)
-    assert card.training.settings == toy_settings().as_table() and card.training.versions["torch"]
+    assert card.training.settings == toy_settings().to_json_dict() and card.training.versions["torch"]
     low, high = card.likeness["deepest"]
     assert 0 <= low < 0.1 < high < 0.6
     assert len(card.evaluation["validation"]["skill"]) == 6
@@ -101,7 +101,7 @@ def weights_of(learner: ForceTrainingModule) -> dict[str, torch.Tensor]:
 def fitted(out: Path, settings: TrainingSettings) -> tuple[ForceTrainingModule, list[dict[str, float]]]:
     learner = ForceTrainingModule(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
     history = fit_network(learner, of_heights(), ROWS, out, CPU).history
-    return learner, [{name: value for name, value in row.items() if name != "seconds"} for row in history.rows]
+    return learner, [{name: value for name, value in row.items() if name != "seconds"} for row in history.epochs]
 
 
 @pytest.mark.parametrize("schedule", ["one cycle", "constant"])
@@ -158,7 +158,7 @@ def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) ->
     parts = (examples.wrench[ROWS.train] - np.array(labels.offset)) / np.array(labels.unit)
     assert parts.min() == pytest.approx(0, abs=1e-5) and parts.max() == pytest.approx(1, abs=1e-5)
     fit_network(learner, examples, ROWS, tmp_path, CPU)
-    evaluation = TrainedNetwork(learner.model.eval(), examples, ROWS, settings).evaluation
+    evaluation = TrainedNetwork(learner.model.eval(), examples, ROWS, settings).evaluate_held_out()
     np.testing.assert_allclose(evaluation.predictions.truth, of_images().wrench[ROWS.test], atol=1e-6)
     assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
 
@@ -207,5 +207,5 @@ def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult,
 
 
 def test_wrenches_at_one_modulus() -> None:
-    softer = of_heights().at_modulus(np.full(PAIRS, 0.186))
+    softer = of_heights().scale_to_design_modulus(np.full(PAIRS, 0.186))
     np.testing.assert_allclose(softer.wrench, of_heights().wrench / 2, rtol=1e-6)

@@ -61,7 +61,7 @@ class Evaluate:
 
         evaluation = evaluate_predictions(self.judged)
         files = {} if self.out is None else self.written(evaluation, self.out)
-        figures = {**evaluation.as_table(), "files": files}
+        figures = {**evaluation.to_json_dict(), "files": files}
         told = (*format_evaluation_report(evaluation), *(f"  {kind}: {path}" for kind, path in files.items()))
         return answer(self.json, figures, told)
 

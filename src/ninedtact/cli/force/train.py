@@ -57,8 +57,8 @@ class Train:
     """Data set that `ninedtact dataset build` or `ninedtact simulate dataset` made."""
     out: Path
     """Folder for the model, curves, logs and checkpoints: new, empty, or begun with the same options."""
-    preset: Literal["ours", "paper"] = "ours"
-    """ours: a small network on heights; paper: DenseNet-169 on whole images, as published. The options below change it."""
+    preset: Literal["default", "paper"] = "default"
+    """default: a small network on heights; paper: DenseNet-169 on whole images, as published. The options below change it."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name: heights are read by these. Twins make their own."""
     network: str | None = None
@@ -160,7 +160,7 @@ def figures(trained: "TrainingResult") -> dict[str, Any]:
         "best_epoch": training.best_epoch,
         "seconds": training.seconds,
         "pairs": training.pairs,
-        "held_out": trained.evaluation.as_table(),
+        "held_out": trained.evaluation.to_json_dict(),
     }
 
 

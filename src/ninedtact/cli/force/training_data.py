@@ -52,7 +52,7 @@ class TrainingData:
         rows = {name: traits_of(sensor.shape, sensor.gel).row for name, sensor in sensors.by_name.items()}
         traits = np.array([rows[name] for name in pairs.sensors.tolist()])
         names = pairs.objects.tolist(), pairs.sensors.tolist()
-        return TrainingExamples(pairs.z_mm, pairs.wrenches, *names, traits=traits), pairs.ids.tolist()
+        return TrainingExamples(pairs.z_mm, pairs.wrenches, *names, sensor_features=traits), pairs.ids.tolist()
 
     def of_images(self) -> tuple["TrainingExamples", Sequence[str]]:
         """Grey images with their references."""
@@ -82,7 +82,7 @@ def at_one_modulus(examples: "TrainingExamples", members: Mapping[str, "SensorMe
 
     usual = Gel().shear_modulus_mpa
     moduli = {name: member.gel.shear_modulus_mpa for name, member in members.items()}
-    return examples.at_modulus(np.array([moduli.get(name, usual) for name in examples.sensors]))
+    return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors]))
 
 
 @dataclass(frozen=True)

@@ -208,7 +208,7 @@ class WrenchEvaluation:
         """And of its deviation."""
         return force_torque_means(self.scores.std)
 
-    def as_table(self) -> dict[str, Any]:
+    def to_json_dict(self) -> dict[str, Any]:
         """Plain values for JSON; null where a question has no answer."""
         return {
             "pairs": self.pairs,

@@ -150,7 +150,7 @@ def write_evaluation_report(out: Path, evaluation: WrenchEvaluation) -> Iterator
     out.mkdir(parents=True, exist_ok=True)
     drawn = dict(plot_evaluation(evaluation))
     contents = {f"{name}.png": content for name, content in drawn.items()}
-    contents["evaluation.json"] = json.dumps(evaluation.as_table(), indent=1, ensure_ascii=False).encode()
+    contents["evaluation.json"] = json.dumps(evaluation.to_json_dict(), indent=1, ensure_ascii=False).encode()
     contents["evaluation.html"] = _render_html(evaluation, drawn).encode()
     for name, content in contents.items():
         write_file_atomically(out / name, content)

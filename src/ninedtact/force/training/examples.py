@@ -1,7 +1,4 @@
-"""What is learnt from: images or heights with the wrench of each, in memory or mapped from a file.
-
-Some examples at a time, in an order that the seed and the epoch decide, whatever was drawn before.
-"""
+"""Training examples, in memory or mapped from a file, and batches of them in an order that seed and epoch decide."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,35 +17,35 @@ from ninedtact.force.inputs import Channels, InputSettings, height_channels, ima
 from ninedtact.force.splits import Rows
 from ninedtact.force.traits import USUAL
 
-AXES = 6
+_AXES = 6
 _FEWEST_PAIRS = 2
 
 
 class ExamplesUnusable(NinedtactError):
-    """TrainingExamples that nothing can be learnt from."""
+    """Examples from which nothing can be learnt."""
 
 
 @dataclass(frozen=True)
 class TrainingExamples:
-    """Pairs at the size of the network's input; raises `ExamplesUnusable`. What is large may be mapped from a file."""
+    """Pairs at the size of the network's input; raises `ExamplesUnusable`. Large arrays may be mapped from a file."""
 
     images: Shaped[Array, "n rows cols"]
-    """Heights in mm on the network's grid (`inputs.heights_at_places`), or grey levels; of any type of number."""
+    """Heights in mm on the network's grid (`heights_at_places`), or grey levels; of any numeric type."""
     wrench: Float32[Array, "n 6"]
     """N and N·m about the skin's centre."""
     objects: Sequence[str]
     sensors: Sequence[str]
     references: Shaped[Array, "m rows cols"] | None = None
-    """Untouched images; none for heights."""
+    """Reference images (no contact); None for heights."""
     reference_of: Int[Array, " n"] | None = None
-    """Which of them each image is held against."""
-    traits: Float32[Array, "n traits"] | None = None
-    """Of the sensor of each (`Traits.row`); usual ones where nothing is said."""
+    """Row in `references` of each image's reference."""
+    sensor_features: Float32[Array, "n features"] | None = None
+    """Features of each example's sensor (`Traits.row`); typical ones where None."""
 
     def __post_init__(self) -> None:
         n = len(self.images)
-        columns = (self.wrench, self.objects, self.sensors, self.reference_of, self.traits)
-        if any(column is not None and len(column) != n for column in columns) or self.wrench.shape != (n, AXES):
+        columns = (self.wrench, self.objects, self.sensors, self.reference_of, self.sensor_features)
+        if any(column is not None and len(column) != n for column in columns) or self.wrench.shape != (n, _AXES):
             raise ExamplesUnusable(
                 f"expected a wrench of six, object, sensor and the rest for each of {n} images, got columns of other "
                 "lengths; give one of each for every image"
@@ -60,20 +57,23 @@ class TrainingExamples:
                 f"{int(bad.argmax())}; leave those pairs out"
             )
 
-    def at_modulus(self, of_each_mpa: Float64[Array, " n"]) -> "TrainingExamples":
-        """Wrenches as a gel of the design's modulus would have given them, those of each sensor's gel given."""
-        softer = (Gel().shear_modulus_mpa / of_each_mpa)[:, None]
-        return replace(self, wrench=(self.wrench * softer).astype(np.float32))
+    def scale_to_design_modulus(self, modulus_mpa: Float64[Array, " n"]) -> "TrainingExamples":
+        """Return the examples with wrenches as a gel of the design's shear modulus would have given them.
+
+        modulus_mpa: shear modulus of the gel with which each example was recorded.
+        """
+        factor = (Gel().shear_modulus_mpa / modulus_mpa)[:, None]
+        return replace(self, wrench=(self.wrench * factor).astype(np.float32))
 
     def __len__(self) -> int:
         return len(self.images)
 
 
 def require_trainable(examples: TrainingExamples, rows: Rows, settings: InputSettings) -> None:
-    """Refuse what would train nothing, or something else; raises `ExamplesUnusable`."""
+    """Raise `ExamplesUnusable` for too few pairs, or for examples that do not fit the network's input."""
     if min(len(rows.train), len(rows.test)) < _FEWEST_PAIRS:
         raise ExamplesUnusable(
-            f"expected at least {_FEWEST_PAIRS} pairs to learn from and others to check with, got {len(rows.train)} and "
+            f"expected at least {_FEWEST_PAIRS} pairs for training and for validation, got {len(rows.train)} and "
             f"{len(rows.test)}; hold out more or less, or record more"
         )
     size = examples.images.shape[1:]
@@ -86,13 +86,13 @@ def require_trainable(examples: TrainingExamples, rows: Rows, settings: InputSet
     ):
         given = "heights" if examples.references is None else "images with references"
         raise ExamplesUnusable(
-            f"expected examples for the channels {settings.channels.value!r}, got {given}; give the others, or ask for other "
-            "channels"
+            f"expected examples for the channels {settings.channels.value!r}, got {given}; give the other kind, or choose "
+            "other channels"
         )
 
 
 def move_torque_reference(examples: TrainingExamples, point_mm: tuple[float, float, float]) -> TrainingExamples:
-    """Torques about a point that is given from the one that they are about, as `Wrench.about` moves them."""
+    """Return the examples with torques about another point, given from the present one, as `Wrench.about` moves them."""
     force, torque = examples.wrench[:, :3], examples.wrench[:, 3:]
     moved = torque - np.cross(np.array(point_mm) / 1e3, force)
     return replace(examples, wrench=np.concatenate([force, moved], 1).astype(np.float32))
@@ -100,63 +100,66 @@ def move_torque_reference(examples: TrainingExamples, point_mm: tuple[float, flo
 
 @dataclass(frozen=True)
 class TrainingBatch:
-    """Some examples on one device; numbers as they are stored until `floating`."""
+    """Some examples on one device; numbers keep their stored type until `to_float`."""
 
     images: Tensor
     """(n, rows, cols) heights in mm, or grey levels."""
     wrench: Tensor
+    """(n, 6) N and N·m."""
     references: Tensor | None
-    traits: Tensor
-    """(n, 5) of their sensors."""
+    sensor_features: Tensor
+    """(n, 5) of each example's sensor."""
 
     def to(self, device: torch.device, **options: Any) -> "TrainingBatch":
-        """The same on another device; Lightning calls it."""
+        """Return the batch on another device; Lightning calls this method."""
         moved = {name: part.to(device, **options) for name, part in vars(self).items() if part is not None}
         return replace(self, **moved)
 
-    def floating(self) -> "TrainingBatch":
-        """As float32: done where the batch is learnt from, for small integers travel sooner."""
-        made = {name: part.float() for name, part in vars(self).items() if part is not None}
-        return replace(self, **made)
+    def to_float(self) -> "TrainingBatch":
+        """Return the batch as float32; done on the training's device, because small integers are transferred faster."""
+        converted = {name: part.float() for name, part in vars(self).items() if part is not None}
+        return replace(self, **converted)
 
-    def channels(self, of: Channels) -> Tensor:
-        """What the network is shown."""
+    def network_input(self, channels: Channels) -> Tensor:
+        """Return the network's input (n, channels, rows, cols)."""
         if self.references is None:
-            made: Tensor = height_channels(self.images, self.traits, of)
+            stacked: Tensor = height_channels(self.images, self.sensor_features, channels)
         else:
-            made = image_channels(self.images, self.references, of)
-        return made.contiguous(memory_format=torch.channels_last)
+            stacked = image_channels(self.images, self.references, channels)
+        return stacked.contiguous(memory_format=torch.channels_last)
 
 
 class BatchDataset(Dataset[TrainingBatch]):
-    """TrainingExamples asked for by many rows at once."""
+    """Examples as a torch data set whose items are batches, indexed by many rows at once."""
 
     def __init__(self, examples: TrainingExamples) -> None:
         self.examples = examples
 
     def __getitem__(self, rows: Int[Array, " b"]) -> TrainingBatch:
-        """In memory of their own."""
+        """Return copies of these rows."""
         examples, references = self.examples, None
         if examples.references is not None and examples.reference_of is not None:
             references = _copy_to_tensor(examples.references[examples.reference_of[rows]])
-        traits = np.tile(USUAL.row, (len(rows), 1)) if examples.traits is None else examples.traits[rows]
+        features = examples.sensor_features
+        features = np.tile(USUAL.row, (len(rows), 1)) if features is None else features[rows]
         return TrainingBatch(
             _copy_to_tensor(examples.images[rows]),
             _copy_to_tensor(examples.wrench[rows]),
             references,
-            _copy_to_tensor(traits),
+            _copy_to_tensor(features),
         )
 
 
 def _copy_to_tensor(array: Array) -> Tensor:
-    """Whatever file it is mapped from."""
+    """Copy an array, which may be mapped from a file, to a tensor in memory."""
     return torch.from_numpy(np.array(array))
 
 
 class SeededBatchSampler(Sampler[Any]):
-    """Rows of every batch, divided among the processes of a training.
+    """Rows of every batch, divided among the processes of a training; seed and epoch alone decide their order.
 
-    With a seed: shuffled anew each epoch, and the rows that do not fill a last batch wait for another epoch.
+    With a seed the rows are shuffled anew in every epoch, and those that do not fill a last batch are left to another epoch.
+    Without one they keep their order.
     """
 
     def __init__(self, rows: Int[Array, " n"], batch: int, seed: int | None, rank: int = 0, world: int = 1) -> None:
@@ -165,18 +168,17 @@ class SeededBatchSampler(Sampler[Any]):
         self.batches = -(-each // batch) if seed is None else max(each // batch, 1)
 
     def set_epoch(self, epoch: int) -> None:
-        """Lightning tells which begins."""
+        """Set the number of the epoch that begins; Lightning calls this method."""
         self.epoch = epoch
 
     def __iter__(self) -> Iterator[Int[Array, " b"]]:
-        own = self.own
+        own = self._own_rows()
         for number in range(self.batches):
-            # Sorted, because mapped files are read soonest in their own order.
+            # Sorted, because mapped files are read fastest in their own order.
             yield np.sort(own[number * self.batch : (number + 1) * self.batch])
 
-    @property
-    def own(self) -> Int[Array, " m"]:
-        """This process's rows of this epoch; as many for all, so some come twice where they do not divide."""
+    def _own_rows(self) -> Int[Array, " m"]:
+        """Return this process's rows of this epoch, equally many in all processes; some repeat where they do not divide."""
         order = self.rows
         if self.seed is not None:
             order = np.random.default_rng([self.seed, self.epoch]).permutation(self.rows)
@@ -187,12 +189,14 @@ class SeededBatchSampler(Sampler[Any]):
         return self.batches
 
 
-def make_data_loader(examples: TrainingExamples, order: SeededBatchSampler, workers: int) -> DataLoader[TrainingBatch]:
-    """Batches of examples in an order."""
+def make_data_loader(
+    examples: TrainingExamples, sampler: SeededBatchSampler, workers: int
+) -> DataLoader[TrainingBatch]:
+    """Return a loader of the sampler's batches."""
     return DataLoader(
         BatchDataset(examples),
         batch_size=None,
-        sampler=order,
+        sampler=sampler,
         num_workers=workers,
         persistent_workers=workers > 0,
     )

@@ -1,8 +1,7 @@
-"""Checkpoints: written whole, read without running anything in them.
+"""What training needs beyond Lightning's defaults.
 
-Lightning's manners, mended: a stop is a sentence, and advice is not given.
-
-What is noted of every epoch, in `metrics.csv` and for the curves; it goes on after a stop.
+Checkpoints are written atomically and read without running code in them. Ctrl-C becomes an exception. The metrics of every epoch
+are kept in a CSV file, one progress bar covers all epochs, and Lightning's advice is suppressed.
 """
 
 import csv
@@ -24,16 +23,22 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.force.training.training_module import MONITORED_METRIC
 
+EpochMetrics = dict[str, float]
+
 
 class CheckpointDamaged(NinedtactError):
-    """What an earlier run left cannot be gone on with."""
+    """A checkpoint of an earlier run that cannot be read."""
+
+
+class TrainingStopped(NinedtactError):
+    """Ctrl-C ended the training before its last epoch."""
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    """Checkpoints appear whole or not at all."""
+    """Lightning plugin that writes a checkpoint whole or not at all."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
-        """Raises `FileNotWritten`."""
+        """Write the checkpoint; raises `FileNotWritten`."""
         content = BytesIO()
         torch.save(checkpoint, content)
         Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -41,7 +46,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 def resumable_checkpoint(path: Path) -> str | None:
-    """The last checkpoint of an earlier run; raises `CheckpointDamaged`."""
+    """Return the path of the last checkpoint of an earlier run, None without one; raises `CheckpointDamaged`."""
     if not path.is_file():
         return None
     load_checkpoint(path)
@@ -49,29 +54,25 @@ def resumable_checkpoint(path: Path) -> str | None:
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
-    """What a checkpoint holds: plain values and weights alone; raises `CheckpointDamaged`."""
+    """Read a checkpoint, plain values and weights alone, without running code in it; raises `CheckpointDamaged`."""
     try:
         return dict(torch.load(path, map_location="cpu", weights_only=True))
-    except Exception as trouble:  # whatever torch meets in a damaged file
-        said = (str(trouble).splitlines() or [""])[0]
+    except Exception as trouble:  # torch raises many kinds of error for a damaged file
+        reason = (str(trouble).splitlines() or [""])[0]
         raise CheckpointDamaged(
-            f"expected a checkpoint of this program in {path}, got: {said}; remove it to begin again"
+            f"expected a checkpoint of this program in {path}, got: {reason}; remove it to begin again"
         ) from trouble
-
-
-class TrainingStopped(NinedtactError):
-    """Ctrl-C ended the training before its last epoch."""
 
 
 @contextmanager
 def interrupt_as_training_stopped(out: Path) -> Iterator[None]:
-    """Ctrl-C as `TrainingStopped`: Lightning itself would end the whole program, deaf to further signals."""
+    """Raise `TrainingStopped` at Ctrl-C; Lightning itself would end the whole program and ignore further signals."""
     before = signal.getsignal(signal.SIGINT)
     try:
         yield
     except (SystemExit, KeyboardInterrupt):
         raise TrainingStopped(
-            f"stopped by Ctrl-C; what was learnt up to the last whole epoch is kept in {out}; run the command again to go on"
+            f"stopped by Ctrl-C; the last complete epoch is kept in {out}; run the command again to continue"
         ) from None
     finally:
         if signal.getsignal(signal.SIGINT) is not before:
@@ -80,7 +81,7 @@ def interrupt_as_training_stopped(out: Path) -> Iterator[None]:
 
 @contextmanager
 def silence_lightning() -> Iterator[None]:
-    """Without Lightning's advice."""
+    """Suppress Lightning's advice and warnings while the block runs."""
     names = ("lightning.pytorch", "lightning.fabric")
     before = [logging.getLogger(name).level for name in names]
     for name in names:
@@ -94,79 +95,78 @@ def silence_lightning() -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-MetricsRow = dict[str, float]
-
-
 class MetricsHistory(Callback):
-    """A row for every epoch."""
+    """Lightning callback that keeps the metrics of every epoch, writes them to a CSV file, and resumes with a checkpoint."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.rows: list[MetricsRow] = []
-        self.before_s, self.began_s = 0.0, monotonic()
+        self.epochs: list[EpochMetrics] = []
+        self._earlier_s, self._started_s = 0.0, monotonic()
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Note it; raises `FileNotWritten`."""
-        told = {name: float(value) for name, value in trainer.callback_metrics.items()}
+        """Add the epoch's metrics and write the file; raises `FileNotWritten`."""
+        metrics = {name: float(value) for name, value in trainer.callback_metrics.items()}
         rate = trainer.optimizers[0].param_groups[0]["lr"]
-        row = {"epoch": trainer.current_epoch + 1, **told, "learning_rate": rate, "seconds": self.seconds}
-        self.rows.append(row)
+        epoch = trainer.current_epoch + 1
+        self.epochs.append({"epoch": epoch, **metrics, "learning_rate": rate, "seconds": self.seconds})
         if trainer.is_global_zero:
-            write_file_atomically(self.path, _metrics_csv(self.rows))
+            write_file_atomically(self.path, _metrics_csv(self.epochs))
 
     @property
     def seconds(self) -> float:
-        """Of training so far, pauses left out."""
-        return self.before_s + monotonic() - self.began_s
+        """Duration of the training so far, without the time between runs."""
+        return self._earlier_s + monotonic() - self._started_s
 
     @property
-    def best(self) -> MetricsRow:
-        """The row of the best epoch."""
-        return min(self.rows, key=lambda row: row[MONITORED_METRIC])
+    def best_epoch(self) -> EpochMetrics:
+        """The metrics of the best epoch."""
+        return min(self.epochs, key=lambda metrics: metrics[MONITORED_METRIC])
 
     def state_dict(self) -> dict[str, Any]:
-        """Into the checkpoint."""
-        return {"rows": self.rows, "seconds": self.seconds}
+        """Return the history for a checkpoint."""
+        return {"epochs": self.epochs, "seconds": self.seconds}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Out of it."""
-        self.rows, self.before_s = list(state_dict["rows"]), float(state_dict["seconds"])
-        self.began_s = monotonic()
+        """Restore the history from a checkpoint."""
+        self.epochs, self._earlier_s = list(state_dict["epochs"]), float(state_dict["seconds"])
+        self._started_s = monotonic()
 
 
-def _metrics_csv(rows: list[MetricsRow]) -> bytes:
-    """A table with a line of names."""
+def _metrics_csv(epochs: list[EpochMetrics]) -> bytes:
+    """Return a CSV table with a header and a row for every epoch."""
     text = StringIO()
-    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table = csv.DictWriter(text, list(epochs[0]), lineterminator="\n")
     table.writeheader()
-    table.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
+    table.writerows({name: f"{value:.6g}" for name, value in metrics.items()} for metrics in epochs)
     return text.getvalue().encode()
 
 
 class ProgressBar(Callback):
-    """A bar over all epochs, with the time that is left."""
+    """Lightning callback that shows one bar over all epochs with the remaining time."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Draw it, as far as an earlier run came."""
+        """Show the bar, advanced by the epochs of an earlier run."""
         from tqdm import tqdm
 
-        each = int(trainer.num_training_batches)
-        self.bar = tqdm(total=(trainer.max_epochs or 0) * each, initial=trainer.current_epoch * each, unit="batch")
+        batches = int(trainer.num_training_batches)
+        self.bar = tqdm(
+            total=(trainer.max_epochs or 0) * batches, initial=trainer.current_epoch * batches, unit="batch"
+        )
 
     def on_train_batch_end(self, trainer: Trainer, pl_module: LightningModule, *_: Any) -> None:
-        """One more."""
+        """Advance the bar by one batch."""
         self.bar.update()
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Say how good it is."""
-        told = {name: f"{float(trainer.callback_metrics[name]):.3f}" for name in ("train_loss", MONITORED_METRIC)}
-        self.bar.set_postfix(epoch=trainer.current_epoch + 1, **told)
+        """Show the losses of the epoch."""
+        losses = {name: f"{float(trainer.callback_metrics[name]):.3f}" for name in ("train_loss", MONITORED_METRIC)}
+        self.bar.set_postfix(epoch=trainer.current_epoch + 1, **losses)
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Leave it."""
+        """Close the bar at the end."""
         self.bar.close()
 
     def on_exception(self, trainer: Trainer, pl_module: LightningModule, exception: BaseException) -> None:
-        """Leave it."""
+        """Close the bar after an error."""
         if hasattr(self, "bar"):
             self.bar.close()

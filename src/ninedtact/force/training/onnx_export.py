@@ -1,4 +1,4 @@
-"""A trained network as one ONNX file with its card."""
+"""Export of a trained network with its model card to one ONNX file."""
 
 import logging
 from collections.abc import Iterator
@@ -18,16 +18,19 @@ from ninedtact.force.model_file import INPUT, KEY, SCALE, WRENCH, ForceModel, mo
 from ninedtact.force.networks import WrenchNetwork
 
 _PARITY_TOLERANCE = 1e-3
-"""ONNX Runtime may differ from torch by this part of the labels' unit, and of the answer."""
+"""Largest difference between ONNX Runtime and torch, relative to the labels' unit plus the predicted value."""
 _PARITY_INPUTS = 3
 
 
 class ExportFailed(NinedtactError):
-    """The exported graph answers otherwise than the network."""
+    """The exported graph and the network give different predictions."""
 
 
 def export_model(path: Path, network: WrenchNetwork, card: Card) -> ForceModel:
-    """Whole or not at all, and checked; raises `ExportFailed`, `FileNotWritten`."""
+    """Write the network as an ONNX file, atomically, after comparing it with the network.
+
+    Raises `ExportFailed`, `FileNotWritten`.
+    """
     content = _serialise_with_card(_build_onnx_graph(network, card), card)
     model = model_from(content, str(path))
     _require_onnx_parity(network, model)
@@ -36,7 +39,7 @@ def export_model(path: Path, network: WrenchNetwork, card: Card) -> ForceModel:
 
 
 def rewrite_card(path: Path, card: Card, out: Path) -> None:
-    """Another card on the same graph, as a file of its own or the same: after an evaluation, for one.
+    """Write a model file with another card and the same graph; `out` may be `path`.
 
     Raises `ModelUnusable`, `FileNotWritten`.
     """
@@ -45,7 +48,7 @@ def rewrite_card(path: Path, card: Card, out: Path) -> None:
 
 
 def _build_onnx_graph(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
-    """For any number of images at once."""
+    """Return the network as an ONNX graph for any number of images at once."""
     network.cpu().eval()
     shown = torch.zeros(2, *card.input.shape)
     with _silence_exporter(), torch.no_grad():
@@ -64,30 +67,30 @@ def _build_onnx_graph(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
 
 
 def _serialise_with_card(graph: onnx.ModelProto, card: Card) -> bytes:
-    """The file's bytes."""
+    """Return the content of the model file."""
     onnx.helper.set_model_props(graph, {KEY: msgspec.json.encode(card).decode()})
     return graph.SerializeToString()
 
 
 def _require_onnx_parity(network: WrenchNetwork, model: ForceModel) -> None:
-    """Refuse a graph that answers otherwise; raises `ExportFailed`."""
+    """Raise `ExportFailed` where graph and network differ on random inputs."""
     shown = torch.rand(_PARITY_INPUTS, *model.card.input.shape)
     with torch.no_grad():
-        wanted = [part.double().numpy() for part in network(shown)]
+        expected = [part.double().numpy() for part in network(shown)]
     given = model(shown.numpy())
     unit = network.unit.double().numpy()
-    pairs = zip(wanted, (given.wrench, given.scale), strict=False)
-    off = max(float((np.abs(a - b) / (unit + np.abs(a))).max()) for a, b in pairs)
-    if not off <= _PARITY_TOLERANCE:
+    pairs = zip(expected, (given.wrench, given.scale), strict=False)
+    difference = max(float((np.abs(a - b) / (unit + np.abs(a))).max()) for a, b in pairs)
+    if not difference <= _PARITY_TOLERANCE:
         raise ExportFailed(
-            f"expected the exported graph to answer as the network, got answers that differ by {off:.2g} of their size; update "
-            "torch and onnx"
+            f"expected the exported graph to predict what the network predicts, got a relative difference of {difference:.2g}; "
+            "update torch and onnx"
         )
 
 
 @contextmanager
 def _silence_exporter() -> Iterator[None]:
-    """Without the exporter's remarks."""
+    """Suppress the exporter's warnings while the block runs."""
     log = logging.getLogger("torch.onnx")
     before = log.level
     log.setLevel(logging.ERROR)

@@ -1,4 +1,4 @@
-"""What a training is asked to be. The resolved settings are kept beside the model and in it."""
+"""Settings of a training and its presets. The resolved settings are kept beside the model and in its card."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -11,32 +11,33 @@ from ninedtact.force.inputs import Channels, InputSettings, whole
 from ninedtact.force.networks.named import require_size
 from ninedtact.force.training.augmentation import NO_AUGMENTATION, Augmentation
 
-Point = tuple[float, float, float]
+_Point = tuple[float, float, float]
 
 
 class TrainingImpossible(NinedtactError):
-    """A training that cannot be done."""
+    """Settings with which no training is possible."""
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """All that decides about the model; raises `TrainingImpossible`, `NetworkUnknown`."""
+    """Everything that decides about the trained model; raises `TrainingImpossible`, `NetworkUnknown`."""
 
     network: str = "moments"
     input: InputSettings = InputSettings(Channels.HEIGHTS_AND_SENSOR)
     epochs: int = 40
     batch: int = 64
     learning_rate: float = 2e-3
-    """The highest where the schedule varies it."""
+    """The highest rate where the schedule varies it."""
     optimiser: Literal["adam", "adamw"] = "adamw"
     schedule: Literal["constant", "one cycle"] = "one cycle"
     weight_decay: float = 1e-2
     labels: Literal["spread", "ranges"] = "spread"
-    """Unit of each axis: mean distance from its median, and zero stays zero; or its range, and the lowest is zero."""
-    about_mm: Point = (0.0, 0.0, 0.0)
-    """Point that the learnt torques are about; told ones are about the skin's centre."""
+    """Unit of each axis of the labels. spread: its mean distance from the median, zero staying zero. ranges: its range, the lowest
+    value becoming zero."""
+    about_mm: _Point = (0.0, 0.0, 0.0)
+    """Point of the torques that the network learns; the torques that it finally gives are about the skin's centre."""
     scale_weight: float = 0.05
-    """Of the scale's likelihood beside the mean absolute error; 0: the network tells no scale."""
+    """Weight of the scale's log-likelihood beside the mean absolute error; 0: the network predicts no scale."""
     augmentation: Augmentation = field(default_factory=Augmentation)
     seed: int = 0
 
@@ -44,14 +45,14 @@ class TrainingSettings:
         require_size(self.network, self.input)
         for name in ("epochs", "batch", "learning_rate"):
             if not getattr(self, name) > 0:
-                raise TrainingImpossible(f"expected {name} above zero, got {getattr(self, name)}; ask for more")
+                raise TrainingImpossible(f"expected {name} above zero, got {getattr(self, name)}; give a larger value")
         if self.seed < 0 or not self.scale_weight >= 0:
             raise TrainingImpossible(
                 f"expected seed and scale_weight of zero or more, got {self.seed} and {self.scale_weight}; correct them"
             )
 
-    def as_table(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+    def to_json_dict(self) -> dict[str, Any]:
+        """Return the settings as plain values for JSON."""
         return msgspec.json.decode(msgspec.json.encode(self), type=dict[str, Any])
 
 
@@ -70,17 +71,17 @@ PAPER_TRAINING = TrainingSettings(
     augmentation=NO_AUGMENTATION,
 )
 """9DTact, section V (docs/references.md)."""
-TRAINING_PRESETS = {"ours": DEFAULT_TRAINING, "paper": PAPER_TRAINING}
+TRAINING_PRESETS = {"default": DEFAULT_TRAINING, "paper": PAPER_TRAINING}
 
 
 @dataclass(frozen=True)
 class ComputeSettings:
-    """Lightning's own flags: what the training runs on. They change its speed, not what is learnt."""
+    """Lightning's own flags: the hardware that a training runs on. They change its speed, not what is learnt."""
 
     accelerator: str = "auto"
     devices: int | str = 1
     nodes: int = 1
     strategy: str = "auto"
     precision: Any = "32-true"
-    workers: int = 0
-    """Processes that gather examples; none: the training's own."""
+    loader_workers: int = 0
+    """Processes that load batches; 0: the training's own process."""

@@ -1,11 +1,8 @@
-"""The folder of a training: begun once, and known again.
+"""Training of a force model: examples go in, one folder with the model comes out.
 
-settings.json    what was asked for     metrics.csv, curves.png    every epoch     tensorboard/    the same for TensorBoard
-checkpoints/     best and last epoch    model.onnx                 what comes of it, last of all
-
-All steps of learning, by Lightning: kept after every epoch, gone on with after a stop.
-
-Examples → a force model in one file: learn, set the errors right, export, say how good it is on what was held out.
+settings.json     settings and digest of the examples     metrics.csv, curves.png     losses and errors of every epoch
+checkpoints/      best and last epoch                     tensorboard/                the same for TensorBoard
+model.onnx        the model, written last
 """
 
 import json
@@ -48,136 +45,18 @@ from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
 from ninedtact.force.training.trained_network import TrainedNetwork
 from ninedtact.force.training.training_module import MONITORED_METRIC, ForceTrainingModule, fit_label_scaling
 
-_SETTINGS_FILE, MODEL_FILE, _CURVES_FILE = "settings.json", "model.onnx", "curves.png"
+_SETTINGS_FILE, MODEL_FILE, _CURVES_FILE, _METRICS_FILE = "settings.json", "model.onnx", "curves.png", "metrics.csv"
+CHECKPOINT_FOLDER, _TENSORBOARD_FOLDER = "checkpoints", "tensorboard"
+_BEST_CHECKPOINT, _LAST_CHECKPOINT = "best", "last"
 
 
 class TrainingFolderTaken(NinedtactError):
     """A folder that holds something else, or another training."""
 
 
-def _begin_training_folder(out: Path, asked: dict[str, Any]) -> None:
-    """Make the folder, or see that it holds an earlier run of the same; raises `TrainingFolderTaken`, `FileNotWritten`."""
-    wanted = json.loads(json.dumps(asked))
-    if (out / _SETTINGS_FILE).is_file():
-        _require_same_training(out, wanted)
-        return
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise TrainingFolderTaken(
-            f"expected an empty folder or a training to go on with, got {out}, which holds something else; give another"
-        )
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as trouble:
-        raise FileNotWritten(
-            f"expected to make the folder {out}, got: {trouble.strerror or trouble}; correct the path or its permissions"
-        ) from trouble
-    write_file_atomically(out / _SETTINGS_FILE, json.dumps(wanted, indent=1).encode())
-
-
-def _require_same_training(out: Path, wanted: dict[str, Any]) -> None:
-    """Refuse to go on with something else."""
-    try:
-        found = json.loads((out / _SETTINGS_FILE).read_text())
-    except (OSError, ValueError):
-        found = {}
-    differing = sorted(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))
-    if differing:
-        raise TrainingFolderTaken(
-            f"expected the training that {out} was begun with, got another {', '.join(differing)}; give the same data and "
-            "options to go on, or another folder"
-        )
-
-
-CHECKPOINT_FOLDER, BEST_FILE, LAST_FILE = "checkpoints", "best", "last"
-METRICS, BOARD = "metrics.csv", "tensorboard"
-
-
-@dataclass(frozen=True)
-class FitResult:
-    """What Lightning leaves."""
-
-    trainer: Trainer
-    history: MetricsHistory
-
-
-def fit_network(
-    learner: ForceTrainingModule,
-    examples: TrainingExamples,
-    rows: Rows,
-    out: Path,
-    machine: ComputeSettings,
-    progress: bool = False,
-) -> FitResult:
-    """Learn, from the start or from where an earlier run in `out` was stopped, and leave the best weights in `learner`.
-
-    Raises `TrainingStopped`, `CheckpointDamaged`.
-    """
-    folder = out / CHECKPOINT_FOLDER
-    history = MetricsHistory(out / METRICS)
-    trainer = _build_trainer(learner, history, out, machine, progress)
-    before = folder / f"{LAST_FILE}.ckpt"
-    with interrupt_as_training_stopped(out), silence_lightning():
-        data = _ExamplesDataModule(learner, examples, rows, machine.workers)
-        trainer.fit(learner, datamodule=data, ckpt_path=resumable_checkpoint(before), weights_only=True)
-    learner.load_state_dict(load_checkpoint(folder / f"{BEST_FILE}.ckpt")["state_dict"])
-    return FitResult(trainer, history)
-
-
-def _build_trainer(
-    learner: ForceTrainingModule, history: MetricsHistory, out: Path, machine: ComputeSettings, progress: bool
-) -> Trainer:
-    """Lightning's, writing below `out` alone."""
-    kept = ModelCheckpoint(
-        out / CHECKPOINT_FOLDER,
-        filename=BEST_FILE,
-        monitor=MONITORED_METRIC,
-        save_last=True,
-        enable_version_counter=False,
-        save_on_train_epoch_end=True,
-    )
-    with silence_lightning():
-        return Trainer(
-            accelerator=machine.accelerator,
-            devices=machine.devices,
-            num_nodes=machine.nodes,
-            strategy=machine.strategy,
-            precision=machine.precision,
-            max_epochs=learner.settings.epochs,
-            logger=TensorBoardLogger(str(out), name=BOARD, version=""),
-            callbacks=[history, kept, *([ProgressBar()] if progress else [])],
-            plugins=[AtomicCheckpointIO()],
-            default_root_dir=str(out),
-            use_distributed_sampler=False,
-            num_sanity_val_steps=0,
-            enable_progress_bar=False,
-            enable_model_summary=False,
-        )
-
-
-class _ExamplesDataModule(LightningDataModule):
-    """TrainingExamples as Lightning asks for them."""
-
-    def __init__(self, learner: ForceTrainingModule, examples: TrainingExamples, rows: Rows, workers: int) -> None:
-        super().__init__()
-        self.settings, self.examples, self.parts, self.workers = learner.settings, examples, rows, workers
-
-    def train_dataloader(self) -> DataLoader[TrainingBatch]:
-        """Shuffled, this process's share."""
-        return make_data_loader(self.examples, self.order(self.parts.train, self.settings.seed), self.workers)
-
-    def val_dataloader(self) -> DataLoader[TrainingBatch]:
-        """In order, this process's share."""
-        return make_data_loader(self.examples, self.order(self.parts.test, None), self.workers)
-
-    def order(self, rows: Any, seed: int | None) -> SeededBatchSampler:
-        """Of this process."""
-        assert self.trainer is not None
-        return SeededBatchSampler(rows, self.settings.batch, seed, self.trainer.global_rank, self.trainer.world_size)
-
-
 @dataclass(frozen=True)
 class TrainingResult:
-    """A model, and how good it is on what was held out."""
+    """A trained model and its evaluation on the held-out pairs."""
 
     path: Path
     model: ForceModel
@@ -195,32 +74,155 @@ def train_network(
     machine: ComputeSettings = ComputeSettings(),
     progress: bool = False,
 ) -> TrainingResult | None:
-    """Learn from `rows.train`, keep the epoch that is best on `rows.test`; begun again after a stop, it goes on.
+    """Train on `rows.train`, keep the epoch that is best on `rows.test`, and write the model and its curves to `out`.
 
-    None on all processes of a training but the first. Raises `ExamplesUnusable`, `FolderTaken`, `TrainingStopped`,
-    `CheckpointDamaged`, `FileNotWritten`.
+    A training that was stopped continues after its last complete epoch when it is called again with the same arguments.
+    Returns None in all processes of a distributed training but the first. Raises `ExamplesUnusable`, `TrainingFolderTaken`,
+    `TrainingStopped`, `CheckpointDamaged`, `FileNotWritten`.
     """
     require_trainable(examples, rows, settings.input)
-    _begin_training_folder(
-        out, {"settings": settings.as_table(), "examples": _examples_digest(examples, rows), "name": name}
+    _open_training_folder(
+        out, {"settings": settings.to_json_dict(), "examples": _digest_examples(examples, rows), "name": name}
     )
-    learnt = move_torque_reference(examples, settings.about_mm)
-    learner = ForceTrainingModule(settings, fit_label_scaling(learnt.wrench[rows.train], settings))
-    fitted = fit_network(learner, learnt, rows, out, machine, progress)
+    examples = move_torque_reference(examples, settings.about_mm)
+    module = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[rows.train], settings))
+    fitted = fit_network(module, examples, rows, out, machine, progress)
     if not fitted.trainer.is_global_zero:
         return None
-    lesson = TrainedNetwork(learner.model.to(fitted.trainer.strategy.root_device).eval(), learnt, rows, settings)
-    lesson.set_errors_right()
-    evaluation = lesson.evaluation
-    card = lesson.card(evaluation, fitted.history, name, licence)
-    curves = plot_training_curves(fitted.history.rows, MONITORED_METRIC, lesson.median_mae, card.training.best_epoch)
+    network = module.model.to(fitted.trainer.strategy.root_device).eval()
+    trained = TrainedNetwork(network, examples, rows, settings)
+    trained.calibrate_scale()
+    evaluation = trained.evaluate_held_out()
+    card = trained.build_card(evaluation, fitted.history, name, licence)
+    curves = plot_training_curves(fitted.history.epochs, MONITORED_METRIC, trained.median_mae, card.training.best_epoch)
     write_file_atomically(out / _CURVES_FILE, curves)
-    return TrainingResult(out / MODEL_FILE, export_model(out / MODEL_FILE, lesson.network, card), evaluation)
+    return TrainingResult(out / MODEL_FILE, export_model(out / MODEL_FILE, network, card), evaluation)
 
 
-def _examples_digest(examples: TrainingExamples, rows: Rows) -> dict[str, Any]:
-    """By which a stopped training knows its examples again."""
-    told = blake2b(digest_size=8)
+def _digest_examples(examples: TrainingExamples, rows: Rows) -> dict[str, Any]:
+    """Return what identifies the examples of a training that is continued."""
+    digest = blake2b(digest_size=8)
     for part in (examples.wrench, rows.train, rows.test):
-        told.update(np.ascontiguousarray(part).tobytes())
-    return {"pairs": len(examples), "wrenches": told.hexdigest()}
+        digest.update(np.ascontiguousarray(part).tobytes())
+    return {"pairs": len(examples), "wrenches": digest.hexdigest()}
+
+
+def _open_training_folder(out: Path, description: dict[str, Any]) -> None:
+    """Make the folder, or verify that it holds an earlier run of the same training.
+
+    Raises `TrainingFolderTaken`, `FileNotWritten`.
+    """
+    wanted = json.loads(json.dumps(description))
+    if (out / _SETTINGS_FILE).is_file():
+        _require_same_training(out, wanted)
+        return
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise TrainingFolderTaken(
+            f"expected an empty folder or a training to continue, got {out}, which holds something else; give another folder"
+        )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as trouble:
+        raise FileNotWritten(
+            f"expected to make the folder {out}, got: {trouble.strerror or trouble}; correct the path or its permissions"
+        ) from trouble
+    write_file_atomically(out / _SETTINGS_FILE, json.dumps(wanted, indent=1).encode())
+
+
+def _require_same_training(out: Path, wanted: dict[str, Any]) -> None:
+    """Raise `TrainingFolderTaken` where the folder was begun with other data or settings."""
+    try:
+        found = json.loads((out / _SETTINGS_FILE).read_text())
+    except (OSError, ValueError):
+        found = {}
+    differing = sorted(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))
+    if differing:
+        raise TrainingFolderTaken(
+            f"expected the training that {out} was begun with, got another {', '.join(differing)}; give the same data and "
+            "options to continue, or another folder"
+        )
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Lightning's trainer after the last epoch, and the metrics of all epochs."""
+
+    trainer: Trainer
+    history: MetricsHistory
+
+
+def fit_network(
+    module: ForceTrainingModule,
+    examples: TrainingExamples,
+    rows: Rows,
+    out: Path,
+    machine: ComputeSettings,
+    progress: bool = False,
+) -> FitResult:
+    """Optimise the network, from the start or from the last checkpoint in `out`, and load its best weights into `module`.
+
+    Raises `TrainingStopped`, `CheckpointDamaged`.
+    """
+    folder = out / CHECKPOINT_FOLDER
+    history = MetricsHistory(out / _METRICS_FILE)
+    trainer = _build_trainer(module, history, out, machine, progress)
+    last = folder / f"{_LAST_CHECKPOINT}.ckpt"
+    with interrupt_as_training_stopped(out), silence_lightning():
+        data = _ExamplesDataModule(module.settings, examples, rows, machine.loader_workers)
+        trainer.fit(module, datamodule=data, ckpt_path=resumable_checkpoint(last), weights_only=True)
+    module.load_state_dict(load_checkpoint(folder / f"{_BEST_CHECKPOINT}.ckpt")["state_dict"])
+    return FitResult(trainer, history)
+
+
+def _build_trainer(
+    module: ForceTrainingModule, history: MetricsHistory, out: Path, machine: ComputeSettings, progress: bool
+) -> Trainer:
+    """Return a Lightning trainer that writes to `out` alone."""
+    checkpoints = ModelCheckpoint(
+        out / CHECKPOINT_FOLDER,
+        filename=_BEST_CHECKPOINT,
+        monitor=MONITORED_METRIC,
+        save_last=True,
+        enable_version_counter=False,
+        save_on_train_epoch_end=True,
+    )
+    with silence_lightning():
+        return Trainer(
+            accelerator=machine.accelerator,
+            devices=machine.devices,
+            num_nodes=machine.nodes,
+            strategy=machine.strategy,
+            precision=machine.precision,
+            max_epochs=module.settings.epochs,
+            logger=TensorBoardLogger(str(out), name=_TENSORBOARD_FOLDER, version=""),
+            callbacks=[history, checkpoints, *([ProgressBar()] if progress else [])],
+            plugins=[AtomicCheckpointIO()],
+            default_root_dir=str(out),
+            use_distributed_sampler=False,
+            num_sanity_val_steps=0,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+        )
+
+
+class _ExamplesDataModule(LightningDataModule):
+    """The examples of a training as Lightning's data module; each process loads its own share."""
+
+    def __init__(self, settings: TrainingSettings, examples: TrainingExamples, rows: Rows, workers: int) -> None:
+        super().__init__()
+        self.settings, self.examples, self.rows, self.workers = settings, examples, rows, workers
+
+    def train_dataloader(self) -> DataLoader[TrainingBatch]:
+        """Return the shuffled training batches of this process."""
+        return self._make_loader(self.rows.train, self.settings.seed)
+
+    def val_dataloader(self) -> DataLoader[TrainingBatch]:
+        """Return the validation batches of this process, in order."""
+        return self._make_loader(self.rows.test, None)
+
+    def _make_loader(self, rows: Any, seed: int | None) -> DataLoader[TrainingBatch]:
+        """Return a loader of this process's share of the rows."""
+        assert self.trainer is not None
+        rank, world = self.trainer.global_rank, self.trainer.world_size
+        sampler = SeededBatchSampler(rows, self.settings.batch, seed, rank, world)
+        return make_data_loader(self.examples, sampler, self.workers)

@@ -1,10 +1,8 @@
-"""Errors that cover what they claim, as images of held-out sensors and objects show.
+"""A trained network after its last epoch: its scale calibrated, evaluated on held-out pairs, and described by a model card.
 
-A network's own scale b knows which images are hard, but not how large errors are where it was not trained. What is told is
-gain · b^power, both by axis: the power so that errors over it are distributed like Laplace's, their 90 % quantile ln 10 / ln 2
-times the median; the gain so that the quantiles are right themselves.
-
-What a training comes to: errors set right, an evaluation on what was held out, and the model's card.
+A network's own scale b distinguishes easy images from hard ones, but does not say how large errors are where it was not trained.
+The calibrated scale is gain · b^power, with a gain and a power for each axis. The power is chosen so that errors divided by the
+scale are distributed like Laplace's, whose 90 % quantile is ln 10 / ln 2 times the median; the gain makes the quantiles right.
 """
 
 from collections.abc import Iterator
@@ -28,47 +26,49 @@ from ninedtact.force.training.examples import BatchDataset, TrainingExamples, mo
 from ninedtact.force.training.lightning_compat import MetricsHistory
 from ninedtact.force.training.settings import TrainingSettings
 
-SHARES = (0.5, 0.9)
-LAPLACE_QUANTILES = -np.log1p(-np.array(SHARES))
+_SHARES = (0.5, 0.9)
+LAPLACE_QUANTILES = -np.log1p(-np.array(_SHARES))
 """|error| / scale below which these shares of a Laplace distribution lie."""
-POWERS = np.linspace(0.5, 1.3, 33)
-FEWEST = 20
+_POWERS = np.linspace(0.5, 1.3, 33)
+_FEWEST_IMAGES = 20
 """Images that quantiles need."""
+_MAX_STATISTICS_IMAGES = 5000
+"""Images from which the statistics of the training's inputs are computed."""
+_KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor")
+"""Parts of an evaluation that a card does not hold."""
+_VERSIONED_PACKAGES = ("ninedtact", "torch", "lightning", "numpy")
 
-Six = Float64[Array, "6"]
+_Six = Float64[Array, "6"]
 
 
-def fit_scale_correction(off: Float64[Array, "n 6"], scale: Float64[Array, "n 6"]) -> tuple[Six, Six]:
-    """From absolute errors and untouched scales, both in units of the labels."""
-    if len(off) < FEWEST:
+def fit_scale_correction(absolute_error: Float64[Array, "n 6"], scale: Float64[Array, "n 6"]) -> tuple[_Six, _Six]:
+    """Return gain and power of each axis, from errors and predicted scales in units of the labels; ones for too few images."""
+    if len(absolute_error) < _FEWEST_IMAGES:
         return np.ones(6), np.ones(6)
-    both = np.array([_fit_axis_correction(off[:, axis], scale[:, axis]) for axis in range(off.shape[1])])
+    both = np.array([_fit_axis_correction(absolute_error[:, axis], scale[:, axis]) for axis in range(6)])
     return both[:, 0], both[:, 1]
 
 
-def _fit_axis_correction(off: Float64[Array, " n"], scale: Float64[Array, " n"]) -> tuple[float, float]:
-    """Gain and power of one axis; where several powers do as well, the nearest to one."""
-    misses = [np.log(_error_quantiles(off, scale, power) / LAPLACE_QUANTILES) for power in POWERS]
-    wrong = [abs(miss[1] - miss[0]) + 0.01 * abs(power - 1) for miss, power in zip(misses, POWERS, strict=True)]
-    chosen = int(np.argmin(wrong))
-    return float(np.exp(misses[chosen].mean())), float(POWERS[chosen])
+def _fit_axis_correction(absolute_error: Float64[Array, " n"], scale: Float64[Array, " n"]) -> tuple[float, float]:
+    """Return gain and power of one axis; among powers that fit equally well, the one nearest to one."""
+    log_ratios = [np.log(_error_quantiles(absolute_error, scale, power) / LAPLACE_QUANTILES) for power in _POWERS]
+    misfit = [
+        abs(ratio[1] - ratio[0]) + 0.01 * abs(power - 1) for ratio, power in zip(log_ratios, _POWERS, strict=True)
+    ]
+    chosen = int(np.argmin(misfit))
+    return float(np.exp(log_ratios[chosen].mean())), float(_POWERS[chosen])
 
 
-def _error_quantiles(off: Float64[Array, " n"], scale: Float64[Array, " n"], power: float) -> Float64[Array, "2"]:
-    """Of errors over scales."""
-    return np.maximum(np.quantile(off / scale**power, SHARES), 1e-12)
-
-
-MOST_LOOKED_AT = 5000
-"""Images whose numbers tell what training saw."""
-LEFT_OUT = ("published", "by_object", "by_sensor")
-"""Of the evaluation that the card holds."""
-WITH = ("ninedtact", "torch", "lightning", "numpy")
+def _error_quantiles(
+    absolute_error: Float64[Array, " n"], scale: Float64[Array, " n"], power: float
+) -> Float64[Array, "2"]:
+    """Return the quantiles of errors divided by scales to this power."""
+    return np.maximum(np.quantile(absolute_error / scale**power, _SHARES), 1e-12)
 
 
 @dataclass(frozen=True)
 class TrainedNetwork:
-    """A trained network with what it was trained and is judged on."""
+    """A trained network with the examples that it was trained and is validated on."""
 
     network: WrenchNetwork
     examples: TrainingExamples
@@ -76,51 +76,32 @@ class TrainedNetwork:
     rows: Rows
     settings: TrainingSettings
 
-    def set_errors_right(self) -> None:
-        """So that its intervals cover what they claim on what was held out."""
-        found, unit = self.answers(self.rows.test), self.network.unit.double().cpu().numpy()
+    def calibrate_scale(self) -> None:
+        """Set the network's gain and power so that its intervals cover what they claim on the held-out pairs."""
+        found, unit = self._predict(self.rows.test), self.network.unit.double().cpu().numpy()
         if np.isfinite(found.scale).all():
-            off = np.abs(found.wrench - self.examples.wrench[self.rows.test]) / unit
-            for part, values in zip(
-                (self.network.gain, self.network.power), fit_scale_correction(off, found.scale / unit), strict=True
-            ):
-                part.copy_(torch.from_numpy(values))
+            absolute_error = np.abs(found.wrench - self.examples.wrench[self.rows.test]) / unit
+            corrections = fit_scale_correction(absolute_error, found.scale / unit)
+            for parameter, values in zip((self.network.gain, self.network.power), corrections, strict=True):
+                parameter.copy_(torch.from_numpy(values))
 
-    @property
-    def evaluation(self) -> WrenchEvaluation:
-        """On what was held out, torques about the skin's centre."""
+    def evaluate_held_out(self) -> WrenchEvaluation:
+        """Evaluate the network on the held-out pairs, torques about the skin's centre."""
         test = self.rows.test
-        found = moved_to_skin(self.answers(test), self.settings.about_mm)
-        truth = np.asarray(self.at_skin.wrench[test], np.float64)
-        error = DEVIATIONS_PER_SCALE * found.scale if np.isfinite(found.scale).all() else None
+        found = moved_to_skin(self._predict(test), self.settings.about_mm)
+        truth = np.asarray(self._examples_at_skin_centre.wrench[test], np.float64)
+        std = DEVIATIONS_PER_SCALE * found.scale if np.isfinite(found.scale).all() else None
         objects, sensors = (
             np.asarray(names)[test].tolist() for names in (self.examples.objects, self.examples.sensors)
         )
         return evaluate_predictions(
-            WrenchPredictions(truth, found.wrench, error, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0))
+            WrenchPredictions(truth, found.wrench, std, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0))
         )
 
-    def answers(self, rows: Int[Array, " n"]) -> Prediction:
-        """Of the network, to examples as they are."""
-        with torch.no_grad():
-            parts = [self.network(shown) for shown in self.shown(rows)]
-        together = [torch.cat(part).double().cpu().numpy() for part in zip(*parts, strict=True)]
-        return Prediction(together[0], together[1] if len(together) > 1 else np.full_like(together[0], np.inf))
-
-    def shown(self, rows: Int[Array, " n"], changed: bool = False) -> Iterator[torch.Tensor]:
-        """Inputs on the network's device, a batch at a time, as they are or as training changed them."""
-        settings, device = self.settings, self.network.unit.device
-        chance = torch.Generator(device).manual_seed(settings.seed)
-        for at in range(0, len(rows), settings.batch):
-            batch = BatchDataset(self.examples)[rows[at : at + settings.batch]].to(device).floating()
-            if changed:
-                batch = settings.augmentation(batch, settings.input.mm_per_px, chance)
-            yield batch.channels(settings.input.channels)
-
-    def card(self, evaluation: WrenchEvaluation, history: MetricsHistory, name: str, licence: str) -> Card:
-        """What a user must know."""
-        wrench = self.at_skin.wrench[self.rows.train].astype(float)
-        table = {key: value for key, value in evaluation.as_table().items() if key not in LEFT_OUT}
+    def build_card(self, evaluation: WrenchEvaluation, history: MetricsHistory, name: str, licence: str) -> Card:
+        """Return the model card."""
+        wrench = self._examples_at_skin_centre.wrench[self.rows.train].astype(float)
+        figures = {key: value for key, value in evaluation.to_json_dict().items() if key not in _KEYS_NOT_IN_CARD}
         return Card(
             format=FORMAT,
             name=name,
@@ -130,14 +111,37 @@ class TrainedNetwork:
             modulus_mpa=Gel().shear_modulus_mpa,
             lowest=tuple(wrench.min(0).tolist()),
             highest=tuple(wrench.max(0).tolist()),
-            likeness=self.likeness,
-            training=self.summary(history),
-            evaluation={"validation": table},
+            likeness=self._input_statistics(),
+            training=self._summarise_training(history),
+            evaluation={"validation": figures},
             licence=licence,
         )
 
-    def summary(self, history: MetricsHistory) -> TrainingSummary:
-        """Where the model comes from."""
+    @property
+    def median_mae(self) -> list[float]:
+        """Mean absolute error by axis, N and N·m, of always predicting the median of the held-out wrenches."""
+        wrench = self.examples.wrench[self.rows.test]
+        return np.maximum(np.abs(wrench - np.median(wrench, axis=0)).mean(0), 1e-12).tolist()
+
+    def _predict(self, rows: Int[Array, " n"]) -> Prediction:
+        """Return the network's predictions for examples without augmentation."""
+        with torch.no_grad():
+            outputs = [self.network(shown) for shown in self._network_inputs(rows)]
+        arrays = [torch.cat(output).double().cpu().numpy() for output in zip(*outputs, strict=True)]
+        return Prediction(arrays[0], arrays[1] if len(arrays) > 1 else np.full_like(arrays[0], np.inf))
+
+    def _network_inputs(self, rows: Int[Array, " n"], augmented: bool = False) -> Iterator[torch.Tensor]:
+        """Yield the network's inputs on its device, one batch at a time, augmented as in training if so requested."""
+        settings, device = self.settings, self.network.unit.device
+        generator = torch.Generator(device).manual_seed(settings.seed)
+        for at in range(0, len(rows), settings.batch):
+            batch = BatchDataset(self.examples)[rows[at : at + settings.batch]].to(device).to_float()
+            if augmented:
+                batch = settings.augmentation(batch, settings.input.mm_per_px, generator)
+            yield batch.network_input(settings.input.channels)
+
+    def _summarise_training(self, history: MetricsHistory) -> TrainingSummary:
+        """Return what the card says about data, epochs, settings and versions."""
         kept = np.concatenate([self.rows.train, self.rows.test])
         return TrainingSummary(
             pairs=len(self.rows.train),
@@ -145,29 +149,22 @@ class TrainedNetwork:
             objects=len(set(np.asarray(self.examples.objects)[kept].tolist())),
             sensors=len(set(np.asarray(self.examples.sensors)[kept].tolist())),
             epochs=self.settings.epochs,
-            best_epoch=int(history.best["epoch"]),
+            best_epoch=int(history.best_epoch["epoch"]),
             seconds=round(history.seconds, 1),
-            settings=self.settings.as_table(),
-            versions={package: version(package) for package in WITH},
+            settings=self.settings.to_json_dict(),
+            versions={package: version(package) for package in _VERSIONED_PACKAGES},
         )
 
-    @property
-    def likeness(self) -> dict[str, Range]:
-        """Numbers of the images as training saw them."""
+    def _input_statistics(self) -> dict[str, Range]:
+        """Return the ranges of the statistics of the training's inputs, by which unlike images are recognised later."""
         train = self.rows.train
-        looked_at = train[:: -(-len(train) // MOST_LOOKED_AT)]
+        chosen = train[:: -(-len(train) // _MAX_STATISTICS_IMAGES)]
         channels = self.settings.input.channels
-        each = [numbers(shown.cpu().numpy(), channels) for shown in self.shown(looked_at, changed=True)]
+        each = [numbers(shown.cpu().numpy(), channels) for shown in self._network_inputs(chosen, augmented=True)]
         return ranges({name: np.concatenate([one[name] for one in each]) for name in each[0]})
 
     @property
-    def at_skin(self) -> TrainingExamples:
-        """Torques about the skin's centre."""
+    def _examples_at_skin_centre(self) -> TrainingExamples:
+        """The examples with torques about the skin's centre."""
         x, y, z = self.settings.about_mm
         return move_torque_reference(self.examples, (-x, -y, -z))
-
-    @property
-    def median_mae(self) -> list[float]:
-        """Of always answering the median, as the curves' errors are counted."""
-        wrench = self.examples.wrench[self.rows.test]
-        return np.maximum(np.abs(wrench - np.median(wrench, axis=0)).mean(0), 1e-12).tolist()

@@ -1,4 +1,4 @@
-"""One step of learning: examples changed, shown, and what the answer costs."""
+"""The training of a force model as a Lightning module: augmentation, the network, its loss and its optimiser."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,47 +16,48 @@ from ninedtact.force.training.examples import TrainingBatch
 from ninedtact.force.training.settings import TrainingSettings
 
 MONITORED_METRIC = "val_loss"
-"""What the best epoch is best by: the mean absolute error in units of the labels."""
-SMALLEST_UNIT = 1e-9
+"""Metric by which the best epoch is chosen: the mean absolute error on held-out pairs, in units of the labels."""
+_SMALLEST_UNIT = 1e-9
 
 
 def fit_label_scaling(wrench: Float32[Array, "n 6"], settings: TrainingSettings) -> Labels:
-    """What six numbers are counted in, of the wrenches that are learnt."""
+    """Return unit and offset of each axis of the network's output, from the wrenches (N, N·m) of the training pairs."""
     if settings.labels == "ranges":
         low, high = wrench.min(0), wrench.max(0)
         unit, offset = high - low, low
     else:
         unit, offset = np.abs(wrench - np.median(wrench, axis=0)).mean(0), np.zeros(6)
-    kept = np.maximum(unit, SMALLEST_UNIT)
+    kept = np.maximum(unit, _SMALLEST_UNIT)
     return Labels(tuple(kept.astype(float).tolist()), tuple(offset.astype(float).tolist()))
 
 
 @dataclass(frozen=True)
 class BatchLoss:
-    """Of a batch, in units of the labels."""
+    """Loss of each example and axis of a batch, in units of the labels."""
 
-    off: Tensor
-    """Absolute errors (n, 6)."""
-    unlikely: Tensor | None
-    """Minus the logarithm of the scale's likelihood (n, 6), up to a constant; the answer itself is not moved by it."""
+    absolute_error: Tensor
+    """(n, 6)."""
+    scale_loss: Tensor | None
+    """Negative log-likelihood (n, 6) of the predicted Laplace scale, up to a constant; the predicted wrench gets no gradient
+    from it. None for networks that predict no scale."""
 
     def total(self, scale_weight: float) -> Tensor:
-        """The paper's sum of absolute errors, and a little of the other."""
-        total = self.off.sum()
-        return total if self.unlikely is None else total + scale_weight * self.unlikely.sum()
+        """The sum of absolute errors, as in the paper, plus the weighted loss of the scale."""
+        total = self.absolute_error.sum()
+        return total if self.scale_loss is None else total + scale_weight * self.scale_loss.sum()
 
 
-def compute_batch_loss(answer: tuple[Tensor, ...], wrench: Tensor, unit: Tensor) -> BatchLoss:
-    """How far off the answer is, and how unlikely its own scale makes that."""
-    off = ((answer[0] - wrench) / unit).abs()
-    if len(answer) == 1:
-        return BatchLoss(off, None)
-    scale = answer[1] / unit
-    return BatchLoss(off, off.detach() / scale + scale.log())
+def compute_batch_loss(prediction: tuple[Tensor, ...], wrench: Tensor, unit: Tensor) -> BatchLoss:
+    """Compare predicted wrenches, and their predicted scales where there are any, with the true ones (N, N·m)."""
+    absolute_error = ((prediction[0] - wrench) / unit).abs()
+    if len(prediction) == 1:
+        return BatchLoss(absolute_error, None)
+    scale = prediction[1] / unit
+    return BatchLoss(absolute_error, absolute_error.detach() / scale + scale.log())
 
 
 class ForceTrainingModule(lightning.LightningModule):
-    """The network while it learns."""
+    """The network in training, with its loss and optimiser."""
 
     def __init__(self, settings: TrainingSettings, labels: Labels) -> None:
         super().__init__()
@@ -67,36 +68,40 @@ class ForceTrainingModule(lightning.LightningModule):
         self.model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def training_step(self, batch: TrainingBatch, number: int) -> Tensor:
-        """The cost of examples that were changed by chance of their own."""
+        """Return the loss of a batch that is augmented by its own random generator."""
         settings = self.settings
-        # Labels, and where pixels come from, are not for half precision.
+        # Labels, and the positions that pixels are resampled from, need full precision.
         with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
-            seen = settings.augmentation(batch.floating(), settings.input.mm_per_px, self.chance(number))
-            channels = seen.channels(settings.input.channels)
-        cost = compute_batch_loss(self.model(channels), seen.wrench, self.model.unit)
+            augmented = settings.augmentation(batch.to_float(), settings.input.mm_per_px, self._batch_generator(number))
+            shown = augmented.network_input(settings.input.channels)
+        loss = compute_batch_loss(self.model(shown), augmented.wrench, self.model.unit)
         self.log(
-            "train_loss", cost.off.mean(), on_step=False, on_epoch=True, batch_size=len(batch.wrench), sync_dist=True
+            "train_loss",
+            loss.absolute_error.mean(),
+            on_step=False,
+            on_epoch=True,
+            batch_size=len(batch.wrench),
+            sync_dist=True,
         )
-        return cost.total(settings.scale_weight)
+        return loss.total(settings.scale_weight)
 
     def validation_step(self, batch: TrainingBatch, number: int) -> None:
-        """Mean absolute errors, in units all together and by axis in N and N·m."""
-        channels = batch.floating().channels(self.settings.input.channels)
-        cost = compute_batch_loss(self.model(channels), batch.wrench, self.model.unit)
-        by_axis = (cost.off.mean(0) * self.model.unit).unbind()
-        told = {
-            MONITORED_METRIC: cost.off.mean(),
-            **{f"mae_{axis}": mae for axis, mae in zip(AXES, by_axis, strict=True)},
-        }
-        self.log_dict(told, batch_size=len(batch.wrench), sync_dist=True)
+        """Log mean absolute errors: over all axes in units of the labels, and by axis in N and N·m."""
+        shown = batch.to_float().network_input(self.settings.input.channels)
+        loss = compute_batch_loss(self.model(shown), batch.wrench, self.model.unit)
+        by_axis = (loss.absolute_error.mean(0) * self.model.unit).unbind()
+        metrics = {f"mae_{axis}": mae for axis, mae in zip(AXES, by_axis, strict=True)}
+        self.log_dict(
+            {MONITORED_METRIC: loss.absolute_error.mean(), **metrics}, batch_size=len(batch.wrench), sync_dist=True
+        )
 
-    def chance(self, number: int) -> torch.Generator:
-        """Of one batch: the same after a stop."""
-        drawn = np.random.SeedSequence([self.settings.seed, self.current_epoch, number, self.global_rank])
-        return torch.Generator(self.device).manual_seed(int(drawn.generate_state(1)[0]))
+    def _batch_generator(self, number: int) -> torch.Generator:
+        """Return the random generator of one batch, which is the same when a training is resumed."""
+        seeds = np.random.SeedSequence([self.settings.seed, self.current_epoch, number, self.global_rank])
+        return torch.Generator(self.device).manual_seed(int(seeds.generate_state(1)[0]))
 
     def configure_optimizers(self) -> Any:
-        """As the settings name them."""
+        """Return the optimiser and the learning-rate schedule of the settings."""
         settings = self.settings
         kind = torch.optim.AdamW if settings.optimiser == "adamw" else torch.optim.Adam
         optimiser = kind(self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)

@@ -45,7 +45,7 @@ class Judgement:
             for suffix, predictions in (("", self.network), (TOGETHER, self.together))
             for words, part in self.parts(predictions)
         }
-        told["all"]["untouched_without_gate"] = evaluate_predictions(self.ungated).as_table()["untouched"]
+        told["all"]["untouched_without_gate"] = evaluate_predictions(self.ungated).to_json_dict()["untouched"]
         return told
 
     def parts(self, predictions: "WrenchPredictions") -> "Iterator[tuple[str, WrenchPredictions]]":
@@ -62,7 +62,7 @@ def table(predictions: "WrenchPredictions") -> dict[str, Any]:
     """All figures about the skin's centre, the skill about the paper's point beside them."""
     from ninedtact.force.evaluation import evaluate_predictions
 
-    whole = evaluate_predictions(predictions).as_table()
+    whole = evaluate_predictions(predictions).to_json_dict()
     below = evaluate_predictions(predictions.about(PAPERS_POINT)).scores.skill
     return {**{key: value for key, value in whole.items() if key not in LEFT_OUT}, "skill_35_mm_below": below.tolist()}
 
