@@ -31,7 +31,7 @@ WANTED_PER_S = 500.0
 ON_GPU, ON_CPU, AT_ONCE = (64, 256), (16, 64), 256
 """Sessions at once that are measured, and that `ninedtact simulate dataset` takes by default."""
 SENSORS, WARM_UP = 20, 2
-EVERY = SamplingRuleSettings(contact_below_n=-1e-9, first_below_n=(-1e-9, -1e-9), apart=1e-9)
+EVERY = SamplingRuleSettings(contact_below_n=-1e-9, first_below_n=(-1e-9, -1e-9), min_difference=1e-9)
 """Every contact is worth keeping."""
 BANDWIDTH = {"H200": 4.8e12, "A100 80 GB": 2.0e12, "RTX 4090": 1.0e12}
 """Of a GPU's memory, bytes per second, as their makers say."""

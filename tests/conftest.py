@@ -12,13 +12,13 @@ import pytest  # noqa: E402
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
 from ninedtact.calibration.save import write_sensor  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
-from ninedtact.capture.chatter import hush_video  # noqa: E402
 from ninedtact.capture.image_file import read_image  # noqa: E402
+from ninedtact.capture.library_output import silence_video_libraries  # noqa: E402
 from ninedtact.simulation.gauges import gauge_images  # noqa: E402
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 
 # FFmpeg asks once, at its first video, how loud it may be: tests that write videos would ask for it before the sources do.
-hush_video()
+silence_video_libraries()
 REAL_DATA = "NINEDTACT_REAL_DATA"
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
 

@@ -27,7 +27,7 @@ from ninedtact.capture.uvc_camera import UvcCamera
 )
 def test_a_setting_that_the_camera_has_is_in_force(wish: CameraSettings) -> None:
     with UvcCamera(0, wish, BenchCamera().open_capture) as camera:
-        got = camera.settings_in_force
+        got = camera.current_settings
         for name in ("size_px", "pixel_format", "auto_exposure", "gain", "auto_white_balance"):
             assert getattr(wish, name) in (None, getattr(got, name))
         for name in ("exposure_ms", "white_balance_k", "rate_hz"):
@@ -65,7 +65,7 @@ def test_a_control_that_the_camera_lacks_is_refused() -> None:
     ):
         pass
     with UvcCamera(0, opener=bench.open_capture) as camera:
-        assert camera.settings_in_force.auto_white_balance is None
+        assert camera.current_settings.auto_white_balance is None
 
 
 def test_settings_that_contradict_each_other_are_refused() -> None:

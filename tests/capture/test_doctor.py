@@ -17,8 +17,7 @@ from ninedtact.capture.camera_check import (
     frame_rate_advice,
     measure_frame_rate,
 )
-from ninedtact.capture.frame_source import CameraSettings, SourceEnded
-from ninedtact.capture.source_address import SourceUnknown
+from ninedtact.capture.frame_source import CameraSettings, SourceEnded, SourceUnknown
 from ninedtact.capture.uvc_camera import CameraDevice, list_cameras
 from ninedtact.cli.doctor import Doctor, camera_lines
 

@@ -20,7 +20,7 @@ def test_nothing_is_kept_without_contact() -> None:
     rule = at_once()
     assert not rule.keeps(wrench(fz=-0.2))
     assert not rule.keeps(wrench(fx=3, fz=-0.29))
-    assert rule.contacts == 0
+    assert rule.contact_count == 0
 
 
 def test_the_first_of_a_contact_waits_for_a_random_load() -> None:
@@ -59,19 +59,24 @@ def test_one_must_differ_from_all_that_were_kept_in_this_contact() -> None:
     assert not rule.keeps(wrench(fz=-2.5))
     assert not rule.keeps(wrench(fz=0))
     assert rule.keeps(wrench(fz=-2.5))
-    assert rule.contacts == 2
+    assert rule.contact_count == 2
 
 
 def test_lifting_ends_a_contact_that_no_wrench_saw_end() -> None:
     rule = at_once()
     assert rule.keeps(wrench(fz=-2))
-    rule.lifted()
+    rule.end_contact()
     assert rule.keeps(wrench(fz=-2))
 
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"contact_below_n": 0.3}, {"first_below_n": (-0.3, -3.3)}, {"apart": 0.0}, {"ranges": (6, 6, 12, 0, 1, 1)}],
+    [
+        {"contact_below_n": 0.3},
+        {"first_below_n": (-0.3, -3.3)},
+        {"min_difference": 0.0},
+        {"ranges": (6, 6, 12, 0, 1, 1)},
+    ],
     ids=str,
 )
 def test_rules_that_make_no_sense_are_refused(wrong: dict[str, object]) -> None:

@@ -13,14 +13,21 @@ import pytest
 from bench_camera import BenchCamera, BenchPi
 from mjpeg_camera import MjpegCamera
 
-from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import (
+    CameraLost,
+    CameraNotFound,
+    FrameSource,
+    SourceEnded,
+    SourceNotOpen,
+    SourceUnknown,
+)
 from ninedtact.capture.image_and_video_files import ImageFolder, VideoFile
 from ninedtact.capture.image_file import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.latest_frame import LatestFrameSource, LivePlayback
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
-from ninedtact.capture.source_address import SourceUnknown, source_for
+from ninedtact.capture.source_address import source_for
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.quantities import Frame
 from ninedtact.recording.metadata import RecordingMetadata

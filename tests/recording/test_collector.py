@@ -78,7 +78,7 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
             / SamplingRuleSettings().ranges
             @ np.array(SamplingRuleSettings().weights)
         )
-        assert parts[~np.eye(len(parts), dtype=bool)].min(initial=1) > SamplingRuleSettings().apart
+        assert parts[~np.eye(len(parts), dtype=bool)].min(initial=1) > SamplingRuleSettings().min_difference
     assert {pair.untouched.id for pair in pairs} == {f"{collector.episode.session.id}-u000"}
     assert len(pairs[0].untouched.images) == 10 and not pairs[0].untouched.images[0].flags.writeable
     assert collector.untouched is not None and collector.untouched.zero == pytest.approx(BIAS, abs=6e-3)

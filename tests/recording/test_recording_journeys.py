@@ -148,7 +148,7 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
         ("collect", "--source no.mcap --force-torque no.mcap --out x.mcap --sensor SENSOR", "no such file"),
         (
             "collect",
-            "--source sim --force-torque sim --out x.mcap --sensor SENSOR --apart 0",
+            "--source sim --force-torque sim --out x.mcap --sensor SENSOR --min-difference 0",
             "a difference above zero",
         ),
         ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --objects bal", "got 'bal'"),

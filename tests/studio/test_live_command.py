@@ -13,7 +13,7 @@ import pytest
 from small_sensor import sensor_folder, skin
 
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged
-from ninedtact.capture.source_address import SourceUnknown
+from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli.live import Live, LiveImpossible, StudioMissing
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"

@@ -1,6 +1,6 @@
-"""What a source really delivers: some USB boards send every image twice and call it double the rate.
+"""Examine a camera: whether it opens, its true frame rate, and whether its settings suit touch measurements.
 
-One source examined: does it open, how fast is it really, and is it set as touch needs it.
+Some USB boards send every image twice and claim twice the rate; the rate here counts images that differ.
 """
 
 import time
@@ -14,17 +14,17 @@ from ninedtact.capture.frame_source import CameraSettings, FrameSource, SourceEn
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.errors import NinedtactError
 
-SETTLING = 5
+_SETTLING_IMAGES = 5
 """Images that arrive in a burst after opening, left out."""
 
 
 class FrameRateUnmeasurable(NinedtactError):
-    """Too few different images to speak of a rate."""
+    """Too few different images arrived to measure a rate."""
 
 
 @dataclass(frozen=True)
 class FrameRate:
-    """Rates of one measurement."""
+    """Result of one frame rate measurement."""
 
     delivered_hz: float
     """Images per second as they come."""
@@ -38,8 +38,11 @@ class FrameRate:
 
 
 def measure_frame_rate(source: FrameSource, frames: int = 60, limit_s: float = 5.0) -> FrameRate:
-    """Time up to `frames` images of an open source, `limit_s` at most; raises `FrameRateUnmeasurable` below three."""
-    stamps, is_new = arrivals(source, frames, limit_s)
+    """Return the frame rate over up to `frames` images of an open source, measured for `limit_s` at most.
+
+    Raises `FrameRateUnmeasurable` for fewer than three different images.
+    """
+    stamps, is_new = _collect_arrivals(source, frames, limit_s)
     fresh = stamps[is_new]
     if len(fresh) < 3:
         raise FrameRateUnmeasurable(
@@ -55,13 +58,13 @@ def measure_frame_rate(source: FrameSource, frames: int = 60, limit_s: float = 5
     )
 
 
-def arrivals(source: FrameSource, frames: int, limit_s: float) -> tuple[Float[Array, " n"], np.ndarray]:
-    """Arrival times in seconds, and which images differ from the one before."""
+def _collect_arrivals(source: FrameSource, frames: int, limit_s: float) -> tuple[Float[Array, " n"], np.ndarray]:
+    """Return arrival times in seconds, and which images differ from the one before."""
     stamps: list[float] = []
     is_new: list[bool] = []
     before = None
     give_up_at = time.monotonic() + limit_s
-    while len(stamps) < frames + SETTLING and time.monotonic() < give_up_at:
+    while len(stamps) < frames + _SETTLING_IMAGES and time.monotonic() < give_up_at:
         try:
             frame = source.read()
         except SourceEnded:
@@ -69,16 +72,16 @@ def arrivals(source: FrameSource, frames: int, limit_s: float) -> tuple[Float[Ar
         stamps.append(frame.stamp_ns / 1e9)
         is_new.append(before is None or not np.array_equal(frame.image, before))
         before = frame.image
-    settled = SETTLING if len(stamps) > 2 * SETTLING else 0
+    settled = _SETTLING_IMAGES if len(stamps) > 2 * _SETTLING_IMAGES else 0
     return np.array(stamps[settled:]), np.array(is_new[settled:], dtype=bool)
 
 
-TOLERATED_DUPLICATES = 0.1
+_TOLERATED_DUPLICATES = 0.1
 
 
 @dataclass(frozen=True)
 class CameraCheck:
-    """What was found; `trouble` is a sentence where the source could not be opened or measured."""
+    """What the examination found; `trouble` is a sentence where the source could not be opened or measured."""
 
     name: str
     model: str | None = None
@@ -92,26 +95,26 @@ class CameraCheck:
 
 
 def check_camera(source: FrameSource, model: str | None = None, frames: int = 60) -> CameraCheck:
-    """Open, measure and close a source; never raises for what is wrong with the source itself."""
+    """Open, measure and close a source. What is wrong with the source is in the result and raises nothing."""
     try:
         with source:
-            return _examine_open(source, model, frames)
+            return _check_open_camera(source, model, frames)
     except NinedtactError as trouble:
         return CameraCheck(source.name, model, trouble=str(trouble))
 
 
-def _examine_open(source: FrameSource, model: str | None, frames: int) -> CameraCheck:
+def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> CameraCheck:
     rows, cols = source.read().image.shape[:2]
-    # A recording comes as fast as the disk; the rate that it tells of is the one at which it was made.
+    # A recording comes as fast as the disk delivers it; its rate is the one at which it was made.
     rate = measure_frame_rate(source, frames) if source.recorded_hz is None else None
-    settings = source.settings_in_force if isinstance(source, UvcCamera) else None
+    settings = source.current_settings if isinstance(source, UvcCamera) else None
     advice = (*frame_rate_advice(rate), *camera_settings_advice(settings))
     return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, advice=advice)
 
 
 def frame_rate_advice(rate: FrameRate | None) -> list[str]:
-    """What to do about images that come twice."""
-    if rate is None or rate.duplicates <= TOLERATED_DUPLICATES * rate.frames:
+    """Return what to do about images that arrive twice; nothing where hardly any do."""
+    if rate is None or rate.duplicates <= _TOLERATED_DUPLICATES * rate.frames:
         return []
     return [
         f"{rate.duplicates} of {rate.frames} images repeat the one before: the camera makes {rate.true_hz:.1f} per "
@@ -120,7 +123,7 @@ def frame_rate_advice(rate: FrameRate | None) -> list[str]:
 
 
 def camera_settings_advice(settings: CameraSettings | None) -> list[str]:
-    """What to do about a camera that regulates itself, and so answers a press by changing its brightness."""
+    """Return what to do about automatic exposure and white balance, which change the brightness under a press."""
     advice = []
     if settings is not None and settings.auto_exposure:
         advice.append("automatic exposure is on, a press will change it: `v4l2-ctl -d DEVICE -c auto_exposure=1`")

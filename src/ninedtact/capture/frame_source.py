@@ -1,21 +1,14 @@
-"""What all devices have in common: they are opened, and closed however their use ends.
+"""What every camera, stream and file is to the rest of the package: a `FrameSource` that is opened, read and closed.
 
-What a camera is to the rest of the package: something that is opened, read image by image, and closed.
-
-A source is stamped on arrival (monotonic clock) and counts its own images. Reading blocks; how long at most is each
-source's own setting, because only its driver can keep a limit. `Freshest` keeps a limit over any source.
-
-What a camera is set to: every setting is read back, and refused where the camera did not take it.
-
-The values are those of Video4Linux (https://docs.kernel.org/userspace-api/media/v4l/ext-ctrls-camera.html): exposure in
-steps of 0.1 ms, automatic exposure as 0 auto, 1 manual, 2 shutter priority, 3 aperture priority.
+A source stamps each frame on arrival (monotonic clock) and counts its own frames. Reading blocks; how long at most is a
+setting of each source, because only its driver can keep a limit. `latest_frame.LatestFrameSource` keeps a limit over any source.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
@@ -23,38 +16,24 @@ from ninedtact.quantities import Frame
 Opened = TypeVar("Opened", bound="Openable")
 
 
-class Openable(ABC):
-    """Anything that holds a device from `open` to `close`. The constructor touches none; opening is all or nothing."""
-
-    name: str
-    """What to call it in front of a person; never holds a password."""
-
-    @abstractmethod
-    def open(self) -> None:
-        """Open, or raise and leave nothing open. Opening what is open does nothing."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Release the device. Any thread may call it, any number of times; it waits for a read in progress."""
-
-    def __enter__(self: Opened) -> Opened:
-        self.open()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
+class SourceUnknown(NinedtactError):
+    """The text names no camera, stream or file."""
 
 
 class CameraNotFound(NinedtactError):
-    """No camera, stream or file could be opened there."""
+    """No camera, stream or file could be opened at the given address."""
 
 
 class CameraLost(NinedtactError):
     """A camera that had delivered images stopped."""
 
 
+class CameraSettingRefused(NinedtactError):
+    """A setting that the camera did not accept, or settings that contradict each other."""
+
+
 class SourceEnded(NinedtactError):
-    """A file or folder has no further image."""
+    """A recording has no further item."""
 
 
 class SourceNotOpen(NinedtactError):
@@ -64,22 +43,44 @@ class SourceNotOpen(NinedtactError):
         super().__init__(f"expected {name} to be open, got a read while it is closed; read it inside `with source:`")
 
 
+class Openable(ABC):
+    """Anything that holds a device from `open` to `close`. The constructor touches no device; opening is all or nothing."""
+
+    name: str
+    """What to call the device in messages; it never contains a password."""
+
+    @abstractmethod
+    def open(self) -> None:
+        """Open the device, or raise and leave nothing open. Opening an open device does nothing."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the device. Any thread may call this any number of times; it waits for a read in progress."""
+
+    def __enter__(self: Opened) -> Opened:
+        self.open()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+
 class FrameSource(Openable):
-    """Anything that delivers images; `open` raises `CameraNotFound`, `CameraSettingRefused` or `ImageUnreadable`."""
+    """Anything that delivers frames; `open` raises `CameraNotFound`, `CameraSettingRefused` or `ImageUnreadable`."""
 
     recorded_hz: float | None = None
     """Images per second at which a recording was made; None for a live source, which paces itself."""
 
     @abstractmethod
     def read(self) -> Frame:
-        """Wait for the next image; its memory is its own.
+        """Wait for the next frame and return it; its memory is shared with no other frame.
 
-        Raises `SourceEnded` after the last image of a recording, `CameraLost` when a live source stops, and
-        `SourceNotOpen` when it is not open.
+        Raises `SourceEnded` after the last frame of a recording, `CameraLost` when a live source stops, and
+        `SourceNotOpen` when the source is not open.
         """
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield images until the source ends; a live source never does."""
+        """Yield frames until the source ends; a live source never ends."""
         while True:
             try:
                 frame = self.read()
@@ -88,19 +89,15 @@ class FrameSource(Openable):
             yield frame
 
 
-class CameraSettingRefused(NinedtactError):
-    """A setting that the camera did not take."""
-
-
 @dataclass(frozen=True)
 class CameraSettings:
-    """What to ask of a camera; None leaves a setting as the camera has it."""
+    """What to set on a camera; None leaves a setting as the camera has it. Every value is read back and must be in force."""
 
     size_px: tuple[int, int] | None = (640, 480)
     """Columns and rows."""
     rate_hz: float | None = None
     pixel_format: str | None = None
-    """Four letters. Over USB 2 the high rates need MJPG."""
+    """Four letters. High rates over USB 2 need MJPG."""
     auto_exposure: bool | None = None
     exposure_ms: float | None = None
     """Implies that automatic exposure is off."""
@@ -122,6 +119,18 @@ class CameraSettings:
 
 
 DEFAULT_CAMERA = CameraSettings()
-"""Raw images of the size that the published sensor has; all else as the camera has it."""
+"""Raw images of the size that the published sensor has; everything else as the camera has it."""
 FIXED_EXPOSURE = CameraSettings(auto_exposure=False, auto_white_balance=False)
-"""What touch needs: a camera that regulates its own brightness answers a press by brightening the image again."""
+"""Automatic exposure and white balance off: a camera that regulates its own brightness hides the brightness change of a press."""
+
+
+class CameraBackend(FrameSource):
+    """A frame source that a person names by an address; `source_address.SOURCE_TYPES` lists all of them."""
+
+    address_help: ClassVar[str]
+    """The addresses that this backend accepts, for help texts and error messages."""
+
+    @classmethod
+    @abstractmethod
+    def from_address(cls, address: str, settings: CameraSettings) -> "CameraBackend | None":
+        """Return the source that the address names, not yet opened; None if the address belongs to another backend."""

@@ -1,10 +1,8 @@
-"""Whether an image file is whole, judged before any decoder sees it.
+"""Image files, read strictly: an image that is incomplete would be measured as if it were whole.
 
-Decoders differ by version in what they let pass: half an image with a line on standard error, or a crash on a damaged
-animation. The structure of a file tells the same on all of them. PNG: https://www.w3.org/TR/png-3/ section 5;
-JPEG: ITU-T T.81 annex B.
-
-Still images: read strictly, because an image that is half there would be measured as if it were whole.
+The structure of a file is checked before any decoder sees it. Decoders differ by version in what they accept: half an image
+with a line on standard error, or a crash on a damaged animation. The structure gives the same answer on all of them.
+PNG: https://www.w3.org/TR/png-3/ section 5; JPEG: ITU-T T.81 annex B.
 """
 
 import zlib
@@ -16,12 +14,12 @@ import numpy as np
 from jaxtyping import Shaped, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.chatter import stderr_held
+from ninedtact.capture.library_output import capture_output
 from ninedtact.errors import NinedtactError
 
-LARGEST_PIXELS = 100_000_000
-PNG, JPEG, BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
-KNOWN_OTHERS = {
+_LARGEST_PIXELS = 100_000_000
+_PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
+_OTHER_FORMATS = {
     b"GIF8": "a GIF",
     b"II*\0": "a TIFF",
     b"MM\0*": "a TIFF",
@@ -29,31 +27,31 @@ KNOWN_OTHERS = {
     b"\0\0\0": "a video, HEIC or AVIF",
     b"%PDF": "a PDF",
 }
-CUT_SHORT = "a file that is cut short"
-DAMAGED = "a damaged file"
+_CUT_SHORT = "a file that is cut short"
+_DAMAGED = "a damaged file"
 
 
 def image_file_fault(content: bytes) -> str | None:
-    """What is wrong with an image file, as words that follow "got"; None for a whole PNG, JPEG or BMP."""
-    if content.startswith(PNG):
+    """Return what is wrong with the content of an image file, as words that follow "got"; None for a whole PNG, JPEG or BMP."""
+    if content.startswith(_PNG):
         return _png_fault(content)
-    if content.startswith(JPEG):
+    if content.startswith(_JPEG):
         return _jpeg_fault(content)
-    if content.startswith(BMP):
+    if content.startswith(_BMP):
         return _bmp_fault(content)
-    kind = next((kind for start, kind in KNOWN_OTHERS.items() if content.startswith(start)), "something else")
+    kind = next((kind for start, kind in _OTHER_FORMATS.items() if content.startswith(start)), "something else")
     return f"{kind} where PNG, JPEG or BMP is read"
 
 
 def _png_fault(content: bytes) -> str | None:
-    at, last = len(PNG), b""
+    at, last = len(_PNG), b""
     while last != b"IEND":
         size, last = int.from_bytes(content[at : at + 4]), content[at + 4 : at + 8]
         body, check = content[at + 4 : at + 8 + size], content[at + 8 + size : at + 12 + size]
         if len(check) < 4:
-            return CUT_SHORT
+            return _CUT_SHORT
         if zlib.crc32(body) != int.from_bytes(check):
-            return DAMAGED
+            return _DAMAGED
         if last == b"acTL":
             return "an animation"
         if last == b"IHDR" and (fault := _too_large(int.from_bytes(body[4:8]), int.from_bytes(body[8:12]))):
@@ -70,11 +68,11 @@ def _jpeg_fault(content: bytes) -> str | None:
         is_frame_header = 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
         if is_frame_header and (fault := _too_large(int.from_bytes(segment[5:7]), int.from_bytes(segment[3:5]))):
             return fault
-    return CUT_SHORT
+    return _CUT_SHORT
 
 
 def _jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Markers with the bytes that follow them, scan data skipped (in it, 0xFF precedes 0x00 or a restart marker)."""
+    """Yield markers with the bytes that follow them; skip scan data, in which 0xFF precedes 0x00 or a restart marker."""
     at = 2
     while (at := content.find(b"\xff", at)) >= 0 and at + 1 < len(content):
         marker = content[at + 1]
@@ -89,16 +87,16 @@ def _jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
 def _bmp_fault(content: bytes) -> str | None:
     size = int.from_bytes(content[2:6], "little")
     if len(content) < max(size, 26):
-        return CUT_SHORT
+        return _CUT_SHORT
     cols, rows = (int.from_bytes(content[at : at + 4], "little", signed=True) for at in (18, 22))
     return _too_large(abs(cols), abs(rows))
 
 
 def _too_large(cols: int, rows: int) -> str | None:
-    return f"{cols} x {rows} pixels" if cols * rows > LARGEST_PIXELS else None
+    return f"{cols} x {rows} pixels" if cols * rows > _LARGEST_PIXELS else None
 
 
-LARGEST_FILE_BYTES = 500_000_000
+_LARGEST_FILE_BYTES = 500_000_000
 
 
 class ImageUnreadable(NinedtactError):
@@ -112,23 +110,23 @@ class ImageSizeWrong(NinedtactError):
 def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:
     """Read a PNG, JPEG or BMP file as 8-bit BGR, pixels as stored (no rotation by EXIF).
 
-    Grey is repeated in all three channels; a fully opaque alpha channel is dropped. All else raises
-    `ImageUnreadable`: missing, empty, cut short or damaged files, animations, 16 bits, transparency.
+    A grey image is repeated in all three channels; a fully opaque alpha channel is dropped. Raises `ImageUnreadable` for
+    everything else: missing, empty, cut short or damaged files, animations, 16 bits, transparency.
     """
     path = Path(path)
-    content = read_content(path)
+    content = _read_file_bytes(path)
     if fault := image_file_fault(content):
         raise ImageUnreadable(f"expected an image in {path}, got {fault}; record it again, or save it as 8-bit PNG")
-    return _bgr(_decoded(content, path), path)
+    return _to_bgr(_decode(content, path), path)
 
 
-def read_content(path: Path) -> bytes:
-    """The bytes of a file that a person named; raises `ImageUnreadable` with what is wrong with the name."""
+def _read_file_bytes(path: Path) -> bytes:
+    """Return the bytes of a file; raises `ImageUnreadable` with what is wrong with the path or the file."""
     if path.is_dir():
         raise ImageUnreadable(f"expected an image file, got the folder {path}; name one file in it")
     if not path.exists():
         raise ImageUnreadable(f"expected an image at {path}, got no such file; check the path")
-    if not path.is_file() or path.stat().st_size > LARGEST_FILE_BYTES:
+    if not path.is_file() or path.stat().st_size > _LARGEST_FILE_BYTES:
         raise ImageUnreadable(f"expected an image file, got {path}, a device or a huge file; check the path")
     try:
         content = path.read_bytes()
@@ -149,7 +147,10 @@ def require_image_size(image: Shaped[Array, "rows cols *channels"], rows: int, c
 
 
 def average_images(images: Sequence[UInt8[Array, "_ _ 3"]]) -> UInt8[Array, "rows cols 3"]:
-    """Mean of images of one size, rounded to whole grey levels; raises `ImageSizeWrong`, `ImageUnreadable`."""
+    """Return the mean of images of one size, rounded to whole grey levels.
+
+    Raises `ImageSizeWrong` for images of different sizes and `ImageUnreadable` for no images.
+    """
     if not images:
         raise ImageUnreadable("expected at least one image to average, got none; name the images")
     rows, cols = images[0].shape[:2]
@@ -160,19 +161,19 @@ def average_images(images: Sequence[UInt8[Array, "_ _ 3"]]) -> UInt8[Array, "row
     return ((total + len(images) // 2) // len(images)).astype(np.uint8)
 
 
-def _decoded(content: bytes, path: Path) -> Shaped[Array, "rows cols *channels"]:
-    """Whatever OpenCV makes of the file, refused also where the decoder merely grumbled about missing data."""
-    with stderr_held() as overheard:
+def _decode(content: bytes, path: Path) -> Shaped[Array, "rows cols *channels"]:
+    """Decode with OpenCV; raises `ImageUnreadable` also where the decoder only printed a warning about missing data."""
+    with capture_output(2) as printed:
         try:
             image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:
             image = None
-    if image is None or "Corrupt JPEG" in overheard.text or "Premature end" in overheard.text:
+    if image is None or "Corrupt JPEG" in printed.text or "Premature end" in printed.text:
         raise ImageUnreadable(f"expected an image in {path}, got damaged data; record it again")
     return image
 
 
-def _bgr(image: Shaped[Array, "rows cols *channels"], path: Path) -> UInt8[Array, "rows cols 3"]:
+def _to_bgr(image: Shaped[Array, "rows cols *channels"], path: Path) -> UInt8[Array, "rows cols 3"]:
     if image.dtype != np.uint8:
         bits = image.dtype.itemsize * 8
         raise ImageUnreadable(f"expected 8 bits per channel in {path}, got {bits}; save it as an 8-bit PNG")

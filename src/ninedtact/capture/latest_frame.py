@@ -1,7 +1,4 @@
-"""The newest image of a source, fetched in the background, so that a slow reader is late by one image at most.
-
-A recording as if it were now.
-"""
+"""Wrappers that pace a source: the newest frame of a live source, and a recording played as if it were live."""
 
 import time
 from dataclasses import replace
@@ -14,103 +11,106 @@ from ninedtact.quantities import Frame
 
 
 class NoRecentFrame(NinedtactError):
-    """No image came that is both new to the reader and young enough."""
+    """No frame arrived that is both new to the reader and young enough."""
 
 
 class LatestFrameSource(FrameSource):
-    """Serves each image at most once and none older than `max_age_ms`; counts those that nobody read as dropped.
+    """Reads another source in the background and returns its newest frame, so that a slow reader lags by one frame at most.
 
-    A recording plays at its `recorded_hz` and a slow reader misses images of it, as it would of a camera; read the
-    recording itself to get every one. Trouble of the source is raised to the reader, after the last fresh image.
+    Each frame is returned at most once and none older than `max_age_ms`; frames that nobody read are counted as dropped.
+    A recording plays at its `recorded_hz` and a slow reader misses frames of it, as it would of a camera; read the
+    recording itself to get every one. An error of the source is raised to the reader, after the last recent frame.
+
+        with LatestFrameSource(source_for("0")) as camera:
+            frame = camera.read()
     """
 
     def __init__(self, source: FrameSource, max_age_ms: float = 200.0, timeout_ms: float = 2000.0) -> None:
         self.name = source.name
         self.dropped = 0
+        """Frames that were too old or replaced by a newer one before anybody read them."""
         self._source = source
         self._max_age_ms, self._timeout_ms = max_age_ms, timeout_ms
-        self._news = Condition()
+        self._changed = Condition()
         self._unread: Frame | None = None
-        self._trouble: BaseException | None = None
-        self._trouble_from: TracebackType | None = None
+        self._error: BaseException | None = None
+        self._error_origin: TracebackType | None = None
         self._closing = Event()
         self._thread: Thread | None = None
 
     def open(self) -> None:
-        """Open the source and start fetching; raises what the source raises."""
+        """Open the source and start reading it in the background; raises what the source raises."""
         if self._thread is not None:
             return
         self._source.open()
-        self.dropped, self._unread, self._trouble = 0, None, None
+        self.dropped, self._unread, self._error = 0, None, None
         self._closing = Event()
         self._thread = Thread(target=self._fetch, name=f"fetch {self.name}", daemon=True)
         self._thread.start()
 
     def read(self) -> Frame:
-        """Wait for an image that is new and fresh; `NoRecentFrame` after `timeout_ms`, or the source's own trouble."""
+        """Wait for a new and recent frame; raises `NoRecentFrame` after `timeout_ms`, or the error of the source."""
         if self._thread is None:
             raise SourceNotOpen(self.name)
         give_up_at = time.monotonic() + self._timeout_ms / 1000
-        with self._news:
-            while (frame := self._take_fresh()) is None:
-                if self._trouble is not None:
-                    raise self._trouble.with_traceback(self._trouble_from)
+        with self._changed:
+            while (frame := self._take_recent()) is None:
+                if self._error is not None:
+                    raise self._error.with_traceback(self._error_origin)
                 if time.monotonic() >= give_up_at:
-                    raise self._stale()
-                self._news.wait(give_up_at - time.monotonic())
+                    raise NoRecentFrame(
+                        f"expected a new image younger than {self._max_age_ms:g} ms from {self.name}, got none within "
+                        f"{self._timeout_ms:g} ms; check that the camera is plugged in, and not slower than that"
+                    )
+                self._changed.wait(give_up_at - time.monotonic())
         return frame
 
     def close(self) -> None:
-        """Stop fetching and close the source; no thread is left behind."""
+        """Stop the background thread and close the source."""
         thread, self._thread = self._thread, None
         self._closing.set()
         self._source.close()
         if thread is not None:
             thread.join()
 
-    def _take_fresh(self) -> Frame | None:
+    def _take_recent(self) -> Frame | None:
         frame, self._unread = self._unread, None
         if frame is not None and time.monotonic_ns() - frame.stamp_ns > self._max_age_ms * 1e6:
             self.dropped += 1
             return None
         return frame
 
-    def _stale(self) -> NoRecentFrame:
-        return NoRecentFrame(
-            f"expected a new image younger than {self._max_age_ms:g} ms from {self.name}, got none within "
-            f"{self._timeout_ms:g} ms; see that the camera is plugged in, and not slower than that"
-        )
-
     def _fetch(self) -> None:
         try:
             self._fetch_until_closed()
-        except BaseException as trouble:  # the reader's thread is where it can be handled
-            self._end_with(SourceNotOpen(self.name) if self._closing.is_set() else trouble)
+        except BaseException as error:  # handed to the thread that reads
+            self._end_with(SourceNotOpen(self.name) if self._closing.is_set() else error)
         else:
             self._end_with(SourceNotOpen(self.name))
 
     def _fetch_until_closed(self) -> None:
-        pace_s = 1 / self._source.recorded_hz if self._source.recorded_hz else 0.0
+        period_s = 1 / self._source.recorded_hz if self._source.recorded_hz else 0.0
         due_at = time.monotonic()
         while not self._closing.wait(due_at - time.monotonic()):
             self._publish(self._source.read())
-            due_at = max(due_at + pace_s, time.monotonic() - pace_s)
+            due_at = max(due_at + period_s, time.monotonic() - period_s)
 
     def _publish(self, frame: Frame) -> None:
-        with self._news:
+        with self._changed:
             self.dropped += self._unread is not None
             self._unread = frame
-            self._news.notify_all()
+            self._changed.notify_all()
 
-    def _end_with(self, trouble: BaseException) -> None:
-        with self._news:
-            self._trouble, self._trouble_from = trouble, trouble.__traceback__
-            self._news.notify_all()
+    def _end_with(self, error: BaseException) -> None:
+        with self._changed:
+            self._error, self._error_origin = error, error.__traceback__
+            self._changed.notify_all()
 
 
 class LivePlayback(FrameSource):
-    """A recording at its own pace, its images stamped when they are read, as a camera's would be: its own stamps are too
-    old to be shown live. A source that is live passes unchanged.
+    """Plays a recording at its own rate and stamps each frame when it is read, as a camera would.
+
+    The stamps of the recording itself are too old to be shown live. The frames of a live source pass unchanged.
     """
 
     def __init__(self, source: FrameSource) -> None:
@@ -126,15 +126,15 @@ class LivePlayback(FrameSource):
         self._due_at = time.monotonic()
 
     def read(self) -> Frame:
-        """The next image when it is due."""
+        """Return the next frame when it is due."""
         if self._source.recorded_hz is None:
             return self._source.read()
         self._closing.wait(self._due_at - time.monotonic())
-        frame, pace_s = self._source.read(), 1 / self._source.recorded_hz
-        self._due_at = max(self._due_at + pace_s, time.monotonic() - pace_s)
+        frame, period_s = self._source.read(), 1 / self._source.recorded_hz
+        self._due_at = max(self._due_at + period_s, time.monotonic() - period_s)
         return replace(frame, stamp_ns=time.monotonic_ns())
 
     def close(self) -> None:
-        """Close the source."""
+        """Close the source and end a wait for the next frame."""
         self._closing.set()
         self._source.close()

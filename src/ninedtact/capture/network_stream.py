@@ -1,35 +1,55 @@
-"""A camera on the network: MJPEG over HTTP, or RTSP, read by OpenCV's FFmpeg."""
+"""Camera backend for the network: MJPEG over HTTP, or RTSP, decoded by OpenCV's FFmpeg."""
 
 from urllib.parse import urlsplit
 
 import cv2
 
-from ninedtact.capture.chatter import hush_video
-from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import (
+    CameraBackend,
+    CameraLost,
+    CameraNotFound,
+    CameraSettings,
+    SourceNotOpen,
+    SourceUnknown,
+)
+from ninedtact.capture.library_output import silence_video_libraries
 from ninedtact.capture.opencv_capture import FrameGrabber
 from ninedtact.quantities import Frame
 
-SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")
+_SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")
 
 
-class NetworkStream(FrameSource):
-    """A video stream by URL. Silence longer than `read_timeout_ms` is `CameraLost`."""
+class NetworkStream(CameraBackend):
+    """A video stream by URL. Silence longer than `read_timeout_ms` raises `CameraLost`."""
+
+    address_help = "a stream (http://…, rtsp://…)"
 
     def __init__(self, url: str, open_timeout_ms: float = 5000.0, read_timeout_ms: float = 2000.0) -> None:
-        self.name = without_password(url)
+        self.name = _url_without_password(url)
         self._url = url
-        self._limits = [
+        self._timeouts = [
             *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, round(open_timeout_ms)),
             *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(read_timeout_ms)),
         ]
         self._grabber: FrameGrabber | None = None
 
+    @classmethod
+    def from_address(cls, address: str, settings: CameraSettings) -> "NetworkStream | None":
+        """Return the stream of a URL, to which camera settings do not apply; raises `SourceUnknown` for another scheme."""
+        if "://" not in address:
+            return None
+        if address.partition("://")[0].lower() not in _SCHEMES:
+            raise SourceUnknown(
+                f"expected one of {', '.join(_SCHEMES)} before ://, got {_url_without_password(address)}; correct it"
+            )
+        return cls(address)
+
     def open(self) -> None:
-        """Connect and see one image; raises `CameraNotFound`."""
+        """Connect and read one image; raises `CameraNotFound`."""
         if self._grabber is not None:
             return
-        hush_video()
-        grabber = FrameGrabber(self.name, cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, self._limits))
+        silence_video_libraries()
+        grabber = FrameGrabber(self.name, cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, self._timeouts))
         if grabber.read() is None:
             grabber.release()
             raise CameraNotFound(
@@ -39,7 +59,7 @@ class NetworkStream(FrameSource):
         self._grabber = grabber
 
     def read(self) -> Frame:
-        """Wait for the next image; `CameraLost` when the stream breaks off or falls silent."""
+        """Wait for the next image; raises `CameraLost` when the stream breaks off or falls silent."""
         if self._grabber is None:
             raise SourceNotOpen(self.name)
         frame = self._grabber.read()
@@ -48,13 +68,13 @@ class NetworkStream(FrameSource):
         return frame
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection to the camera."""
         grabber, self._grabber = self._grabber, None
         if grabber is not None:
             grabber.release()
 
 
-def without_password(url: str) -> str:
-    """The URL as it may be shown and logged."""
+def _url_without_password(url: str) -> str:
+    """Return the URL as it may be shown and logged."""
     parts = urlsplit(url)
     return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()

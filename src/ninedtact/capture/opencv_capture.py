@@ -1,4 +1,4 @@
-"""One opened cv2.VideoCapture, which must never be released while another thread reads it."""
+"""One opened cv2.VideoCapture that several threads may use: it is never released while another thread reads it."""
 
 import time
 from collections.abc import Callable
@@ -8,12 +8,12 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.quantities import Frame
 
-Answer = TypeVar("Answer")
+Result = TypeVar("Result")
 
 
 @runtime_checkable
 class OpenCvCapture(Protocol):
-    """The part of cv2.VideoCapture that is used; a bench device in the tests has the same."""
+    """The methods of cv2.VideoCapture that are used; the simulated devices of the tests have the same."""
 
     def isOpened(self) -> bool: ...  # noqa: N802, D102
     def get(self, prop: int, /) -> float: ...  # noqa: D102
@@ -22,17 +22,16 @@ class OpenCvCapture(Protocol):
     def release(self) -> None: ...  # noqa: D102
 
 
-def on_arrival(capture: OpenCvCapture) -> int:
-    """The stamp of an image that was read just now, ns of the monotonic clock."""
-    return time.monotonic_ns()
-
-
 class FrameGrabber:
-    """Reads, stamps and counts the images of one capture; one thread at a time gets at the device."""
+    """Reads, stamps and counts the images of one capture; one thread at a time accesses the device."""
 
     def __init__(
-        self, name: str, capture: OpenCvCapture, stamp_ns: Callable[[OpenCvCapture], int] = on_arrival
+        self,
+        name: str,
+        capture: OpenCvCapture,
+        stamp_ns: Callable[[OpenCvCapture], int] = lambda capture: time.monotonic_ns(),
     ) -> None:
+        """stamp_ns: gives the stamp of the image that was just read, in ns of the monotonic clock."""
         self.next_index = 0
         self._name = name
         self._capture = capture
@@ -41,7 +40,7 @@ class FrameGrabber:
         self._lock = Lock()
 
     def read(self) -> Frame | None:
-        """The next image in its own memory, or None where the driver gave none; raises `SourceNotOpen`."""
+        """Return the next image in its own memory, or None where the driver gave none; raises `SourceNotOpen`."""
         with self._lock:
             if self._released:
                 raise SourceNotOpen(self._name)
@@ -51,15 +50,15 @@ class FrameGrabber:
             self.next_index += 1
             return Frame(image, self._stamp_ns(self._capture), self.next_index - 1)
 
-    def ask(self, question: Callable[[OpenCvCapture], Answer]) -> Answer:
-        """Put a question to the device between two images; raises `SourceNotOpen`."""
+    def query(self, question: Callable[[OpenCvCapture], Result]) -> Result:
+        """Call a function with the device between two reads and return its result; raises `SourceNotOpen`."""
         with self._lock:
             if self._released:
                 raise SourceNotOpen(self._name)
             return question(self._capture)
 
     def release(self) -> None:
-        """Close the device after a read in progress."""
+        """Close the device after a read in progress has ended."""
         with self._lock:
             self._released = True
             self._capture.release()

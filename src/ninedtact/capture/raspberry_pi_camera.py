@@ -1,6 +1,7 @@
-"""A camera on the ribbon cable of a Raspberry Pi, through picamera2, which only that machine needs."""
+"""Camera backend for the ribbon cable (CSI) of a Raspberry Pi, through picamera2, which only that machine needs."""
 
 import math
+import re
 import time
 from collections.abc import Callable, Iterator
 from threading import Lock
@@ -10,31 +11,31 @@ import numpy as np
 
 from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
+    CameraBackend,
     CameraLost,
     CameraNotFound,
     CameraSettingRefused,
     CameraSettings,
-    FrameSource,
     SourceNotOpen,
 )
 from ninedtact.quantities import Frame
 
-SILENCE_LIMIT_S = 2.0
-IMAGES_TO_SETTLE = 30
-RELATIVE_TOLERANCE = 0.05
-Control = float | int | bool
-HOW_TO_GET_IT = (
+_SILENCE_LIMIT_S = 2.0
+_IMAGES_TO_SETTLE = 30
+_RELATIVE_TOLERANCE = 0.05
+_Control = float | int | bool
+_INSTALL_HINT = (
     "on Raspberry Pi OS run `sudo apt install python3-picamera2` and make the environment with "
     "`python3 -m venv --system-site-packages`; elsewhere `pip install 'ninedtact[raspberry-pi]'`"
 )
 
 
-def open_picamera(number: int) -> Any:
-    """Take hold of a camera; raises `CameraNotFound` without picamera2 or without a camera."""
+def _open_picamera(number: int) -> Any:
+    """Open a camera exclusively; raises `CameraNotFound` without picamera2 or without a camera."""
     try:
         from picamera2 import Picamera2
     except ImportError as absence:
-        raise CameraNotFound(f"expected picamera2 for csi:{number}, got no such package; {HOW_TO_GET_IT}") from absence
+        raise CameraNotFound(f"expected picamera2 for csi:{number}, got no such package; {_INSTALL_HINT}") from absence
     try:
         return Picamera2(number)
     except (IndexError, RuntimeError) as trouble:
@@ -43,14 +44,16 @@ def open_picamera(number: int) -> Any:
         ) from trouble
 
 
-class RaspberryPiCamera(FrameSource):
-    """A CSI camera by its number; settings are asked of libcamera and read back from the images' own data."""
+class RaspberryPiCamera(CameraBackend):
+    """A CSI camera by its number; settings are given to libcamera and read back from the metadata of the images."""
+
+    address_help = "a Raspberry Pi camera (csi:0)"
 
     def __init__(
         self,
         number: int = 0,
         settings: CameraSettings = DEFAULT_CAMERA,
-        opener: Callable[[int], Any] = open_picamera,
+        opener: Callable[[int], Any] = _open_picamera,
     ) -> None:
         self.name = f"csi:{number}"
         self.settings = settings
@@ -60,8 +63,14 @@ class RaspberryPiCamera(FrameSource):
         self._camera: Any = None
         self._next_index = 0
 
+    @classmethod
+    def from_address(cls, address: str, settings: CameraSettings) -> "RaspberryPiCamera | None":
+        """Return the camera of `csi` or `csi:NUMBER`."""
+        found = re.fullmatch(r"csi(?::(\d+))?", address)
+        return cls(int(found[1] or 0), settings) if found else None
+
     def open(self) -> None:
-        """Open, set and read back; raises `CameraNotFound` or `CameraSettingRefused`."""
+        """Open the camera, apply the settings and read them back; raises `CameraNotFound` or `CameraSettingRefused`."""
         if self._camera is not None:
             return
         camera = self._opener(self._number)
@@ -73,7 +82,7 @@ class RaspberryPiCamera(FrameSource):
         self._camera, self._next_index = camera, 0
 
     def read(self) -> Frame:
-        """Wait for the next image; `CameraLost` after two seconds of silence."""
+        """Wait for the next image; raises `CameraLost` after two seconds of silence."""
         with self._lock:
             if self._camera is None:
                 raise SourceNotOpen(self.name)
@@ -89,23 +98,23 @@ class RaspberryPiCamera(FrameSource):
             camera.close()
 
     def _start(self, camera: Any) -> None:
-        controls = dict(controls_of(self.settings))
+        controls = dict(_libcamera_controls(self.settings))
         if unknown := [name for name in controls if name not in camera.camera_controls]:
             raise CameraSettingRefused(f"expected {self.name} to take {unknown[0]}, got no such control; leave it out")
         # picamera2 calls "RGB888" what lies in memory as blue, green, red. Without a queue an image is never older
-        # than the wish for it.
+        # than the request for it.
         main = {"format": "RGB888", "size": self.settings.size_px or (640, 480)}
         camera.configure(camera.create_video_configuration(main=main, controls=controls, queue=False))
         camera.start()
         self._read_back(camera, controls)
 
-    def _read_back(self, camera: Any, controls: dict[str, Control]) -> None:
-        """libcamera applies controls a few images late: give it time, then refuse."""
+    def _read_back(self, camera: Any, controls: dict[str, _Control]) -> None:
+        """Wait for the controls, which libcamera applies a few images late; raises `CameraSettingRefused`."""
         wanted = {name: controls[name] for name in ("ExposureTime", "AnalogueGain") if name in controls}
-        got: dict[str, Control] = {}
-        for _ in range(IMAGES_TO_SETTLE):
+        got: dict[str, _Control] = {}
+        for _ in range(_IMAGES_TO_SETTLE):
             _, got = self._capture(camera)
-            if all(math.isclose(got[name], value, rel_tol=RELATIVE_TOLERANCE) for name, value in wanted.items()):
+            if all(math.isclose(got[name], value, rel_tol=_RELATIVE_TOLERANCE) for name, value in wanted.items()):
                 return
         raise CameraSettingRefused(
             f"expected {self.name} to take {wanted}, got { {name: got[name] for name in wanted} }; ask for other values"
@@ -114,14 +123,14 @@ class RaspberryPiCamera(FrameSource):
     def _capture(self, camera: Any) -> tuple[Any, dict[str, Any]]:
         job = camera.capture_arrays(["main"], wait=False)
         try:
-            (image,), metadata = job.get_result(timeout=SILENCE_LIMIT_S)
+            (image,), metadata = job.get_result(timeout=_SILENCE_LIMIT_S)
         except TimeoutError as silence:
             raise CameraLost(f"expected an image from {self.name}, got none; check the ribbon cable") from silence
         return np.array(image[:, :, :3], order="C"), metadata
 
 
-def controls_of(settings: CameraSettings) -> Iterator[tuple[str, Control]]:
-    """The settings in libcamera's words; raises `CameraSettingRefused` for those that it has no word for."""
+def _libcamera_controls(settings: CameraSettings) -> Iterator[tuple[str, _Control]]:
+    """Yield the settings as controls of libcamera; raises `CameraSettingRefused` for those that it does not have."""
     if settings.pixel_format is not None or settings.white_balance_k is not None:
         raise CameraSettingRefused(
             "expected no pixel_format and no white_balance_k on a Raspberry Pi, got one; leave it out"

@@ -1,9 +1,4 @@
-"""How a device that went away is waited for: the loss is told once, it is opened again and again until it is back.
-
-A source that survives an unplugged cable: the loss is reported once, and reading goes on when the camera is back.
-
-A force/torque sensor that survives an unplugged cable: the loss is told once, and reading goes on when it is back.
-"""
+"""Sources that survive an unplugged cable: the loss is reported once, and reading continues when the device is back."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,8 +12,8 @@ from ninedtact.quantities import Frame, Wrench
 Loss = TypeVar("Loss", bound=Exception)
 
 
-class Reconnector(Generic[Loss]):
-    """The opening and closing of a source that may go away. Calls `on_lost` and `on_back` in the thread that waits."""
+class _Reconnector(Generic[Loss]):
+    """Opens and closes a device that may disappear; calls `on_lost` and `on_back` in the thread that waits for it."""
 
     def __init__(
         self,
@@ -43,24 +38,24 @@ class Reconnector(Generic[Loss]):
             self.losses = 0
 
     def close(self) -> None:
-        """Close the source, and end a wait for its return."""
+        """Close the source, and end a wait for the device."""
         self._closing.set()
         with self._opening:
             self._source.close()
 
-    def wait(self, loss: Loss) -> None:
-        """Until it is back; raises `SourceNotOpen` when it is closed meanwhile."""
+    def wait_until_back(self, loss: Loss) -> None:
+        """Report the loss and return when the device is open again; raises `SourceNotOpen` when closed meanwhile."""
         if self._closing.is_set():
             raise SourceNotOpen(self._source.name)
         self.losses += 1
         self._on_lost(loss)
         self._source.close()
-        while not self._returned():
+        while not self._try_to_open():
             pass
         self._on_back()
 
-    def _returned(self) -> bool:
-        """Pause, then try once; opening and closing exclude each other, so that none is left open."""
+    def _try_to_open(self) -> bool:
+        """Pause, then try once; opening and closing exclude each other, so that no device is left open."""
         self._closing.wait(self._retry_s)
         with self._opening:
             if self._closing.is_set():
@@ -73,10 +68,10 @@ class Reconnector(Generic[Loss]):
 
 
 class ReconnectingFrameSource(FrameSource):
-    """Reads another source and reopens it after `CameraLost`; meanwhile `read` waits, so put `Freshest` around it.
+    """Reads another source and reopens it after `CameraLost`.
 
-    `on_lost` and `on_back` are called in the thread that reads. A camera that is absent at the first opening raises:
-    a wrong name should be told at once.
+    Meanwhile `read` waits, so put `LatestFrameSource` around it. `on_lost` and `on_back` are called in the thread that reads.
+    A camera that is absent at the first opening raises, because a wrong name should be reported at once.
     """
 
     def __init__(
@@ -88,42 +83,42 @@ class ReconnectingFrameSource(FrameSource):
     ) -> None:
         self.name = source.name
         self._source = source
-        self._returning = Reconnector(source, CameraNotFound, on_lost, on_back, retry_ms)
+        self._reconnector = _Reconnector(source, CameraNotFound, on_lost, on_back, retry_ms)
         self._first_index = self._next_index = 0
 
     @property
     def losses(self) -> int:
-        """Since it was opened."""
-        return self._returning.losses
+        """How often the camera was lost since the source was opened."""
+        return self._reconnector.losses
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
-        self._returning.open()
+        self._reconnector.open()
         self.recorded_hz = self._source.recorded_hz
         self._first_index = self._next_index = 0
 
     def read(self) -> Frame:
-        """The next image, however long the camera is away; indices go on counting over the gap."""
+        """Wait for the next frame, however long the camera is away; indices continue over the gap."""
         while True:
             try:
                 frame = self._source.read()
             except CameraLost as loss:
-                self._returning.wait(loss)
+                self._reconnector.wait_until_back(loss)
                 self._first_index = self._next_index
             else:
                 self._next_index = self._first_index + frame.index + 1
                 return replace(frame, index=self._next_index - 1)
 
     def close(self) -> None:
-        """Close the source, and end a wait for its return."""
-        self._returning.close()
+        """Close the source, and end a wait for the camera."""
+        self._reconnector.close()
 
 
 class ReconnectingWrenchSource(WrenchSource):
     """Reads another source and reopens it after `WrenchSensorLost`; meanwhile `read` waits.
 
-    `on_lost` and `on_back` are called in the thread that reads. A sensor that is absent at the first opening raises. What a
-    device read when nothing touched may be another after its power was off: tare again.
+    `on_lost` and `on_back` are called in the thread that reads. A sensor that is absent at the first opening raises. The zero
+    of a device may change while its power is off, so tare again after `on_back`.
     """
 
     def __init__(
@@ -135,25 +130,25 @@ class ReconnectingWrenchSource(WrenchSource):
     ) -> None:
         self.name = source.name
         self._source = source
-        self._returning = Reconnector(source, WrenchSensorNotFound, on_lost, on_back, retry_ms)
+        self._reconnector = _Reconnector(source, WrenchSensorNotFound, on_lost, on_back, retry_ms)
 
     @property
     def losses(self) -> int:
-        """Since it was opened."""
-        return self._returning.losses
+        """How often the sensor was lost since the source was opened."""
+        return self._reconnector.losses
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
-        self._returning.open()
+        self._reconnector.open()
 
     def read(self) -> Wrench:
-        """The next sample, however long the device is away."""
+        """Wait for the next sample, however long the sensor is away."""
         while True:
             try:
                 return self._source.read()
             except WrenchSensorLost as loss:
-                self._returning.wait(loss)
+                self._reconnector.wait_until_back(loss)
 
     def close(self) -> None:
-        """Close the source, and end a wait for its return."""
-        self._returning.close()
+        """Close the source, and end a wait for the sensor."""
+        self._reconnector.close()

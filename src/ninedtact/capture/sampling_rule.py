@@ -1,9 +1,9 @@
-"""Which moments of a contact are worth keeping: the rule by which the paper's pairs were collected.
+"""The sampling rule of the paper: which wrenches of a contact are kept as training pairs.
 
-A contact begins when it presses harder than `contact_below_n`. Its first pair is kept below a load drawn anew for each
-contact; after that, each whose wrench is far from every wrench kept in the same contact. Far: the differences, each as a
-part of its axis's range, together exceed a quarter (docs/references.md; the original
-code writes Σ s|Δ| > 12 with s = 12/(range/4)).
+A contact begins when F_z falls below `contact_below_n`. Its first pair is kept below a load that is sampled for each contact;
+after that, each pair is kept whose wrench is far from every wrench kept in the same contact. Far means that the differences,
+each as a fraction of the range of its axis, sum to more than a quarter (docs/references.md; the original code
+writes Σ s|Δ| > 12 with s = 12/(range/4)).
 """
 
 from dataclasses import dataclass, field
@@ -19,28 +19,28 @@ SixFloats = tuple[float, float, float, float, float, float]
 
 
 class SamplingRuleInvalid(NinedtactError):
-    """A rule that keeps nothing, or everything."""
+    """The settings describe a rule that keeps nothing, or everything."""
 
 
 @dataclass(frozen=True)
 class SamplingRuleSettings:
-    """The paper's numbers."""
+    """The parameters of the rule; the defaults are those of the paper."""
 
     contact_below_n: float = -0.3
-    """F_z below which something touches."""
+    """F_z below which a contact exists."""
     first_below_n: tuple[float, float] = (-3.3, -0.3)
-    """F_z of the first pair of a contact: below a random number between these."""
+    """F_z of the first pair of a contact is below a random number between these."""
     ranges: SixFloats = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
-    """Width of each axis's range, N and N·m."""
+    """Width of the range of each axis, N and N·m."""
     weights: SixFloats = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
-    apart: float = 0.25
-    """Part of the ranges by which kept wrenches differ at least."""
+    min_difference: float = 0.25
+    """Smallest difference between kept wrenches: the weighted sum of the differences as fractions of the ranges."""
 
     def __post_init__(self) -> None:
-        if not (self.contact_below_n < 0 < self.apart and self.first_below_n[0] <= self.first_below_n[1] < 0):
+        if not (self.contact_below_n < 0 < self.min_difference and self.first_below_n[0] <= self.first_below_n[1] < 0):
             raise SamplingRuleInvalid(
                 f"expected a contact below zero newtons, first pairs between two such forces in rising order, and a "
-                f"difference above zero, got {self.contact_below_n}, {self.first_below_n} and {self.apart}; correct them"
+                f"difference above zero, got {self.contact_below_n}, {self.first_below_n} and {self.min_difference}; correct them"
             )
         if not (min(self.ranges) > 0 and min(self.weights) >= 0 < max(self.weights)):
             raise SamplingRuleInvalid(
@@ -51,41 +51,44 @@ class SamplingRuleSettings:
 
 @dataclass
 class SamplingRule:
-    """The rule at work: asked about every wrench in turn, it remembers what it kept."""
+    """The rule applied to a sequence of wrenches; it remembers the wrenches that it kept in the current contact.
+
+    rule = SamplingRule(rng=np.random.default_rng(0))
+    kept = [wrench for wrench in wrenches if rule.keeps(wrench)]
+    """
 
     settings: SamplingRuleSettings = SamplingRuleSettings()
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
-    kept: list[Float64[Array, "6"]] = field(default_factory=list, init=False)
-    """Of this contact."""
-    contacts: int = field(default=0, init=False)
-    """Begun so far."""
+    kept_wrenches: list[Float64[Array, "6"]] = field(default_factory=list, init=False)
+    """Wrenches kept in the current contact."""
+    contact_count: int = field(default=0, init=False)
+    """Contacts that have begun so far."""
     touching: bool = field(default=False, init=False)
     first_below_n: float = field(default=0.0, init=False)
 
     def keeps(self, wrench: Wrench) -> bool:
-        """Whether this one is worth keeping; its torque about any point of the sensor's axis."""
+        """Return whether to keep this wrench; its torque may be about any point of the sensor's axis."""
         touching = bool(wrench.force_n[2] < self.settings.contact_below_n)
         if touching and not self.touching:
-            self.begin()
+            self._begin_contact()
         self.touching = touching
-        if not touching or not self.is_new(wrench):
+        if not touching or not self._is_new(wrench):
             return False
-        self.kept.append(wrench.six)
+        self.kept_wrenches.append(wrench.six)
         return True
 
-    def lifted(self) -> None:
-        """The object left the skin, whether or not a wrench has told."""
+    def end_contact(self) -> None:
+        """End the current contact: the object left the skin, even if no wrench has shown it."""
         self.touching = False
 
-    def begin(self) -> None:
-        """A new contact: nothing of it is kept yet."""
-        self.kept.clear()
-        self.contacts += 1
+    def _begin_contact(self) -> None:
+        self.kept_wrenches.clear()
+        self.contact_count += 1
         self.first_below_n = float(self.rng.uniform(*self.settings.first_below_n))
 
-    def is_new(self, wrench: Wrench) -> bool:
-        """Whether it is far enough from all that were kept."""
-        if not self.kept:
+    def _is_new(self, wrench: Wrench) -> bool:
+        """Return whether the wrench is far enough from all that were kept in this contact."""
+        if not self.kept_wrenches:
             return bool(wrench.force_n[2] < self.first_below_n)
-        parts = np.abs(np.array(self.kept) - wrench.six) / np.array(self.settings.ranges)
-        return bool((parts @ np.array(self.settings.weights)).min() > self.settings.apart)
+        fractions = np.abs(np.array(self.kept_wrenches) - wrench.six) / np.array(self.settings.ranges)
+        return bool((fractions @ np.array(self.settings.weights)).min() > self.settings.min_difference)

@@ -1,11 +1,7 @@
-"""Which cameras this machine has, read from the kernel's own files (Linux).
+"""Camera backend for cameras on this machine: UVC and everything else that Video4Linux supports, opened through OpenCV.
 
-What a camera is set to: every setting is read back, and refused where the camera did not take it.
-
-The values are those of Video4Linux (https://docs.kernel.org/userspace-api/media/v4l/ext-ctrls-camera.html): exposure in
+Settings use the values of Video4Linux (https://docs.kernel.org/userspace-api/media/v4l/ext-ctrls-camera.html): exposure in
 steps of 0.1 ms, automatic exposure as 0 auto, 1 manual, 2 shutter priority, 3 aperture priority.
-
-A camera on this machine: UVC and everything else that Video4Linux knows, opened through OpenCV.
 """
 
 import getpass
@@ -19,242 +15,92 @@ from pathlib import Path
 
 import cv2
 
-from ninedtact.capture.chatter import hush_video
 from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
+    CameraBackend,
     CameraLost,
     CameraNotFound,
     CameraSettingRefused,
     CameraSettings,
-    FrameSource,
     SourceNotOpen,
 )
+from ninedtact.capture.library_output import silence_video_libraries
 from ninedtact.capture.opencv_capture import FrameGrabber, OpenCvCapture
 from ninedtact.quantities import Frame
 
-KERNEL_LIST = Path("/sys/class/video4linux")
-QUERY_CAPABILITIES = 0x80685600
+_SILENCE_LIMIT_S = 2
+_DAMAGED_IN_A_ROW = 3
+_OLDEST_DRIVER_STAMP_NS = 10_000_000_000
+_EXPOSURE_STEPS_PER_MS = 10
+_MANUAL, _AUTOMATIC = (1.0, 2.0), (3.0, 0.0)
+_KERNEL_DEVICE_LIST = Path("/sys/class/video4linux")
+_QUERY_CAPABILITIES = 0x80685600
 """VIDIOC_QUERYCAP, https://docs.kernel.org/userspace-api/media/v4l/vidioc-querycap.html."""
-DEVICE_CAPABILITIES = slice(88, 92)
-VIDEO_CAPTURE = 0x00000001 | 0x00001000
+_DEVICE_CAPABILITIES = slice(88, 92)
+_VIDEO_CAPTURE = 0x00000001 | 0x00001000
 """Single-planar or multi-planar."""
 
 
-@dataclass(frozen=True)
-class CameraDevice:
-    """A camera as the kernel lists it."""
-
-    path: str
-    name: str
-
-
-def list_cameras(kernel_list: Path = KERNEL_LIST, device_folder: Path = Path("/dev")) -> list[CameraDevice]:
-    """All devices that can deliver images, in the order of their numbers; none where the system is not Linux."""
-    nodes = sorted(kernel_list.glob("video*"), key=lambda node: (len(node.name), node.name))
-    found = [CameraDevice(str(device_folder / node.name), _name_of(node)) for node in nodes]
-    return [device for device in found if _captures(device.path)]
-
-
-def why_closed(device: int | str) -> str:
-    """Why a device does not open, as words that follow "got"."""
-    path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
-    if not path.exists():
-        others = ", ".join(camera.path for camera in list_cameras()) or "no camera at all"
-        return f"no device {path}; plug it in (this machine has {others}), or name it with --source"
-    if not os.access(path, os.R_OK | os.W_OK):
-        return f"no permission for {path}; {permission_remedy()}"
-    return f"a refusal from {path}; close the other program that uses it, or name another device"
-
-
-def permission_remedy() -> str:
-    """How a person gets to open cameras."""
-    return f"run `sudo usermod -aG video {_user()}` and log in again"
-
-
-def _name_of(node: Path) -> str:
-    try:
-        return (node / "name").read_text().strip()
-    except OSError:
-        return "unnamed"
-
-
-def _captures(path: str) -> bool:
-    """Whether a device delivers images; a UVC camera also lists one that delivers only metadata.
-
-    A device that may not be asked counts as a camera: the user must hear of the missing permission.
-    """
-    import fcntl  # not on Windows, where no device gets this far
-
-    answer = bytearray(104)
-    try:
-        handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)
-        try:
-            fcntl.ioctl(handle, QUERY_CAPABILITIES, answer)
-        finally:
-            os.close(handle)
-    except OSError:
-        return True
-    return bool(int.from_bytes(answer[DEVICE_CAPABILITIES], "little") & VIDEO_CAPTURE)
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return "$USER"
-
-
-V4L2_EXPOSURE_PER_MS = 10
-MANUAL, AUTOMATIC = (1.0, 2.0), (3.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Wish:
-    """One property to set: any of `accepted` will do, the first is tried first."""
-
-    what: str
-    prop: int
-    accepted: tuple[float, ...]
-    tolerance: float = 0.5
-    remedy: str = "ask for a value that the camera has (`v4l2-ctl --list-ctrls` shows them), or leave it out"
-
-    def met(self, capture: OpenCvCapture) -> bool:
-        """Whether the camera says that it has one of the accepted values."""
-        got = capture.get(self.prop)
-        return any(math.isclose(got, value, abs_tol=self.tolerance) for value in self.accepted)
-
-    def ask(self, capture: OpenCvCapture) -> None:
-        """Set values until one is taken."""
-        for value in self.accepted:
-            if capture.set(self.prop, value) and self.met(capture):
-                return
-
-
-def apply(settings: CameraSettings, capture: OpenCvCapture, name: str) -> None:
-    """Set everything, then read everything back, since one setting may undo another; raises `CameraSettingRefused`."""
-    wishes = list(wishes_of(settings))
-    for wish in wishes:
-        wish.ask(capture)
-    for wish in wishes:
-        if not wish.met(capture):
-            got = capture.get(wish.prop)
-            raise CameraSettingRefused(
-                f"expected {name} to take {wish.what} {wish.accepted[0]:g}, got {got:g}; {wish.remedy}"
-            )
-
-
-def wishes_of(settings: CameraSettings) -> Iterator[Wish]:
-    """The properties to set, in the order in which a driver takes them: format, size, rate, then controls."""
-    modes = "ask for one that it has (`v4l2-ctl --list-formats-ext` shows them)"
-    if settings.pixel_format is not None:
-        fourcc = cv2.VideoWriter.fourcc(*settings.pixel_format)
-        yield Wish(f"pixel format {settings.pixel_format}", cv2.CAP_PROP_FOURCC, (float(fourcc),), remedy=modes)
-    if settings.size_px is not None:
-        yield Wish("image width", cv2.CAP_PROP_FRAME_WIDTH, (float(settings.size_px[0]),), remedy=modes)
-        yield Wish("image height", cv2.CAP_PROP_FRAME_HEIGHT, (float(settings.size_px[1]),), remedy=modes)
-    if settings.rate_hz is not None:
-        tolerance = 0.02 * settings.rate_hz  # 29.97 answers a wish for 30
-        yield Wish("images per second", cv2.CAP_PROP_FPS, (settings.rate_hz,), tolerance, modes)
-    yield from _controls_of(settings)
-
-
-def _controls_of(settings: CameraSettings) -> Iterator[Wish]:
-    if settings.auto_exposure is not None or settings.exposure_ms is not None:
-        accepted = AUTOMATIC if settings.auto_exposure else MANUAL
-        yield Wish("exposure mode (1 manual, 3 automatic)", cv2.CAP_PROP_AUTO_EXPOSURE, accepted)
-    if settings.exposure_ms is not None:
-        steps = float(round(settings.exposure_ms * V4L2_EXPOSURE_PER_MS))
-        yield Wish("exposure (in steps of 0.1 ms)", cv2.CAP_PROP_EXPOSURE, (steps,))
-    if settings.gain is not None:
-        yield Wish("gain", cv2.CAP_PROP_GAIN, (settings.gain,))
-    if settings.auto_white_balance is not None or settings.white_balance_k is not None:
-        on = 1.0 if settings.auto_white_balance else 0.0
-        yield Wish("automatic white balance (0 off, 1 on)", cv2.CAP_PROP_AUTO_WB, (on,))
-    if settings.white_balance_k is not None:
-        kelvin = settings.white_balance_k
-        yield Wish("white balance in kelvin", cv2.CAP_PROP_WB_TEMPERATURE, (kelvin,), 0.01 * kelvin)
-
-
-def settings_in_force(capture: OpenCvCapture) -> CameraSettings:
-    """What the camera says it is set to; None where it does not say (V4L2 then answers −1)."""
-    exposure_mode, exposure = _said(capture, cv2.CAP_PROP_AUTO_EXPOSURE), _said(capture, cv2.CAP_PROP_EXPOSURE)
-    by_hand = exposure_mode is None or exposure_mode in MANUAL
-    auto_wb, kelvin = _said(capture, cv2.CAP_PROP_AUTO_WB), _said(capture, cv2.CAP_PROP_WB_TEMPERATURE)
-    return CameraSettings(
-        size_px=(int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))),
-        rate_hz=_said(capture, cv2.CAP_PROP_FPS),
-        pixel_format=_letters(capture.get(cv2.CAP_PROP_FOURCC)),
-        auto_exposure=None if exposure_mode is None else not by_hand,
-        exposure_ms=exposure / V4L2_EXPOSURE_PER_MS if exposure is not None and by_hand else None,
-        gain=_said(capture, cv2.CAP_PROP_GAIN),
-        auto_white_balance=None if auto_wb is None else bool(auto_wb),
-        white_balance_k=None if auto_wb else kelvin,
-    )
-
-
-def _said(capture: OpenCvCapture, prop: int) -> float | None:
-    value = capture.get(prop)
-    return None if value < 0 else value
-
-
-def _letters(fourcc: float) -> str | None:
-    if fourcc <= 0:
-        return None
-    return int(fourcc).to_bytes(4, "little").decode("ascii", errors="replace")
-
-
-SILENCE_LIMIT_S = 2
-DAMAGED_IN_A_ROW = 3
-OLDEST_DRIVER_STAMP_NS = 10_000_000_000
-
-Opener = Callable[[int | str], OpenCvCapture]
-"""Turns a device into a capture, opened or not; the one place where the package touches a camera."""
-
-
-def open_capture(device: int | str) -> OpenCvCapture:
-    """Open a Video4Linux device; on other systems, whatever OpenCV uses there (settings are then often refused)."""
-    # OpenCV waits ten seconds for a camera that went silent, unless told otherwise before its first image.
-    os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(SILENCE_LIMIT_S))
-    hush_video()
+def _open_capture(device: int | str) -> OpenCvCapture:
+    """Open a Video4Linux device; on other systems, whatever OpenCV uses there (which often refuses settings)."""
+    # OpenCV waits ten seconds for a camera that went silent, unless this is set before its first image.
+    os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(_SILENCE_LIMIT_S))
+    silence_video_libraries()
     return cv2.VideoCapture(device, cv2.CAP_V4L2 if sys.platform == "linux" else cv2.CAP_ANY)
 
 
-class UvcCamera(FrameSource):
+class UvcCamera(CameraBackend):
     """A camera by number or path (`0`, `/dev/video0`; `/dev/v4l/by-id/…` stays the same in another socket)."""
 
+    address_help = "a camera (0, /dev/video0)"
+
     def __init__(
-        self, device: int | str = 0, settings: CameraSettings = DEFAULT_CAMERA, opener: Opener = open_capture
+        self,
+        device: int | str = 0,
+        settings: CameraSettings = DEFAULT_CAMERA,
+        opener: Callable[[int | str], OpenCvCapture] = _open_capture,
     ) -> None:
+        """opener: turns a device into a capture, opened or not; the one place where the package accesses a camera."""
         self.device = device
         self.settings = settings
         self.name = f"camera {device}"
         self._opener = opener
         self._grabber: FrameGrabber | None = None
 
+    @classmethod
+    def from_address(cls, address: str, settings: CameraSettings) -> "UvcCamera | None":
+        """Return the camera of a number or of a path in /dev."""
+        if address.isdecimal():
+            return cls(int(address), settings)
+        return cls(address, settings) if address.startswith("/dev/") else None
+
     @property
-    def settings_in_force(self) -> CameraSettings:
-        """What the open camera says it is set to."""
-        return self._open_grabber().ask(settings_in_force)
+    def current_settings(self) -> CameraSettings:
+        """The settings that the open camera reports."""
+        return self._open_grabber().query(_read_settings)
 
     def open(self) -> None:
-        """Open, set, read back, and see one image; raises `CameraNotFound` or `CameraSettingRefused`."""
+        """Open the camera, apply and read back the settings, and read one image.
+
+        Raises `CameraNotFound` or `CameraSettingRefused`.
+        """
         if self._grabber is None:
             capture = self._opener(self.device)
             try:
-                self._grabber = self._proven(capture)
+                self._grabber = self._start(capture)
             except BaseException:
                 capture.release()
                 raise
 
     def read(self) -> Frame:
-        """Wait for the next image; `CameraLost` after two seconds of silence."""
-        frame = patiently(self._open_grabber())
+        """Wait for the next image; raises `CameraLost` after two seconds of silence."""
+        frame = _read_past_damaged_images(self._open_grabber())
         if frame is None:
-            raise CameraLost(f"expected an image from {self.name}, got none; see that it is plugged in")
+            raise CameraLost(f"expected an image from {self.name}, got none; check that it is plugged in")
         return frame
 
     def close(self) -> None:
-        """Release the device."""
+        """Release the device after a read in progress."""
         grabber, self._grabber = self._grabber, None
         if grabber is not None:
             grabber.release()
@@ -264,32 +110,181 @@ class UvcCamera(FrameSource):
             raise SourceNotOpen(self.name)
         return self._grabber
 
-    def _proven(self, capture: OpenCvCapture) -> FrameGrabber:
+    def _start(self, capture: OpenCvCapture) -> FrameGrabber:
         if not capture.isOpened():
-            raise CameraNotFound(f"expected {self.name} to open, got {why_closed(self.device)}")
-        apply(self.settings, capture, self.name)
-        grabber = FrameGrabber(self.name, capture, arrival_ns)
-        if patiently(grabber) is None:
+            raise CameraNotFound(f"expected {self.name} to open, got {_open_failure(self.device)}")
+        _apply_settings(self.settings, capture, self.name)
+        grabber = FrameGrabber(self.name, capture, _arrival_ns)
+        if _read_past_damaged_images(grabber) is None:
             raise CameraNotFound(f"expected an image from {self.name}, got none; plug it in again, or try another one")
         grabber.next_index = 0  # the first image after opening is often half exposed and is not counted
         return grabber
 
 
-def patiently(grabber: FrameGrabber) -> Frame | None:
-    """Read over a few damaged images, which a cheap USB board delivers now and then; None where nothing comes."""
-    give_up_at = time.monotonic() + SILENCE_LIMIT_S
-    for _ in range(DAMAGED_IN_A_ROW):
+def _read_past_damaged_images(grabber: FrameGrabber) -> Frame | None:
+    """Skip a few damaged images, which a cheap USB board delivers now and then; None where nothing arrives."""
+    give_up_at = time.monotonic() + _SILENCE_LIMIT_S
+    for _ in range(_DAMAGED_IN_A_ROW):
         frame = grabber.read()
         if frame is not None or time.monotonic() > give_up_at:
             return frame
     return None
 
 
-def arrival_ns(capture: OpenCvCapture) -> int:
-    """When the image reached the driver, if it says so on the monotonic clock; otherwise now.
+def _arrival_ns(capture: OpenCvCapture) -> int:
+    """Return when the image reached the driver if the driver reports it on the monotonic clock, otherwise now.
 
     A driver queues a few images: one that is read late was taken earlier, and its stamp must say so.
     """
     now = time.monotonic_ns()
     driver = int(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-    return driver if 0 <= now - driver < OLDEST_DRIVER_STAMP_NS else now
+    return driver if 0 <= now - driver < _OLDEST_DRIVER_STAMP_NS else now
+
+
+@dataclass(frozen=True)
+class _PropertySetting:
+    """One camera property to set: any of `accepted` will do, the first is tried first."""
+
+    label: str
+    prop: int
+    accepted: tuple[float, ...]
+    tolerance: float = 0.5
+    remedy: str = "ask for a value that the camera has (`v4l2-ctl --list-ctrls` shows them), or leave it out"
+
+    def is_in_force(self, capture: OpenCvCapture) -> bool:
+        """Return whether the camera reports one of the accepted values."""
+        got = capture.get(self.prop)
+        return any(math.isclose(got, value, abs_tol=self.tolerance) for value in self.accepted)
+
+    def try_values(self, capture: OpenCvCapture) -> None:
+        """Set the accepted values one after the other until the camera takes one."""
+        for value in self.accepted:
+            if capture.set(self.prop, value) and self.is_in_force(capture):
+                return
+
+
+def _apply_settings(settings: CameraSettings, capture: OpenCvCapture, name: str) -> None:
+    """Set everything, then read everything back, since one setting may undo another; raises `CameraSettingRefused`."""
+    wanted = [*_video_mode(settings), *_image_controls(settings)]
+    for setting in wanted:
+        setting.try_values(capture)
+    for setting in wanted:
+        if not setting.is_in_force(capture):
+            got = capture.get(setting.prop)
+            raise CameraSettingRefused(
+                f"expected {name} to take {setting.label} {setting.accepted[0]:g}, got {got:g}; {setting.remedy}"
+            )
+
+
+def _video_mode(settings: CameraSettings) -> Iterator[_PropertySetting]:
+    """Yield format, size and rate, in the order in which a driver takes them; they precede the controls."""
+    modes = "ask for one that it has (`v4l2-ctl --list-formats-ext` shows them)"
+    if settings.pixel_format is not None:
+        fourcc = cv2.VideoWriter.fourcc(*settings.pixel_format)
+        yield _PropertySetting(
+            f"pixel format {settings.pixel_format}", cv2.CAP_PROP_FOURCC, (float(fourcc),), remedy=modes
+        )
+    if settings.size_px is not None:
+        cols, rows = map(float, settings.size_px)
+        yield _PropertySetting("image width", cv2.CAP_PROP_FRAME_WIDTH, (cols,), remedy=modes)
+        yield _PropertySetting("image height", cv2.CAP_PROP_FRAME_HEIGHT, (rows,), remedy=modes)
+    if settings.rate_hz is not None:
+        tolerance = 0.02 * settings.rate_hz  # 29.97 satisfies a request for 30
+        yield _PropertySetting("images per second", cv2.CAP_PROP_FPS, (settings.rate_hz,), tolerance, modes)
+
+
+def _image_controls(settings: CameraSettings) -> Iterator[_PropertySetting]:
+    """Yield exposure, gain and white balance."""
+    if settings.auto_exposure is not None or settings.exposure_ms is not None:
+        accepted = _AUTOMATIC if settings.auto_exposure else _MANUAL
+        yield _PropertySetting("exposure mode (1 manual, 3 automatic)", cv2.CAP_PROP_AUTO_EXPOSURE, accepted)
+    if settings.exposure_ms is not None:
+        steps = float(round(settings.exposure_ms * _EXPOSURE_STEPS_PER_MS))
+        yield _PropertySetting("exposure (in steps of 0.1 ms)", cv2.CAP_PROP_EXPOSURE, (steps,))
+    if settings.gain is not None:
+        yield _PropertySetting("gain", cv2.CAP_PROP_GAIN, (settings.gain,))
+    if settings.auto_white_balance is not None or settings.white_balance_k is not None:
+        on = 1.0 if settings.auto_white_balance else 0.0
+        yield _PropertySetting("automatic white balance (0 off, 1 on)", cv2.CAP_PROP_AUTO_WB, (on,))
+    if settings.white_balance_k is not None:
+        kelvin = settings.white_balance_k
+        yield _PropertySetting("white balance in kelvin", cv2.CAP_PROP_WB_TEMPERATURE, (kelvin,), 0.01 * kelvin)
+
+
+def _read_settings(capture: OpenCvCapture) -> CameraSettings:
+    """Return the settings that the camera reports; None where it reports none (V4L2 then answers −1)."""
+
+    def reported(prop: int) -> float | None:
+        value = capture.get(prop)
+        return None if value < 0 else value
+
+    exposure_mode, exposure = reported(cv2.CAP_PROP_AUTO_EXPOSURE), reported(cv2.CAP_PROP_EXPOSURE)
+    is_manual = exposure_mode is None or exposure_mode in _MANUAL
+    auto_wb, kelvin = reported(cv2.CAP_PROP_AUTO_WB), reported(cv2.CAP_PROP_WB_TEMPERATURE)
+    fourcc = int(capture.get(cv2.CAP_PROP_FOURCC))
+    return CameraSettings(
+        size_px=(int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))),
+        rate_hz=reported(cv2.CAP_PROP_FPS),
+        pixel_format=fourcc.to_bytes(4, "little").decode("ascii", errors="replace") if fourcc > 0 else None,
+        auto_exposure=None if exposure_mode is None else not is_manual,
+        exposure_ms=exposure / _EXPOSURE_STEPS_PER_MS if exposure is not None and is_manual else None,
+        gain=reported(cv2.CAP_PROP_GAIN),
+        auto_white_balance=None if auto_wb is None else bool(auto_wb),
+        white_balance_k=None if auto_wb else kelvin,
+    )
+
+
+@dataclass(frozen=True)
+class CameraDevice:
+    """A camera as the Linux kernel lists it."""
+
+    path: str
+    name: str
+
+
+def list_cameras(kernel_list: Path = _KERNEL_DEVICE_LIST, device_folder: Path = Path("/dev")) -> list[CameraDevice]:
+    """Return all devices that can deliver images, in the order of their numbers; none where the system is not Linux."""
+    nodes = sorted(kernel_list.glob("video*"), key=lambda node: (len(node.name), node.name))
+    found = [CameraDevice(str(device_folder / node.name), _kernel_name(node)) for node in nodes]
+    return [device for device in found if _delivers_images(device.path)]
+
+
+def _kernel_name(node: Path) -> str:
+    try:
+        return (node / "name").read_text().strip()
+    except OSError:
+        return "unnamed"
+
+
+def _delivers_images(path: str) -> bool:
+    """Return whether a device delivers images; a UVC camera also lists one that delivers only metadata.
+
+    A device that may not be queried counts as a camera: the user must hear of the missing permission.
+    """
+    import fcntl  # not on Windows, where no device gets this far
+
+    reply = bytearray(104)
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+        try:
+            fcntl.ioctl(handle, _QUERY_CAPABILITIES, reply)
+        finally:
+            os.close(handle)
+    except OSError:
+        return True
+    return bool(int.from_bytes(reply[_DEVICE_CAPABILITIES], "little") & _VIDEO_CAPTURE)
+
+
+def _open_failure(device: int | str) -> str:
+    """Return why a device does not open, as words that follow "got"."""
+    path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
+    if not path.exists():
+        others = ", ".join(camera.path for camera in list_cameras()) or "no camera at all"
+        return f"no device {path}; plug it in (this machine has {others}), or name it with --source"
+    if not os.access(path, os.R_OK | os.W_OK):
+        try:
+            user = getpass.getuser()
+        except (KeyError, OSError):
+            user = "$USER"
+        return f"no permission for {path}; run `sudo usermod -aG video {user}` and log in again"
+    return f"a refusal from {path}; close the other program that uses it, or name another device"

@@ -1,9 +1,7 @@
-"""What a force/torque sensor is to the rest of the package: opened, read sample by sample, and closed.
+"""What every force/torque sensor is to the rest of the package: a `WrenchSource` that is opened, read and closed; its errors.
 
-Like a camera it is stamped on arrival (monotonic clock). What it tells is the wrench that the object applies to the skin,
-in the sensor frame: whoever wraps a device turns its signs and axes.
-
-What goes wrong with a force/torque sensor, beside its loss (`WrenchSensorLost`).
+Like a camera it stamps each sample on arrival (monotonic clock). A sample is the wrench that the object applies to the skin,
+in the sensor frame; the wrappers of `force_torque.pipeline` convert the axes and signs of a device.
 """
 
 from abc import abstractmethod
@@ -14,33 +12,20 @@ from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Wrench
 
 
+class ForceTorqueAddressUnknown(NinedtactError):
+    """The text names no force/torque sensor."""
+
+
+class WrenchSensorNotFound(NinedtactError):
+    """No force/torque sensor could be opened at the given address."""
+
+
 class WrenchSensorLost(NinedtactError):
     """A force/torque sensor that had delivered samples stopped."""
 
 
-class WrenchSource(Openable):
-    """Anything that delivers wrenches."""
-
-    @abstractmethod
-    def read(self) -> Wrench:
-        """Wait for the next sample.
-
-        Raises `WrenchSensorLost` when the device stops, `SourceEnded` after the last sample of a recording and
-        `SourceNotOpen` when it is not open.
-        """
-
-    def __iter__(self) -> Iterator[Wrench]:
-        """Yield samples for ever, or until the source raises."""
-        while True:
-            yield self.read()
-
-
-class WrenchSensorNotFound(NinedtactError):
-    """No force/torque sensor could be opened there."""
-
-
 class ForceTorqueLibraryMissing(NinedtactError):
-    """The library that speaks with this device is not installed."""
+    """The library that communicates with this device is not installed."""
 
     def __init__(self, name: str, package: str) -> None:
         super().__init__(
@@ -49,7 +34,7 @@ class ForceTorqueLibraryMissing(NinedtactError):
 
 
 class WrenchSampleRejected(NinedtactError):
-    """One sample that must not be used. The source stays open, and the next read goes on with the next sample."""
+    """One sample that must not be used. The source stays open, and the next read continues with the next sample."""
 
 
 class WrenchSaturated(WrenchSampleRejected):
@@ -61,8 +46,25 @@ class WrenchFrozen(WrenchSampleRejected):
 
 
 class WrenchJumped(WrenchSampleRejected):
-    """The reading leapt as no load does."""
+    """The reading changed faster than any load does."""
 
 
 class WrenchFaulty(WrenchSampleRejected):
-    """The device itself says that this sample is wrong, or it is not a number."""
+    """The device itself marks this sample as wrong, or it is not a number."""
+
+
+class WrenchSource(Openable):
+    """Anything that delivers wrenches."""
+
+    @abstractmethod
+    def read(self) -> Wrench:
+        """Wait for the next sample and return it.
+
+        Raises `WrenchSensorLost` when the device stops, `SourceEnded` after the last sample of a recording and
+        `SourceNotOpen` when the source is not open.
+        """
+
+    def __iter__(self) -> Iterator[Wrench]:
+        """Yield samples until the source raises."""
+        while True:
+            yield self.read()

@@ -76,7 +76,7 @@ class CollectOptions:
     """Width of each axis's range, N and N·m."""
     weights: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
     """How much each axis counts when two wrenches are held against each other."""
-    apart: float = 0.25
+    min_difference: float = 0.25
     """Part of the ranges by which saved wrenches differ at least."""
     range_n: tuple[float, float, float] | None = None
     """Largest force that the force/torque sensor is made for along each axis; samples at its end are not saved."""
@@ -91,7 +91,9 @@ class CollectOptions:
         from ninedtact.capture.sampling_rule import SamplingRuleSettings
         from ninedtact.recording.collecting.settings import CollectSettings
 
-        rule = SamplingRuleSettings(self.contact_below_n, self.first_below_n, self.ranges, self.weights, self.apart)
+        rule = SamplingRuleSettings(
+            self.contact_below_n, self.first_below_n, self.ranges, self.weights, self.min_difference
+        )
         return CollectSettings(
             rule=rule,
             trust=SampleCheckSettings(self.range_n, self.range_nm),

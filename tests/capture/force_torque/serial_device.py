@@ -66,7 +66,7 @@ class SerialDevice:
             self._stop.wait(max(due_at - perf_counter(), 0))
             self.sent += 1
             six = self.load + self._rng.normal(0, 0.01, 6)
-            bundle += SerialFrame(self.sent % 65_536, int(due_at * 1e6) % 2**32, tuple(six), self.flags).encoded()
+            bundle += SerialFrame(self.sent % 65_536, int(due_at * 1e6) % 2**32, tuple(six), self.flags).to_bytes()
             if self.sent % self.bundle == 0:
                 self.say(bundle)
                 bundle = b""

@@ -16,7 +16,6 @@ from serial_device import SerialDevice
 
 from ninedtact.capture.force_torque.netft import ATI, NetFtDriver
 from ninedtact.capture.force_torque.pipeline import (
-    ForceTorqueAddressUnknown,
     MountedWrenchSource,
     WrenchPipelineSettings,
     build_wrench_source,
@@ -28,6 +27,7 @@ from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import (
+    ForceTorqueAddressUnknown,
     ForceTorqueLibraryMissing,
     WrenchSensorLost,
     WrenchSensorNotFound,

@@ -125,10 +125,10 @@ def test_noise_alone_hardly_ever_refuses_a_tare(count: int) -> None:
 def test_how_far_the_untouched_reading_wandered_is_told_and_too_few_samples_are_refused() -> None:
     warmer = BIAS + np.array([0, 0, 0.15, 0, 0, 0])
     with TaredWrenchSource(Played([*noisy(101, BIAS), *noisy(101, BIAS, seed=1), *noisy(101, warmer)], 10.0)) as source:
-        near = source.measure_wander(1.0)
-        assert not near.too_far and "no need" in near.sentence and near.since_s == pytest.approx(1.01)
-        far = source.measure_wander(1.0)
-        assert far.too_far and far.six[2] == pytest.approx(0.15, abs=0.02) and "; tare again" in far.sentence
+        near = source.measure_zero_drift(1.0)
+        assert not near.exceeds_limit and "no need" in near.sentence and near.since_s == pytest.approx(1.01)
+        far = source.measure_zero_drift(1.0)
+        assert far.exceeds_limit and far.six[2] == pytest.approx(0.15, abs=0.02) and "; tare again" in far.sentence
     with pytest.raises(TareRefused, match="expected 8 samples"), TaredWrenchSource(Played(noisy(10), 400.0)):
         pass
 
@@ -184,5 +184,5 @@ def test_stamps_follow_the_device_through_bundles_wraps_and_a_clock_that_is_off(
 
 def test_numbers_that_never_arrived_are_counted_over_the_wrap() -> None:
     numbering = SampleCounter(16)
-    assert [numbering.missed(number) for number in (65_533, 65_534, 2, 3, 0, 1)] == [0, 0, 3, 0, 0, 0]
+    assert [numbering.count_missing(number) for number in (65_533, 65_534, 2, 3, 0, 1)] == [0, 0, 3, 0, 0, 0]
     assert WrenchFrozen.__mro__[1] is WrenchJumped.__mro__[1] is WrenchSampleRejected

@@ -1,16 +1,10 @@
-"""Force/torque sensors: what lies under the tactile sensor and tells the true wrench.
+"""Force/torque sensors: from an address (`netft:192.168.1.1`) to the wrench that the object applies to the skin.
 
-address.py        force_torque_for("bota:CONFIG" | "netft:HOST" | "onrobot:HOST" | "serial:PORT")
-measured.py       measured(device, mount): device → reopened → trusted → mounted → tared, what collection reads
-sensor.py         ForceTorqueSensor, a WrenchSource on a Line: stamps, silence, drop count
-line.py           Line, what a driver does; bota.py netft.py serial_port.py are its members
-serial_frames.py  the plain frame of serial_port.py, byte by byte
-device_clock.py   arrival stamps with the transport's jitter taken out; numbers that were skipped
-reopening.py      Reopening(source): survives an unplugged cable
-trusted.py        Trusted(source): refuses saturated, frozen and jumping samples; Skipping(source) passes over them
-mounted.py        Mounted(source): from the device's frame to the sensor's
-tared.py          Tared(source): without what it read when nothing touched; how far that has wandered since
+In goes an address or a driver; out comes a `WrenchSource`. `pipeline.force_torque_sensor_for` opens the device that an
+address names; `pipeline.build_wrench_source` adds reconnection, sample checks (`sample_checks`), the change from the frame of the
+device to that of the sensor, and the tare (`tare`). Each driver is one file (`bota`, `netft`, `serial_port`); a new one is one more
+file with a `ForceTorqueDriver` (`sensor`) and one more line in `pipeline.DRIVERS`.
 
-A device tells what loads its tool side, N and N·m, in its own frame about its own origin. `Mounted` makes of it what
-`WrenchSource` promises: what the object applies to the skin, in the sensor frame.
+A device reports the load on its tool side, N and N·m, in its own frame about its own origin; `MountedWrenchSource`
+converts this to the wrench that `WrenchSource` promises.
 """

@@ -1,11 +1,14 @@
-"""Force/torque sensors of Bota Systems, through their own driver: serial, USB, Ethernet, EtherCAT, CAN, and its dummy.
+"""Driver for force/torque sensors of Bota Systems, through their own library: serial, USB, Ethernet, EtherCAT, CAN, and its dummy.
 
-The driver's blocking read holds up every thread of the process while it waits (1.1.16 keeps Python's lock), so the newest frame
-is asked for again and again instead: four times in each of the device's periods.
+The blocking read of that library stops every thread of the process while it waits (1.1.16 keeps Python's lock), so the newest
+frame is polled instead: four times in each period of the device.
 """
 
+import os
+import re
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,7 @@ from ninedtact.capture.force_torque.sensor import (
     ForceTorqueSample,
     counter_step,
 )
-from ninedtact.capture.force_torque.stdout_held import stdout_held
+from ninedtact.capture.library_output import capture_output
 from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
     WrenchFaulty,
@@ -28,13 +31,15 @@ from ninedtact.capture.wrench_source import (
     WrenchSensorNotFound,
 )
 
-CLOCK_BITS = 32
-POLLS_PER_PERIOD = 4
-SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 2e-4, 5e-3
+_CLOCK_BITS = 32
+_POLLS_PER_PERIOD = 4
+_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 2e-4, 5e-3
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_LINE_PREFIX = "[bota_"
 
 
 class BotaDriver(ForceTorqueDriver):
-    """A sensor by the driver's configuration file, which Bota delivers with it."""
+    """A Bota sensor, named by the configuration file that Bota delivers with it."""
 
     def __init__(self, config: Path) -> None:
         self.name = f"bota:{config}"
@@ -42,8 +47,13 @@ class BotaDriver(ForceTorqueDriver):
         self._driver: Any = None
         self._number = 0
 
+    @classmethod
+    def from_address(cls, address: str) -> "BotaDriver":
+        """Return the driver of bota:CONFIG.json."""
+        return cls(Path(address.partition(":")[2]).expanduser())
+
     def connect(self) -> None:
-        """Configure and start."""
+        """Configure and start the sensor; raises `WrenchSensorNotFound` or `ForceTorqueLibraryMissing`."""
         try:
             import bota_driver
         except ImportError as absence:
@@ -53,16 +63,16 @@ class BotaDriver(ForceTorqueDriver):
                 f"expected the configuration of a Bota sensor at {self._config}, got no such file; docs/force_torque.md "
                 "shows one"
             )
-        with stdout_held() as said:
-            cause = self._started(bota_driver)
+        with _captured_errors() as errors:
+            cause = self._start(bota_driver)
         if cause is not None:
             raise WrenchSensorNotFound(
-                f"expected the Bota sensor of {self._config} to start, got: {'; '.join(said.errors[:2]) or cause}; check "
+                f"expected the Bota sensor of {self._config} to start, got: {'; '.join(errors[:2]) or cause}; check "
                 "the file and the cable"
             )
 
-    def _started(self, bota_driver: Any) -> str | None:
-        """Why it did not, None where it did."""
+    def _start(self, bota_driver: Any) -> str | None:
+        """Start the sensor; return why it did not start, or None where it did."""
         driver = None
         try:
             driver = bota_driver.BotaDriver(str(self._config))
@@ -70,18 +80,18 @@ class BotaDriver(ForceTorqueDriver):
                 driver.shutdown()
                 return "a refusal"
             self._period_us = max(driver.get_expected_timestep_us(), 1)
-            pause_s = self._period_us / 1e6 / POLLS_PER_PERIOD
-            self._pause_s = min(max(pause_s, SHORTEST_PAUSE_S), LONGEST_PAUSE_S)
+            pause_s = self._period_us / 1e6 / _POLLS_PER_PERIOD
+            self._pause_s = min(max(pause_s, _SHORTEST_PAUSE_S), _LONGEST_PAUSE_S)
             self._last_us = driver.read_frame().timestamp
         except RuntimeError as trouble:
             if driver is not None:
                 driver.shutdown()
             return str(trouble)
-        self._driver, self._clock = driver, DeviceClock(CLOCK_BITS)
+        self._driver, self._clock = driver, DeviceClock(_CLOCK_BITS)
         return None
 
     def receive(self) -> Sequence[ForceTorqueSample]:
-        """The newest frame, once there is a new one; those in between count as dropped."""
+        """Wait for a new frame and return it; frames that it skipped count as dropped."""
         give_up_at = time.monotonic() + RECEIVE_TIMEOUT_S
         try:
             while (frame := self._driver.read_frame()).timestamp == self._last_us:
@@ -96,7 +106,7 @@ class BotaDriver(ForceTorqueDriver):
 
     def _sample(self, frame: Any, arrived_ns: int) -> ForceTorqueSample:
         # The device has no count, but a clock: a step of three periods means that two samples are missing.
-        self._number += max(round(counter_step(self._last_us, frame.timestamp, CLOCK_BITS) / self._period_us), 1)
+        self._number += max(round(counter_step(self._last_us, frame.timestamp, _CLOCK_BITS) / self._period_us), 1)
         self._last_us = frame.timestamp
         six = np.array([*frame.force, *frame.torque], float)
         return ForceTorqueSample(
@@ -104,8 +114,8 @@ class BotaDriver(ForceTorqueDriver):
         )
 
     def disconnect(self) -> None:
-        """Stop and release; the driver prints until its last reference is gone."""
-        with stdout_held():
+        """Stop and release the sensor; the library prints until its last reference is gone."""
+        with _captured_errors():
             self._driver.deactivate()
             self._driver.cleanup()
             self._driver.shutdown()
@@ -120,3 +130,20 @@ class BotaDriver(ForceTorqueDriver):
                 f"expected a usable sample from {self.name}, got one that it calls {word}; check the device"
             )
         return None
+
+
+@contextmanager
+def _captured_errors() -> Iterator[list[str]]:
+    """Capture what the library prints on standard output; the list holds its errors after the block.
+
+    What other code prints meanwhile is passed on afterwards.
+    """
+    errors: list[str] = []
+    with capture_output(1) as printed:
+        yield errors
+    lines = _COLOUR.sub("", printed.text).splitlines()
+    errors += [line.partition("] ")[2] for line in lines if line.startswith(f"{_LINE_PREFIX}ERROR]")]
+    others = [line for line in lines if not line.startswith(_LINE_PREFIX)]
+    if others:
+        with suppress(OSError):  # the process may have no standard output
+            os.write(1, ("\n".join(others) + "\n").encode())

@@ -1,8 +1,9 @@
-"""Force/torque sensors that stream RDT records over UDP, through pynetft: ATI Net F/T and Axia, OnRobot HEX.
+"""Driver for force/torque sensors that stream RDT records over UDP, through pynetft: ATI Net F/T and Axia, OnRobot HEX.
 
-A record holds counts. An ATI device tells over HTTP what a count is worth; an OnRobot one does not, and has fixed counts.
+A record holds counts. An ATI device reports over HTTP how many counts a newton has; an OnRobot device has fixed counts.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ import numpy as np
 
 from ninedtact.capture.force_torque.sensor import RECEIVE_TIMEOUT_S, ForceTorqueDriver, ForceTorqueSample
 from ninedtact.capture.wrench_source import (
+    ForceTorqueAddressUnknown,
     ForceTorqueLibraryMissing,
     WrenchFaulty,
     WrenchSampleRejected,
@@ -22,13 +24,13 @@ from ninedtact.capture.wrench_source import (
 if TYPE_CHECKING:
     import pynetft
 
-RDT_PORT, HTTP_PORT = 49152, 80
-FIRST_SAMPLE_S = 2.0
-RETRY_S = 0.05, 0.2
-"""pynetft hangs up at every record with an error status, saturation included, and calls again after this long."""
-KEPT_RECORDS = 256
-N_PER_UNIT = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665}
-NM_PER_UNIT = {
+_RDT_PORT, _HTTP_PORT, _HIGHEST_PORT = 49152, 80, 65_535
+_FIRST_SAMPLE_S = 2.0
+_RETRY_S = 0.05, 0.2
+"""pynetft disconnects at every record with an error status, saturation included, and reconnects after this long."""
+_KEPT_RECORDS = 256
+_N_PER_UNIT = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665}
+_NM_PER_UNIT = {
     "N-m": 1.0,
     "N-mm": 1e-3,
     "kN-m": 1e3,
@@ -39,51 +41,68 @@ NM_PER_UNIT = {
 
 
 @dataclass(frozen=True)
-class CountScale:
-    """What a count of a device is worth that does not tell it."""
+class _CountScale:
+    """Counts per unit of a device that does not report them."""
 
     per_n: float
     per_nm: float
 
 
 @dataclass(frozen=True)
-class DeviceVariant:
-    """How one maker's devices differ."""
+class _DeviceVariant:
+    """How the devices of one manufacturer differ."""
 
-    counts: CountScale | None
-    """None: the device tells over HTTP."""
+    counts: _CountScale | None
+    """None: the device reports them over HTTP."""
     saturated: int
-    """Bits of the status that say so."""
+    """Bits of the status that mark a saturated sample."""
     harmless: tuple[int, ...] = (0,)
-    """Statuses of a good sample."""
+    """Status words of a good sample."""
 
 
-ATI = DeviceVariant(None, saturated=0x0002_0000, harmless=(0, 0x8001_0000))
+ATI = _DeviceVariant(None, saturated=0x0002_0000, harmless=(0, 0x8001_0000))
 """Bit 17: transducer saturation. 8001 0000: a threshold that somebody set on the device was passed (docs/force_torque.md)."""
-ONROBOT = DeviceVariant(CountScale(per_n=10_000, per_nm=100_000), saturated=0)
-"""The default counts of its maker's example; what its status bits mean is not public, so any is a fault."""
+ONROBOT = _DeviceVariant(_CountScale(per_n=10_000, per_nm=100_000), saturated=0)
+"""The default counts of the example of the manufacturer; the status bits are not documented, so any is a fault."""
 
 
 class NetFtDriver(ForceTorqueDriver):
-    """A device by its host name or address."""
+    """A device on the network, named by its host name or address."""
 
     def __init__(
-        self, name: str, host: str, dialect: DeviceVariant = ATI, rdt_port: int = RDT_PORT, http_port: int = HTTP_PORT
+        self,
+        name: str,
+        host: str,
+        variant: _DeviceVariant = ATI,
+        rdt_port: int = _RDT_PORT,
+        http_port: int = _HTTP_PORT,
     ) -> None:
         self.name = name
-        self._host, self._ports, self._dialect = host, (rdt_port, http_port), dialect
+        self._host, self._ports, self._variant = host, (rdt_port, http_port), variant
         self._client: pynetft.Client
 
+    @classmethod
+    def from_ati_address(cls, address: str) -> "NetFtDriver":
+        """Return the driver of netft:HOST or netft:HOST:PORT; raises `ForceTorqueAddressUnknown`."""
+        host, port = _parse_host(address)
+        return cls(address, host, ATI, port)
+
+    @classmethod
+    def from_onrobot_address(cls, address: str) -> "NetFtDriver":
+        """Return the driver of onrobot:HOST or onrobot:HOST:PORT; raises `ForceTorqueAddressUnknown`."""
+        host, port = _parse_host(address)
+        return cls(address, host, ONROBOT, port)
+
     def connect(self) -> None:
-        """Ask for the stream, and see one record."""
+        """Request the stream and wait for one record; raises `WrenchSensorNotFound` or `ForceTorqueLibraryMissing`."""
         try:
             import pynetft
         except ImportError as absence:
             raise ForceTorqueLibraryMissing(self.name, "pynetft") from absence
-        client = pynetft.Client(self._config(), queue_size=KEPT_RECORDS)
+        client = pynetft.Client(self._config(), queue_size=_KEPT_RECORDS)
         try:
             client.start()
-            cause = None if client.wait_for_first_sample(FIRST_SAMPLE_S) else client.health().last_error or "silence"
+            cause = None if client.wait_for_first_sample(_FIRST_SAMPLE_S) else client.health().last_error or "silence"
         except pynetft.NetFTError as trouble:
             cause = str(trouble)
         if cause is not None:
@@ -95,7 +114,7 @@ class NetFtDriver(ForceTorqueDriver):
         self._client, self._records = client, client.samples(RECEIVE_TIMEOUT_S)
 
     def receive(self) -> Sequence[ForceTorqueSample]:
-        """The next record; pynetft's own thread stamped it when it came."""
+        """Return the next record, which the thread of pynetft stamped on arrival."""
         try:
             return [self._sample(next(self._records))]
         except TimeoutError:
@@ -105,18 +124,18 @@ class NetFtDriver(ForceTorqueDriver):
             raise WrenchSensorLost(f"expected a sample from {self.name}, got its end; open it again") from None
 
     def disconnect(self) -> None:
-        """Stop the stream."""
+        """Stop the stream of records."""
         self._client.stop()
 
     def _config(self) -> "pynetft.Config":
         import pynetft
 
-        counts = self._dialect.counts
+        counts = self._variant.counts
         return pynetft.Config(
             self._host,
             *self._ports,
-            reconnect_initial_delay=RETRY_S[0],
-            reconnect_max_delay=RETRY_S[1],
+            reconnect_initial_delay=_RETRY_S[0],
+            reconnect_max_delay=_RETRY_S[1],
             deliver_samples_with_error_status=True,
             calibration_override=None
             if counts is None
@@ -126,7 +145,7 @@ class NetFtDriver(ForceTorqueDriver):
         )
 
     def _sample(self, record: "pynetft.ForceTorqueSample") -> ForceTorqueSample:
-        force, torque = N_PER_UNIT.get(record.force_unit), NM_PER_UNIT.get(record.torque_unit)
+        force, torque = _N_PER_UNIT.get(record.force_unit), _NM_PER_UNIT.get(record.torque_unit)
         flaw = self._flaw(record.status)
         if force is None or torque is None:
             units = f"{record.force_unit.value} and {record.torque_unit.value}"
@@ -135,9 +154,9 @@ class NetFtDriver(ForceTorqueDriver):
         return ForceTorqueSample(six, record.received_at_ns, record.rdt_sequence, flaw)
 
     def _flaw(self, status: int) -> WrenchSampleRejected | None:
-        if status in self._dialect.harmless:
+        if status in self._variant.harmless:
             return None
-        if status & self._dialect.saturated:
+        if status & self._variant.saturated:
             return WrenchSaturated(
                 f"expected a load that {self.name} can measure, got saturation (status {status:08x}); press less"
             )
@@ -145,3 +164,12 @@ class NetFtDriver(ForceTorqueDriver):
             f"expected status 0 from {self.name}, got {status:08x}; look it up in the device's manual, then switch it off "
             "and on"
         )
+
+
+def _parse_host(address: str) -> tuple[str, int]:
+    """Return host and port of KIND:HOST or KIND:HOST:PORT; raises `ForceTorqueAddressUnknown`."""
+    found = re.fullmatch(r"([A-Za-z0-9.-]+)(?::(\d{1,5}))?", address.partition(":")[2])
+    port = int(found[2] or _RDT_PORT) if found else 0
+    if not found or not 0 < port <= _HIGHEST_PORT:
+        raise ForceTorqueAddressUnknown(f"expected HOST or HOST:PORT after the colon, got '{address}'; correct it")
+    return found[1], port

@@ -1,7 +1,7 @@
-"""Samples that must not be used: beyond the device's range, frozen, or leaping as no load does.
+"""Checks that reject samples of a force/torque sensor: beyond its range, frozen, or changing faster than any load does.
 
-Such a sample is *raised*, as `WrenchSampleRejected` with its reason, never returned: what is not returned cannot be saved. The
-source stays open and the next read goes on. `SkippingWrenchSource` is for those who only want to look.
+A rejected sample is *raised*, as `WrenchSampleRejected` with its reason, never returned: what is not returned cannot be saved.
+The source stays open and the next read continues. `SkippingWrenchSource` is for displays, which need no reason.
 """
 
 from collections.abc import Callable
@@ -18,138 +18,138 @@ from ninedtact.capture.wrench_source import (
 )
 from ninedtact.quantities import Wrench
 
-NS_PER_MS = 1_000_000
-NAMES = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
-UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
+_NS_PER_MS = 1_000_000
+_AXES = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
+_UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
 
 
 @dataclass(frozen=True)
 class SampleCheckSettings:
-    """When a sample is not believed; in the device's own frame, before any tare."""
+    """When a sample is rejected; all values are in the frame of the device, before any tare."""
 
     range_n: tuple[float, float, float] | None = None
-    """Largest force along each axis that the device is made for, from its data sheet; None: only the device's own flag counts."""
+    """Largest force along each axis, from the data sheet of the device; None: only the flag of the device itself counts."""
     range_nm: tuple[float, float, float] | None = None
     """Largest torque about each axis."""
-    saturated_from: float = 0.98
-    """Part of the range from which a sample counts as saturated."""
+    saturated_fraction: float = 0.98
+    """Fraction of the range from which a sample counts as saturated."""
     frozen_ms: float = 200.0
-    """The device repeats a sample for this long, at least five times: six noisy numbers never do."""
+    """How long a device may repeat one sample (at least five times) before it counts as frozen; six noisy numbers never repeat."""
     jump_n: float = 10.0
-    """From one sample to the next, if they are no more than `jump_within_ms` apart."""
+    """Largest change from one sample to the next, if they are no more than `jump_within_ms` apart."""
     jump_nm: float = 0.5
     jump_within_ms: float = 20.0
     jump_settles_ms: float = 50.0
-    """After this long at the new level it counts as the load; whatever moved the reading may have moved its zero too."""
+    """After this long at the new level it counts as the load. What moved the reading may also have moved its zero."""
 
 
 class CheckedWrenchSource(WrenchSource):
-    """Another source without the samples that must not be used: they raise `WrenchSampleRejected`."""
+    """Another source whose unusable samples raise `WrenchSampleRejected`."""
 
     def __init__(self, source: WrenchSource, settings: SampleCheckSettings = SampleCheckSettings()) -> None:
         self.name = source.name
         self._source, self._settings = source, settings
-        self._forget()
+        self._reset()
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
         self._source.open()
-        self._forget()
+        self._reset()
 
     def read(self) -> Wrench:
-        """The next sample; raises `WrenchSaturated`, `WrenchFrozen`, `WrenchJumped`, and what the source raises."""
+        """Return the next sample; raises `WrenchSaturated`, `WrenchFrozen`, `WrenchJumped`, and what the source raises."""
         wrench = self._source.read()
-        for watch in self._watches:
-            watch.refuse_untrusted(wrench)
+        for detector in self._detectors:
+            detector.check(wrench)
         return wrench
 
     def close(self) -> None:
-        """Close the source."""
+        """Close the source that this one wraps."""
         self._source.close()
 
-    def _forget(self) -> None:
-        watches = (SaturationDetector, FreezeDetector, JumpDetector)
-        self._watches = [watch(self.name, self._settings) for watch in watches]
+    def _reset(self) -> None:
+        detectors = (_SaturationDetector, _FreezeDetector, _JumpDetector)
+        self._detectors = [detector(self.name, self._settings) for detector in detectors]
 
 
-class SaturationDetector:
-    """Refuses what is at the end of the device's range."""
+class _SaturationDetector:
+    """Rejects samples at the end of the range of the device."""
 
     def __init__(self, name: str, settings: SampleCheckSettings) -> None:
         self._name, unknown = name, (np.inf, np.inf, np.inf)
         ends = [*(settings.range_n or unknown), *(settings.range_nm or unknown)]
-        self._limits = settings.saturated_from * np.array(ends)
+        self._limits = settings.saturated_fraction * np.array(ends)
 
-    def refuse_untrusted(self, wrench: Wrench) -> None:
-        """Raises `WrenchSaturated`."""
+    def check(self, wrench: Wrench) -> None:
+        """Raise `WrenchSaturated` for a sample near the end of the range."""
         excess = np.abs(wrench.six) / self._limits
         worst = int(excess.argmax())
         if excess[worst] >= 1:
             raise WrenchSaturated(
-                f"expected {NAMES[worst]} of {self._name} within ± {self._limits[worst]:.3g} {UNITS[worst]}, got "
+                f"expected {_AXES[worst]} of {self._name} within ± {self._limits[worst]:.3g} {_UNITS[worst]}, got "
                 f"{wrench.six[worst]:.3g}; press less"
             )
 
 
-class FreezeDetector:
-    """Refuses a sample that the device goes on repeating."""
+class _FreezeDetector:
+    """Rejects a sample that the device keeps repeating."""
 
-    LEAST_REPEATS = 5
+    _LEAST_REPEATS = 5
 
     def __init__(self, name: str, settings: SampleCheckSettings) -> None:
         self._name, self._frozen_ms = name, settings.frozen_ms
         self._first: Wrench | None = None
         self._repeats = 0
 
-    def refuse_untrusted(self, wrench: Wrench) -> None:
-        """Raises `WrenchFrozen`."""
+    def check(self, wrench: Wrench) -> None:
+        """Raise `WrenchFrozen` for a sample that has repeated for too long."""
         if self._first is None or not np.array_equal(wrench.six, self._first.six):
             self._first, self._repeats = wrench, 0
             return
         self._repeats += 1
-        same_ms = (wrench.stamp_ns - self._first.stamp_ns) / NS_PER_MS
-        if self._repeats >= self.LEAST_REPEATS and same_ms > self._frozen_ms:
+        same_ms = (wrench.stamp_ns - self._first.stamp_ns) / _NS_PER_MS
+        if self._repeats >= self._LEAST_REPEATS and same_ms > self._frozen_ms:
             raise WrenchFrozen(
                 f"expected the samples of {self._name} to differ by noise, got the same one for {same_ms:.0f} ms; switch it "
                 "off and on, and tare"
             )
 
 
-class JumpDetector:
-    """Refuses a leap from the last trusted sample, until it has lasted."""
+class _JumpDetector:
+    """Rejects a jump from the last accepted sample, until the new level has lasted."""
 
     def __init__(self, name: str, settings: SampleCheckSettings) -> None:
         self._name, self._settings = name, settings
         self._last: Wrench | None = None
-        self._leapt_ns: int | None = None
+        self._jumped_at_ns: int | None = None
 
-    def refuse_untrusted(self, wrench: Wrench) -> None:
-        """Raises `WrenchJumped`."""
-        if self._last is not None and self._leaps(wrench, self._last):
-            self._leapt_ns = self._leapt_ns or wrench.stamp_ns
-            if wrench.stamp_ns - self._leapt_ns < self._settings.jump_settles_ms * NS_PER_MS:
-                raise self._jumped(wrench, self._last)
-        self._last, self._leapt_ns = wrench, None
+    def check(self, wrench: Wrench) -> None:
+        """Raise `WrenchJumped` for a sample that jumped and has not settled."""
+        if self._last is not None and self._is_jump(wrench, self._last):
+            self._jumped_at_ns = self._jumped_at_ns or wrench.stamp_ns
+            if wrench.stamp_ns - self._jumped_at_ns < self._settings.jump_settles_ms * _NS_PER_MS:
+                raise self._jump_error(wrench, self._last)
+        self._last, self._jumped_at_ns = wrench, None
 
-    def _leaps(self, wrench: Wrench, last: Wrench) -> bool:
-        apart_ms = (wrench.stamp_ns - last.stamp_ns) / NS_PER_MS
-        if self._leapt_ns is None and apart_ms > self._settings.jump_within_ms:
+    def _is_jump(self, wrench: Wrench, last: Wrench) -> bool:
+        apart_ms = (wrench.stamp_ns - last.stamp_ns) / _NS_PER_MS
+        if self._jumped_at_ns is None and apart_ms > self._settings.jump_within_ms:
             return False
         force_n, torque_nm = np.abs(wrench.force_n - last.force_n), np.abs(wrench.torque_nm - last.torque_nm)
         return bool(force_n.max() > self._settings.jump_n or torque_nm.max() > self._settings.jump_nm)
 
-    def _jumped(self, wrench: Wrench, last: Wrench) -> WrenchJumped:
+    def _jump_error(self, wrench: Wrench, last: Wrench) -> WrenchJumped:
         change = wrench.six - last.six
         limits = np.repeat([self._settings.jump_n, self._settings.jump_nm], 3)
         worst = int((np.abs(change) / limits).argmax())
         return WrenchJumped(
-            f"expected {NAMES[worst]} of {self._name} to change by at most {limits[worst]:.3g} {UNITS[worst]} from sample to "
+            f"expected {_AXES[worst]} of {self._name} to change by at most {limits[worst]:.3g} {_UNITS[worst]} from sample to "
             f"sample, got {change[worst]:+.3g}; check its cable, and tare again if it stays there"
         )
 
 
 class SkippingWrenchSource(WrenchSource):
-    """Another source without its untrusted samples, for those who look: `on_skip` is told once each time they begin."""
+    """Another source without its rejected samples; `on_skip` is called once each time a run of them begins."""
 
     def __init__(self, source: WrenchSource, on_skip: Callable[[WrenchSampleRejected], None]) -> None:
         self.name = source.name
@@ -162,17 +162,17 @@ class SkippingWrenchSource(WrenchSource):
         self.skipped = 0
 
     def read(self) -> Wrench:
-        """The next sample that can be trusted, however long that takes."""
-        told = False
+        """Wait for the next usable sample and return it, however long that takes."""
+        reported = False
         while True:
             try:
                 return self._source.read()
             except WrenchSampleRejected as reason:
                 self.skipped += 1
-                if not told:
+                if not reported:
                     self._on_skip(reason)
-                told = True
+                reported = True
 
     def close(self) -> None:
-        """Close the source."""
+        """Close the source that this one wraps."""
         self._source.close()

@@ -1,8 +1,7 @@
-"""What a driver has to do for `ForceTorqueSensor`: hold the line to one device and pass on what comes.
+"""A force/torque sensor as a wrench source, and what a driver must provide for it.
 
-A device's own clock and count: arrival stamps without the transport's jitter, and the numbers that never arrived.
-
-A force/torque sensor: a thread listens on its line, so that every sample is stamped when it arrives.
+A background thread receives from the driver, so that every sample is stamped when it arrives. `DeviceClock` removes the
+jitter of the transport from these stamps, `SampleCounter` counts samples that never arrived.
 """
 
 import time
@@ -28,60 +27,64 @@ from ninedtact.quantities import Wrench
 
 RECEIVE_TIMEOUT_S = 0.1
 """How long `receive` waits at most, so that closing never waits long."""
+_BUFFERED_NS = 500_000_000
+"""A reader that is slower than this misses the oldest samples and never gets older ones."""
+_CLOSE_TIMEOUT_S = 1.0
+_CLOCK_RATE_TOLERANCE = 0.01
+"""How far the rate of a device clock may be off and still be followed: a cheap ceramic resonator is within 0.5 %."""
+_NS_PER_US = 1000
 
 
 @dataclass(frozen=True)
 class ForceTorqueSample:
-    """One sample as the device gave it."""
+    """One sample as the device delivered it."""
 
     six: Float64[Array, "6"]
-    """F_x, F_y, F_z in N and T_x, T_y, T_z in N·m: the load on the tool side, in the device's frame, about its origin."""
+    """F_x, F_y, F_z in N and T_x, T_y, T_z in N·m: the load on the tool side, in the frame of the device, about its origin."""
     stamp_ns: int
     """Arrival, monotonic clock."""
     number: int | None = None
-    """The device's own count; None where it has none."""
+    """The count of the device; None where it has none."""
     flaw: WrenchSampleRejected | None = None
     """Why the sample must not be used, as far as the device knows."""
 
 
 class ForceTorqueDriver(ABC):
-    """The line to one device; used by one thread at a time."""
+    """The connection to one device; used by one thread at a time."""
 
     name: str
-    """What to call the device in front of a person: its address."""
+    """What to call the device in messages: its address."""
     number_bits: int = 32
-    """Width of `Sample.number`, which begins again at zero."""
+    """Width of `ForceTorqueSample.number`, which wraps to zero."""
 
     @abstractmethod
     def connect(self) -> None:
-        """Open, or raise `WrenchSensorNotFound` or `ForceTorqueLibraryMissing` and leave nothing open."""
+        """Open the device, or raise `WrenchSensorNotFound` or `ForceTorqueLibraryMissing` and leave nothing open."""
 
     @abstractmethod
     def receive(self) -> Sequence[ForceTorqueSample]:
-        """What arrived since the last call, oldest first; waits `RECEIVE_TIMEOUT_S` at most. Raises `WrenchSensorLost`."""
+        """Return what arrived since the last call, oldest first; waits `RECEIVE_TIMEOUT_S` at most.
+
+        Raises `WrenchSensorLost`.
+        """
 
     @abstractmethod
     def disconnect(self) -> None:
-        """Release the device."""
-
-
-LEAK = 0.01
-"""How far the device's clock may be off and still be followed: a cheap ceramic resonator is within 0.5 %."""
-NS_PER_US = 1000
+        """Release the device after use."""
 
 
 def counter_step(before: int, after: int, bits: int) -> int:
-    """From one value of a counter that wraps to another; negative where it went back by less than half its width."""
+    """Return the step from one value of a wrapping counter to another; negative for a step back by less than half its width."""
     forward = (after - before) % (1 << bits)
     return forward - (1 << bits) if forward >> (bits - 1) else forward
 
 
 class DeviceClock:
-    """Arrival times, spaced as the device's clock spaces them.
+    """Arrival times, spaced as the clock of the device spaces them.
 
     Operating systems and USB adapters deliver several samples at once (16 ms of them is common), and a thread may wake
-    late; both make arrivals late, never early. So the offset between the two clocks is the least that was seen lately.
-    Stamps are never after the arrival, and grow.
+    late; both make arrivals late, never early. So the offset between the two clocks is the smallest one that was observed
+    recently. Stamps are never after the arrival, and increase.
     """
 
     def __init__(self, bits: int = 32) -> None:
@@ -90,68 +93,64 @@ class DeviceClock:
         self._device_ns = self._offset_ns = self._last_stamp_ns = 0
 
     def stamp_ns(self, device_us: int, arrived_ns: int) -> int:
-        """When a sample with this device time would have arrived without delay, monotonic clock."""
-        passed_ns = 0 if self._last_us is None else counter_step(self._last_us, device_us, self._bits) * NS_PER_US
+        """Return when a sample with this device time would have arrived without delay, monotonic clock."""
+        passed_ns = 0 if self._last_us is None else counter_step(self._last_us, device_us, self._bits) * _NS_PER_US
         self._device_ns += passed_ns
         late_ns = arrived_ns - self._device_ns
         restarted = self._last_us is None or passed_ns < 0
-        self._offset_ns = late_ns if restarted else min(self._offset_ns + int(LEAK * passed_ns), late_ns)
+        drifted_ns = self._offset_ns + int(_CLOCK_RATE_TOLERANCE * passed_ns)
+        self._offset_ns = late_ns if restarted else min(drifted_ns, late_ns)
         self._last_us = device_us
         self._last_stamp_ns = max(self._device_ns + self._offset_ns, self._last_stamp_ns + 1)
         return self._last_stamp_ns
 
 
 class SampleCounter:
-    """Counts the numbers that a device gave to samples that never arrived."""
+    """Counts the samples that a device numbered and that never arrived."""
 
     def __init__(self, bits: int) -> None:
         self._bits = bits
         self._last: int | None = None
 
-    def missed(self, number: int) -> int:
-        """How many are missing between the last one and this; none when the device began to count anew."""
+    def count_missing(self, number: int) -> int:
+        """Return how many samples are missing between the last one and this; none when the device began to count anew."""
         passed = 1 if self._last is None else counter_step(self._last, number, self._bits)
         self._last = number
         return max(passed - 1, 0)
 
 
-KEPT_NS = 500_000_000
-"""A reader that is slower than this misses the oldest samples and is never given older ones."""
-SAYS_GOODBYE_S = 1.0
-
-
 class ForceTorqueSensor(WrenchSource):
-    """A device, sample by sample: its load on the tool side, in its own frame about its own origin.
+    """A device, sample by sample: the load on its tool side, in its own frame about its own origin.
 
-    `read` raises `WrenchUntrusted` for a sample that the device itself calls bad, and goes on with the next one when called
-    again; `WrenchSensorLost` after `silence_s` without any.
+    `read` raises `WrenchSampleRejected` for a sample that the device itself marks as bad, and continues with the next one when
+    called again; it raises `WrenchSensorLost` after `silence_s` without any sample.
     """
 
-    def __init__(self, line: ForceTorqueDriver, silence_s: float = 1.0) -> None:
-        self.name = line.name
+    def __init__(self, driver: ForceTorqueDriver, silence_s: float = 1.0) -> None:
+        self.name = driver.name
         self.dropped = 0
-        """Samples that never arrived, by the device's own count, and those that nobody read in time."""
-        self._line, self._silence_s = line, silence_s
-        self._opening, self._news = Lock(), Condition()
+        """Samples that never arrived, by the count of the device, and those that nobody read in time."""
+        self._driver, self._silence_s = driver, silence_s
+        self._opening, self._changed = Lock(), Condition()
         self._waiting: deque[ForceTorqueSample] = deque()
-        self._trouble: BaseException | None = None
+        self._error: BaseException | None = None
         self._thread: Thread | None = None
         self._closing = Event()
 
     def open(self) -> None:
-        """Connect and see one sample; raises `WrenchSensorNotFound` or `ForceTorqueLibraryMissing`."""
+        """Connect and receive one sample; raises `WrenchSensorNotFound` or `ForceTorqueLibraryMissing`."""
         with self._opening:
             if self._thread is not None:
                 return
-            self._line.connect()
+            self._driver.connect()
             self._waiting.clear()
-            self.dropped, self._trouble, self._closing = 0, None, Event()
-            self._numbering = SampleCounter(self._line.number_bits)
+            self.dropped, self._error, self._closing = 0, None, Event()
+            self._counter = SampleCounter(self._driver.number_bits)
             self._thread = Thread(target=self._listen, args=(self._closing,), name=f"listen {self.name}", daemon=True)
             self._thread.start()
             try:
-                with self._news:
-                    self._wait_for_news()
+                with self._changed:
+                    self._wait_for_sample()
             except WrenchSensorLost as silence:
                 self._release()
                 raise WrenchSensorNotFound(str(silence)) from silence
@@ -160,9 +159,9 @@ class ForceTorqueSensor(WrenchSource):
                 raise
 
     def read(self) -> Wrench:
-        """The next sample; raises `WrenchUntrusted`, `WrenchSensorLost` or `SourceNotOpen`."""
-        with self._news:
-            self._wait_for_news()
+        """Return the next sample; raises `WrenchSampleRejected`, `WrenchSensorLost` or `SourceNotOpen`."""
+        with self._changed:
+            self._wait_for_sample()
             sample = self._waiting.popleft()
         if sample.flaw is not None:
             raise sample.flaw
@@ -171,7 +170,7 @@ class ForceTorqueSensor(WrenchSource):
         return Wrench(sample.six[:3].copy(), sample.six[3:].copy(), stamp_ns=sample.stamp_ns)
 
     def close(self) -> None:
-        """Hang up; a read that waits raises `SourceNotOpen`."""
+        """Disconnect; a read that waits raises `SourceNotOpen`."""
         self._closing.set()
         with self._opening:
             self._release()
@@ -179,47 +178,44 @@ class ForceTorqueSensor(WrenchSource):
     def _release(self) -> None:
         thread, self._thread = self._thread, None
         self._closing.set()
-        with self._news:
-            self._news.notify_all()
+        with self._changed:
+            self._changed.notify_all()
         if thread is not None:
-            thread.join(SAYS_GOODBYE_S)
-            self._line.disconnect()
+            thread.join(_CLOSE_TIMEOUT_S)
+            self._driver.disconnect()
 
-    def _wait_for_news(self) -> None:
-        """Until there is a sample; `_news` is held."""
+    def _wait_for_sample(self) -> None:
+        """Return when a sample waits; `_changed` must be held."""
         give_up_at = time.monotonic() + self._silence_s
         while True:
             if self._thread is None or self._closing.is_set():
                 raise SourceNotOpen(self.name)
             if self._waiting:
                 return
-            if self._trouble is not None:
-                raise self._trouble.with_traceback(None)
+            if self._error is not None:
+                raise self._error.with_traceback(None)
             if time.monotonic() >= give_up_at:
-                raise self._lost()
-            self._news.wait(give_up_at - time.monotonic())
-
-    def _lost(self) -> WrenchSensorLost:
-        return WrenchSensorLost(
-            f"expected a sample from {self.name}, got none for {self._silence_s:g} s; check its power and its cable"
-        )
+                raise WrenchSensorLost(
+                    f"expected a sample from {self.name}, got none for {self._silence_s:g} s; check its power and its cable"
+                )
+            self._changed.wait(give_up_at - time.monotonic())
 
     def _listen(self, closing: Event) -> None:
         try:
             while not closing.is_set():
-                for sample in self._line.receive():
-                    self._take(sample)
-        except BaseException as trouble:  # the reader's thread is where it can be handled
-            with self._news:
-                self._trouble = trouble
-                self._news.notify_all()
+                for sample in self._driver.receive():
+                    self._store(sample)
+        except BaseException as error:  # handed to the thread that reads
+            with self._changed:
+                self._error = error
+                self._changed.notify_all()
 
-    def _take(self, sample: ForceTorqueSample) -> None:
-        with self._news:
+    def _store(self, sample: ForceTorqueSample) -> None:
+        with self._changed:
             if sample.number is not None:
-                self.dropped += self._numbering.missed(sample.number)
+                self.dropped += self._counter.count_missing(sample.number)
             self._waiting.append(sample)
-            while sample.stamp_ns - self._waiting[0].stamp_ns > KEPT_NS:
+            while sample.stamp_ns - self._waiting[0].stamp_ns > _BUFFERED_NS:
                 self._waiting.popleft()
                 self.dropped += 1
-            self._news.notify_all()
+            self._changed.notify_all()

@@ -1,18 +1,18 @@
-"""The plain frame in which a force/torque sensor on a serial line tells its samples; 36 bytes, little-endian.
+"""Driver for a force/torque sensor on a serial port, through pyserial, and the frame in which it sends its samples.
+
+A frame has 36 bytes, little-endian:
 
 | byte | | |
 |---|---|---|
-| 0 | A5 5A | where a frame begins |
-| 2 | uint16 | number of the sample, one more each time, begins again after 65,535 |
-| 4 | uint32 | the device's clock in µs when it measured, begins again after 71 minutes |
+| 0 | A5 5A | start of a frame |
+| 2 | uint16 | number of the sample, one more each time, wraps after 65,535 |
+| 4 | uint32 | clock of the device in µs at the measurement, wraps after 71 minutes |
 | 8 | uint16 | bit 0: saturated; bit 1: do not use this sample; the others 0 |
-| 10 | 6 × float32 | F_x, F_y, F_z in N, T_x, T_y, T_z in N·m: what loads the tool side, in the device's frame |
-| 34 | uint16 | CRC-16/CCITT-FALSE (polynomial 1021, begun with FFFF) of bytes 2 to 33 |
+| 10 | 6 × float32 | F_x, F_y, F_z in N, T_x, T_y, T_z in N·m: the load on the tool side, in the frame of the device |
+| 34 | uint16 | CRC-16/CCITT-FALSE (polynomial 1021, initial value FFFF) of bytes 2 to 33 |
 
-A reader that begins in the middle, or hears garbage, looks for the next A5 5A whose checksum is right; no whole frame after
+A reader that starts in the middle, or receives garbage, searches for the next A5 5A with a correct checksum; no whole frame after
 the garbage is lost.
-
-A force/torque sensor on a serial port that tells its samples in the plain frame of `serial_frames`, through pyserial.
 """
 
 import time
@@ -26,6 +26,7 @@ import numpy as np
 
 from ninedtact.capture.force_torque.sensor import RECEIVE_TIMEOUT_S, DeviceClock, ForceTorqueDriver, ForceTorqueSample
 from ninedtact.capture.wrench_source import (
+    ForceTorqueAddressUnknown,
     ForceTorqueLibraryMissing,
     WrenchFaulty,
     WrenchSampleRejected,
@@ -35,97 +36,104 @@ from ninedtact.capture.wrench_source import (
 )
 
 BEGIN = b"\xa5\x5a"
-BODY = Struct("<HIH6f")
-CHECKSUM = Struct("<H")
-FRAME_BYTES = len(BEGIN) + BODY.size + CHECKSUM.size
-SATURATED, DO_NOT_USE = 1, 2
-Six = tuple[float, float, float, float, float, float]
+_BODY = Struct("<HIH6f")
+_CHECKSUM = Struct("<H")
+FRAME_BYTES = len(BEGIN) + _BODY.size + _CHECKSUM.size
+_SATURATED, _DO_NOT_USE = 1, 2
+_SixFloats = tuple[float, float, float, float, float, float]
+_DEFAULT_BAUD = 460_800
+"""1,280 frames per second."""
+_MOST_GARBAGE_BYTES = 4096
 
 
 @dataclass(frozen=True)
 class SerialFrame:
-    """One sample on a serial line."""
+    """One sample as it is sent over the serial line."""
 
     number: int
     device_us: int
-    six: Six
+    six: _SixFloats
     """N and N·m."""
     flags: int = 0
 
-    def encoded(self) -> bytes:
-        """As it goes over the line."""
-        body = BODY.pack(self.number, self.device_us, self.flags, *self.six)
-        return BEGIN + body + CHECKSUM.pack(crc_hqx(body, 0xFFFF))
+    def to_bytes(self) -> bytes:
+        """Return the frame as it is sent over the line."""
+        body = _BODY.pack(self.number, self.device_us, self.flags, *self.six)
+        return BEGIN + body + _CHECKSUM.pack(crc_hqx(body, 0xFFFF))
 
 
 def parse_serial_frame(frame: bytes) -> SerialFrame | None:
-    """A frame from its bytes; None if they are not one."""
-    body = frame[len(BEGIN) : -CHECKSUM.size]
+    """Return the frame of the given bytes, or None if they are not a whole and correct frame."""
+    body = frame[len(BEGIN) : -_CHECKSUM.size]
     if (
         len(frame) != FRAME_BYTES
         or not frame.startswith(BEGIN)
-        or crc_hqx(body, 0xFFFF) != CHECKSUM.unpack(frame[-2:])[0]
+        or crc_hqx(body, 0xFFFF) != _CHECKSUM.unpack(frame[-2:])[0]
     ):
         return None
-    number, device_us, flags, *six = BODY.unpack(body)
+    number, device_us, flags, *six = _BODY.unpack(body)
     return SerialFrame(number, device_us, tuple(six), flags)
 
 
 class SerialFrameParser:
-    """Finds frames in bytes that come in any portions, with any garbage between."""
+    """Finds frames in bytes that arrive in any portions, with any garbage between them."""
 
     def __init__(self) -> None:
         self.garbage_bytes = 0
-        """Bytes since the last frame that belonged to none."""
+        """Bytes since the last frame that belonged to no frame."""
         self._unread = bytearray()
 
     @property
     def wanted_bytes(self) -> int:
-        """After so many more bytes there may be a frame."""
+        """How many more bytes a frame needs at least."""
         return max(FRAME_BYTES - len(self._unread), 1)
 
-    def feed(self, portion: bytes) -> Iterator[SerialFrame]:
-        """The frames that this portion completes."""
+    def parse(self, portion: bytes) -> Iterator[SerialFrame]:
+        """Yield the frames that this portion completes."""
         self._unread += portion
-        while self._at_beginning():
+        while self._find_start():
             frame = parse_serial_frame(bytes(self._unread[:FRAME_BYTES]))
             if frame is None:
-                self._forget(1)
+                self._discard(1)
                 continue
             del self._unread[:FRAME_BYTES]
             self.garbage_bytes = 0
             yield frame
 
-    def _at_beginning(self) -> bool:
-        """Drop what cannot begin a frame; whether enough is there for one."""
-        begins_at = self._unread.find(BEGIN)
-        if begins_at < 0:
-            begins_at = len(self._unread) - self._unread.endswith(BEGIN[:1])
-        self._forget(begins_at)
+    def _find_start(self) -> bool:
+        """Drop what cannot start a frame; return whether enough bytes remain for one."""
+        start = self._unread.find(BEGIN)
+        if start < 0:
+            start = len(self._unread) - self._unread.endswith(BEGIN[:1])
+        self._discard(start)
         return len(self._unread) >= FRAME_BYTES
 
-    def _forget(self, count: int) -> None:
+    def _discard(self, count: int) -> None:
         del self._unread[:count]
         self.garbage_bytes += count
 
 
-BAUD = 460_800
-"""1,280 frames per second."""
-MOST_GARBAGE_BYTES = 4096
-
-
 class SerialPortDriver(ForceTorqueDriver):
-    """A serial port by its name, such as /dev/ttyUSB0."""
+    """A sensor on a serial port, named by the port, such as /dev/ttyUSB0."""
 
     number_bits = 16
 
-    def __init__(self, port: str, baud: int = BAUD) -> None:
+    def __init__(self, port: str, baud: int = _DEFAULT_BAUD) -> None:
         self.name = f"serial:{port}"
         self._port_name, self._baud = port, baud
         self._port: Any = None
 
+    @classmethod
+    def from_address(cls, address: str) -> "SerialPortDriver":
+        """Return the driver of serial:PORT or serial:PORT@BAUD; raises `ForceTorqueAddressUnknown`."""
+        rest = address.partition(":")[2]
+        port, _, baud = rest.rpartition("@") if "@" in rest else (rest, "", str(_DEFAULT_BAUD))
+        if not port or not baud.isdecimal() or int(baud) == 0:
+            raise ForceTorqueAddressUnknown(f"expected serial:PORT or serial:PORT@BAUD, got '{address}'; correct it")
+        return cls(port, int(baud))
+
     def connect(self) -> None:
-        """Open the port for us alone; what it still holds from before is thrown away."""
+        """Open the port exclusively and discard what it buffered before; raises `WrenchSensorNotFound`."""
         try:
             import serial
         except ImportError as absence:
@@ -138,27 +146,27 @@ class SerialPortDriver(ForceTorqueDriver):
                 f"expected a serial port at {self._port_name}, got: {trouble}; check its name and cable, and that you may "
                 "use it (on Linux the group dialout)"
             ) from trouble
-        self._finder, self._clock = SerialFrameParser(), DeviceClock()
+        self._parser, self._clock = SerialFrameParser(), DeviceClock()
 
     def receive(self) -> Sequence[ForceTorqueSample]:
-        """The frames of the next bytes."""
+        """Return the samples in the next bytes; raises `WrenchSensorLost`."""
         try:
-            heard = self._port.read(max(self._finder.wanted_bytes, self._port.in_waiting))
-        except (OSError, TypeError) as trouble:  # pyserial says TypeError where the port vanishes while it reads
+            received = self._port.read(max(self._parser.wanted_bytes, self._port.in_waiting))
+        except (OSError, TypeError) as trouble:  # pyserial raises TypeError where the port vanishes while it reads
             raise WrenchSensorLost(
                 f"expected a sample from {self.name}, got: {trouble}; check that it is plugged in"
             ) from trouble
         arrived_ns = time.monotonic_ns()
-        samples = [self._sample(frame, arrived_ns) for frame in self._finder.feed(heard)]
-        if self._finder.garbage_bytes > MOST_GARBAGE_BYTES:
+        samples = [self._sample(frame, arrived_ns) for frame in self._parser.parse(received)]
+        if self._parser.garbage_bytes > _MOST_GARBAGE_BYTES:
             raise WrenchSensorLost(
-                f"expected frames from {self.name}, got {self._finder.garbage_bytes} bytes that hold none; check its baud rate "
-                f"(here {self._baud}) and that it speaks the format of docs/force_torque.md"
+                f"expected frames from {self.name}, got {self._parser.garbage_bytes} bytes without one; check its baud rate "
+                f"(here {self._baud}) and that it sends the format of docs/force_torque.md"
             )
         return samples
 
     def disconnect(self) -> None:
-        """Close the port."""
+        """Close the serial port after use."""
         self._port.close()
 
     def _sample(self, frame: SerialFrame, arrived_ns: int) -> ForceTorqueSample:
@@ -166,8 +174,8 @@ class SerialPortDriver(ForceTorqueDriver):
         return ForceTorqueSample(np.array(frame.six, float), stamp_ns, frame.number, self._flaw(frame.flags))
 
     def _flaw(self, flags: int) -> WrenchSampleRejected | None:
-        if flags & SATURATED:
+        if flags & _SATURATED:
             return WrenchSaturated(f"expected a load that {self.name} can measure, got its saturation flag; press less")
-        if flags & DO_NOT_USE:
+        if flags & _DO_NOT_USE:
             return WrenchFaulty(f"expected a usable sample from {self.name}, got its fault flag; check the device")
         return None

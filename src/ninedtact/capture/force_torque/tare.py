@@ -1,4 +1,7 @@
-"""Without what the sensor reads when nothing touches: weights on it, and its own bias, which wanders with temperature."""
+"""The tare of a force/torque sensor: its reading without contact (weights on it, and its bias, which drifts with temperature).
+
+`TaredWrenchSource` subtracts it; `ZeroDrift` says how far the zero has moved since.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,12 +15,12 @@ from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Wrench
 
-NS_PER_S = 1_000_000_000
-PARTS = 4
-SIGMAS = 7.0
-"""The four means of a still load spread further than so many of their standard deviations once in ten thousand tares."""
-FEW = 8
-"""From so few samples the noise itself is known to a factor of two only."""
+_NS_PER_S = 1_000_000_000
+_TARE_QUARTERS = 4
+_SPREAD_SIGMAS = 7.0
+"""The means of four quarters of a tare at rest spread further than this many standard deviations once in ten thousand tares."""
+_FEW_SAMPLES = 8
+"""With this few samples the noise itself is known only to a factor of two."""
 
 
 class TareRefused(NinedtactError):
@@ -26,21 +29,21 @@ class TareRefused(NinedtactError):
 
 @dataclass(frozen=True)
 class TareSettings:
-    """How the untouched reading is measured, and how far it may move."""
+    """How the reading without contact is measured, and how far it may move."""
 
     seconds: float = 1.0
     least_samples: int = 8
     still_n: float = 0.05
-    """How far the force may wander within a tare, beyond what its noise explains."""
+    """How far the force may move within a tare, beyond what its noise explains."""
     still_nm: float = 0.002
-    wander_n: float = 0.1
-    """How far the untouched force may have wandered since the tare before a person is told."""
-    wander_nm: float = 0.005
+    drift_limit_n: float = 0.1
+    """How far the zero may have moved since the tare before a new tare is advised."""
+    drift_limit_nm: float = 0.005
 
 
 @dataclass(frozen=True)
 class Tare:
-    """What the sensor read when nothing touched."""
+    """The reading of the sensor without contact, and its noise."""
 
     mean: Float64[Array, "6"]
     """N and N·m, as `Wrench.six`."""
@@ -53,17 +56,17 @@ class Tare:
 
     @property
     def sentence(self) -> str:
-        """For a person."""
-        force_n, torque_mnm = self.deviation[:3], 1e3 * self.deviation[3:]
+        """The tare as a sentence for a person."""
+        force_n, torque_nmm = self.deviation[:3], 1e3 * self.deviation[3:]
         return (
             f"tared over {self.seconds:.1f} s, {self.samples} samples; noise of one sample "
-            f"{format_vector(force_n, 3)} N, {format_vector(torque_mnm, 2)} mN·m"
+            f"{_format_vector(force_n, 3)} N, {_format_vector(torque_nmm, 2)} N·mm"
         )
 
 
 @dataclass(frozen=True)
 class ZeroDrift:
-    """How far the untouched reading has gone since the tare, through temperature or strain."""
+    """How far the reading without contact has moved since the tare, through temperature or strain."""
 
     six: Float64[Array, "6"]
     error: Float64[Array, "6"]
@@ -73,27 +76,27 @@ class ZeroDrift:
     limit_nm: float
 
     @property
-    def too_far(self) -> bool:
-        """Whether a person should tare again: it is beyond the limit, and noise does not explain that."""
+    def exceeds_limit(self) -> bool:
+        """Whether to tare again: the drift is beyond the limit, and noise does not explain it."""
         limits = np.repeat([self.limit_n, self.limit_nm], 3)
         return bool((np.abs(self.six) > limits + 3 * self.error).any())
 
     @property
     def sentence(self) -> str:
-        """For a person."""
-        advice = "tare again" if self.too_far else "no need to tare"
+        """The drift as a sentence for a person."""
+        advice = "tare again" if self.exceeds_limit else "no need to tare"
         return (
-            f"untouched, the reading has wandered by {format_vector(self.six[:3], 3)} N, "
-            f"{format_vector(1e3 * self.six[3:], 1)} mN·m in "
-            f"{self.since_s / 60:.0f} min since the tare (limits {self.limit_n:g} N, {1e3 * self.limit_nm:g} mN·m); {advice}"
+            f"without contact, the reading has drifted by {_format_vector(self.six[:3], 3)} N, "
+            f"{_format_vector(1e3 * self.six[3:], 1)} N·mm in "
+            f"{self.since_s / 60:.0f} min since the tare (limits {self.limit_n:g} N, {1e3 * self.limit_nm:g} N·mm); {advice}"
         )
 
 
 class TaredWrenchSource(WrenchSource):
-    """Another source less its tare, which is taken at each opening and whenever `take_tare` is called."""
+    """Another source minus its tare, which is taken at each opening and whenever `take_tare` is called."""
 
     tare: Tare
-    """The last one that was taken."""
+    """The last tare that was taken."""
 
     def __init__(self, source: WrenchSource, settings: TareSettings = TareSettings()) -> None:
         self.name = source.name
@@ -101,7 +104,7 @@ class TaredWrenchSource(WrenchSource):
         self._reading, self._is_open = Lock(), False
 
     def open(self) -> None:
-        """Open the source and tare; raises `TareRefused` and what the source raises."""
+        """Open the source and take a tare; raises `TareRefused` and what the source raises."""
         if self._is_open:
             return
         self._source.open()
@@ -113,49 +116,55 @@ class TaredWrenchSource(WrenchSource):
         self._is_open = True
 
     def read(self) -> Wrench:
-        """The next sample; raises what the source raises."""
+        """Return the next sample minus the tare; raises what the source raises."""
         with self._reading:
             wrench = self._source.read()
             mean = self.tare.mean if self._is_open else np.zeros(6)
         return replace(wrench, force_n=wrench.force_n - mean[:3], torque_nm=wrench.torque_nm - mean[3:])
 
     def take_tare(self) -> Tare:
-        """Measure the untouched reading, while no other thread reads; raises `TareRefused` and keeps the last one."""
+        """Take a new tare while no other thread reads; raises `TareRefused` and keeps the last tare."""
         with self._reading:
-            wrenches = collect_samples(self._source, self._settings.seconds)
+            wrenches = _collect_samples(self._source, self._settings.seconds)
         self.tare = compute_tare(wrenches, self._settings)
         return self.tare
 
-    def measure_wander(self, seconds: float = 0.5) -> ZeroDrift:
-        """How far the untouched reading has gone since the tare; the skin must be untouched meanwhile."""
+    def measure_zero_drift(self, seconds: float = 0.5) -> ZeroDrift:
+        """Return how far the zero has moved since the tare; nothing may touch the skin meanwhile."""
         with self._reading:
-            wrenches = collect_samples(self._source, seconds)
-        return self.wander_of([wrench.six - self.tare.mean for wrench in wrenches], wrenches[-1].stamp_ns)
+            wrenches = _collect_samples(self._source, seconds)
+        return self._zero_drift([wrench.six - self.tare.mean for wrench in wrenches], wrenches[-1].stamp_ns)
 
-    def wander_of(self, untouched: Sequence[Float64[Array, "6"]], stamp_ns: int) -> ZeroDrift:
-        """The same of samples, less the tare, that somebody knows to be untouched; the last is of `stamp_ns`."""
-        since_s = (stamp_ns - self.tare.stamp_ns) / NS_PER_S
-        error = self.tare.deviation * np.sqrt(1 / len(untouched) + 1 / self.tare.samples)
-        return ZeroDrift(np.mean(untouched, axis=0), error, since_s, self._settings.wander_n, self._settings.wander_nm)
+    def _zero_drift(self, without_contact: Sequence[Float64[Array, "6"]], stamp_ns: int) -> ZeroDrift:
+        """Return the drift from tared samples that were taken without contact; the last one has this stamp."""
+        since_s = (stamp_ns - self.tare.stamp_ns) / _NS_PER_S
+        error = self.tare.deviation * np.sqrt(1 / len(without_contact) + 1 / self.tare.samples)
+        return ZeroDrift(
+            np.mean(without_contact, axis=0),
+            error,
+            since_s,
+            self._settings.drift_limit_n,
+            self._settings.drift_limit_nm,
+        )
 
     def close(self) -> None:
-        """Close the source."""
+        """Close the source that this one wraps."""
         self._is_open = False
         self._source.close()
 
 
-def collect_samples(source: WrenchSource, seconds: float) -> list[Wrench]:
-    """What an open source delivers in this time, by its own stamps."""
+def _collect_samples(source: WrenchSource, seconds: float) -> list[Wrench]:
+    """Return what an open source delivers in this time, by the stamps of the samples."""
     wrenches = [source.read()]
-    while wrenches[-1].stamp_ns - wrenches[0].stamp_ns < seconds * NS_PER_S:
+    while wrenches[-1].stamp_ns - wrenches[0].stamp_ns < seconds * _NS_PER_S:
         wrenches.append(source.read())
     return wrenches
 
 
 def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:
-    """The mean of untouched samples; raises `TareRefused` where they are too few or the load moved.
+    """Return the tare of samples without contact; raises `TareRefused` where they are too few or the load moved.
 
-    A still load differs between the quarters of the time by its noise alone, and the noise is known from neighbouring
+    A load at rest differs between the quarters of the time by its noise alone, and the noise is known from neighbouring
     samples (docs/force_torque.md, von Neumann 1941).
     """
     six = np.array([wrench.six for wrench in wrenches])
@@ -163,18 +172,18 @@ def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:
         raise TareRefused(
             f"expected {settings.least_samples} samples for a tare, got {len(six)}; tare for longer than {settings.seconds:g} s"
         )
-    noise = (1 + FEW / len(six)) * np.diff(six, axis=0).std(axis=0) / np.sqrt(2)
-    spread = np.ptp([part.mean(axis=0) for part in np.array_split(six, PARTS)], axis=0)
+    noise = (1 + _FEW_SAMPLES / len(six)) * np.diff(six, axis=0).std(axis=0) / np.sqrt(2)
+    spread = np.ptp([part.mean(axis=0) for part in np.array_split(six, _TARE_QUARTERS)], axis=0)
     still = np.repeat([settings.still_n, settings.still_nm], 3)
-    if (spread > still + SIGMAS * noise / np.sqrt(len(six) / PARTS)).any():
+    if (spread > still + _SPREAD_SIGMAS * noise / np.sqrt(len(six) / _TARE_QUARTERS)).any():
         raise TareRefused(
-            f"expected a load at rest for a tare, got one that moved by {format_vector(spread[:3], 3)} N, "
-            f"{format_vector(1e3 * spread[3:], 1)} mN·m; take the hand away and tare again"
+            f"expected a load at rest for a tare, got one that moved by {_format_vector(spread[:3], 3)} N, "
+            f"{_format_vector(1e3 * spread[3:], 1)} N·mm; take the hand away and tare again"
         )
-    seconds = (wrenches[-1].stamp_ns - wrenches[0].stamp_ns) / NS_PER_S
+    seconds = (wrenches[-1].stamp_ns - wrenches[0].stamp_ns) / _NS_PER_S
     return Tare(six.mean(axis=0), six.std(axis=0, ddof=1), len(six), seconds, wrenches[-1].stamp_ns)
 
 
-def format_vector(three: Float64[Array, "3"], decimals: int) -> str:
-    """Three numbers along x, y and z."""
+def _format_vector(three: Float64[Array, "3"], decimals: int) -> str:
+    """Return three numbers in parentheses."""
     return "(" + ", ".join(f"{number:.{decimals}f}" for number in three) + ")"

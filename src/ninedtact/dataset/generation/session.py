@@ -66,7 +66,7 @@ class Session:
 
     def kept(self, name: str) -> Asking[None]:
         """What the rule keeps of one touch."""
-        self.rule.lifted()
+        self.rule.end_contact()
         touch = self.touch(name)
         for aim in touch.aims():
             felt = yield from touch.stepped(aim)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.image_and_video_files import read_image
+from ninedtact.capture.image_file import read_image
 from ninedtact.dataset.generation.pair import png
 from ninedtact.dataset.rows import Fault, Item, LeftOut, Row, UntouchedImage
 from ninedtact.dataset.sources.source import Statements, Triple

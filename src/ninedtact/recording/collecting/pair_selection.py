@@ -92,7 +92,7 @@ class PairSelector:
     def begin_contact(self) -> None:
         """What follows is another contact, though nothing may have been lifted."""
         self.contact += 1
-        self.rule.lifted()
+        self.rule.end_contact()
 
     def _note_touch(self, moment: PairCandidate) -> None:
         # A touch that was seen goes on until the image shows nothing.
