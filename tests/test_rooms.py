@@ -36,8 +36,8 @@ HEAVY = {
     "viser": {"studio"},
     "build123d": {
         "hardware.parts",
-        "hardware.assembly",
-        "hardware.images",
+        "hardware.sensor_assembly",
+        "hardware.assembly_images",
         "hardware.drawings",
         "hardware.guide",
         "hardware.export",

@@ -7,7 +7,7 @@ from typing import Literal
 
 from ninedtact.errors import NinedtactError
 
-ACRYLIC, SILICONE = 1.49, 1.41
+ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
 """Refractive indices of window and gel, of the handbooks; no maker states those of these sheets and silicones."""
 
 
@@ -40,7 +40,7 @@ class Gel:
             )
 
 
-def shear_modulus_of_shore_a(shore_a: float) -> float:
+def shore_a_to_shear_modulus_mpa(shore_a: float) -> float:
     """Shear modulus in MPa of a rubber of this hardness (Gent 1958, docs/references.md; a third of his Young's modulus).
 
     Raises `DesignImpossible` outside of 1 to 95, where the scale has no meaning.
@@ -67,7 +67,7 @@ class FieldOfView:
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraGeometry:
     """The wide-angle camera under the gel, looking straight up through the middle of the skin."""
 
     distance_mm: float = 14.05
@@ -166,20 +166,20 @@ class ForceTorqueMount:
 
     origin_mm: tuple[float, float, float] = (0.0, 0.0, -35.0)
     """Of its frame; the paper's stands 35 mm below the skin."""
-    turned_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Its frame, turned about the sensor's x axis, then y, then z; none: its z points out of the skin as the sensor's does."""
     sign: Literal[1, -1] = 1
     """1 for a device that tells what loads its tool side, on which the sensor stands; −1 where it tells the reaction."""
 
     def __post_init__(self) -> None:
-        for name in ("origin_mm", "turned_deg"):
+        for name in ("origin_mm", "rotation_deg"):
             if not all(map(isfinite, getattr(self, name))):
                 raise DesignImpossible(
                     f"expected force_torque.{name} of three numbers, got {getattr(self, name)}; correct the design"
                 )
 
 
-RANGES = {
+DIMENSION_RANGES = {
     "gel.thickness_mm": (0.3, 15.0),
     "gel.shear_modulus_mpa": (0.003, 3.0),
     "sensing_area.width_mm": (4.0, 200.0),
@@ -204,14 +204,14 @@ class SensorDesign:
 
     gel: Gel = Gel()
     sensing_area: SensingArea = SensingArea()
-    camera: Camera = Camera()
+    camera: CameraGeometry = CameraGeometry()
     field_of_view: FieldOfView = FieldOfView()
     pin_board: PinBoard = PinBoard()
     ball: BallGauge = BallGauge()
     force_torque: ForceTorqueMount = ForceTorqueMount()
 
     def __post_init__(self) -> None:
-        for name, (least, most) in RANGES.items():
+        for name, (least, most) in DIMENSION_RANGES.items():
             value = attrgetter(name)(self)
             if not least <= value <= most:
                 raise DesignImpossible(f"expected {name} from {least:g} to {most:g}, got {value:g}; correct the design")

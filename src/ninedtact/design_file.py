@@ -11,7 +11,7 @@ import tomli_w
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
-HARDWARE = "hardware"
+HARDWARE_TABLE = "hardware"
 """Table of the parts' own dimensions, which only the hardware room reads."""
 Design = TypeVar("Design")
 
@@ -20,20 +20,22 @@ class DesignFileUnreadable(NinedtactError):
     """No such file, not TOML, or a key or value that no design has."""
 
 
-def read_design(path: Path | str) -> SensorDesign:
+def read_design_file(path: Path | str) -> SensorDesign:
     """The design in this file, the published one where it says nothing.
 
     Raises `DesignFileUnreadable`, and `DesignImpossible` for dimensions that no sensor can have.
     """
-    return sensor_from(read_tables(path), path)
+    return sensor_design_from_tables(read_design_tables(path), path)
 
 
-def sensor_from(tables: dict[str, Any], path: Path | str) -> SensorDesign:
-    """A file's tables → the design, its hardware left alone; raises as `read_design` does."""
-    return design_from({name: part for name, part in tables.items() if name != HARDWARE}, SensorDesign, path)
+def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> SensorDesign:
+    """A file's tables → the design, its hardware left alone; raises as `read_design_file` does."""
+    return convert_design_tables(
+        {name: part for name, part in tables.items() if name != HARDWARE_TABLE}, SensorDesign, path
+    )
 
 
-def read_tables(path: Path | str) -> dict[str, Any]:
+def read_design_tables(path: Path | str) -> dict[str, Any]:
     """The file's tables as they are; raises `DesignFileUnreadable`."""
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -43,9 +45,9 @@ def read_tables(path: Path | str) -> dict[str, Any]:
         ) from trouble
 
 
-def design_from(tables: dict[str, Any], kind: type[Design], path: Path | str) -> Design:
-    """Tables → a design of this kind, strictly; raises as `read_design` does."""
-    require_known(tables, kind, path, ())
+def convert_design_tables(tables: dict[str, Any], kind: type[Design], path: Path | str) -> Design:
+    """Tables → a design of this kind, strictly; raises as `read_design_file` does."""
+    _require_known_keys(tables, kind, path, ())
     try:
         return msgspec.convert(tables, kind)
     except msgspec.ValidationError as trouble:
@@ -54,20 +56,20 @@ def design_from(tables: dict[str, Any], kind: type[Design], path: Path | str) ->
         ) from trouble
 
 
-def require_known(tables: dict[str, Any], kind: type[Any], path: Path | str, within: tuple[str, ...]) -> None:
+def _require_known_keys(tables: dict[str, Any], kind: type[Any], path: Path | str, within: tuple[str, ...]) -> None:
     """Refuse keys that the design does not have."""
     hints, known = get_type_hints(kind), {field.name for field in fields(kind)}
     for name, value in tables.items():
         if name not in known:
             where = f" in [{'.'.join(within)}]" if within else ""
-            more = f", {HARDWARE}" if kind is SensorDesign else ""
+            more = f", {HARDWARE_TABLE}" if kind is SensorDesign else ""
             raise DesignFileUnreadable(
                 f"expected one of {', '.join(sorted(known))}{more}{where}, got {name!r} in {path}; correct or remove it"
             )
         if isinstance(value, dict) and is_dataclass(hints[name]):
-            require_known(value, hints[name], path, (*within, name))
+            _require_known_keys(value, hints[name], path, (*within, name))
 
 
-def design_toml(design: SensorDesign) -> str:
-    """Every dimension of a design, as `read_design` reads it."""
+def design_to_toml(design: SensorDesign) -> str:
+    """Every dimension of a design, as `read_design_file` reads it."""
     return tomli_w.dumps(asdict(design))

@@ -2,15 +2,14 @@ import math
 from dataclasses import replace
 
 import pytest
-from told_and_measured import LED_AND_RING, NEAREST, require_agreement
+from clearance_agreement import LED_AND_RING, NEAREST, require_agreement
 
-from ninedtact.hardware.clearances import clearances
-from ninedtact.hardware.design import HardwareDesign, default_hardware
-from ninedtact.hardware.dimensions.base import Base
-from ninedtact.hardware.dimensions.shell import Shell
-from ninedtact.hardware.figures import PAPER
-from ninedtact.hardware.report import BuiltSensor
-from ninedtact.hardware.rules.book import broken_rules
+from ninedtact.hardware.buildability.rule_check import find_broken_rules
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.clearances import list_clearances
+from ninedtact.hardware.design import HardwareDesign, default_hardware_design
+from ninedtact.hardware.dimensions.printed_parts import BaseDimensions, ShellDimensions
+from ninedtact.hardware.published_specifications import PUBLISHED_9DTACT
 
 TIGHT_IN_THE_ORIGINAL = {
     "lens head, hole of the LED board",
@@ -73,30 +72,34 @@ def test_clearances_told_are_clearances_of_the_solids(default: BuiltSensor) -> N
     ("design", "between", "mm"),
     [
         # The ring's half side is 9.95; the nearest faces of the upper row's LEDs stand at y 7.5 − 1.4.
-        (replace(default_hardware(), shell=Shell(hole_mm=20.0)), "LED, isolation ring", 6.1 - 9.95),
+        (replace(default_hardware_design(), shell=ShellDimensions(hole_mm=20.0)), "LED, isolation ring", 6.1 - 9.95),
         # The fillet begins 0.5 below the board's upper edge, the boss 0.1 beside it.
         (
-            replace(default_hardware(), shell=Shell(fillet_mm=1.5)),
+            replace(default_hardware_design(), shell=ShellDimensions(fillet_mm=1.5)),
             "LED board, rounded ceiling of the shell",
             1.5 - math.hypot(1.4, 0.5),
         ),
-        (replace(default_hardware(), base=Base(pocket_front_mm=4.0)), "camera body, wall of the pocket at +y", -0.35),
+        (
+            replace(default_hardware_design(), base=BaseDimensions(pocket_front_mm=4.0)),
+            "camera body, wall of the pocket at +y",
+            -0.35,
+        ),
     ],
 )
 def test_what_overlaps_is_told_and_refused(design: HardwareDesign, between: str, mm: float) -> None:
-    (room,) = (room for room in clearances(design) if room.between == between)
+    (room,) = (room for room in list_clearances(design) if room.between == between)
     assert room.mm == pytest.approx(mm, abs=1e-9)
     assert room.impossible == (mm < 0) and room.tight
-    assert any(between in broken.sentence for broken in broken_rules(design)) == (mm < 0)
+    assert any(between in broken.sentence for broken in find_broken_rules(design)) == (mm < 0)
 
 
 def test_figures_beside_the_paper(default: BuiltSensor) -> None:
     figures = default.figures
     assert figures.size_mm == pytest.approx((32.5, 25.5, 25.3))
-    assert figures.ratio_mm == pytest.approx(PAPER.ratio_mm, abs=0.5)
-    assert round(PAPER.ratio_mm) == 49
-    assert figures.mass_g == pytest.approx(PAPER.mass_g, rel=0.2)
-    assert figures.cost_usd == pytest.approx(PAPER.cost_usd, rel=0.3)
+    assert figures.ratio_mm == pytest.approx(PUBLISHED_9DTACT.ratio_mm, abs=0.5)
+    assert round(PUBLISHED_9DTACT.ratio_mm) == 49
+    assert figures.mass_g == pytest.approx(PUBLISHED_9DTACT.mass_g, rel=0.2)
+    assert figures.cost_usd == pytest.approx(PUBLISHED_9DTACT.cost_usd, rel=0.3)
 
 
 def test_the_report_says_all(default: BuiltSensor) -> None:

@@ -12,14 +12,26 @@ from ninedtact.cli import main
 from ninedtact.cli.calibrate import Calibrate
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.options import TwoDesigns
-from ninedtact.design import RANGES, DesignImpossible, Gel, SensingArea, SensorDesign, shear_modulus_of_shore_a
-from ninedtact.design_file import DesignFileUnreadable, design_toml, read_design
-from ninedtact.hardware.design import Variant, default_hardware, hardware_for, original_hardware
-from ninedtact.hardware.design_file import hardware_toml, read_hardware
-from ninedtact.hardware.led_board.design import LedBoard
-from ninedtact.hardware.led_board.refusal import BoardImpossible
-from ninedtact.hardware.mounted_board import led_board_of
-from ninedtact.hardware.rules.book import broken_rules
+from ninedtact.design import (
+    DIMENSION_RANGES,
+    DesignImpossible,
+    Gel,
+    SensingArea,
+    SensorDesign,
+    shore_a_to_shear_modulus_mpa,
+)
+from ninedtact.design_file import DesignFileUnreadable, design_to_toml, read_design_file
+from ninedtact.hardware.buildability.rule_check import find_broken_rules
+from ninedtact.hardware.design import (
+    DesignVariant,
+    default_hardware_design,
+    hardware_design_of_variant,
+    hardware_design_to_toml,
+    original_hardware_design,
+    read_hardware_design,
+)
+from ninedtact.hardware.led_board.board_design import LedBoard, led_board_for_design
+from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
 from ninedtact.simulation.designed import designed_light, designed_twin
 from ninedtact.simulation.gauges import GaugeImages, gauge_images
 from ninedtact.simulation.light import Light
@@ -35,16 +47,21 @@ def written(tmp_path: Path, text: str) -> Path:
 
 
 def test_a_design_comes_back_as_it_was_written(tmp_path: Path) -> None:
-    assert read_design(written(tmp_path, design_toml(OURS))) == OURS
-    assert read_design(written(tmp_path, "")) == SensorDesign()
-    assert read_design(written(tmp_path, "[gel]\nthickness_mm = 2\n[sensing_area]\nwidth_mm=20\nheight_mm=15")) == OURS
+    assert read_design_file(written(tmp_path, design_to_toml(OURS))) == OURS
+    assert read_design_file(written(tmp_path, "")) == SensorDesign()
+    assert (
+        read_design_file(written(tmp_path, "[gel]\nthickness_mm = 2\n[sensing_area]\nwidth_mm=20\nheight_mm=15"))
+        == OURS
+    )
 
 
-@pytest.mark.parametrize("hardware", [default_hardware(OURS), original_hardware()], ids=["default", "original"])
+@pytest.mark.parametrize(
+    "hardware", [default_hardware_design(OURS), original_hardware_design()], ids=["default", "original"]
+)
 def test_hardware_comes_back_too(tmp_path: Path, hardware: object) -> None:
-    path = written(tmp_path, hardware_toml(hardware))
-    assert read_hardware(path, hardware.variant) == hardware
-    assert read_design(path) == hardware.sensor
+    path = written(tmp_path, hardware_design_to_toml(hardware))
+    assert read_hardware_design(path, hardware.variant) == hardware
+    assert read_design_file(path) == hardware.sensor
 
 
 @pytest.mark.parametrize(
@@ -60,7 +77,7 @@ def test_hardware_comes_back_too(tmp_path: Path, hardware: object) -> None:
 )
 def test_a_file_that_is_no_design_is_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(DesignFileUnreadable, match=words):
-        read_design(written(tmp_path, text))
+        read_design_file(written(tmp_path, text))
 
 
 @pytest.mark.parametrize(
@@ -74,24 +91,24 @@ def test_a_file_that_is_no_design_is_refused(tmp_path: Path, text: str, words: s
 )
 def test_hardware_that_no_sensor_has_is_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(DesignFileUnreadable, match=words):
-        read_hardware(written(tmp_path, text), "default")
+        read_hardware_design(written(tmp_path, text), "default")
 
 
-@pytest.mark.parametrize("name", RANGES)
+@pytest.mark.parametrize("name", DIMENSION_RANGES)
 @pytest.mark.parametrize("value", ["inf", "nan", "1e12", "1e-12"])
 def test_dimensions_beyond_what_can_be_made_are_refused_by_name(tmp_path: Path, name: str, value: str) -> None:
     part, field = name.split(".")
     if field in ("rows", "cols", "raw_long_side_px"):
         value = {"inf": "1000000000000", "nan": "-1", "1e12": "100000", "1e-12": "0"}[value]
     with pytest.raises(DesignImpossible, match=f"{re.escape(name)}|pin board of at least"):
-        read_design(written(tmp_path, f"[{part}]\n{field} = {value}"))
+        read_design_file(written(tmp_path, f"[{part}]\n{field} = {value}"))
 
 
 def test_impossible_dimensions_are_refused_as_anywhere_else(tmp_path: Path) -> None:
     with pytest.raises(DesignImpossible, match=r"gel\.thickness_mm"):
-        read_design(written(tmp_path, "[gel]\nthickness_mm = -1"))
+        read_design_file(written(tmp_path, "[gel]\nthickness_mm = -1"))
     with pytest.raises(DesignImpossible, match=r"shell\.led_cavity_mm"):
-        read_hardware(written(tmp_path, "[hardware.shell]\nled_cavity_mm = 1.0"), "default")
+        read_hardware_design(written(tmp_path, "[hardware.shell]\nled_cavity_mm = 1.0"), "default")
 
 
 def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -101,9 +118,9 @@ def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> N
 
 def test_hardness() -> None:
     """Gent 1958; the published gel's modulus is that of Shore A 5."""
-    assert shear_modulus_of_shore_a(5) == pytest.approx(Gel().shear_modulus_mpa, rel=0.01)
+    assert shore_a_to_shear_modulus_mpa(5) == pytest.approx(Gel().shear_modulus_mpa, rel=0.01)
     with pytest.raises(DesignImpossible):
-        shear_modulus_of_shore_a(100)
+        shore_a_to_shear_modulus_mpa(100)
 
 
 def test_the_published_design_has_the_default_twin() -> None:
@@ -132,7 +149,7 @@ def pressed(images: GaugeImages) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def test_a_press_of_a_designed_sensor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = written(tmp_path, design_toml(OURS))
+    path = written(tmp_path, design_to_toml(OURS))
     press = ["simulate", "press", "--object", "ball:4", "--depth-mm", "1", "--json", "--out", str(tmp_path / "press")]
     forces = []
     for options in ([], ["--design", str(path)]):
@@ -145,19 +162,19 @@ def test_a_press_of_a_designed_sensor(tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_the_example_of_the_docs_can_be_built(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "hardware.md").read_text(encoding="utf-8")
-    design = read_hardware(written(tmp_path, page.split("```toml\n")[1].split("```")[0]), "default")
+    design = read_hardware_design(written(tmp_path, page.split("```toml\n")[1].split("```")[0]), "default")
     assert (design.shell.wall_mm, design.sensor.gel.thickness_mm) == (2.4, 2.0)
-    assert broken_rules(design) == []
+    assert find_broken_rules(design) == []
 
 
 @pytest.mark.parametrize("variant", ["default", "original"])
-def test_the_circuit_board_is_that_of_the_design(tmp_path: Path, variant: Variant) -> None:
+def test_the_circuit_board_is_that_of_the_design(tmp_path: Path, variant: DesignVariant) -> None:
     for width, height in ((24, 18), (36, 27)):
-        design = hardware_for(SensorDesign(sensing_area=SensingArea(width, height)), variant)
-        outline = led_board_of(design).outline
+        design = hardware_design_of_variant(SensorDesign(sensing_area=SensingArea(width, height)), variant)
+        outline = led_board_for_design(design).outline
         assert (outline.width_mm, outline.height_mm) == pytest.approx(design.plan.circuit)
         assert outline.lens_hole_mm == design.board.lens_hole_mm
-        leds = led_board_of(design).leds.places
+        leds = led_board_for_design(design).leds.places
         for ours, theirs, within_mm in (
             (design.plan.mount_inserts, outline.bosses, 1e-9),
             (design.plan.mount_inserts, LedBoard.for_size(*design.plan.circuit).outline.bosses, 1e-9),
@@ -169,8 +186,8 @@ def test_the_circuit_board_is_that_of_the_design(tmp_path: Path, variant: Varian
 
 
 @pytest.mark.parametrize("variant", ["default", "original"])
-def test_the_circuit_board_takes_what_the_design_says_of_it(variant: Variant) -> None:
-    design = hardware_for(SensorDesign(), variant)
+def test_the_circuit_board_takes_what_the_design_says_of_it(variant: DesignVariant) -> None:
+    design = hardware_design_of_variant(SensorDesign(), variant)
     board = replace(
         design.board,
         thick_mm=1.0,
@@ -179,25 +196,25 @@ def test_the_circuit_board_takes_what_the_design_says_of_it(variant: Variant) ->
         usb_beyond_mm=0.2,
         led_mm=(3.5, 2.8, 0.7),
     )
-    made = led_board_of(replace(design, board=board))
+    made = led_board_for_design(replace(design, board=board))
     assert made.outline.thickness_mm == 1.0
     assert np.array(made.leds.places) == pytest.approx(np.array([*replace(design, board=board).plan.leds]))
     assert (made.driver_x_mm, made.driver_inset_mm) == (3.6, 2.7)
     assert made.usb_inset_mm == pytest.approx(3.2 + 0.14)
-    assert led_board_of(design).usb_inset_mm == pytest.approx(LedBoard().usb_inset_mm)
+    assert led_board_for_design(design).usb_inset_mm == pytest.approx(LedBoard().usb_inset_mm)
 
 
 @pytest.mark.parametrize("name", ["led_mm", "usb_mm", "driver_mm"])
 def test_a_part_that_the_circuit_board_has_no_pads_for_is_refused(name: str) -> None:
-    design = default_hardware()
+    design = default_hardware_design()
     size = getattr(design.board, name)
     other = replace(design, board=replace(design.board, **{name: (size[0] - 0.2, *size[1:])}))
-    with pytest.raises(BoardImpossible, match=rf"expected board\.{name} .*, got .*; "):
-        led_board_of(other)
+    with pytest.raises(LedBoardImpossible, match=rf"expected board\.{name} .*, got .*; "):
+        led_board_for_design(other)
 
 
 def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:
-    path = written(tmp_path, design_toml(OURS) + "\n[hardware.shell]\nwall_mm = 2.4\n")
+    path = written(tmp_path, design_to_toml(OURS) + "\n[hardware.shell]\nwall_mm = 2.4\n")
     assert Calibrate(out=tmp_path, design_file=path).resolved_design == OURS
     assert Calibrate(out=tmp_path, design_file=path, ball_radius_mm=3.0).resolved_design.ball.radius_mm == 3.0
     with pytest.raises(TwoDesigns):
@@ -211,6 +228,6 @@ def test_a_design_may_come_through_a_pipe(tmp_path: Path) -> None:
     os.mkfifo(pipe)
     writer = Thread(target=pipe.write_text, args=("[gel]\nthickness_mm = 2.0\n[hardware.shell]\nwall_mm = 2.4\n",))
     writer.start()
-    found = read_hardware(pipe, "default")
+    found = read_hardware_design(pipe, "default")
     writer.join()
     assert (found.sensor.gel.thickness_mm, found.shell.wall_mm) == (2.0, 2.4)

@@ -7,14 +7,13 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
 from ninedtact.design import Gel, SensingArea, SensorDesign
-from ninedtact.hardware.design import default_hardware
-from ninedtact.hardware.drawings.sheet import Sheet
-from ninedtact.hardware.drawings.table import Row, table
-from ninedtact.hardware.drawings.view_on_sheet import INK
-from ninedtact.hardware.drawings.views import Line, cut_open
-from ninedtact.hardware.parts.catalogue import BuiltPart
-from ninedtact.hardware.parts.moulds import first_mould, second_mould
-from ninedtact.hardware.report import BuiltSensor
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.design import default_hardware_design
+from ninedtact.hardware.drawings.dimensioned_view import INK
+from ninedtact.hardware.drawings.drawing_sheet import DrawingNote, DrawingSheet, build_drawing_notes
+from ninedtact.hardware.drawings.part_geometry import Polyline, project_section
+from ninedtact.hardware.parts.cut_and_cast_parts import build_first_mould, build_second_mould
+from ninedtact.hardware.parts.part_catalogue import BuiltPart
 
 BARE_MM2 = {
     "acrylic_window": 14.0 * 2.0,
@@ -27,35 +26,35 @@ BARE_MM2 = {
 
 @pytest.mark.parametrize("name", BARE_MM2)
 def test_a_cut_lays_bare_what_the_plane_meets(original: BuiltSensor, name: str) -> None:
-    cut = cut_open(original.parts[name].solid).cut
+    cut = project_section(original.parts[name].solid).cut
     assert sum(map(area_mm2, cut)) == pytest.approx(BARE_MM2[name], abs=0.01)
 
 
 @pytest.mark.parametrize(("width", "height", "gel"), [(10.0, 10.0, 1.5), (60.0, 45.0, 5.0)])
 def test_so_it_does_in_every_size(width: float, height: float, gel: float) -> None:
-    design = default_hardware(SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height)))
+    design = default_hardware_design(SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height)))
     for build, window, thick_mm in (
-        (first_mould, design.plan.translucent, gel),
-        (second_mould, design.plan.black, gel + 0.3),
+        (build_first_mould, design.plan.translucent, gel),
+        (build_second_mould, design.plan.black, gel + 0.3),
     ):
-        cut = cut_open(build(design)).cut
+        cut = project_section(build(design)).cut
         assert sum(map(area_mm2, cut)) == pytest.approx((design.plan.plate[1] - window[1]) * thick_mm, abs=0.01)
 
 
-def area_mm2(face: tuple[Line, ...]) -> float:
+def area_mm2(face: tuple[Polyline, ...]) -> float:
     """The outline less its holes."""
     outside, *holes = map(enclosed_mm2, face)
     return outside - sum(holes)
 
 
-def enclosed_mm2(line: Line) -> float:
+def enclosed_mm2(line: Polyline) -> float:
     """Shoelace."""
     x, y = line.T
     return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
 
 
 def test_cutting_the_shell_shows_its_window_hole_and_its_usb_slot(default: BuiltSensor) -> None:
-    view = cut_open(default.parts["sensor_shell"].solid)
+    view = project_section(default.parts["sensor_shell"].solid)
     assert len(view.cut) == 3, "wall at +y with half a floor, floor and wall above the slot, wall below the slot"
     (low_y, low_z), (high_y, high_z) = view.box
     assert (high_y - low_y, high_z - low_z) == pytest.approx(default.parts["sensor_shell"].size_mm[1:], abs=1e-6)
@@ -63,7 +62,7 @@ def test_cutting_the_shell_shows_its_window_hole_and_its_usb_slot(default: Built
 
 def test_a_sheet_says_how_exact_a_part_must_be(default: BuiltSensor) -> None:
     part = default.parts["isolation_ring"]
-    svg = dict(Sheet(part, table(default.design, part)).files())["svg"].decode()
+    svg = dict(DrawingSheet(part, build_drawing_notes(default.design, part)).files())["svg"].decode()
     for text in (
         "A–A",
         "tolerance ± 0.15",
@@ -75,8 +74,8 @@ def test_a_sheet_says_how_exact_a_part_must_be(default: BuiltSensor) -> None:
 
 
 def test_the_table_stays_on_the_sheet_however_long_it_is(default: BuiltSensor) -> None:
-    rows = [Row(f"row {number}") for number in range(90)]
-    (axes,) = Sheet(default.parts["acrylic_window"], rows).drawn().axes
+    rows = [DrawingNote(f"row {number}") for number in range(90)]
+    (axes,) = DrawingSheet(default.parts["acrylic_window"], rows).drawn().axes
     heights = [text.get_position()[1] for text in axes.texts if text.get_text().startswith("row ")]
     assert len(heights) == 90 and min(heights) >= 15
 
@@ -109,12 +108,12 @@ def test_a_sheet_tells_nothing_else(default: BuiltSensor) -> None:
 
 def sheet_svg(sensor: BuiltSensor, name: str) -> str:
     part = sensor.parts[name]
-    return dict(Sheet(part, table(sensor.design, part)).files())["svg"].decode()
+    return dict(DrawingSheet(part, build_drawing_notes(sensor.design, part)).files())["svg"].decode()
 
 
 def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: BuiltSensor) -> None:
     part = default.parts["first_mould"]
-    (axes,) = Sheet(part, table(default.design, part)).drawn().axes
+    (axes,) = DrawingSheet(part, build_drawing_notes(default.design, part)).drawn().axes
     looks = [text for text in axes.texts if isinstance(text, Annotation) and text.xy[1] == text.xyann[1]]
     looks = [each for each in looks if each.arrow_patch.get_edgecolor()[:3] == to_rgb(INK)]
     assert len(looks) == 2 and all(each.xyann[0] > each.xy[0] for each in looks), "from +x towards -x"
@@ -123,6 +122,6 @@ def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: BuiltSen
 def test_a_sheet_is_used_in_every_size() -> None:
     """The next scale would be too large for the sheet, and is at most a third larger."""
     for x in range(20, 140, 5):
-        sheet = Sheet(BuiltPart("first_mould", "cut", Box(x, 0.8 * x, 2.5)), [])
+        sheet = DrawingSheet(BuiltPart("first_mould", "cut", Box(x, 0.8 * x, 2.5)), [])
         wide = 1.8 * x * sheet.scale + 68
         assert 0.55 * 302 < wide < 302

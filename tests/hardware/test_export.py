@@ -17,19 +17,18 @@ from build123d import import_step
 from ezdxf.entitydb import EntityDB
 
 from ninedtact.cli import main
-from ninedtact.cli.hardware.export import warnings
+from ninedtact.cli.hardware import format_export_warnings
 from ninedtact.design import SensingArea, SensorDesign
-from ninedtact.hardware.assembly.bodies import Body
-from ninedtact.hardware.design import default_hardware
-from ninedtact.hardware.export.cutting import dxf
-from ninedtact.hardware.export.folder import FolderRefused, require_replaceable
-from ninedtact.hardware.export.solid_files import printable, step
-from ninedtact.hardware.images.scenes import larger
+from ninedtact.hardware.assembly_images import explosion_scale
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.design import default_hardware_design
+from ninedtact.hardware.export.laser_cutting import part_to_dxf
+from ninedtact.hardware.export.parts_folder import ExportFolderRefused, require_replaceable_folder
+from ninedtact.hardware.export.solid_files import STL_HEADER_BYTES, STL_RECORD, part_to_step, part_to_stl
 from ninedtact.hardware.materials import WHITE_NYLON
-from ninedtact.hardware.parts.catalogue import CATALOGUE
-from ninedtact.hardware.parts.shell import sensor_shell
-from ninedtact.hardware.parts.stl import HEADER_BYTES, RECORD
-from ninedtact.hardware.report import BuiltSensor
+from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
+from ninedtact.hardware.parts.printed_parts import build_sensor_shell
+from ninedtact.hardware.sensor_assembly import AssemblyBody
 
 NET_AREA_MM2 = {"base_board": 2802.15, "first_mould": 2153.12, "second_mould": 2069.28, "acrylic_window": 196.0}
 
@@ -83,7 +82,7 @@ def test_step_read_back_equals_the_model(folder: Path, default: BuiltSensor) -> 
 @pytest.mark.parametrize("name", NET_AREA_MM2)
 def test_dxf_is_closed_at_scale_and_without_duplicates(original: BuiltSensor, tmp_path: Path, name: str) -> None:
     path = tmp_path / "part.dxf"
-    path.write_bytes(dxf(original.parts[name].solid))
+    path.write_bytes(part_to_dxf(original.parts[name].solid))
     drawing = ezdxf.readfile(path)
     assert drawing.units == ezdxf.units.MM and not drawing.audit().errors
     entities = list(drawing.modelspace())
@@ -97,9 +96,9 @@ def test_dxf_is_closed_at_scale_and_without_duplicates(original: BuiltSensor, tm
 
 
 def test_a_design_that_should_not_be_made_is_not_announced_as_one(original: BuiltSensor, default: BuiltSensor) -> None:
-    said = "\n".join(warnings(original.as_table()))
+    said = "\n".join(format_export_warnings(original.as_table()))
     assert "DO NOT ORDER led_board/" in said and "sensor_base and camera" in said
-    assert not [*warnings(default.as_table())]
+    assert not [*format_export_warnings(default.as_table())]
 
 
 def test_shops_are_told_what_files_cannot_say(folder: Path) -> None:
@@ -110,11 +109,11 @@ def test_shops_are_told_what_files_cannot_say(folder: Path) -> None:
         assert told in printed
 
 
-@pytest.mark.parametrize("name", [made.name for made in CATALOGUE if made.way == "printed"])
+@pytest.mark.parametrize("name", [made.name for made in PART_CATALOGUE if made.way == "printed"])
 @pytest.mark.parametrize("variant", ["default", "original"])
 def test_stl_is_watertight_and_as_large_as_the_solid(variant: str, name: str, request: pytest.FixtureRequest) -> None:
     part = request.getfixturevalue(variant).parts[name]
-    corners = np.frombuffer(printable(part.solid), RECORD, offset=HEADER_BYTES)["corners"]
+    corners = np.frombuffer(part_to_stl(part.solid), STL_RECORD, offset=STL_HEADER_BYTES)["corners"]
     _, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     sides = np.concatenate([number.reshape(-1, 3)[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
     assert (sides[:, 0] != sides[:, 1]).all(), "no triangle has two equal corners"
@@ -127,12 +126,12 @@ def test_stl_is_watertight_and_as_large_as_the_solid(variant: str, name: str, re
 WRITTEN = """
 from hashlib import sha256
 from ninedtact.hardware.design import default_hardware
-from ninedtact.hardware.drawings.sheet import Sheet
-from ninedtact.hardware.drawings.table import table
-from ninedtact.hardware.export.cutting import dxf
+from ninedtact.hardware.drawings.drawing_sheet import Sheet
+from ninedtact.hardware.drawings.drawing_sheet import table
+from ninedtact.hardware.export.laser_cutting import dxf
 from ninedtact.hardware.export.solid_files import step
-from ninedtact.hardware.parts.catalogue import BuiltPart
-from ninedtact.hardware.parts.moulds import first_mould
+from ninedtact.hardware.parts.part_catalogue import BuiltPart
+from ninedtact.hardware.parts.cut_and_cast_parts import first_mould
 
 design = default_hardware()
 part = BuiltPart("first_mould", "cut", first_mould(design))
@@ -173,13 +172,13 @@ def enclosed_mm2(entity: ezdxf.entities.DXFGraphic) -> float:
 
 def test_the_same_design_gives_the_same_bytes(default: BuiltSensor, monkeypatch: pytest.MonkeyPatch) -> None:
     part = default.parts["first_mould"]
-    once, types_in_use = dxf(part.solid), EntityDB.dxf_types_in_use
+    once, types_in_use = part_to_dxf(part.solid), EntityDB.dxf_types_in_use
     # A set: its order is another in every process.
     monkeypatch.setattr(EntityDB, "dxf_types_in_use", lambda self: sorted(types_in_use(self), reverse=True))
-    assert dxf(part.solid) == once
+    assert part_to_dxf(part.solid) == once
     monkeypatch.setattr(EntityDB, "dxf_types_in_use", lambda self: sorted(types_in_use(self)))
-    assert dxf(part.solid) == once
-    assert step(part.name, part.solid) == step(part.name, part.solid)
+    assert part_to_dxf(part.solid) == once
+    assert part_to_step(part.name, part.solid) == part_to_step(part.name, part.solid)
 
 
 def test_drawings_and_images_open(folder: Path) -> None:
@@ -194,9 +193,9 @@ def test_drawings_and_images_open(folder: Path) -> None:
 
 
 def test_larger_sensors_are_pulled_apart_further(default: BuiltSensor) -> None:
-    assert larger(default.bodies) == pytest.approx(1.0, abs=1e-6)
-    wide = sensor_shell(default_hardware(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
-    assert larger([Body("sensor_shell", wide, WHITE_NYLON)]) > 2
+    assert explosion_scale(default.bodies) == pytest.approx(1.0, abs=1e-6)
+    wide = build_sensor_shell(default_hardware_design(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
+    assert explosion_scale([AssemblyBody("sensor_shell", wide, WHITE_NYLON)]) > 2
 
 
 def test_the_bill_counts(folder: Path) -> None:
@@ -225,12 +224,12 @@ def test_a_folder_with_anything_of_ones_own_is_left_alone(
 def test_a_link_of_ones_own_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "projects").symlink_to(tmp_path, target_is_directory=True)
-    with pytest.raises(FolderRefused, match="projects"):
-        require_replaceable(tmp_path / "parts")
+    with pytest.raises(ExportFolderRefused, match="projects"):
+        require_replaceable_folder(tmp_path / "parts")
 
 
 def test_an_older_export_may_be_replaced_and_leaves_nothing_behind(folder: Path) -> None:
-    require_replaceable(folder)
+    require_replaceable_folder(folder)
     assert not list(folder.parent.glob(".*partial"))
 
 

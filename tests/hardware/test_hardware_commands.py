@@ -8,10 +8,10 @@ import cv2
 import pytest
 
 from ninedtact.cli import main
-from ninedtact.cli.hardware.bom import lines
-from ninedtact.hardware.design_file import read_hardware
-from ninedtact.hardware.guide.pages import guide_text
-from ninedtact.hardware.report import BuiltSensor
+from ninedtact.cli.hardware import format_bill_of_materials
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.design import read_hardware_design
+from ninedtact.hardware.guide.fabrication_guide import format_guide
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -43,7 +43,7 @@ def test_bom(default: BuiltSensor, capsys: pytest.CaptureFixture[str]) -> None:
         sum(item["count"] * item["each_usd"] for item in found["items"] if item["kind"] == "sensor")
     )
     assert found["items"] == [asdict(item) for item in default.bill]
-    assert "the paper says about 15 $" in "\n".join(lines(default.bill))
+    assert "the paper says about 15 $" in "\n".join(format_bill_of_materials(default.bill))
 
 
 def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,7 +73,7 @@ def test_a_design_proves_itself_before_it_is_printed(tmp_path: Path) -> None:
     thin, thick = json.loads(done.stdout)["designs"]
     assert thin["depth_error_mm"] < 0.02 and thin["load_error_part"] < 0.1
     assert "63 pins" in thick["uncalibrated"] and "depth_error_mm" not in thick
-    assert read_hardware(tmp_path / "design_01.toml", "default").sensor.gel.thickness_mm == 2
+    assert read_hardware_design(tmp_path / "design_01.toml", "default").sensor.gel.thickness_mm == 2
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_explore_refuses_in_one_sentence(arguments: list[str], words: str, capsy
 
 def test_the_guide_in_the_docs_is_that_of_the_default(default: BuiltSensor) -> None:
     """`ninedtact hardware guide --out docs` makes it again."""
-    text = guide_text(default)
+    text = format_guide(default)
     assert (DOCS / "fabrication.md").read_text(encoding="utf-8") == text
     for line in text.splitlines():
         if line.startswith("!["):

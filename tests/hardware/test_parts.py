@@ -3,8 +3,8 @@
 import pytest
 from build123d import Plane
 
-from ninedtact.hardware.parts.catalogue import CATALOGUE
-from ninedtact.hardware.report import BuiltSensor
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
 
 REFERENCE = {
     "sensor_base": ((32.5, 25.5, 8.5), 2419.59, 2748.67),
@@ -40,7 +40,7 @@ SECTIONS = {
 
 
 def test_the_reference_covers_every_part() -> None:
-    assert {made.name for made in CATALOGUE} == set(REFERENCE)
+    assert {made.name for made in PART_CATALOGUE} == set(REFERENCE)
 
 
 @pytest.mark.parametrize("name", REFERENCE)

@@ -4,26 +4,28 @@ from dataclasses import fields, replace
 from typing import get_type_hints
 
 import pytest
+from clearance_agreement import require_agreement
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from told_and_measured import require_agreement
 
-from ninedtact.design import Camera, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
-from ninedtact.hardware.design import HardwareDesign, default_hardware, original_hardware
-from ninedtact.hardware.design_file import PARTS
-from ninedtact.hardware.dimensions.base import Base
-from ninedtact.hardware.dimensions.bought import Board, CameraBody, Fasteners
-from ninedtact.hardware.dimensions.gels import Gels, Moulds
-from ninedtact.hardware.dimensions.pin_frame import PinFrame
-from ninedtact.hardware.dimensions.ring import Ring, Window
-from ninedtact.hardware.dimensions.shell import Shell
-from ninedtact.hardware.explore.sweep import Choice
-from ninedtact.hardware.led_board.check import problems
-from ninedtact.hardware.led_board.refusal import BoardImpossible
-from ninedtact.hardware.optics import distance_to_see_mm, reach_mm
-from ninedtact.hardware.report import BuiltSensor
-from ninedtact.hardware.rules.book import RULES, broken_rules, require_buildable
-from ninedtact.hardware.rules.rule import RulesBroken
+from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
+from ninedtact.hardware.buildability.mechanical_rules import DesignRulesBroken
+from ninedtact.hardware.buildability.rule_check import DESIGN_RULES, find_broken_rules, require_buildable_design
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.design import PART_TABLES, HardwareDesign, default_hardware_design, original_hardware_design
+from ninedtact.hardware.dimensions.bought_parts import CameraDimensions, FastenerDimensions, LedBoardDimensions
+from ninedtact.hardware.dimensions.gels_and_moulds import GelLayerDimensions, MouldDimensions
+from ninedtact.hardware.dimensions.printed_parts import (
+    BaseDimensions,
+    CalibrationBoardDimensions,
+    IsolationRingDimensions,
+    ShellDimensions,
+    WindowDimensions,
+)
+from ninedtact.hardware.explore.design_sweep import DesignChoice
+from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
+from ninedtact.hardware.led_board.design_rule_check import find_violations
+from ninedtact.hardware.lens_coverage import lens_reach_mm, required_camera_distance_mm
 
 
 def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 9, rows: int = 7) -> SensorDesign:
@@ -31,40 +33,51 @@ def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 
 
 
 def names(design: HardwareDesign) -> set[str]:
-    return {each.rule for each in broken_rules(design)}
+    return {each.rule for each in find_broken_rules(design)}
 
 
-@pytest.mark.parametrize("design", [default_hardware(), original_hardware()], ids=lambda design: design.variant)
+@pytest.mark.parametrize(
+    "design", [default_hardware_design(), original_hardware_design()], ids=lambda design: design.variant
+)
 def test_both_variants_keep_all_rules(design: HardwareDesign) -> None:
-    assert broken_rules(design) == []
+    assert find_broken_rules(design) == []
 
 
 BREAKING = {
-    "wall_too_thin": replace(default_hardware(), shell=Shell(wall_mm=0.7)),
-    "led_touches_shell": replace(default_hardware(), board=Board(thick_mm=1.6)),
-    "lens_does_not_see_the_corner": default_hardware(sensor(30, 22)),
-    "mould_too_thin_for_the_screws": default_hardware(sensor(gel=1.2)),
-    "pins_out_of_view": default_hardware(sensor(cols=15, rows=11)),
-    "pins_too_close": default_hardware(SensorDesign(pin_board=PinBoard(pitch_mm=1.5))),
-    "pin_too_short": default_hardware(SensorDesign(pin_board=PinBoard(3, 3, 5.0, 3.2))),
-    "screws_do_not_hold": replace(default_hardware(), moulds=Moulds(base_mm=5.0)),
-    "gel_beyond_the_shell": replace(default_hardware(), gels=Gels(black_side_mm=2.0)),
-    "tray_does_not_pass": replace(default_hardware(), pin_frame=PinFrame(corner_radius_mm=8.0)),
-    "parts_touch": replace(default_hardware(), ring=Ring(above_board_mm=0.0), base=Base(pocket_wide_mm=8.0)),
-    "bosses_collide": replace(default_hardware(), base=Base(mount_inset_mm=(3.25, 3.0))),
-    "mount_in_pocket": replace(default_hardware(), base=Base(mount_inset_mm=(9.0, 3.0))),
-    "mount_in_wall": replace(default_hardware(), base=Base(mount_inset_mm=(5.75, 2.0))),
-    "pocket_in_ramp": replace(default_hardware(), base=Base(pocket_back_mm=9.5)),
-    "ramp_too_short": replace(default_hardware(), base=Base(ramp_foot_mm=1.0)),
-    "clamps_in_the_shell": replace(default_hardware(), moulds=Moulds(beyond_mm=(8.0, 8.0))),
-    "post_in_wall": replace(default_hardware(), board=Board(locating_inset_mm=(1.0, 5.0))),
-    "post_in_pocket": replace(default_hardware(), board=Board(locating_inset_mm=(10.0, 5.0))),
-    "ring_has_no_mouth": replace(default_hardware(), ring=Ring(land_mm=1.0)),
-    "inserts_do_not_hold": replace(default_hardware(), fasteners=Fasteners(insert_mm=(2.0, 5.09))),
-    "usb_slot": replace(default_hardware(), shell=Shell(slot_to_mm=4.0)),
-    "camera_too_far": default_hardware(SensorDesign(camera=Camera(distance_mm=500.0))),
+    "wall_too_thin": replace(default_hardware_design(), shell=ShellDimensions(wall_mm=0.7)),
+    "led_touches_shell": replace(default_hardware_design(), board=LedBoardDimensions(thick_mm=1.6)),
+    "lens_does_not_see_the_corner": default_hardware_design(sensor(30, 22)),
+    "mould_too_thin_for_the_screws": default_hardware_design(sensor(gel=1.2)),
+    "pins_out_of_view": default_hardware_design(sensor(cols=15, rows=11)),
+    "pins_too_close": default_hardware_design(SensorDesign(pin_board=PinBoard(pitch_mm=1.5))),
+    "pin_too_short": default_hardware_design(SensorDesign(pin_board=PinBoard(3, 3, 5.0, 3.2))),
+    "screws_do_not_hold": replace(default_hardware_design(), moulds=MouldDimensions(base_mm=5.0)),
+    "gel_beyond_the_shell": replace(default_hardware_design(), gels=GelLayerDimensions(black_side_mm=2.0)),
+    "tray_does_not_pass": replace(
+        default_hardware_design(), pin_frame=CalibrationBoardDimensions(corner_radius_mm=8.0)
+    ),
+    "parts_touch": replace(
+        default_hardware_design(),
+        ring=IsolationRingDimensions(above_board_mm=0.0),
+        base=BaseDimensions(pocket_wide_mm=8.0),
+    ),
+    "bosses_collide": replace(default_hardware_design(), base=BaseDimensions(mount_inset_mm=(3.25, 3.0))),
+    "mount_in_pocket": replace(default_hardware_design(), base=BaseDimensions(mount_inset_mm=(9.0, 3.0))),
+    "mount_in_wall": replace(default_hardware_design(), base=BaseDimensions(mount_inset_mm=(5.75, 2.0))),
+    "pocket_in_ramp": replace(default_hardware_design(), base=BaseDimensions(pocket_back_mm=9.5)),
+    "ramp_too_short": replace(default_hardware_design(), base=BaseDimensions(ramp_foot_mm=1.0)),
+    "clamps_in_the_shell": replace(default_hardware_design(), moulds=MouldDimensions(beyond_mm=(8.0, 8.0))),
+    "post_in_wall": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(1.0, 5.0))),
+    "post_in_pocket": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(10.0, 5.0))),
+    "ring_has_no_mouth": replace(default_hardware_design(), ring=IsolationRingDimensions(land_mm=1.0)),
+    "inserts_do_not_hold": replace(default_hardware_design(), fasteners=FastenerDimensions(insert_mm=(2.0, 5.09))),
+    "usb_slot": replace(default_hardware_design(), shell=ShellDimensions(slot_to_mm=4.0)),
+    "camera_too_far": default_hardware_design(SensorDesign(camera=CameraGeometry(distance_mm=500.0))),
     "window_cuts_the_view": replace(
-        default_hardware(), window=Window(9.0, 5.0), shell=Shell(hole_mm=8.0), ring=Ring(bore_mm=10.0)
+        default_hardware_design(),
+        window=WindowDimensions(9.0, 5.0),
+        shell=ShellDimensions(hole_mm=8.0),
+        ring=IsolationRingDimensions(bore_mm=10.0),
     ),
 }
 
@@ -72,48 +85,52 @@ BREAKING = {
 @pytest.mark.parametrize("rule", BREAKING)
 def test_an_impossible_design_is_refused_by_its_rule(rule: str) -> None:
     assert rule in names(BREAKING[rule])
-    with pytest.raises(RulesBroken, match=f"rule {rule}") as refused:
-        require_buildable(BREAKING[rule])
+    with pytest.raises(DesignRulesBroken, match=f"rule {rule}") as refused:
+        require_buildable_design(BREAKING[rule])
     assert "expected" in str(refused.value) and "got" in str(refused.value)
 
 
 def test_a_design_without_a_circuit_board_is_refused() -> None:
-    beyond_the_edge = replace(default_hardware(), board=Board(driver_at_mm=(3.49, 8.0)))
-    with pytest.raises(BoardImpossible, match=r"expected .*, got .*; "):
+    beyond_the_edge = replace(default_hardware_design(), board=LedBoardDimensions(driver_at_mm=(3.49, 8.0)))
+    with pytest.raises(LedBoardImpossible, match=r"expected .*, got .*; "):
         BuiltSensor(beyond_the_edge)
 
 
 def test_every_rule_has_a_design_that_breaks_it() -> None:
-    for rule in RULES:
+    for rule in DESIGN_RULES:
         assert any([*rule(design)] for design in BREAKING.values()), f"nothing breaks {rule.__name__}"
 
 
 def test_the_remedy_for_a_lens_that_sees_too_little_works() -> None:
-    wide = default_hardware(sensor(40, 30, cols=15, rows=11))
+    wide = default_hardware_design(sensor(40, 30, cols=15, rows=11))
     assert names(wide) == {"lens_does_not_see_the_corner"}
-    camera = replace(wide.sensor.camera, distance_mm=distance_to_see_mm(wide) + 0.05)
-    assert broken_rules(default_hardware(replace(wide.sensor, camera=camera))) == []
+    camera = replace(wide.sensor.camera, distance_mm=required_camera_distance_mm(wide) + 0.05)
+    assert find_broken_rules(default_hardware_design(replace(wide.sensor, camera=camera))) == []
 
 
 def test_what_the_lens_reaches() -> None:
     """By hand: 0.35 of air, 2 of acrylic, 9.2 and 11.7 of silicone at 80° in air."""
-    design = default_hardware()
-    assert reach_mm(design, design.levels.rim) == pytest.approx(12.7, abs=0.05)
-    assert reach_mm(design) == pytest.approx(15.2, abs=0.05)
+    design = default_hardware_design()
+    assert lens_reach_mm(design, design.levels.rim) == pytest.approx(12.7, abs=0.05)
+    assert lens_reach_mm(design) == pytest.approx(15.2, abs=0.05)
 
 
 @pytest.mark.parametrize(
     ("part", "field", "value"),
-    [(Shell, "led_cavity_mm", 2.0), (Base, "plate_mm", float("nan")), (Base, "mount_inset_mm", (5.75, 200.0))],
+    [
+        (ShellDimensions, "led_cavity_mm", 2.0),
+        (BaseDimensions, "plate_mm", float("nan")),
+        (BaseDimensions, "mount_inset_mm", (5.75, 200.0)),
+    ],
 )
 def test_a_dimension_out_of_its_range_is_refused(part: type, field: str, value: object) -> None:
-    with pytest.raises(DesignImpossible, match=f"{part.__name__.lower()}.{field}"):
+    with pytest.raises(DesignImpossible, match=f"{part.__name__.removesuffix('Dimensions').lower()}.{field}"):
         part(**{field: value})
 
 
 def test_a_camera_whose_lens_steps_down_is_refused() -> None:
     with pytest.raises(DesignImpossible, match="one above the other"):
-        CameraBody(collar_mm=(8.0, 9.0))
+        CameraDimensions(collar_mm=(8.0, 9.0))
 
 
 swept = st.builds(
@@ -129,8 +146,8 @@ swept = st.builds(
 @settings(max_examples=100, deadline=None)
 @given(swept, st.booleans())
 def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
-    hardware = Choice(default_hardware(design)).hardware if far else default_hardware(design)
-    for broken in broken_rules(hardware):
+    hardware = DesignChoice(default_hardware_design(design)).hardware if far else default_hardware_design(design)
+    for broken in find_broken_rules(hardware):
         assert broken.rule and broken.sentence.startswith("expected") and "got" in broken.sentence
     if far:
         assert not names(hardware) - {"pins_out_of_view", "mould_too_thin_for_the_screws"}
@@ -138,30 +155,30 @@ def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
 
 @given(st.floats(10, 60), st.floats(10, 45))
 def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float) -> None:
-    choice = Choice(default_hardware(), area_mm=(width, height))
+    choice = DesignChoice(default_hardware_design(), area_mm=(width, height))
     pins = choice.sensor.pin_board
     assert "pins_out_of_view" not in names(choice.hardware)
     for more in (replace(pins, cols=pins.cols + 1), replace(pins, rows=pins.rows + 1)):
-        assert "pins_out_of_view" in names(default_hardware(replace(choice.sensor, pin_board=more)))
+        assert "pins_out_of_view" in names(default_hardware_design(replace(choice.sensor, pin_board=more)))
 
 
 def built_or_refused(design: HardwareDesign) -> None:
     try:
         sensor = BuiltSensor(design)
-    except RulesBroken as refused:
+    except DesignRulesBroken as refused:
         assert refused.broken
         return
     assert all(len(part.solid.solids()) == 1 and part.solid.is_valid for part in sensor.parts.values())
     assert sensor.interferences == []
-    assert problems(sensor.circuit) == ()
+    assert find_violations(sensor.circuit) == ()
     require_agreement(sensor)
 
 
 def ends_of_ranges() -> list[tuple[str, str, object]]:
     """Part, dimension and the end of its range; of several numbers, one after the other at its end."""
     found: list[tuple[str, str, object]] = []
-    for name in PARTS:
-        part = getattr(default_hardware(), name)
+    for name in PART_TABLES:
+        part = getattr(default_hardware_design(), name)
         hints = get_type_hints(type(part), include_extras=True)
         for field in fields(part):
             (limits,), value = hints[field.name].__metadata__, getattr(part, field.name)
@@ -177,7 +194,7 @@ def ends_of_ranges() -> list[tuple[str, str, object]]:
 def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str, str, object]) -> None:
     """Six of some two hundred in each run."""
     part, field, value = end
-    design = default_hardware()
+    design = default_hardware_design()
     try:
         sensor = BuiltSensor(replace(design, **{part: replace(getattr(design, part), **{field: value})}))
     except DesignImpossible as refused:
@@ -190,7 +207,7 @@ def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str,
 @settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(swept)
 def test_any_design_is_a_valid_assembly_or_refused(design: SensorDesign) -> None:
-    far = Choice(default_hardware(design)).hardware
+    far = DesignChoice(default_hardware_design(design)).hardware
     area = far.sensor.sensing_area
     pins = far.sensor.pin_board
     pitch = min((area.width_mm - 1.2) / (pins.cols - 1), (area.height_mm - 1.2) / (pins.rows - 1), 2.5)
@@ -205,6 +222,6 @@ def test_any_design_is_a_valid_assembly_or_refused(design: SensorDesign) -> None
 def test_the_corners_of_the_sweep_are_built(width: float, height: float, gel: float, cols: int, rows: int) -> None:
     pitch = min(2.5, (width - 1.2) / (cols - 1), (height - 1.2) / (rows - 1))
     design = replace(sensor(width, height, gel), pin_board=PinBoard(rows, cols, pitch))
-    far = Choice(default_hardware(design)).hardware
-    assert broken_rules(far) == []
+    far = DesignChoice(default_hardware_design(design)).hardware
+    assert find_broken_rules(far) == []
     built_or_refused(far)

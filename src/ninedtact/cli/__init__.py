@@ -25,7 +25,7 @@ from ninedtact.cli.force.model import DESCRIPTION as MODEL
 from ninedtact.cli.force.model import Model
 from ninedtact.cli.force.train import Train
 from ninedtact.cli.hardware import DESCRIPTION as HARDWARE
-from ninedtact.cli.hardware import Hardware
+from ninedtact.cli.hardware import HardwareCommand
 from ninedtact.cli.info import Replay
 from ninedtact.cli.live import Live
 from ninedtact.cli.original_calibration import ExportCalibration, ImportCalibration
@@ -54,7 +54,7 @@ Command = (
     | Annotated[Estimate, tyro.conf.subcommand("estimate")]
     | Annotated[Adapt, tyro.conf.subcommand("adapt")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Hardware, tyro.conf.subcommand("hardware", description=HARDWARE)]
+    | Annotated[HardwareCommand, tyro.conf.subcommand("hardware", description=HARDWARE)]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 DESCRIPTION = "The software of the 9DTact tactile sensor: images in, calibrated millimetres out."

@@ -153,7 +153,7 @@ class Calibrate:
 
     @property
     def resolved_design(self) -> SensorDesign:
-        """The design with the ball that was given; raises `TwoDesigns`, and what `read_design` raises."""
+        """The design with the ball that was given; raises `TwoDesigns`, and what `read_design_file` raises."""
         design = self.design
         if self.design_file is not None:
             require_no_dimensions(self.design_file, self.design)

@@ -22,12 +22,12 @@ class TwoDesigns(NinedtactError):
 
 
 def design_or_published(path: Path | None) -> SensorDesign:
-    """The design in the file, or that of the published sensor; raises what `read_design` raises."""
+    """The design in the file, or that of the published sensor; raises what `read_design_file` raises."""
     if path is None:
         return SensorDesign()
-    from ninedtact.design_file import read_design
+    from ninedtact.design_file import read_design_file
 
-    return read_design(path)
+    return read_design_file(path)
 
 
 def require_one_sensor(sensor: Path | None, design: Path | None) -> None:

@@ -1,26 +1,80 @@
-"""Room between parts, from their dimensions alone. Negative: they overlap. Lengths in mm."""
+"""Distances between bodies that take more than a subtraction; negative where they overlap. Lengths in mm.
+
+Room between parts, from their dimensions alone. Negative: they overlap. Lengths in mm.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise, product
+from math import hypot, inf, sqrt
 
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.dimensions.bought import M2_MM
-from ninedtact.hardware.gaps import (
-    board_to_ceiling,
-    led_to_ring,
-    led_to_side,
-    lens_to_parts_below,
-    lens_wide_mm,
-    plug_stopped_mm,
-)
+from ninedtact.hardware.dimensions.bought_parts import M2_DIAMETER_MM
+
+
+def _lens_diameter_mm(design: HardwareDesign, above_mm: float, below_mm: float = inf) -> float:
+    """The widest step of the lens that reaches above the one level and begins below the other."""
+    camera, floor = design.camera, design.base.floor_mm
+    tops = [floor + camera.tall_mm, *(floor + top for _, top in camera.lens_mm)]
+    steps = zip(camera.lens_mm, pairwise(tops), strict=True)
+    return max((wide for (wide, _), (bottom, top) in steps if top > above_mm and bottom < below_mm), default=0.0)
+
+
+def _lens_to_parts_below_mm(design: HardwareDesign) -> float:
+    """Receptacle and LED driver below the board to the lens between them."""
+    board, levels = design.board, design.levels
+    (wide, deep, tall), (x, from_edge) = board.driver_mm, board.driver_at_mm
+    y = design.plan.circuit[1] / 2 + from_edge
+    driver = _rectangle_distance_mm(abs(x) - wide / 2, abs(y) - deep / 2)
+    receptacle = design.plan.usb_mouth - board.usb_mm[1]
+    lowest = min(levels.usb_bottom, levels.board_bottom - tall)
+    return min(driver, receptacle) - _lens_diameter_mm(design, lowest, levels.board_bottom) / 2
+
+
+def _board_to_ceiling_mm(design: HardwareDesign) -> float:
+    """The board's upper edge to the fillet between wall or boss and ceiling; to the wall where the fillet begins above it."""
+    radius, levels = design.shell.fillet_mm, design.levels
+    beside = min(design.board.gap_mm, design.board.notch_mm - design.shell.boss_mm / 2)
+    above_start = levels.board_top - (levels.ceiling - radius)
+    return radius - hypot(max(radius - beside, 0.0), above_start) if above_start > 0 else beside
+
+
+def _led_to_ring_mm(design: HardwareDesign) -> float:
+    """Nearest LED edge to the ring's square, seen from above."""
+    half, (wide, deep, _) = design.plan.ring_side / 2, design.board.led_mm
+    return min(_rectangle_distance_mm(abs(x) - wide / 2 - half, abs(y) - deep / 2 - half) for x, y in design.plan.leds)
+
+
+def _led_to_cavity_wall_mm(design: HardwareDesign) -> float:
+    """LEDs to the walls and screw bosses beside them, less what the ceiling's fillet takes at the LEDs' tops."""
+    plan, radius, (wide, deep, _) = design.plan, design.shell.fillet_mm, design.board.led_mm
+    up = max(design.levels.led_top - (design.levels.ceiling - radius), 0.0)
+    fillet = radius - sqrt(max(radius**2 - up**2, 0.0))
+    walls = [min(plan.cavity[0] / 2 - abs(x) - wide / 2, plan.cavity[1] / 2 - abs(y) - deep / 2) for x, y in plan.leds]
+    bosses = [
+        _rectangle_distance_mm(abs(x - led_x) - wide / 2, abs(y - led_y) - deep / 2) - design.shell.boss_mm / 2
+        for (x, y), (led_x, led_y) in product(plan.shell_screws, plan.leds)
+    ]
+    return min(walls + bosses) - fillet
+
+
+def _rectangle_distance_mm(along_x: float, along_y: float) -> float:
+    """Distance of two rectangles by the gaps between them along x and y; negative where they overlap."""
+    return max(along_x, along_y) if max(along_x, along_y) < 0 else hypot(max(along_x, 0.0), max(along_y, 0.0))
+
+
+def _plug_stop_distance_mm(design: HardwareDesign) -> float:
+    """How far behind the face that stops a plug's overmould the receptacle's mouth is."""
+    return design.plan.outer[1] / 2 - design.shell.relief_deep_mm - design.plan.usb_mouth
+
 
 BASE, SHELL, RING, WINDOW, TRAY = (
     (name,) for name in ("sensor_base", "sensor_shell", "isolation_ring", "acrylic_window", "calibration_board")
 )
 
-PLUG_FORGIVES_MM = 1.0
+PLUG_TOLERANCE_MM = 1.0
 """How far a plug may stop before it is home and still make contact; assumed, no cable was measured."""
-STIFFENER_FORGIVES_MM = -0.1
+STIFFENER_INTERFERENCE_MM = -0.1
 """The camera's stiffener in the original's pocket: it was built so, the corner gives way."""
 ROUNDING_MM = 1e-9
 
@@ -53,16 +107,16 @@ class Clearance:
         return self.impossible_below_mm is not None and self.mm < self.impossible_below_mm - ROUNDING_MM
 
 
-def clearances(design: HardwareDesign) -> Iterator[Clearance]:
+def list_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """All of them; those of diameters are per side."""
-    yield from round_the_board(design)
-    yield from round_the_window(design)
-    yield from round_the_camera(design)
-    yield from round_the_screws(design)
-    yield from outside(design)
+    yield from _led_board_clearances(design)
+    yield from _window_clearances(design)
+    yield from _camera_clearances(design)
+    yield from _fastener_clearances(design)
+    yield from _outer_clearances(design)
 
 
-def round_the_board(design: HardwareDesign) -> Iterator[Clearance]:
+def _led_board_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """LED board in the shell and on the base."""
     board, shell, base, levels = design.board, design.shell, design.base, design.levels
     yield Clearance("LED board, shell cavity", "board.gap_mm", board.gap_mm, 0.15, SHELL)
@@ -76,7 +130,7 @@ def round_the_board(design: HardwareDesign) -> Iterator[Clearance]:
     yield Clearance(
         "LED board, rounded ceiling of the shell",
         "board.gap_mm, shell.fillet_mm or shell.led_cavity_mm",
-        board_to_ceiling(design),
+        _board_to_ceiling_mm(design),
         0.05,
         (*SHELL, *BASE),
     )
@@ -105,11 +159,11 @@ def round_the_board(design: HardwareDesign) -> Iterator[Clearance]:
     yield Clearance("micro-USB receptacle, base plate", "base.post_tall_mm", levels.usb_bottom - levels.plate_top, 0.3)
     driver_bottom = levels.board_bottom - board.driver_mm[2]
     yield Clearance("LED driver, base plate", "base.post_tall_mm", driver_bottom - levels.plate_top, 0.3)
-    yield Clearance("LED, isolation ring", "board.led_inset_mm or shell.hole_mm", led_to_ring(design), 0.1)
-    yield Clearance("LED, side of the shell's lower cavity", "board.led_inset_mm", led_to_side(design), 0.1)
+    yield Clearance("LED, isolation ring", "board.led_inset_mm or shell.hole_mm", _led_to_ring_mm(design), 0.1)
+    yield Clearance("LED, side of the shell's lower cavity", "board.led_inset_mm", _led_to_cavity_wall_mm(design), 0.1)
 
 
-def round_the_window(design: HardwareDesign) -> Iterator[Clearance]:
+def _window_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Window and ring in the shell."""
     shell, ring, levels = design.shell, design.ring, design.levels
     yield Clearance("isolation ring, window hole of the shell", "ring.gap_mm", ring.gap_mm, 0.03, (*RING, *SHELL))
@@ -126,11 +180,14 @@ def round_the_window(design: HardwareDesign) -> Iterator[Clearance]:
     )
 
 
-def round_the_camera(design: HardwareDesign) -> Iterator[Clearance]:
+def _camera_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Camera in base, board and ring."""
     camera, base, levels = design.camera, design.base, design.levels
     yield Clearance(
-        "lens, parts below the LED board", "board.driver_at_mm or board.usb_beyond_mm", lens_to_parts_below(design), 0.3
+        "lens, parts below the LED board",
+        "board.driver_at_mm or board.usb_beyond_mm",
+        _lens_to_parts_below_mm(design),
+        0.3,
     )
     yield Clearance(
         "camera body, LED board", "base.post_tall_mm", levels.board_bottom - (base.floor_mm + camera.tall_mm), 0.3
@@ -138,13 +195,13 @@ def round_the_camera(design: HardwareDesign) -> Iterator[Clearance]:
     yield Clearance(
         "lens head, hole of the LED board",
         "board.lens_hole_mm",
-        (design.board.lens_hole_mm - lens_wide_mm(design, levels.board_bottom)) / 2,
+        (design.board.lens_hole_mm - _lens_diameter_mm(design, levels.board_bottom)) / 2,
         0.1,
     )
     yield Clearance(
         "lens head, bore of the ring",
         "ring.bore_mm",
-        (design.ring.bore_mm - lens_wide_mm(design, levels.ring_bottom)) / 2,
+        (design.ring.bore_mm - _lens_diameter_mm(design, levels.ring_bottom)) / 2,
         0.05,
         RING,
     )
@@ -160,7 +217,7 @@ def round_the_camera(design: HardwareDesign) -> Iterator[Clearance]:
     )
     behind = base.pocket_back_mm - camera.stiffener_mm
     yield Clearance(
-        "camera stiffener, shoulder of the pocket", "base.pocket_back_mm", behind, 0.1, BASE, STIFFENER_FORGIVES_MM
+        "camera stiffener, shoulder of the pocket", "base.pocket_back_mm", behind, 0.1, BASE, STIFFENER_INTERFERENCE_MM
     )
     yield Clearance(
         "flat cable, channel", "base.channel_wide_mm", (base.channel_wide_mm - camera.cable_mm[0]) / 2, 0.15, BASE
@@ -170,14 +227,16 @@ def round_the_camera(design: HardwareDesign) -> Iterator[Clearance]:
     )
 
 
-def round_the_screws(design: HardwareDesign) -> Iterator[Clearance]:
+def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Screws, inserts and the USB plug."""
     base, fasteners = design.base, design.fasteners
     head, tall = fasteners.head_mm
     yield Clearance(
-        "screw shank, hole of the base", "base.shell_screw_mm", (base.shell_screw_mm - M2_MM) / 2, 0.1, BASE
+        "screw shank, hole of the base", "base.shell_screw_mm", (base.shell_screw_mm - M2_DIAMETER_MM) / 2, 0.1, BASE
     )
-    yield Clearance("bolt of the robot, hole of the base", "base.bolt_mm", (base.bolt_mm - M2_MM) / 2, 0.1, BASE)
+    yield Clearance(
+        "bolt of the robot, hole of the base", "base.bolt_mm", (base.bolt_mm - M2_DIAMETER_MM) / 2, 0.1, BASE
+    )
     yield Clearance("screw head, counterbore", "base.counterbore_mm", (base.counterbore_mm - head) / 2, 0.05, BASE)
     yield Clearance(
         "screw head below the base's face", "base.counterbore_deep_mm", base.counterbore_deep_mm - tall, 0.0
@@ -199,7 +258,7 @@ def round_the_screws(design: HardwareDesign) -> Iterator[Clearance]:
     )
 
 
-def outside(design: HardwareDesign) -> Iterator[Clearance]:
+def _outer_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """What is slid over the sensor, or into it."""
     slot_bottom = design.levels.plate_top + design.shell.slot_from_mm
     yield Clearance("calibration board, shell", "pin_frame.gap_mm", design.pin_frame.gap_mm, 0.1, (*TRAY, *SHELL))
@@ -210,7 +269,7 @@ def outside(design: HardwareDesign) -> Iterator[Clearance]:
         0.0,
         SHELL,
     )
-    spare, forgiven = PLUG_FORGIVES_MM - plug_stopped_mm(design), None if design.variant == "original" else 0.0
+    spare, forgiven = PLUG_TOLERANCE_MM - _plug_stop_distance_mm(design), None if design.variant == "original" else 0.0
     yield Clearance(
         "plug's overmould, mouth of the receptacle",
         "shell.relief_left_mm, shell.relief_wide_mm or board.usb_beyond_mm",

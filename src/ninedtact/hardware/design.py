@@ -2,29 +2,48 @@
 
 Assembly frame: x along the long side, y along the short side, z towards the skin; origin in the middle of the base's
 outer bottom face; the optical axis is z; cable and USB leave at -y.
+
+A design file read with its hardware: `[hardware.shell]` and so on change the parts of a variant.
 """
 
-from dataclasses import dataclass
+import tomllib
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import tomli_w
 
 from ninedtact.design import SensorDesign
-from ninedtact.hardware.dimensions.base import ORIGINAL_BASE, Base
-from ninedtact.hardware.dimensions.bought import (
+from ninedtact.design_file import (
+    HARDWARE_TABLE,
+    DesignFileUnreadable,
+    convert_design_tables,
+    design_to_toml,
+    read_design_tables,
+    sensor_design_from_tables,
+)
+from ninedtact.hardware.assembly_dimensions import PlanView, StackHeights
+from ninedtact.hardware.dimensions.bought_parts import (
     ORIGINAL_BOARD,
     ORIGINAL_FASTENERS,
-    Board,
-    CameraBody,
-    Fasteners,
+    CameraDimensions,
+    FastenerDimensions,
+    LedBoardDimensions,
 )
-from ninedtact.hardware.dimensions.gels import ORIGINAL_MOULDS, Gels, Moulds
-from ninedtact.hardware.dimensions.pin_frame import PinFrame
-from ninedtact.hardware.dimensions.ring import ORIGINAL_RING, Ring, Window
-from ninedtact.hardware.dimensions.shell import ORIGINAL_SHELL, Shell
-from ninedtact.hardware.levels import Levels
-from ninedtact.hardware.plan import Plan
+from ninedtact.hardware.dimensions.gels_and_moulds import ORIGINAL_MOULDS, GelLayerDimensions, MouldDimensions
+from ninedtact.hardware.dimensions.printed_parts import (
+    ORIGINAL_BASE,
+    ORIGINAL_RING,
+    ORIGINAL_SHELL,
+    BaseDimensions,
+    CalibrationBoardDimensions,
+    IsolationRingDimensions,
+    ShellDimensions,
+    WindowDimensions,
+)
 
-Variant = Literal["default", "original"]
+DesignVariant = Literal["default", "original"]
 
 
 @dataclass(frozen=True)
@@ -32,37 +51,37 @@ class HardwareDesign:
     """Choices of every part; `plan` and `levels` are what follows from them."""
 
     sensor: SensorDesign = SensorDesign()
-    variant: Variant = "default"
-    base: Base = Base()
-    shell: Shell = Shell()
-    ring: Ring = Ring()
-    window: Window = Window()
-    board: Board = Board()
-    camera: CameraBody = CameraBody()
-    gels: Gels = Gels()
-    moulds: Moulds = Moulds()
-    pin_frame: PinFrame = PinFrame()
-    fasteners: Fasteners = Fasteners()
+    variant: DesignVariant = "default"
+    base: BaseDimensions = BaseDimensions()
+    shell: ShellDimensions = ShellDimensions()
+    ring: IsolationRingDimensions = IsolationRingDimensions()
+    window: WindowDimensions = WindowDimensions()
+    board: LedBoardDimensions = LedBoardDimensions()
+    camera: CameraDimensions = CameraDimensions()
+    gels: GelLayerDimensions = GelLayerDimensions()
+    moulds: MouldDimensions = MouldDimensions()
+    pin_frame: CalibrationBoardDimensions = CalibrationBoardDimensions()
+    fasteners: FastenerDimensions = FastenerDimensions()
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> PlanView:
         """Widths and places in x and y."""
         around = self.base, self.shell, self.ring, self.window, self.board
-        return Plan(self.sensor, *around, self.gels, self.moulds, self.pin_frame)
+        return PlanView(self.sensor, *around, self.gels, self.moulds, self.pin_frame)
 
     @cached_property
-    def levels(self) -> Levels:
+    def levels(self) -> StackHeights:
         """Heights."""
         around = self.base, self.shell, self.ring, self.window, self.board
-        return Levels(self.sensor, *around, self.camera, self.gels)
+        return StackHeights(self.sensor, *around, self.camera, self.gels)
 
 
-def default_hardware(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
+def default_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
     """With the improvements that docs/hardware.md lists."""
     return HardwareDesign(sensor)
 
 
-def original_hardware(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
+def original_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
     """With the dimensions of the original 9DTact."""
     return HardwareDesign(
         sensor,
@@ -76,6 +95,65 @@ def original_hardware(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
     )
 
 
-def hardware_for(sensor: SensorDesign, variant: Variant) -> HardwareDesign:
+def hardware_design_of_variant(sensor: SensorDesign, variant: DesignVariant) -> HardwareDesign:
     """The variant by its name."""
-    return original_hardware(sensor) if variant == "original" else default_hardware(sensor)
+    return original_hardware_design(sensor) if variant == "original" else default_hardware_design(sensor)
+
+
+PART_TABLES = tuple(field.name for field in fields(HardwareDesign) if field.name not in ("sensor", "variant"))
+VARIANT_KEY = "variant"
+
+
+def read_hardware_design(path: Path | str | None, variant: DesignVariant) -> HardwareDesign:
+    """The variant with what the file says, its own where it names one; the published sensor if there is none.
+
+    Raises what `read_design_file` raises.
+    """
+    if path is None:
+        return hardware_design_of_variant(SensorDesign(), variant)
+    tables = read_design_tables(path)
+    hardware = tables.get(HARDWARE_TABLE, {})
+    named, parts = _split_variant(hardware, variant, path)
+    return _replace_dimensions(hardware_design_of_variant(sensor_design_from_tables(tables, path), named), parts, path)
+
+
+def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> tuple[DesignVariant, Any]:
+    """The variant that the tables name, or this one; and the tables without it."""
+    if not isinstance(hardware, dict) or VARIANT_KEY not in hardware:
+        return variant, hardware
+    named = hardware[VARIANT_KEY]
+    if named not in get_args(DesignVariant):
+        raise DesignFileUnreadable(
+            f"expected hardware.variant of {path} to be one of {', '.join(get_args(DesignVariant))}, got {named!r}; correct it"
+        )
+    return named, {name: table for name, table in hardware.items() if name != VARIANT_KEY}
+
+
+def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
+    """A design with these tables' dimensions in place of its own."""
+    if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
+        raise DesignFileUnreadable(
+            f"expected [hardware] of {path} to hold tables, got values; write [hardware.shell] and the like"
+        )
+    if unknown := [name for name in tables if name not in PART_TABLES]:
+        raise DesignFileUnreadable(
+            f"expected [hardware] tables {', '.join(PART_TABLES)}, got {unknown[0]!r} in {path}; correct or remove it"
+        )
+    new = {name: _convert_part(getattr(design, name), table, path) for name, table in tables.items()}
+    return replace(design, **new)
+
+
+def _convert_part(part: Any, table: dict[str, Any], path: Path | str) -> Any:
+    """One part with this table's dimensions."""
+    return convert_design_tables({**_to_toml_tables(part), **table}, type(part), path)
+
+
+def _to_toml_tables(part: Any) -> dict[str, Any]:
+    """As TOML would give it back."""
+    return tomllib.loads(tomli_w.dumps(asdict(part)))
+
+
+def hardware_design_to_toml(design: HardwareDesign) -> str:
+    """Every dimension, as `read_hardware_design` reads it for the same variant."""
+    parts = {name: asdict(getattr(design, name)) for name in PART_TABLES}
+    return f"{design_to_toml(design.sensor)}\n{tomli_w.dumps({HARDWARE_TABLE: {VARIANT_KEY: design.variant, **parts}})}"

@@ -1,4 +1,7 @@
-"""What parts are made of: density, colour in images, and where the density comes from."""
+"""What parts are made of: density, colour in images, and where the density comes from.
+
+The paper's silicones: what is mixed for each layer, how long it cures (docs/references.md#9dtact).
+"""
 
 from dataclasses import dataclass
 
@@ -31,7 +34,7 @@ CAMERA = Material("camera module", 1.4, "assumed: plastic barrel, glass, board",
 BRASS = Material("brass", 8.5, "handbook value", (205, 170, 80))
 STEEL = Material("steel", 7.85, "handbook value", (150, 155, 160))
 
-MADE_OF = {
+MATERIAL_OF_PART = {
     "sensor_base": BLACK_PLASTIC,
     "sensor_shell": WHITE_NYLON,
     "isolation_ring": BLACK_PRINT,
@@ -49,3 +52,32 @@ MADE_OF = {
     "screw": STEEL,
 }
 """By the part's name."""
+
+
+WASTE_FACTOR = 1.5
+"""Silicone stays in cups and overflows moulds."""
+
+
+@dataclass(frozen=True)
+class Silicone:
+    """One of the three layers."""
+
+    part: str
+    product: str
+    ratio: str
+    """Of its two components, by weight."""
+    cure: str
+
+    def grams(self, volume_mm3: float) -> float:
+        """To mix for a layer of this volume: what it weighs, and what stays in the cup."""
+        return volume_mm3 / 1000 * MATERIAL_OF_PART[self.part].g_per_cm3 * WASTE_FACTOR
+
+
+TRANSPARENT_SILICONE = Silicone(
+    "transparent_gel", "Hongye Jie 9345 (Shore A 45)", "1 : 1", "4 h at 25 °C, then 6 h at 50 °C"
+)
+TRANSLUCENT_SILICONE = Silicone("translucent_gel", "Posilicone DRSGJ02 (Shore A 5)", "1 : 1", "6 h at 25 °C")
+BLACK_GEL_SILICONE = Silicone(
+    "black_gel", "Ecoflex 00-30 with black silicone pigment", "1 : 1", "as its maker says: 4 h at room temperature"
+)
+SILICONES = TRANSPARENT_SILICONE, TRANSLUCENT_SILICONE, BLACK_GEL_SILICONE

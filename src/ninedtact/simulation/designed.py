@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from ninedtact.design import ACRYLIC, SILICONE, SensorDesign
+from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, SensorDesign
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.simulation.image import Renderer
 from ninedtact.simulation.light import Light
@@ -79,7 +79,7 @@ def designed_lens(design: SensorDesign) -> WideLens:
 def optical_mm(design: SensorDesign) -> float:
     """Radius gained per radian near the axis, on the way through air, acrylic and silicone."""
     silicone = max(design.camera.distance_mm - AIR_MM - ACRYLIC_MM, 0.0)
-    return AIR_MM + ACRYLIC_MM / ACRYLIC + silicone / SILICONE
+    return AIR_MM + ACRYLIC_MM / ACRYLIC_REFRACTIVE_INDEX + silicone / SILICONE_REFRACTIVE_INDEX
 
 
 def lit_alike(view: View, design: SensorDesign) -> View:

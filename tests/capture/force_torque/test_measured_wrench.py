@@ -147,12 +147,12 @@ def test_the_mount_turns_what_the_device_feels_into_what_the_object_does_to_the_
         wrench = source.read()
     assert wrench.force_n == pytest.approx([-2, -1, 3]) and wrench.torque_nm == pytest.approx([-0.2, -0.1, 0.3])
     assert wrench.about_mm.tolist() == [1, 2, -40]
-    with pytest.raises(DesignImpossible, match="turned_deg"):
-        ForceTorqueMount(turned_deg=(0, 0, float("nan")))
+    with pytest.raises(DesignImpossible, match="rotation_deg"):
+        ForceTorqueMount(rotation_deg=(0, 0, float("nan")))
 
 
 def test_measured_is_all_of_them_in_order() -> None:
-    mount = ForceTorqueMount(turned_deg=(0.0, 0.0, 90.0))
+    mount = ForceTorqueMount(rotation_deg=(0.0, 0.0, 90.0))
     pressed = BIAS + np.array([2.0, 0, -3.0, 0, 0, 0])
     played = Played([*noisy(1001, BIAS), *noisy(50, pressed), np.array([0, 0, -30, 0, 0, 0]), *noisy(50, pressed)])
     settings = WrenchPipelineSettings(SampleCheckSettings(range_n=(30, 30, 30)))

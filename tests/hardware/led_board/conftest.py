@@ -4,19 +4,19 @@ import pytest
 
 pytest.importorskip("shapely", reason="expected the extra [hardware]; install it")
 
-from ninedtact.hardware.led_board.design import LedBoard
-from ninedtact.hardware.led_board.export import write_led_board
-from ninedtact.hardware.led_board.layout import Layout, lay_out
+from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.fabrication_files import write_led_board
+from ninedtact.hardware.led_board.layout import BoardLayout, lay_out_board
 
 
 @pytest.fixture(scope="session")
-def improved() -> Layout:
-    return lay_out(LedBoard())
+def improved() -> BoardLayout:
+    return lay_out_board(LedBoard())
 
 
 @pytest.fixture(scope="session")
-def original() -> Layout:
-    return lay_out(LedBoard.original())
+def original() -> BoardLayout:
+    return lay_out_board(LedBoard.original())
 
 
 @pytest.fixture(scope="session")

@@ -10,27 +10,26 @@ from gerbonara import LayerStack
 from read_back import edge_of, hits_of, shape_of, slots_of
 from shapely import LineString, Point, union_all
 
-from ninedtact.hardware.led_board.check import pieces
-from ninedtact.hardware.led_board.copper import bare_board, hole_polygon, pad_polygon
-from ninedtact.hardware.led_board.design import LedBoard
-from ninedtact.hardware.led_board.designators import body, designators
-from ninedtact.hardware.led_board.export import contents, write_led_board
-from ninedtact.hardware.led_board.layout import Layout, lay_out
-from ninedtact.hardware.led_board.outline import BoardOutline
-from ninedtact.hardware.led_board.placement import Side
-from ninedtact.hardware.led_board.refusal import BoardImpossible
+from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.board_outline import BoardOutline, LedBoardImpossible
+from ninedtact.hardware.led_board.components import BoardSide
+from ninedtact.hardware.led_board.copper_geometry import bare_board_polygon, hole_polygon, pad_polygon
+from ninedtact.hardware.led_board.design_rule_check import list_copper_pieces
+from ninedtact.hardware.led_board.fabrication_files import build_board_files, write_led_board
+from ninedtact.hardware.led_board.layout import BoardLayout, lay_out_board
+from ninedtact.hardware.led_board.silkscreen import component_outline, place_designators
 
 PUBLISHED_AREA_MM2 = 551.23
 """Of the outline, lens hole not taken out."""
-SIDES: list[tuple[Side, str]] = [("top", "F"), ("bottom", "B")]
+SIDES: list[tuple[BoardSide, str]] = [("top", "F"), ("bottom", "B")]
 
 
 def gerber(folder: Path, name: str) -> Path:
     return folder / "gerbers" / f"led_board-{name}"
 
 
-def test_the_outline_read_back_is_the_boards(folder: Path, improved: Layout) -> None:
-    read, meant = edge_of(gerber(folder, "Edge_Cuts.gbr")), bare_board(improved.board.outline)
+def test_the_outline_read_back_is_the_boards(folder: Path, improved: BoardLayout) -> None:
+    read, meant = edge_of(gerber(folder, "Edge_Cuts.gbr")), bare_board_polygon(improved.board.outline)
     assert read.bounds == pytest.approx((-14, -10.5, 14, 10.5), abs=1e-5)
     assert read.symmetric_difference(meant).area < 0.05
     lens = 3.14159265 * 5.1**2
@@ -39,50 +38,50 @@ def test_the_outline_read_back_is_the_boards(folder: Path, improved: Layout) -> 
 
 @pytest.mark.parametrize("outline", [BoardOutline(40, 30), BoardOutline(64, 48, notch_radius_mm=3.5)])
 def test_other_outlines_read_back(outline: BoardOutline, tmp_path: Path) -> None:
-    from ninedtact.hardware.led_board.edge import edges
-    from ninedtact.hardware.led_board.gerber import outlined
+    from ninedtact.hardware.led_board.board_outline import outline_segments
+    from ninedtact.hardware.led_board.gerber_and_drill import format_gerber_outline
 
-    (tmp_path / "edge.gbr").write_text(outlined(edges(outline)))
-    assert edge_of(tmp_path / "edge.gbr").symmetric_difference(bare_board(outline)).area < 0.08
+    (tmp_path / "edge.gbr").write_text(format_gerber_outline(outline_segments(outline)))
+    assert edge_of(tmp_path / "edge.gbr").symmetric_difference(bare_board_polygon(outline)).area < 0.08
 
 
-def test_the_originals_board_has_the_published_volume(original: Layout) -> None:
+def test_the_originals_board_has_the_published_volume(original: BoardLayout) -> None:
     """Small drills left in, as the published volume has it."""
     outline = original.board.outline
     holes = sum(hole_polygon(hole).area for hole in original.holes if not hole.plated and hole.width_mm > 1)
-    assert (bare_board(outline).area - holes) * outline.thickness_mm == pytest.approx(372.50, rel=1e-3)
+    assert (bare_board_polygon(outline).area - holes) * outline.thickness_mm == pytest.approx(372.50, rel=1e-3)
 
 
 @pytest.mark.parametrize(("side", "letter"), SIDES)
-def test_copper_read_back_is_the_boards(folder: Path, improved: Layout, side: Side, letter: str) -> None:
-    meant = union_all([piece.shape for piece in pieces(improved) if side in piece.sides])
+def test_copper_read_back_is_the_boards(folder: Path, improved: BoardLayout, side: BoardSide, letter: str) -> None:
+    meant = union_all([piece.shape for piece in list_copper_pieces(improved) if side in piece.sides])
     read = shape_of(gerber(folder, f"{letter}_Cu.gbr"))
     assert read.symmetric_difference(meant).area < 0.001 * meant.area
 
 
 @pytest.mark.parametrize(("side", "letter"), SIDES)
-def test_every_pad_is_open_in_the_mask(folder: Path, improved: Layout, side: Side, letter: str) -> None:
+def test_every_pad_is_open_in_the_mask(folder: Path, improved: BoardLayout, side: BoardSide, letter: str) -> None:
     mask = shape_of(gerber(folder, f"{letter}_Mask.gbr"))
     bare = union_all([pad_polygon(pad) for pad in improved.pads if side in pad.sides])
     assert mask.buffer(1e-4).contains(bare)
     assert mask.area < bare.buffer(0.0501, join_style="mitre").area
 
 
-def test_paste_stays_on_pads(folder: Path, improved: Layout) -> None:
+def test_paste_stays_on_pads(folder: Path, improved: BoardLayout) -> None:
     for side, letter in SIDES:
         pads = union_all([pad_polygon(pad) for pad in improved.pads if pad.sides == (side,)])
         assert pads.buffer(1e-4).contains(shape_of(gerber(folder, f"{letter}_Paste.gbr")))
 
 
-def test_marks_keep_off_pads_and_edges(folder: Path, improved: Layout) -> None:
+def test_marks_keep_off_pads_and_edges(folder: Path, improved: BoardLayout) -> None:
     for _, letter in SIDES:
         marks = shape_of(gerber(folder, f"{letter}_Silkscreen.gbr"))
         assert marks.area > 0
         assert marks.distance(shape_of(gerber(folder, f"{letter}_Mask.gbr"))) > 0.05
-        assert marks.distance(bare_board(improved.board.outline).boundary) > 0.1
+        assert marks.distance(bare_board_polygon(improved.board.outline).boundary) > 0.1
 
 
-def test_hits_are_the_holes(folder: Path, improved: Layout) -> None:
+def test_hits_are_the_holes(folder: Path, improved: BoardLayout) -> None:
     for plated, name in ((True, "PTH.drl"), (False, "NPTH.drl")):
         drilled = [hole for hole in improved.holes if hole.plated == plated and hole.start_mm == hole.end_mm]
         meant = sorted((round(hole.start_mm[0], 4), round(hole.start_mm[1], 4), hole.width_mm) for hole in drilled)
@@ -109,7 +108,7 @@ def test_the_archive_holds_the_gerbers(folder: Path) -> None:
     assert names == {file.name for file in (folder / "gerbers").iterdir()} | {"led_board_notes.txt"}
 
 
-def test_lists_name_every_part_once(folder: Path, improved: Layout) -> None:
+def test_lists_name_every_part_once(folder: Path, improved: BoardLayout) -> None:
     bom = list(csv.DictReader((folder / "led_board_bom.csv").open()))
     places = list(csv.DictReader((folder / "led_board_placement.csv").open()))
     references = {part.reference for part in improved.parts}
@@ -121,27 +120,27 @@ def test_lists_name_every_part_once(folder: Path, improved: Layout) -> None:
     assert (first["Mid X"], first["Mid Y"], first["Layer"]) == ("-8.800mm", "7.500mm", "Top")
 
 
-def test_gerbers_and_placement_have_one_origin(folder: Path, improved: Layout) -> None:
+def test_gerbers_and_placement_have_one_origin(folder: Path, improved: BoardLayout) -> None:
     """Every pad, put where the placement list says that its part is, lies on an opening of the mask."""
     parts = {part.reference: part for part in improved.parts}
     masks = {"Top": shape_of(gerber(folder, "F_Mask.gbr")), "Bottom": shape_of(gerber(folder, "B_Mask.gbr"))}
     for row in csv.DictReader((folder / "led_board_placement.csv").open()):
         at = float(row["Mid X"].removesuffix("mm")), float(row["Mid Y"].removesuffix("mm"))
-        told = replace(parts[row["Designator"]], at_mm=at, turned_deg=float(row["Rotation"]))
+        told = replace(parts[row["Designator"]], at_mm=at, rotation_deg=float(row["Rotation"]))
         for land in told.part.footprint.lands:
             assert masks[row["Layer"]].contains(Point(told.onto_board(land.at_mm))), (row["Designator"], land.number)
 
 
 @pytest.mark.parametrize("size", [(28.0, 21.0), (64.0, 48.0)])
 def test_every_part_has_its_name_beside_it(size: tuple[float, float]) -> None:
-    layout = lay_out(LedBoard.for_size(*size))
+    layout = lay_out_board(LedBoard.for_size(*size))
     for side, _ in SIDES:
         meant = {part.reference: part for part in layout.parts if part.side == side}
-        words = designators(layout, side)
+        words = place_designators(layout, side)
         assert {word.reference for word in words} == set(meant)
         for word in words:
             line = LineString(word.lines[0])
-            assert min(meant, key=lambda name: body(meant[name]).distance(line)) == word.reference
+            assert min(meant, key=lambda name: component_outline(meant[name]).distance(line)) == word.reference
 
 
 def test_notes_tell_the_thickness(folder: Path) -> None:
@@ -155,11 +154,11 @@ def test_the_original_is_written_with_a_warning(tmp_path: Path) -> None:
 
 
 def test_a_faulty_board_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(BoardImpossible):
+    with pytest.raises(LedBoardImpossible):
         write_led_board(LedBoard(usb_contact_mm=1.5), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_the_same_board_gives_the_same_files(improved: Layout, folder: Path) -> None:
-    for name, content in contents(improved).items():
+def test_the_same_board_gives_the_same_files(improved: BoardLayout, folder: Path) -> None:
+    for name, content in build_board_files(improved).items():
         assert (folder / name).read_bytes() == content, name

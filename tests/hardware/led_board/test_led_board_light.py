@@ -7,29 +7,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ninedtact.design import DesignImpossible
-from ninedtact.hardware.design_file import read_hardware
-from ninedtact.hardware.led_board.current import led_light, resistor_for
-from ninedtact.hardware.led_board.layout import lay_out
-from ninedtact.hardware.led_board.refusal import BoardImpossible
-from ninedtact.hardware.led_board.tables import notes
-from ninedtact.hardware.mounted_board import led_board_of
+from ninedtact.hardware.design import read_hardware_design
+from ninedtact.hardware.led_board.board_design import led_board_for_design
+from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
+from ninedtact.hardware.led_board.fabrication_files import format_fabrication_notes
+from ninedtact.hardware.led_board.layout import lay_out_board
+from ninedtact.hardware.led_board.led_current import compute_operating_point, resistor_for_brightness
 
 
 @pytest.mark.parametrize(("ohm", "total_ma", "led_ma", "watt"), [(20_000, 90, 11.25, 0.18), (3_750, 480, 60, 0.96)])
 def test_the_two_resistors_of_the_published_board(ohm: float, total_ma: float, led_ma: float, watt: float) -> None:
-    light = led_light(ohm)
+    light = compute_operating_point(ohm)
     assert (light.total_ma, light.led_ma, light.driver_w) == pytest.approx((total_ma, led_ma, watt))
 
 
 def test_the_usual_resistor_is_brightness_one() -> None:
-    assert led_light(20_000).relative_brightness == 1
-    assert led_light(10_000).relative_brightness == 2
+    assert compute_operating_point(20_000).relative_brightness == 1
+    assert compute_operating_point(10_000).relative_brightness == 2
 
 
 @given(ohm=st.floats(3_750, 30_000))
 def test_brightness_and_resistor_are_inverse(ohm: float) -> None:
-    light = led_light(ohm)
-    assert resistor_for(light.relative_brightness) == pytest.approx(ohm)
+    light = compute_operating_point(ohm)
+    assert resistor_for_brightness(light.relative_brightness) == pytest.approx(ohm)
     assert light.needs_asking == (light.total_ma > 100)
 
 
@@ -37,12 +37,12 @@ def test_a_design_file_sets_the_resistor(tmp_path: Path) -> None:
     path = tmp_path / "bright.toml"
     path.write_text("[hardware.board]\nresistor_ohm = 10000\n")
     for variant in ("default", "original"):
-        board = led_board_of(read_hardware(path, variant))
+        board = led_board_for_design(read_hardware_design(path, variant))
         assert board.resistor_ohm == 10_000
-        assert "180 mA in all" in notes(lay_out(board))
+        assert "180 mA in all" in format_fabrication_notes(lay_out_board(board))
     path.write_text("[hardware.board]\nresistor_ohm = 100\n")
     with pytest.raises(DesignImpossible, match=r"board.resistor_ohm from 1200 to 30000, got 100"):
-        read_hardware(path, "default")
+        read_hardware_design(path, "default")
 
 
 @pytest.mark.parametrize(
@@ -57,11 +57,11 @@ def test_a_design_file_sets_the_resistor(tmp_path: Path) -> None:
     ],
 )
 def test_limits_are_named(ohm: float, leds: int, word: str) -> None:
-    with pytest.raises(BoardImpossible, match=rf"expected .*{word}.*, got .*; "):
-        led_light(ohm, leds)
+    with pytest.raises(LedBoardImpossible, match=rf"expected .*{word}.*, got .*; "):
+        compute_operating_point(ohm, leds)
 
 
 @pytest.mark.parametrize("brightness", [0, -1, float("nan"), 100, 0.1])
 def test_brightness_out_of_reach_is_refused(brightness: float) -> None:
-    with pytest.raises(BoardImpossible):
-        resistor_for(brightness)
+    with pytest.raises(LedBoardImpossible):
+        resistor_for_brightness(brightness)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from ninedtact.hardware.led_board.design import LedBoard
-from ninedtact.hardware.led_board.layout import Layout
-from ninedtact.hardware.led_board.netlist import netlist
+from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.layout import BoardLayout
+from ninedtact.hardware.led_board.pads import build_netlist
 
 LEDS = range(1, 9)
 PUBLISHED = {
@@ -25,7 +25,7 @@ PUBLISHED_PLACES = {
 
 
 def named(board: LedBoard) -> dict[str, set[str]]:
-    return {net.name: set(net.pins) for net in netlist(board)}
+    return {net.name: set(net.pins) for net in build_netlist(board)}
 
 
 def test_the_original_has_the_published_nets() -> None:
@@ -38,27 +38,27 @@ def test_the_improved_board_adds_a_capacitor_and_ties_the_shield() -> None:
 
 @pytest.mark.parametrize("board", [LedBoard(), LedBoard.original()], ids=["improved", "original"])
 def test_no_pin_is_in_two_nets(board: LedBoard) -> None:
-    pins = [pin for net in netlist(board) for pin in net.pins]
+    pins = [pin for net in build_netlist(board) for pin in net.pins]
     assert len(pins) == len(set(pins))
 
 
-def test_every_pin_of_the_netlist_is_a_pad(improved: Layout, original: Layout) -> None:
+def test_every_pin_of_the_netlist_is_a_pad(improved: BoardLayout, original: BoardLayout) -> None:
     for layout in (improved, original):
         pads = {pad.pin: pad.net for pad in layout.pads}
         assert {pin: net.name for net in layout.nets for pin in net.pins} == {p: n for p, n in pads.items() if n}
 
 
-def test_open_pins_stay_open(improved: Layout) -> None:
+def test_open_pins_stay_open(improved: BoardLayout) -> None:
     assert {pad.pin for pad in improved.pads if pad.net is None} == {"U1.7", "USB3.2", "USB3.3", "USB3.4"}
 
 
-def test_the_original_has_its_parts_where_they_were_published(original: Layout) -> None:
+def test_the_original_has_its_parts_where_they_were_published(original: BoardLayout) -> None:
     places = {part.reference: part.at_mm for part in original.parts}
     for reference, place in PUBLISHED_PLACES.items():
         assert places[reference] == pytest.approx(place, abs=0.011), reference
 
 
-def test_pads_lie_where_they_were_published(original: Layout) -> None:
+def test_pads_lie_where_they_were_published(original: BoardLayout) -> None:
     places = {pad.pin: pad.at_mm for pad in original.pads}
     assert places["USB3.6"] == pytest.approx((-3.23, -5.94), abs=0.01)
     assert places["USB3.9"][1] == pytest.approx(-8.688)
@@ -70,6 +70,6 @@ def test_pads_lie_where_they_were_published(original: Layout) -> None:
     assert {round(pad.at_mm[0], 2) for pad in original.pads if pad.pin in ("U1.1", "U1.4")} == {0.72}
 
 
-def test_improved_leds_are_centred(improved: Layout) -> None:
+def test_improved_leds_are_centred(improved: BoardLayout) -> None:
     places = [part.at_mm for part in improved.parts if part.side == "top"]
     assert sorted(places) == sorted((x, y) for x in (-8.8, 0, 8.8) for y in (-7.5, 0, 7.5) if (x, y) != (0, 0))

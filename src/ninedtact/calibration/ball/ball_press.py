@@ -19,7 +19,7 @@ from scipy.optimize import isotonic_regression, minimize
 
 from ninedtact.calibration.ball.contact_circle import ContactCircle
 from ninedtact.calibration.brightness import smoothed
-from ninedtact.design import BallGauge, Camera
+from ninedtact.design import BallGauge, CameraGeometry
 from ninedtact.quantities import Coverage, Rectified
 from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, Smoothing
 from ninedtact.shape.rectification import skin_grid_mm
@@ -97,7 +97,7 @@ class BallPress:
     after: Rectified
     circle: ContactCircle
     ball: BallGauge
-    camera: Camera
+    camera: CameraGeometry
     smoothing: Smoothing
 
     def about(self, centre_px: Float[Array, "2"]) -> "BallPress":

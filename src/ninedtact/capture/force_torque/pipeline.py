@@ -82,7 +82,7 @@ class MountedWrenchSource(WrenchSource):
 def _mount_rotation(mount: ForceTorqueMount) -> Float64[Array, "3 3"]:
     """Return the rotation from the frame of the device to the sensor frame: about x, then y, then z of the sensor."""
     matrix = np.eye(3)
-    for axis, angle in enumerate(np.radians(mount.turned_deg)):
+    for axis, angle in enumerate(np.radians(mount.rotation_deg)):
         one, other = (axis + 1) % 3, (axis + 2) % 3
         about = np.eye(3)
         about[[one, other], [one, other]] = np.cos(angle)

@@ -88,7 +88,7 @@ class Dataset:
 
     @property
     def settings(self) -> "DatasetSettings":
-        """As the simulation names it; raises `DatasetImpossible`, `PopulationImpossible`, and what `read_design` raises."""
+        """As the simulation names it; raises `DatasetImpossible`, `PopulationImpossible`, and what `read_design_file` raises."""
         from ninedtact.dataset.generation.settings import DatasetSettings, Shares
         from ninedtact.simulation.population.parts import Kinds
 

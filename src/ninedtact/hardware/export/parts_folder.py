@@ -1,93 +1,131 @@
-"""Everything about one design, written as one folder."""
+"""The folder of a sensor's parts: it appears whole or not at all, and replaces nothing but an older one of its kind.
+
+Everything about one design, written as one folder.
+"""
 
 import json
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import cv2
 
-from ninedtact.atomic_write import write_file_atomically
-from ninedtact.hardware.design_file import hardware_toml
-from ninedtact.hardware.drawings.sheet import Sheet
-from ninedtact.hardware.drawings.table import table
-from ninedtact.hardware.export.bill_files import bill_csv, bill_html
-from ninedtact.hardware.export.cutting import dxf
-from ninedtact.hardware.export.folder import MANIFEST, new_parts_folder
-from ninedtact.hardware.export.shop_notes import cut_path, shop_notes
-from ninedtact.hardware.export.solid_files import assembly_step, printable, step
-from ninedtact.hardware.images.scenes import exploded_image, part_image, section_image, sensor_image
-from ninedtact.hardware.images.shaded import Image
-from ninedtact.hardware.led_board.export import write_layout
-from ninedtact.hardware.materials import MADE_OF
-from ninedtact.hardware.parts.catalogue import TO_MAKE, BuiltPart
-from ninedtact.hardware.report import BuiltSensor
+from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
+from ninedtact.errors import NinedtactError
+from ninedtact.hardware.assembly_images import render_exploded_view, render_part, render_section, render_sensor
+from ninedtact.hardware.bill_of_materials import bill_to_csv, bill_to_html
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.design import hardware_design_to_toml
+from ninedtact.hardware.drawings.drawing_sheet import DrawingSheet, build_drawing_notes
+from ninedtact.hardware.export.laser_cutting import part_to_dxf
+from ninedtact.hardware.export.shop_notes import cut_file_path, format_shop_notes
+from ninedtact.hardware.export.solid_files import assembly_to_step, part_to_step, part_to_stl
+from ninedtact.hardware.led_board.fabrication_files import write_board_files
+from ninedtact.hardware.materials import MATERIAL_OF_PART
+from ninedtact.hardware.parts.part_catalogue import METHODS_WITH_FILES, BuiltPart
+from ninedtact.hardware.solid_renderer import BgrImage
+
+MANIFEST = "manifest.json"
+
+
+class ExportFolderRefused(NinedtactError):
+    """Something else is where the parts should go."""
+
+
+@contextmanager
+def _create_parts_folder(out: Path) -> Iterator[Path]:
+    """A folder to fill, which takes the place of `out` when the block ends well; raises `ExportFolderRefused`."""
+    require_replaceable_folder(out)
+    with create_folder_atomically(out) as partial:
+        yield partial
+
+
+def require_replaceable_folder(out: Path) -> None:
+    """Only nothing, an empty folder, or parts exported before and nothing else are replaced; raises `ExportFolderRefused`."""
+    ours = _list_exported_files(out / MANIFEST)
+    if strange := list_foreign_files(out, ours.__contains__):
+        raise ExportFolderRefused(
+            f"expected --out to be new, empty or written by this command, got {out} with other content ({strange[0]}); move that "
+            "away, or choose another name"
+        )
+
+
+def _list_exported_files(manifest: Path) -> frozenset[str]:
+    """The files that an earlier export lists; none where this is no manifest of ours."""
+    try:
+        told = json.loads(manifest.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return frozenset()
+    listed = told.get("files") if isinstance(told, dict) and "variant" in told else None
+    return frozenset(map(str, listed)) if isinstance(listed, list) else frozenset()
+
 
 File = tuple[str, bytes]
 """Path within the folder, and content."""
 Progress = Callable[[str], None]
 
 
-def quiet(_: str) -> None:
+def _ignore_progress(_: str) -> None:
     """No word about the work."""
 
 
-def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = quiet) -> dict[str, Any]:
+def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = _ignore_progress) -> dict[str, Any]:
     """Write the folder, whole or not at all, and return its manifest.
 
     tell: called with what is being written. Raises `FolderRefused`, and `FileNotWritten` from the disk.
     """
-    with new_parts_folder(out) as folder:
-        for path, content in files(sensor):
+    with _create_parts_folder(out) as folder:
+        for path, content in _folder_files(sensor):
             tell(path)
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             write_file_atomically(folder / path, content)
         tell("led_board")
-        write_layout(sensor.circuit, folder / "led_board")
-        manifest = manifest_of(sensor, folder)
+        write_board_files(sensor.circuit, folder / "led_board")
+        manifest = _build_manifest(sensor, folder)
         write_file_atomically(folder / MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False).encode())
     return manifest
 
 
-def files(sensor: BuiltSensor) -> Iterator[File]:
+def _folder_files(sensor: BuiltSensor) -> Iterator[File]:
     """All but the circuit board and the manifest."""
     for part in sensor.parts.values():
-        yield from part_files(sensor, part)
-    yield from shop_notes(sensor)
-    yield from assembly_files(sensor)
-    yield "bom.csv", bill_csv(sensor.bill)
-    yield "bom.html", bill_html(sensor.design, sensor.bill)
+        yield from _part_files(sensor, part)
+    yield from format_shop_notes(sensor)
+    yield from _assembly_files(sensor)
+    yield "bom.csv", bill_to_csv(sensor.bill)
+    yield "bom.html", bill_to_html(sensor.design, sensor.bill)
     yield "check.txt", "\n".join(sensor.lines()).encode()
     yield "check.json", json.dumps(sensor.as_table(), indent=1, ensure_ascii=False).encode()
-    yield "design.toml", hardware_toml(sensor.design).encode()
+    yield "design.toml", hardware_design_to_toml(sensor.design).encode()
 
 
-def part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
+def _part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
     """One part: for machines, and for eyes."""
-    yield f"{part.way}/{part.name}.step", step(part.name, part.solid)
+    yield f"{part.way}/{part.name}.step", part_to_step(part.name, part.solid)
     if part.way == "printed":
-        yield f"{part.way}/{part.name}.stl", printable(part.solid)
+        yield f"{part.way}/{part.name}.stl", part_to_stl(part.solid)
     if part.way == "cut":
-        yield cut_path(part), dxf(part.solid)
-    yield f"images/{part.name}.png", encoded(part_image(part))
-    if part.way in TO_MAKE:
-        sheet = Sheet(part, table(sensor.design, part))
+        yield cut_file_path(part), part_to_dxf(part.solid)
+    yield f"images/{part.name}.png", _encode_png(render_part(part))
+    if part.way in METHODS_WITH_FILES:
+        sheet = DrawingSheet(part, build_drawing_notes(sensor.design, part))
         yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.files())
 
 
-def assembly_files(sensor: BuiltSensor) -> Iterator[File]:
+def _assembly_files(sensor: BuiltSensor) -> Iterator[File]:
     """The finished sensor."""
-    yield "assembly/sensor.step", assembly_step(sensor.bodies)
-    for name, drawn in (("sensor", sensor_image), ("exploded", exploded_image), ("section", section_image)):
-        yield f"images/{name}.png", encoded(drawn(sensor.bodies))
+    yield "assembly/sensor.step", assembly_to_step(sensor.bodies)
+    for name, drawn in (("sensor", render_sensor), ("exploded", render_exploded_view), ("section", render_section)):
+        yield f"images/{name}.png", _encode_png(drawn(sensor.bodies))
 
 
-def manifest_of(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
+def _build_manifest(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
     """What is in the folder, and what every part should measure."""
     parts = {
         part.name: {
             "way": part.way,
-            "material": MADE_OF[part.name].name,
+            "material": MATERIAL_OF_PART[part.name].name,
             "volume_mm3": round(part.volume_mm3, 4),
             "box_mm": [round(side, 4) for side in part.size_mm],
         }
@@ -100,6 +138,6 @@ def manifest_of(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
     return {"lengths": "mm", **told, "parts": parts, "files": [*names, MANIFEST]}
 
 
-def encoded(image: Image) -> bytes:
+def _encode_png(image: BgrImage) -> bytes:
     """As PNG."""
     return cv2.imencode(".png", image)[1].tobytes()

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator
 
-from ninedtact.hardware.clearances import clearances
-from ninedtact.hardware.drawings.table import TOLERANCES
-from ninedtact.hardware.materials import MADE_OF
-from ninedtact.hardware.parts.catalogue import BuiltPart
-from ninedtact.hardware.report import BuiltSensor
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.clearances import list_clearances
+from ninedtact.hardware.drawings.drawing_sheet import TOLERANCES
+from ninedtact.hardware.materials import MATERIAL_OF_PART
+from ninedtact.hardware.parts.part_catalogue import BuiltPart
 
-USUAL_MM = 2.0, 3.0, 4.0, 5.0, 6.0
+STOCK_THICKNESSES_MM = 2.0, 3.0, 4.0, 5.0, 6.0
 """Sheets of acrylic that most shops hold; no shop was asked."""
-CUT_HOW = """\
+CUTTING_INSTRUCTIONS = """\
 Lengths are mm, 1:1, each line once. The kerf is not taken off: the lines are the finished edges.
 Layer "inside" is cut before layer "outside", or the plate falls out before its holes are cut.
 
@@ -25,42 +25,48 @@ design file, before the shell is printed, and calibrate with it:
 
 The shell's height follows from the gel. If it is printed already, add to camera.distance_mm what the gel became thicker.
 """
-PRINT_HOW = """\
+PRINTING_INSTRUCTIONS = """\
 STL in mm; STEP is the same, exact. Black parts are black all through, against stray light; the shell is white, to spread it.
 Fits are the room on each side as drawn; try them. The drawings tell more.
 """
 
 
-def cut_path(part: BuiltPart) -> str:
+def cut_file_path(part: BuiltPart) -> str:
     """Of the cutter's file: a DXF tells no thickness, so its name does."""
-    return f"cut/{part.name}_{thick_mm(part):.2f}mm.dxf"
+    return f"cut/{part.name}_{_sheet_thickness_mm(part):.2f}mm.dxf"
 
 
-def thick_mm(part: BuiltPart) -> float:
+def _sheet_thickness_mm(part: BuiltPart) -> float:
     """Of the sheet that a flat part is cut from."""
     return part.size_mm[2]
 
 
-def shop_notes(sensor: BuiltSensor) -> Iterator[tuple[str, bytes]]:
+def format_shop_notes(sensor: BuiltSensor) -> Iterator[tuple[str, bytes]]:
     """Path within the folder, and content."""
-    for way, told, how in (("cut", cut_lines, CUT_HOW), ("printed", print_lines, PRINT_HOW)):
+    for way, told, how in (
+        ("cut", _format_cut_part, CUTTING_INSTRUCTIONS),
+        ("printed", _format_printed_part, PRINTING_INSTRUCTIONS),
+    ):
         lines = [line for part in sensor.parts.values() if part.way == way for line in told(sensor, part)]
         yield f"{way}/README.txt", "\n".join([f"Tolerance {TOLERANCES[way]}.", "", *lines, "", how]).encode()
 
 
-def cut_lines(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
+def _format_cut_part(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
     """One plate."""
-    shelf = "" if round(thick_mm(part), 3) in USUAL_MM else "; not on every shelf: measure"
-    yield f"{part.name}: {thick_mm(part):.2f} mm, {count(sensor, part)} x, {MADE_OF[part.name].name}{shelf}"
+    shelf = "" if round(_sheet_thickness_mm(part), 3) in STOCK_THICKNESSES_MM else "; not on every shelf: measure"
+    material = MATERIAL_OF_PART[part.name].name
+    yield f"{part.name}: {_sheet_thickness_mm(part):.2f} mm, {_part_count(sensor, part)} x, {material}{shelf}"
 
 
-def print_lines(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
+def _format_printed_part(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
     """One print, with what has to fit it."""
-    made, cm3 = MADE_OF[part.name].name, part.volume_mm3 / 1000
-    yield f"{part.name}: {made}, {count(sensor, part)} x, {cm3:.2f} cm³"
-    yield from (f"    {room.mm:.3f}  {room.between}" for room in clearances(sensor.design) if part.name in room.held_by)
+    made, cm3 = MATERIAL_OF_PART[part.name].name, part.volume_mm3 / 1000
+    yield f"{part.name}: {made}, {_part_count(sensor, part)} x, {cm3:.2f} cm³"
+    yield from (
+        f"    {room.mm:.3f}  {room.between}" for room in list_clearances(sensor.design) if part.name in room.held_by
+    )
 
 
-def count(sensor: BuiltSensor, part: BuiltPart) -> int:
+def _part_count(sensor: BuiltSensor, part: BuiltPart) -> int:
     """How many the bill of materials has."""
     return next(item.count for item in sensor.bill if item.name == part.name)

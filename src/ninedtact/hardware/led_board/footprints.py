@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ninedtact.hardware.led_board.outline import Place
+from ninedtact.hardware.led_board.board_outline import PointMm
 
 
 @dataclass(frozen=True)
@@ -10,11 +10,11 @@ class Land:
     """One pad of a footprint."""
 
     number: str
-    at_mm: Place
-    size_mm: Place
+    at_mm: PointMm
+    size_mm: PointMm
     corner_mm: float = 0.0
     """Rounding of its corners."""
-    slot_mm: Place | None = None
+    slot_mm: PointMm | None = None
     """Width and length, along y, of a plated slot through it."""
     pour_gap: bool = True
     """The pour keeps off it, so that an iron can heat it; tracks are the bridges. Not where heat is to leave."""
@@ -30,14 +30,14 @@ class Footprint:
     lands: tuple[Land, ...]
     body_mm: tuple[float, float, float]
     """Along x, along y, height over the board."""
-    body_at_mm: Place = (0.0, 0.0)
+    body_at_mm: PointMm = (0.0, 0.0)
     pegs_mm: tuple[tuple[float, float, float], ...] = ()
     """x, y, diameter of holes without copper."""
-    mark_mm: tuple[Place, Place] | None = None
+    mark_mm: tuple[PointMm, PointMm] | None = None
     """A line on the silkscreen at the cathode or at pin 1."""
 
 
-def led_2835(corner_mm: float) -> Footprint:
+def led_2835_footprint(corner_mm: float) -> Footprint:
     """A 2835 LED; the origin is the middle of its body. 1 is the cathode, 2 the anode."""
     return Footprint(
         "LED_2835",
@@ -50,7 +50,7 @@ def led_2835(corner_mm: float) -> Footprint:
     )
 
 
-def soic_8_ep() -> Footprint:
+def soic_8_ep_footprint() -> Footprint:
     """SOIC-8 with a thermal pad, number 9; pins 1 to 4 along the lower row."""
     lower = [Land(str(1 + n), (-1.905 + 1.27 * n, -2.77), (0.57, 2.04)) for n in range(4)]
     upper = [Land(str(5 + n), (1.905 - 1.27 * n, 2.77), (0.57, 2.04)) for n in range(4)]
@@ -60,7 +60,7 @@ def soic_8_ep() -> Footprint:
     )
 
 
-def chip_0805(height_mm: float) -> Footprint:
+def chip_0805_footprint(height_mm: float) -> Footprint:
     """A resistor or a capacitor; pin 1 is left."""
     return Footprint(
         "0805",
@@ -69,7 +69,7 @@ def chip_0805(height_mm: float) -> Footprint:
     )
 
 
-def micro_usb(contact_mm: float) -> Footprint:
+def micro_usb_footprint(contact_mm: float) -> Footprint:
     """Micro-USB receptacle, mouth up: contacts 1 (5 V) to 5 (ground) from the right, shield 6 to 9, two pegs."""
     contacts = [Land(str(1 + n), (1.3 - 0.65 * n, -0.64 - contact_mm / 2), (0.40, contact_mm)) for n in range(5)]
     sides = [Land(number, (x, -1.36), (1.50, 1.20)) for number, x in (("6", -3.30), ("7", 3.30))]

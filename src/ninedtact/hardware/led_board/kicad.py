@@ -1,25 +1,211 @@
-"""The board as a KiCad 6 file, written without KiCad. Source: dev-docs.kicad.org, "Board File Format".
+"""S-expressions, in which KiCad keeps its files.
+
+KiCad's coordinates, layers and net numbers.
+
+Parts as KiCad's footprints.
+
+The board as a KiCad 6 file, written without KiCad. Source: dev-docs.kicad.org, "Board File Format".
 
 KiCad's y points down; the optical axis lies in the middle of the sheet. Footprints are written as they lie on the board, not
 turned: pads carry their places.
+
+The rules of the board as a KiCad project, so that KiCad's own check asks for the same.
 """
 
+import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, NewType
+from uuid import NAMESPACE_URL, uuid5
 
-from ninedtact.hardware.led_board.designators import PEN_MM, designators
-from ninedtact.hardware.led_board.edge import edges
-from ninedtact.hardware.led_board.keyhole import without_holes
-from ninedtact.hardware.led_board.kicad_footprint import footprint
-from ninedtact.hardware.led_board.kicad_frame import COPPER, Names, at, stamp, xy
-from ninedtact.hardware.led_board.layout import SIDES, Layout
-from ninedtact.hardware.led_board.netlist import GROUND
-from ninedtact.hardware.led_board.outline import BoardOutline
-from ninedtact.hardware.led_board.placement import Side
-from ninedtact.hardware.led_board.sexpr import Expression, quoted, written
-from ninedtact.hardware.led_board.tracks import Routes
+from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.board_outline import BoardOutline, PointMm, outline_segments
+from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
+from ninedtact.hardware.led_board.copper_geometry import merge_polygon_holes
+from ninedtact.hardware.led_board.gerber_and_drill import (
+    SILKSCREEN_LINE_MM,
+    THERMAL_PASTE_MM,
+    FlashedPolygon,
+    flash_pad,
+    paste_windows,
+)
+from ninedtact.hardware.led_board.layout import SIDES, BoardLayout
+from ninedtact.hardware.led_board.pads import GROUND, BoardPad
+from ninedtact.hardware.led_board.routing import Routes
+from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 
-LAYERS = (
+QuotedText = NewType("QuotedText", str)
+"""Words that are written in quotation marks."""
+Expression = str | float | bool | tuple[Any, ...]
+"""Words, numbers, yes or no, and lists of these."""
+
+
+def _quote(words: str) -> QuotedText:
+    """Words in quotation marks."""
+    return QuotedText('"' + words.replace("\\", "\\\\").replace('"', '\\"') + '"')
+
+
+def _format_expression(expression: Expression, depth: int = 0) -> str:
+    """An expression as text; lists that hold lists take a line each."""
+    match expression:
+        case bool():
+            return "yes" if expression else "no"
+        case float() | int():
+            return _format_number(expression)
+        case str():
+            return expression
+    inner = [_format_expression(part, depth + 1) for part in expression]
+    if not any(isinstance(part, tuple) for part in expression) or sum(map(len, inner)) < 90:
+        return f"({' '.join(inner)})"
+    gap = "\n" + "  " * (depth + 1)
+    return f"({inner[0]}{gap}{gap.join(inner[1:])})"
+
+
+def _format_number(value: float) -> str:
+    """With as many decimals as it needs, six at most."""
+    return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
+
+
+SHEET_CENTRE_MM = 148.5, 105.0
+"""Of an A4 sheet."""
+COPPER_LAYER: dict[BoardSide, str] = {"top": "F.Cu", "bottom": "B.Cu"}
+
+
+@dataclass(frozen=True)
+class _NetNumbers:
+    """Nets are numbered from one; zero is no net."""
+
+    nets: list[str]
+
+    def number(self, net: str) -> int:
+        """Of a net."""
+        return self.nets.index(net) + 1
+
+    @property
+    def declared(self) -> tuple[Expression, ...]:
+        """The list of all."""
+        return (("net", 0, _quote("")), *(("net", n + 1, _quote(net)) for n, net in enumerate(self.nets)))
+
+
+def _sheet_point(word: str, place: PointMm) -> Expression:
+    """A place on the sheet."""
+    return (word, SHEET_CENTRE_MM[0] + place[0], SHEET_CENTRE_MM[1] - place[1])
+
+
+def _position(place: PointMm) -> Expression:
+    """Where something is."""
+    return _sheet_point("at", place)
+
+
+def _relative_point(word: str, place: PointMm, origin: PointMm) -> Expression:
+    """A place told from another."""
+    return (word, place[0] - origin[0], origin[1] - place[1])
+
+
+def _identity(words: str) -> Expression:
+    """An identity that stays the same."""
+    return ("tstamp", str(uuid5(NAMESPACE_URL, f"ninedtact/led_board/{words}")))
+
+
+FONT: Expression = ("font", ("size", 0.8, 0.8), ("thickness", 0.12))
+
+
+def _component_footprint(layout: BoardLayout, part: PlacedComponent, names: _NetNumbers) -> Expression:
+    """A part with its pads, mark and pegs."""
+    letter = "F" if part.side == "top" else "B"
+    mine = [pad for pad in layout.pads if pad.pin.split(".")[0] == part.reference]
+    pads = [_footprint_pad(pad, part.at_mm, letter, names) for pad in mine]
+    paste = [window for pad in mine if not pad.land.paste and not pad.hole for window in _paste_pads(pad, part, letter)]
+    return (
+        *("footprint", _quote(f"ninedtact:{part.part.footprint.name}"), ("layer", _quote(f"{letter}.Cu"))),
+        *(_identity(part.reference), _position(part.at_mm), ("attr", "smd")),
+        *(_footprint_text("reference", part.reference, letter), _footprint_text("value", part.part.value, letter)),
+        *(*_footprint_mark(part, letter), *pads, *paste, *_peg_holes(part)),
+    )
+
+
+def _footprint_text(kind: str, text: str, letter: str) -> Expression:
+    """Reference or value, on the fabrication layer."""
+    effects: Expression = ("effects", FONT) if letter == "F" else ("effects", FONT, ("justify", "mirror"))
+    line = 0 if kind == "reference" else 1
+    return ("fp_text", kind, _quote(text), ("at", 0, line), ("layer", _quote(f"{letter}.Fab")), effects)
+
+
+def _footprint_mark(part: PlacedComponent, letter: str) -> list[Expression]:
+    """The bar at the cathode or at pin 1."""
+    if part.part.footprint.mark_mm is None:
+        return []
+    start, end = (part.onto_board(place) for place in part.part.footprint.mark_mm)
+    ends = _relative_point("start", start, part.at_mm), _relative_point("end", end, part.at_mm)
+    return [("fp_line", *ends, ("layer", _quote(f"{letter}.SilkS")), ("width", SILKSCREEN_LINE_MM))]
+
+
+def _footprint_pad(pad: BoardPad, origin: PointMm, letter: str, names: _NetNumbers) -> Expression:
+    """One pad."""
+    number = _quote(pad.land.number)
+    net = (("net", names.number(pad.net), _quote(pad.net)),) if pad.net else ()
+    where, solid = _relative_point("at", pad.at_mm, origin), () if pad.land.pour_gap else (("zone_connect", 2),)
+    layers: Expression = ("layers", *(_quote(f"{letter}.{name}") for name in _pad_layers(pad)))
+    tail = (*net, *solid, _identity(f"pad {pad.pin}"))
+    size = ("size", *pad.size_mm)
+    if pad.hole and pad.land.slot_mm:
+        drill, everywhere = ("drill", "oval", *pad.land.slot_mm), ("layers", _quote("*.Cu"), _quote("*.Mask"))
+        return ("pad", number, "thru_hole", "oval", where, size, drill, everywhere, *tail)
+    if pad.bites:
+        return (
+            "pad",
+            number,
+            "smd",
+            "custom",
+            where,
+            ("size", 0.5, 0.5),
+            layers,
+            *tail[:-1],
+            *_custom_pad_shape(pad),
+            tail[-1],
+        )
+    if pad.land.corner_mm:
+        share = pad.land.corner_mm / min(pad.size_mm)
+        return ("pad", number, "smd", "roundrect", where, size, layers, ("roundrect_rratio", share), *tail)
+    return ("pad", number, "smd", "rect", where, size, layers, *tail)
+
+
+def _pad_layers(pad: BoardPad) -> tuple[str, ...]:
+    """Layers of a pad without a hole."""
+    return ("Cu", "Paste", "Mask") if pad.land.paste else ("Cu", "Mask")
+
+
+def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
+    """The shape of a pad that gave something up."""
+    shape = flash_pad(pad, 0.0)
+    assert isinstance(shape, FlashedPolygon)
+    points: Expression = ("pts", *(("xy", x, -y) for x, y in shape.points))
+    polygon: Expression = ("gr_poly", points, ("width", 0), ("fill", True))
+    return ("options", ("clearance", "outline"), ("anchor", "circle")), ("primitives", polygon)
+
+
+def _paste_pads(pad: BoardPad, part: PlacedComponent, letter: str) -> list[Expression]:
+    """Windows of paste on the thermal pad."""
+    layers, size = ("layers", _quote(f"{letter}.Paste")), ("size", THERMAL_PASTE_MM, THERMAL_PASTE_MM)
+    places = [_relative_point("at", window.at_mm, part.at_mm) for window in paste_windows(pad)]
+    return [("pad", _quote(""), "smd", "rect", place, size, layers) for place in places]
+
+
+def _peg_holes(part: PlacedComponent) -> list[Expression]:
+    """Holes for pegs."""
+    found: list[Expression] = []
+    for x, y, diameter in part.part.footprint.pegs_mm:
+        where, layers = (
+            _relative_point("at", part.onto_board((x, y)), part.at_mm),
+            ("layers", _quote("*.Cu"), _quote("*.Mask")),
+        )
+        size = ("size", diameter, diameter), ("drill", diameter)
+        found.append(("pad", _quote(""), "np_thru_hole", "circle", where, *size, layers))
+    return found
+
+
+KICAD_LAYERS = (
     (0, "F.Cu", "signal"),
     (31, "B.Cu", "signal"),
     *((number, name, "user") for number, name in ((34, "B.Paste"), (35, "F.Paste"), (36, "B.SilkS"), (37, "F.SilkS"))),
@@ -28,102 +214,156 @@ LAYERS = (
 )
 
 
-def kicad_board(layout: Layout) -> str:
+def format_kicad_board(layout: BoardLayout) -> str:
     """The file's text; the same board gives the same text."""
-    names = Names([net.name for net in layout.nets])
-    return written(("kicad_pcb", *head(layout), *names.declared, *content(layout, names))) + "\n"
+    names = _NetNumbers([net.name for net in layout.nets])
+    return (
+        _format_expression(("kicad_pcb", *_board_header(layout), *names.declared, *_board_content(layout, names)))
+        + "\n"
+    )
 
 
-def head(layout: Layout) -> tuple[Expression, ...]:
+def _board_header(layout: BoardLayout) -> tuple[Expression, ...]:
     """What stands before the nets."""
     board = layout.board
-    layers: Expression = ("layers", *((number, quoted(name), kind) for number, name, kind in LAYERS))
+    layers: Expression = ("layers", *((number, _quote(name), kind) for number, name, kind in KICAD_LAYERS))
     return (
         ("version", "20211014"),
         ("generator", "ninedtact"),
         ("general", ("thickness", board.outline.thickness_mm)),
-        ("paper", quoted("A4")),
+        ("paper", _quote("A4")),
         layers,
         (
             "setup",
             ("pad_to_mask_clearance", board.rules.mask_margin_mm),
-            xy("aux_axis_origin", (0, 0)),
-            xy("grid_origin", (0, 0)),
+            _sheet_point("aux_axis_origin", (0, 0)),
+            _sheet_point("grid_origin", (0, 0)),
         ),
     )
 
 
-def content(layout: Layout, names: Names) -> tuple[Expression, ...]:
+def _board_content(layout: BoardLayout, names: _NetNumbers) -> tuple[Expression, ...]:
     """Parts, edge, tracks, pour."""
-    parts = [footprint(layout, part, names) for part in layout.parts]
+    parts = [_component_footprint(layout, part, names) for part in layout.parts]
     holes = [
-        peg(number, place, layout.board.outline) for number, place in enumerate(layout.board.outline.locating_holes)
+        _locating_hole(number, place, layout.board.outline)
+        for number, place in enumerate(layout.board.outline.locating_holes)
     ]
-    zones = [zone(layout, side, names) for side in SIDES if layout.pours[side]]
-    words = [line for side in SIDES for line in word_lines(layout, side)]
-    return (*parts, *holes, *words, *edge_lines(layout.board.outline), *track_lines(layout.routes, names), *zones)
+    zones = [_ground_zone(layout, side, names) for side in SIDES if layout.pours[side]]
+    words = [line for side in SIDES for line in _silkscreen_lines(layout, side)]
+    return (*parts, *holes, *words, *_outline_items(layout.board.outline), *_track_items(layout.routes, names), *zones)
 
 
-def word_lines(layout: Layout, side: Side) -> Iterator[Expression]:
+def _silkscreen_lines(layout: BoardLayout, side: BoardSide) -> Iterator[Expression]:
     """The parts' names on the silkscreen."""
-    layer = quoted("F.SilkS" if side == "top" else "B.SilkS")
-    for word in designators(layout, side):
+    layer = _quote("F.SilkS" if side == "top" else "B.SilkS")
+    for word in place_designators(layout, side):
         for number, (start, end) in enumerate(pair for line in word.lines for pair in pairwise(line)):
-            tail = ("layer", layer), ("width", PEN_MM), stamp(f"name {word.reference} {number}")
-            yield ("gr_line", xy("start", start), xy("end", end), *tail)
+            tail = ("layer", layer), ("width", PEN_MM), _identity(f"name {word.reference} {number}")
+            yield ("gr_line", _sheet_point("start", start), _sheet_point("end", end), *tail)
 
 
-def peg(number: int, place: tuple[float, float], outline: BoardOutline) -> Expression:
+def _locating_hole(number: int, place: tuple[float, float], outline: BoardOutline) -> Expression:
     """A locating hole: a footprint of its own, as KiCad wants holes."""
     size = ("size", outline.locating_hole_mm, outline.locating_hole_mm)
-    hole = ("pad", quoted(""), "np_thru_hole", "circle", ("at", 0, 0), size, ("drill", outline.locating_hole_mm))
-    layers = ("layers", quoted("*.Cu"), quoted("*.Mask"))
+    hole = ("pad", _quote(""), "np_thru_hole", "circle", ("at", 0, 0), size, ("drill", outline.locating_hole_mm))
+    layers = ("layers", _quote("*.Cu"), _quote("*.Mask"))
     attributes = ("attr", "exclude_from_pos_files", "exclude_from_bom")
     return (
-        *("footprint", quoted("ninedtact:locating_hole"), ("layer", quoted("F.Cu"))),
-        *(stamp(f"hole {number}"), at(place), attributes, (*hole, layers, stamp(f"hole {number} pad"))),
+        *("footprint", _quote("ninedtact:locating_hole"), ("layer", _quote("F.Cu"))),
+        *(_identity(f"hole {number}"), _position(place), attributes, (*hole, layers, _identity(f"hole {number} pad"))),
     )
 
 
-def edge_lines(outline: BoardOutline) -> list[Expression]:
+def _outline_items(outline: BoardOutline) -> list[Expression]:
     """The milled edge."""
     found: list[Expression] = []
-    for number, edge in enumerate(edges(outline)):
-        tail = (("layer", quoted("Edge.Cuts")), ("width", 0.1), stamp(f"edge {number}"))
-        ends = xy("start", edge.start_mm), xy("end", edge.end_mm)
+    for number, edge in enumerate(outline_segments(outline)):
+        tail = (("layer", _quote("Edge.Cuts")), ("width", 0.1), _identity(f"edge {number}"))
+        ends = _sheet_point("start", edge.start_mm), _sheet_point("end", edge.end_mm)
         if edge.centre_mm is None:
             found.append(("gr_line", *ends, *tail))
         else:
-            found.append(("gr_arc", ends[0], xy("mid", edge.middle), ends[1], *tail))
+            found.append(("gr_arc", ends[0], _sheet_point("mid", edge.middle), ends[1], *tail))
     return found
 
 
-def track_lines(routes: Routes, names: Names) -> list[Expression]:
+def _track_items(routes: Routes, names: _NetNumbers) -> list[Expression]:
     """Tracks, one straight piece each, and vias."""
     found: list[Expression] = []
     for number, track in enumerate(routes.tracks):
-        tail = (("width", track.width_mm), ("layer", quoted(COPPER[track.side])), ("net", names.number(track.net)))
+        tail = (
+            ("width", track.width_mm),
+            ("layer", _quote(COPPER_LAYER[track.side])),
+            ("net", names.number(track.net)),
+        )
         for piece, (a, b) in enumerate(zip(track.points, track.points[1:], strict=False)):
-            found.append(("segment", xy("start", a), xy("end", b), *tail, stamp(f"track {number} {piece}")))
+            found.append(
+                (
+                    "segment",
+                    _sheet_point("start", a),
+                    _sheet_point("end", b),
+                    *tail,
+                    _identity(f"track {number} {piece}"),
+                )
+            )
     for number, via in enumerate(routes.vias):
-        size = ("size", via.diameter_mm), ("drill", via.drill_mm), ("layers", quoted("F.Cu"), quoted("B.Cu"))
-        found.append(("via", at(via.at_mm), *size, ("net", names.number(via.net)), stamp(f"via {number}")))
+        size = ("size", via.diameter_mm), ("drill", via.drill_mm), ("layers", _quote("F.Cu"), _quote("B.Cu"))
+        found.append(("via", _position(via.at_mm), *size, ("net", names.number(via.net)), _identity(f"via {number}")))
     return found
 
 
-def zone(layout: Layout, side: Side, names: Names) -> Expression:
+def _ground_zone(layout: BoardLayout, side: BoardSide, names: _NetNumbers) -> Expression:
     """The pour of one side, filled as it is in the Gerbers."""
     x, y = layout.board.outline.half
-    gap, layer = layout.board.rules.pour_gap_mm, quoted(COPPER[side])
-    rim = ("pts", *(xy("xy", corner) for corner in ((-x, -y), (x, -y), (x, y), (-x, y))))
+    gap, layer = layout.board.rules.pour_gap_mm, _quote(COPPER_LAYER[side])
+    rim = ("pts", *(_sheet_point("xy", corner) for corner in ((-x, -y), (x, -y), (x, y), (-x, y))))
     fills = [
-        ("filled_polygon", ("layer", layer), ("pts", *(xy("xy", point) for point in without_holes(piece))))
+        (
+            "filled_polygon",
+            ("layer", layer),
+            ("pts", *(_sheet_point("xy", point) for point in merge_polygon_holes(piece))),
+        )
         for piece in layout.pours[side]
     ]
     return (
-        *("zone", ("net", names.number(GROUND)), ("net_name", quoted(GROUND)), ("layer", layer), stamp(f"zone {side}")),
+        *(
+            "zone",
+            ("net", names.number(GROUND)),
+            ("net_name", _quote(GROUND)),
+            ("layer", layer),
+            _identity(f"zone {side}"),
+        ),
         *(("hatch", "edge", 0.5), ("connect_pads", ("clearance", gap)), ("min_thickness", 0.25)),
         ("filled_areas_thickness", False),
         ("fill", True, ("thermal_gap", gap), ("thermal_bridge_width", 0.4)),
         *(("polygon", rim), *fills),
     )
+
+
+def format_kicad_project(board: LedBoard, name: str) -> str:
+    """The file's text."""
+    rules, copper = board.rules, board.copper
+    least = {
+        "min_clearance": rules.clearance_mm,
+        "min_copper_edge_clearance": rules.copper_to_edge_mm,
+        "min_hole_clearance": rules.copper_to_hole_mm,
+        "min_hole_to_hole": rules.hole_to_hole_mm,
+        "min_track_width": min(copper.led_mm, copper.ground_mm, copper.supply_mm, copper.neck_mm, copper.signal_mm),
+        "min_via_diameter": copper.via_mm,
+        "min_through_hole_diameter": copper.via_drill_mm,
+        "min_via_annular_width": (copper.via_mm - copper.via_drill_mm) / 2 - 0.001,
+    }
+    usual = {
+        "name": "Default",
+        "clearance": rules.clearance_mm,
+        "track_width": copper.signal_mm,
+        "via_diameter": copper.via_mm,
+        "via_drill": copper.via_drill_mm,
+    }
+    content = {
+        "board": {"design_settings": {"rules": least}},
+        "meta": {"filename": f"{name}.kicad_pro", "version": 1},
+        "net_settings": {"classes": [usual], "meta": {"version": 2}},
+    }
+    return json.dumps(content, indent=2) + "\n"

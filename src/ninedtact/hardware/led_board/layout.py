@@ -1,54 +1,107 @@
-"""The whole board: parts placed, nets routed, ground poured."""
+"""Ground wherever nothing else is.
+
+The whole board: parts placed, nets routed, ground poured.
+"""
 
 from dataclasses import dataclass
 
-from shapely import Polygon
+from shapely import Polygon, union_all
+from shapely.geometry.base import BaseGeometry
 
-from ninedtact.hardware.led_board.design import LedBoard
-from ninedtact.hardware.led_board.driver_routes import driver_routes
-from ninedtact.hardware.led_board.netlist import Net, netlist
-from ninedtact.hardware.led_board.pads import Hole, Pad, pads, pegs
-from ninedtact.hardware.led_board.placement import Placed, Side, placement
-from ninedtact.hardware.led_board.pour import pour
-from ninedtact.hardware.led_board.ring_routes import ring_routes
-from ninedtact.hardware.led_board.tracks import Routes, Via
-from ninedtact.hardware.led_board.usb_routes import usb_routes
+from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent, place_components
+from ninedtact.hardware.led_board.copper_geometry import (
+    bare_board_polygon,
+    hole_polygon,
+    pad_polygon,
+    split_polygons,
+    track_polygon,
+    via_polygon,
+)
+from ninedtact.hardware.led_board.pads import (
+    GROUND,
+    BoardPad,
+    DrilledHole,
+    Net,
+    build_netlist,
+    connector_peg_holes,
+    place_pads,
+)
+from ninedtact.hardware.led_board.routing import Routes, Via, _route_connector, _route_driver, _route_led_ring
 
-SIDES: tuple[Side, Side] = ("top", "bottom")
+MIN_POUR_WIDTH_MM = 0.25
+"""Slivers thinner than this are left out."""
+SPARE_MM = 0.01
+"""Added to the gap: circles are drawn as polygons, a little inside."""
+
+
+def _pour_ground(
+    board: LedBoard, side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes, holes: tuple[DrilledHole, ...]
+) -> tuple[Polygon, ...]:
+    """The pieces of the pour on one side; each holds on to some ground."""
+    gap = board.rules.pour_gap_mm
+    kept = union_all([shape.buffer(gap + SPARE_MM) for shape in _kept_clear(side, pads, routes)])
+    bored = union_all([hole_polygon(hole).buffer(gap + SPARE_MM) for hole in holes if not hole.plated])
+    free = (
+        bare_board_polygon(board.outline)
+        .buffer(-max(gap, board.rules.copper_to_edge_mm) - 0.02)
+        .difference(kept | bored)
+    )
+    thick = free.buffer(-MIN_POUR_WIDTH_MM / 2).buffer(MIN_POUR_WIDTH_MM / 2)
+    opened = thick.intersection(free).simplify(0.004)
+    ground = union_all(_ground_copper(side, pads, routes))
+    return tuple(piece for piece in split_polygons(opened) if piece.intersection(ground).area > 0.01)
+
+
+def _kept_clear(side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes) -> list[BaseGeometry]:
+    """Copper of other nets, and ground pads that an iron must be able to heat."""
+    keep = [pad_polygon(pad) for pad in pads if side in pad.sides and (pad.net != GROUND or pad.land.pour_gap)]
+    keep += [track_polygon(track) for track in routes.tracks if track.side == side and track.net != GROUND]
+    return keep + [via_polygon(via) for via in routes.vias if via.net != GROUND]
+
+
+def _ground_copper(side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes) -> list[BaseGeometry]:
+    """Ground copper that a piece of the pour may hold on to."""
+    hold = [pad_polygon(pad) for pad in pads if side in pad.sides and pad.net == GROUND and not pad.land.pour_gap]
+    hold += [track_polygon(track) for track in routes.tracks if track.side == side and track.net == GROUND]
+    return hold + [via_polygon(via) for via in routes.vias if via.net == GROUND]
+
+
+SIDES: tuple[BoardSide, BoardSide] = ("top", "bottom")
 
 
 @dataclass(frozen=True)
-class Layout:
+class BoardLayout:
     """What the files are written from."""
 
     board: LedBoard
     nets: tuple[Net, ...]
-    parts: tuple[Placed, ...]
-    pads: tuple[Pad, ...]
+    parts: tuple[PlacedComponent, ...]
+    pads: tuple[BoardPad, ...]
     routes: Routes
-    holes: tuple[Hole, ...]
+    holes: tuple[DrilledHole, ...]
     """Vias, slots, pegs and locating holes; the lens hole is milled with the outline."""
-    pours: dict[Side, tuple[Polygon, ...]]
+    pours: dict[BoardSide, tuple[Polygon, ...]]
     """Ground, by side."""
 
 
-def lay_out(board: LedBoard) -> Layout:
+def lay_out_board(board: LedBoard) -> BoardLayout:
     """Place, route and pour."""
-    found = pads(board)
-    routes = ring_routes(board) + driver_routes(board, found) + usb_routes(board, found)
-    holes = all_holes(board, found, routes)
-    pours = {side: pour(board, side, found, routes, holes) if board.copper.pour else () for side in SIDES}
-    return Layout(board, netlist(board), placement(board), found, routes, holes, pours)
+    found = place_pads(board)
+    routes = _route_led_ring(board) + _route_driver(board, found) + _route_connector(board, found)
+    holes = _all_holes(board, found, routes)
+    pours = {side: _pour_ground(board, side, found, routes, holes) if board.copper.pour else () for side in SIDES}
+    return BoardLayout(board, build_netlist(board), place_components(board), found, routes, holes, pours)
 
 
-def all_holes(board: LedBoard, found: tuple[Pad, ...], routes: Routes) -> tuple[Hole, ...]:
+def _all_holes(board: LedBoard, found: tuple[BoardPad, ...], routes: Routes) -> tuple[DrilledHole, ...]:
     """Everything that is drilled."""
     slots = tuple(pad.hole for pad in found if pad.hole)
     size = board.outline.locating_hole_mm
-    locating = tuple(Hole(place, place, size, plated=False) for place in board.outline.locating_holes)
-    return (*map(via_hole, routes.vias), *slots, *pegs(board), *locating)
+    locating = tuple(DrilledHole(place, place, size, plated=False) for place in board.outline.locating_holes)
+    return (*map(_via_hole, routes.vias), *slots, *connector_peg_holes(board), *locating)
 
 
-def via_hole(via: Via) -> Hole:
+def _via_hole(via: Via) -> DrilledHole:
     """The hole of a via."""
-    return Hole(via.at_mm, via.at_mm, via.drill_mm, plated=True)
+    return DrilledHole(via.at_mm, via.at_mm, via.drill_mm, plated=True)

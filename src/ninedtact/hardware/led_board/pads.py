@@ -1,101 +1,133 @@
-"""Pads and holes where they lie on the board."""
+"""Which pins belong together: all LEDs in parallel between U1's output and ground.
+
+Pads and holes where they lie on the board.
+"""
 
 from dataclasses import dataclass, replace
 
-from ninedtact.hardware.led_board.design import LedBoard
+from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.board_outline import PointMm
+from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent, place_components
 from ninedtact.hardware.led_board.footprints import Land
-from ninedtact.hardware.led_board.netlist import Net, net_of, netlist
-from ninedtact.hardware.led_board.outline import Place
-from ninedtact.hardware.led_board.placement import Placed, Side, placement
+
+GROUND, SUPPLY, LED_LINE, SETTING = "GND", "VCC", "LED+", "ISET"
 
 
 @dataclass(frozen=True)
-class Hole:
+class Net:
+    """Pins that are one conductor, as `U1.3`."""
+
+    name: str
+    pins: tuple[str, ...]
+
+
+def build_netlist(board: LedBoard) -> tuple[Net, ...]:
+    """Every net; pins in none of them stay open (U1.7, the USB data and identity pins)."""
+    leds = [f"LED{number + 1}" for number in range(len(board.leds.places))]
+    capacitor = board.input_capacitor
+    shield = [f"USB3.{number}" for number in (6, 7, 8, 9)] if board.shield_tied else []
+    ground = ["USB3.5", *shield, "U1.2", "U1.9", "R1.1", *(["C1.2"] if capacitor else []), *(f"{x}.1" for x in leds)]
+    supply = ["USB3.1", "U1.3", "U1.4", "U1.8", *(["C1.1"] if capacitor else [])]
+    return (
+        Net(SUPPLY, tuple(supply)),
+        Net(GROUND, tuple(ground)),
+        Net(LED_LINE, ("U1.5", "U1.6", *(f"{led}.2" for led in leds))),
+        Net(SETTING, ("U1.1", "R1.2")),
+    )
+
+
+def _net_of_pin(nets: tuple[Net, ...], pin: str) -> str | None:
+    """The net that a pin is in; None if it stays open."""
+    return next((net.name for net in nets if pin in net.pins), None)
+
+
+@dataclass(frozen=True)
+class DrilledHole:
     """A round hole, or a slot of that width between two ends."""
 
-    start_mm: Place
-    end_mm: Place
+    start_mm: PointMm
+    end_mm: PointMm
     width_mm: float
     plated: bool
 
 
 @dataclass(frozen=True)
-class Bite:
+class _PadCutout:
     """What a pad gives up: everything nearer than `radius_mm` to a line."""
 
-    start_mm: Place
-    end_mm: Place
+    start_mm: PointMm
+    end_mm: PointMm
     radius_mm: float
 
 
 @dataclass(frozen=True)
-class Pad:
+class BoardPad:
     """A pad on the board."""
 
     pin: str
     net: str | None
-    sides: tuple[Side, ...]
-    at_mm: Place
-    size_mm: Place
+    sides: tuple[BoardSide, ...]
+    at_mm: PointMm
+    size_mm: PointMm
     land: Land
-    hole: Hole | None = None
-    bites: tuple[Bite, ...] = ()
+    hole: DrilledHole | None = None
+    bites: tuple[_PadCutout, ...] = ()
 
 
-def pads(board: LedBoard) -> tuple[Pad, ...]:
+def place_pads(board: LedBoard) -> tuple[BoardPad, ...]:
     """All pads, cut back where the connector's holes come through."""
-    nets, parts = netlist(board), placement(board)
-    found = tuple(pad_of(placed, land, nets) for placed in parts for land in placed.part.footprint.lands)
+    nets, parts = build_netlist(board), place_components(board)
+    found = tuple(_place_pad(placed, land, nets) for placed in parts for land in placed.part.footprint.lands)
     if not board.pads_give_way:
         return found
-    through = [bite_round(hole, board.rules.copper_to_hole_mm) for hole in pegs(board)]
-    legs = [bite_round_leg(pad, board.rules.clearance_mm) for pad in found if pad.hole]
-    return tuple(bitten(pad, (*through, *legs)) if pad.pin.startswith("LED") else pad for pad in found)
+    through = [_cutout_around_hole(hole, board.rules.copper_to_hole_mm) for hole in connector_peg_holes(board)]
+    legs = [_cutout_around_leg(pad, board.rules.clearance_mm) for pad in found if pad.hole]
+    return tuple(_cut_back(pad, (*through, *legs)) if pad.pin.startswith("LED") else pad for pad in found)
 
 
-def pad_of(placed: Placed, land: Land, nets: tuple[Net, ...]) -> Pad:
+def _place_pad(placed: PlacedComponent, land: Land, nets: tuple[Net, ...]) -> BoardPad:
     """One pad of one part."""
     pin, at = f"{placed.reference}.{land.number}", placed.onto_board(land.at_mm)
-    hole = slot(placed, land) if land.slot_mm else None
-    sides: tuple[Side, ...] = ("top", "bottom") if hole else (placed.side,)
-    return Pad(pin, net_of(nets, pin), sides, at, placed.size(land.size_mm), land, hole)
+    hole = _slot_of_land(placed, land) if land.slot_mm else None
+    sides: tuple[BoardSide, ...] = ("top", "bottom") if hole else (placed.side,)
+    return BoardPad(pin, _net_of_pin(nets, pin), sides, at, placed.size(land.size_mm), land, hole)
 
 
-def slot(placed: Placed, land: Land) -> Hole:
+def _slot_of_land(placed: PlacedComponent, land: Land) -> DrilledHole:
     """The plated slot through a pad."""
     assert land.slot_mm is not None
     (x, y), (width, length) = land.at_mm, land.slot_mm
     reach = (length - width) / 2
-    return Hole(placed.onto_board((x, y - reach)), placed.onto_board((x, y + reach)), width, plated=True)
+    return DrilledHole(placed.onto_board((x, y - reach)), placed.onto_board((x, y + reach)), width, plated=True)
 
 
-def pegs(board: LedBoard) -> tuple[Hole, ...]:
+def connector_peg_holes(board: LedBoard) -> tuple[DrilledHole, ...]:
     """The holes for the connector's pegs."""
     holes = []
-    for placed in placement(board):
+    for placed in place_components(board):
         for x, y, diameter in placed.part.footprint.pegs_mm:
             at = placed.onto_board((x, y))
-            holes.append(Hole(at, at, diameter, plated=False))
+            holes.append(DrilledHole(at, at, diameter, plated=False))
     return tuple(holes)
 
 
-def bite_round(hole: Hole, gap_mm: float) -> Bite:
+def _cutout_around_hole(hole: DrilledHole, gap_mm: float) -> _PadCutout:
     """What a hole wants for itself."""
-    return Bite(hole.start_mm, hole.end_mm, hole.width_mm / 2 + gap_mm + 0.02)
+    return _PadCutout(hole.start_mm, hole.end_mm, hole.width_mm / 2 + gap_mm + 0.02)
 
 
-def bite_round_leg(pad: Pad, gap_mm: float) -> Bite:
+def _cutout_around_leg(pad: BoardPad, gap_mm: float) -> _PadCutout:
     """What the pad of a plated slot wants for itself."""
     assert pad.hole is not None
-    return Bite(pad.hole.start_mm, pad.hole.end_mm, min(pad.size_mm) / 2 + gap_mm + 0.02)
+    return _PadCutout(pad.hole.start_mm, pad.hole.end_mm, min(pad.size_mm) / 2 + gap_mm + 0.02)
 
 
-def bitten(pad: Pad, bites: tuple[Bite, ...]) -> Pad:
+def _cut_back(pad: BoardPad, bites: tuple[_PadCutout, ...]) -> BoardPad:
     """The pad without what these take from it."""
-    return replace(pad, bites=tuple(bite for bite in bites if near(pad, bite)))
+    return replace(pad, bites=tuple(bite for bite in bites if _is_near(pad, bite)))
 
 
-def near(pad: Pad, bite: Bite) -> bool:
+def _is_near(pad: BoardPad, bite: _PadCutout) -> bool:
     """Whether a bite may reach a pad, by their boxes."""
     ends = bite.start_mm, bite.end_mm
     return all(
@@ -105,6 +137,6 @@ def near(pad: Pad, bite: Bite) -> bool:
     )
 
 
-def place_of(found: tuple[Pad, ...], pin: str) -> Place:
+def pad_position(found: tuple[BoardPad, ...], pin: str) -> PointMm:
     """Middle of a pin's pad."""
     return next(pad.at_mm for pad in found if pad.pin == pin)

@@ -1,0 +1,296 @@
+"""Which sensor a hardware command is about, and whether the library that models solids is there.
+
+ninedtact hardware bom: what to buy and to have made.
+
+ninedtact hardware check: rules, interference, clearances, and the paper's figures beside this design's.
+
+ninedtact hardware explore: designs compared by their parts and their twins, before anything is printed.
+
+ninedtact hardware export: one folder for the print shop, the laser cutter and the board house.
+
+ninedtact hardware guide: how to build the sensor, step by step, with images of its own parts.
+
+ninedtact hardware: the parts of a sensor, one subcommand per journey.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from ninedtact.cli.terminal import answer
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.hardware.bill_of_materials import BillItem
+    from ninedtact.hardware.buildability.mechanical_rules import BrokenRule
+    from ninedtact.hardware.built_sensor import BuiltSensor
+    from ninedtact.hardware.design import HardwareDesign
+    from ninedtact.hardware.explore.design_sweep import DesignSweep, ExploredDesign
+
+
+class Build123dMissing(NinedtactError):
+    """build123d is not installed."""
+
+
+@dataclass(frozen=True)
+class DesignOptions:
+    """The sensor that is built."""
+
+    design: Path | None = None
+    """Design file (TOML): what differs from the published sensor; [hardware.shell] and so on change its parts."""
+    variant: Literal["default", "original"] = "default"
+    """Ours, with the improvements that docs/hardware.md lists, or the original's dimensions."""
+
+    def hardware(self) -> "HardwareDesign":
+        """All dimensions; raises `DesignFileUnreadable`, `DesignImpossible`."""
+        from ninedtact.hardware.design import read_hardware_design
+
+        return read_hardware_design(self.design, self.variant)
+
+    def built(self) -> "BuiltSensor":
+        """Ready to be measured; raises `RulesBroken`, `BoardImpossible`, `Build123dMissing`."""
+        design = self.hardware()
+        _require_build123d()
+        from ninedtact.hardware.built_sensor import BuiltSensor
+
+        return BuiltSensor(design)
+
+
+def _require_build123d() -> None:
+    """Refuse where build123d is missing; raises `Build123dMissing`."""
+    if find_spec("build123d") is None:
+        raise Build123dMissing(
+            "expected build123d, which models the parts, got none; run pip install 'ninedtact[hardware]'"
+        )
+
+
+@dataclass(frozen=True)
+class BomCommand:
+    """List what one sensor is made of, and the tools that it takes, with estimated prices."""
+
+    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    json: bool = False
+    """Print the list as one JSON object."""
+
+    def run(self) -> int:
+        """Measure the parts, and list."""
+        from ninedtact.hardware.bill_of_materials import sensor_cost_usd
+
+        items = self.described.built().bill
+        table = {"items": [asdict(item) for item in items], "sensor_usd_estimated": sensor_cost_usd(items)}
+        return answer(self.json, table, format_bill_of_materials(items))
+
+
+def format_bill_of_materials(items: "list[BillItem]") -> Iterator[str]:
+    """For a person."""
+    from ninedtact.hardware.bill_of_materials import sensor_cost_usd
+    from ninedtact.hardware.published_specifications import PUBLISHED_9DTACT
+
+    for kind, heading in (("sensor", "one sensor"), ("tool", "tools, once for many sensors")):
+        yield heading
+        yield from (
+            f"  {item.count} x {item.name:20}{item.usd:7.2f} $  {item.what}" for item in items if item.kind == kind
+        )
+    published = f"the paper says about {PUBLISHED_9DTACT.cost_usd:g} $"
+    yield f"one sensor: about {sensor_cost_usd(items):.2f} $ by estimated prices; {published}"
+
+
+@dataclass(frozen=True)
+class CheckCommand:
+    """Say whether a design can be built: rules, interference, clearances; its figures beside the paper's Table I.
+
+    Exits with 1 where a rule is broken or two parts claim the same room.
+    """
+
+    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    json: bool = False
+    """Print everything as one JSON object."""
+
+    def run(self) -> int:
+        """Rules first; what keeps them is built and measured."""
+        from ninedtact.hardware.buildability.rule_check import find_broken_rules
+
+        if broken := find_broken_rules(self.described.hardware()):
+            answer(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
+            return 1
+        sensor = self.described.built()
+        answer(self.json, {"broken": [], **sensor.as_table()}, sensor.lines())
+        return 1 if sensor.interferences else 0
+
+
+def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
+    """For a person."""
+    yield f"{'1 rule' if len(broken) == 1 else f'{len(broken)} rules'} broken; nothing was built:"
+    yield from (f"  {each.rule}: {each.sentence}" for each in broken)
+
+
+class SensingAreaUnreadable(NinedtactError):
+    """Not a width and a height."""
+
+
+@dataclass(frozen=True)
+class ExploreCommand:
+    """Compare designs: predicted depth range, resolution, force range, signal per newton, field of view, size and cost.
+
+    Every combination of the values given is built and its twin pressed by a ball of radius 4 mm. The camera is moved away as
+    far as the lens needs. Nothing here is measured: docs/hardware.md says what each prediction rests on.
+    """
+
+    gel_mm: tuple[float, ...] = ()
+    """Thicknesses of the translucent gel."""
+    shore_a: tuple[float, ...] = ()
+    """Its hardnesses, Shore A."""
+    area_mm: tuple[str, ...] = ()
+    """Sensing areas: 24x18 30x22."""
+    lens_deg: tuple[float, ...] = ()
+    """Angles that the lens sees in air."""
+    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    calibrated: bool = False
+    """Let each twin calibrate itself by its board and ball, and read a press of another ball: the error of depth and of load that
+    the sensor would have. Half a minute for each."""
+    out: Path | None = None
+    """Folder for explore.csv, explore.png and a design file of every design."""
+    json: bool = False
+    """Print the table as one JSON object."""
+
+    def run(self) -> int:
+        """Build, press, and put side by side."""
+        _require_build123d()
+        from tqdm import tqdm
+
+        from ninedtact.hardware.explore.design_comparison import format_comparison_table
+        from ninedtact.hardware.explore.design_sweep import explore_designs
+
+        basis = self.described.hardware()
+        choices = [*self.sweep.designs(basis)]
+        self.begin()
+        looked = explore_designs(choices, self.calibrated)
+        found = list(tqdm(looked, total=len(choices), unit="design", disable=None, leave=False))
+        table: dict[str, Any] = {"designs": [each.as_table() for each in found], "files": self.written(found)}
+        return answer(self.json, table, format_comparison_table(found))
+
+    @property
+    def sweep(self) -> "DesignSweep":
+        """As the hardware room names it; raises `SensingAreaUnreadable`."""
+        from ninedtact.hardware.explore.design_sweep import DesignSweep
+
+        return DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
+
+    def begin(self) -> None:
+        """See that there is a folder before work begins; raises `OSError`."""
+        if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
+
+    def written(self, found: "list[ExploredDesign]") -> list[str]:
+        """Table and plot, if a folder was named."""
+        from ninedtact.atomic_write import write_file_atomically
+        from ninedtact.hardware.design import hardware_design_to_toml
+        from ninedtact.hardware.explore.design_comparison import comparison_to_csv, plot_comparison
+
+        if self.out is None:
+            return []
+        designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.predicted}
+        contents = {name: hardware_design_to_toml(design).encode() for name, design in designs.items()}
+        contents |= {"explore.csv": comparison_to_csv(found), "explore.png": plot_comparison(found)}
+        for name, content in contents.items():
+            write_file_atomically(self.out / name, content)
+        return [str(self.out / name) for name in contents]
+
+
+def _parse_area(text: str) -> tuple[float, float]:
+    """`24x18` → 24 mm by 18 mm; raises `SensingAreaUnreadable`."""
+    try:
+        width, height = map(float, text.lower().split("x"))
+    except ValueError:
+        raise SensingAreaUnreadable(
+            f"expected an area such as 24x18, got {text!r}; write width x height in mm"
+        ) from None
+    return width, height
+
+
+@dataclass(frozen=True)
+class ExportCommand:
+    """Write STEP, STL, DXF, drawings, circuit board, bill of materials and images of one sensor into a folder."""
+
+    out: Path
+    """Folder to write, whole or not at all; one that this command wrote before is replaced."""
+    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    json: bool = False
+    """Print the manifest as one JSON object."""
+
+    def run(self) -> int:
+        """Build, write, and say what is there."""
+        _require_build123d()
+        from tqdm import tqdm
+
+        from ninedtact.hardware.export.parts_folder import export_parts, require_replaceable_folder
+
+        require_replaceable_folder(self.out)
+        sensor = self.described.built()
+        began = time.monotonic()
+        with tqdm(desc="writing parts", unit="file", disable=None, leave=False) as progress:
+            manifest = export_parts(sensor, self.out, lambda _: progress.update() and None)
+        return answer(self.json, manifest, _format_export_report(self.out, manifest, time.monotonic() - began))
+
+
+def format_export_warnings(manifest: dict[str, Any]) -> Iterator[str]:
+    """Why parts of this folder should not be made as they are; none for a sound design."""
+    if faults := manifest["led_board_faults"]:
+        yield f"  DO NOT ORDER led_board/: it breaks {len(faults)} rules, the first {faults[0]}; its notes name them"
+    for pair in manifest["interferences"]:
+        what = f"{pair['first']} and {pair['second']} claim the same {pair['shared_mm3']:.2f} mm³"
+        yield f"  DO NOT MAKE these parts as they are: {what}"
+
+
+def _format_export_report(out: Path, manifest: dict[str, Any], seconds: float) -> Iterator[str]:
+    """For a person."""
+    yield f"{len(manifest['files'])} files of the {manifest['variant']} design in {out}, in {seconds:.0f} s"
+    for folder, use in (
+        ("printed", "STL and STEP for the print shop"),
+        ("cut", "DXF for the laser cutter, mm, 1:1; README.txt tells each sheet's thickness"),
+        ("led_board", "Gerbers, drill, placement for the board house; the notes tell how thick (0.80 mm as published)"),
+        ("drawings", "dimensions, SVG and PDF"),
+    ):
+        yield f"  {folder + '/':12}{use}"
+    yield from format_export_warnings(manifest)
+    yield f"  open {out / 'bom.html'}; {out / 'check.txt'} tells what was checked"
+
+
+@dataclass(frozen=True)
+class GuideCommand:
+    """Write the fabrication guide of a design: a page in Markdown and an image of the parts after each step."""
+
+    out: Path
+    """Folder for fabrication.md and images/; other files there stay."""
+    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    json: bool = False
+    """Print the files as one JSON object."""
+
+    def run(self) -> int:
+        """Build, draw, write."""
+        from tqdm import tqdm
+
+        sensor = self.described.built()
+        from ninedtact.hardware.guide.fabrication_guide import write_fabrication_guide
+
+        progress = tqdm(
+            write_fabrication_guide(sensor, self.out), desc="drawing", unit="file", disable=None, leave=False
+        )
+        files = [str(path) for path in progress]
+        return answer(self.json, {"files": files}, [f"{len(files)} files; read {files[-1]}"])
+
+
+HardwareCommand = (
+    Annotated[ExportCommand, tyro.conf.subcommand("export")]
+    | Annotated[BomCommand, tyro.conf.subcommand("bom")]
+    | Annotated[CheckCommand, tyro.conf.subcommand("check")]
+    | Annotated[ExploreCommand, tyro.conf.subcommand("explore")]
+    | Annotated[GuideCommand, tyro.conf.subcommand("guide")]
+)
+"""Its subcommands."""
+DESCRIPTION = "The parts of a sensor: files to make them, bill of materials, checks, designs compared, how to build it."

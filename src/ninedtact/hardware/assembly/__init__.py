@@ -1,1 +1,0 @@
-"""The finished sensor: every body at its place, what they share, how far apart they are."""

@@ -1,0 +1,162 @@
+"""The bill of materials: what one sensor is made of, and what it takes to make it.
+
+Prices are our estimates for single pieces, in US dollars, without shipping; no shop was asked. The paper says about $15.
+
+The bill of materials as CSV and as a page.
+"""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from math import ceil
+from typing import Literal
+
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.materials import MATERIAL_OF_PART, SILICONES
+
+BillItemKind = Literal["sensor", "tool"]
+SENSOR_USD_PER_CM3 = {"sensor_base": 0.35, "sensor_shell": 0.45, "isolation_ring": 0.35}
+"""Of prints: resin, and nylon laser-sintered."""
+TRAY_USD_PER_CM3 = SENSOR_USD_PER_CM3["sensor_shell"]
+"""The calibration board is of the shell's nylon."""
+SILICONE_USD_PER_G = 0.05
+ACRYLIC_USD_PER_CM3 = 0.05
+CAMERA_USD, BOARD_USD, CUT_USD = 6.0, 2.5, 0.2
+PUBLISHED_BOARD_MM2 = 28.0 * 21.0
+"""That `BOARD_USD` is for; a larger circuit board costs as much more, a smaller one as much."""
+NUT_MM = 2.4
+"""Height of an M3 nut (ISO 4032)."""
+
+
+@dataclass(frozen=True)
+class BillItem:
+    """One line."""
+
+    kind: BillItemKind
+    """Part of the sensor, or a tool that outlives it."""
+    name: str
+    count: int
+    what: str
+    """Enough to order it."""
+    each_usd: float
+    """Estimated."""
+
+    @property
+    def usd(self) -> float:
+        """Of all pieces."""
+        return self.count * self.each_usd
+
+
+def build_bill_of_materials(design: HardwareDesign, volumes_mm3: Mapping[str, float]) -> list[BillItem]:
+    """Every line. volumes_mm3: of the parts that are made, by name."""
+    cm3 = {name: volume / 1000 for name, volume in volumes_mm3.items()}
+    return [
+        *_printed_items(cm3),
+        *_cut_items(design, cm3),
+        *_gel_items(volumes_mm3),
+        *_bought_items(design),
+        *_tool_items(design, cm3),
+    ]
+
+
+def _printed_items(cm3: Mapping[str, float]) -> Iterator[BillItem]:
+    """From STEP or STL."""
+    for name, price in SENSOR_USD_PER_CM3.items():
+        yield BillItem("sensor", name, 1, f"{MATERIAL_OF_PART[name].name}, {cm3[name]:.2f} cm³", price * cm3[name])
+
+
+def _cut_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
+    """From DXF."""
+    thick = design.window.thick_mm
+    price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3["acrylic_window"]
+    yield BillItem("sensor", "acrylic_window", 1, f"clear acrylic, {thick:g} mm, laser-cut", price)
+
+
+def _gel_items(volumes_mm3: Mapping[str, float]) -> Iterator[BillItem]:
+    """Weighed in, with what is wasted."""
+    for silicone in SILICONES:
+        grams = silicone.grams(volumes_mm3[silicone.part])
+        what = f"{silicone.product}, A : B = {silicone.ratio}; mix {grams:.1f} g"
+        yield BillItem("sensor", silicone.part, 1, what, grams * SILICONE_USD_PER_G)
+
+
+def _bought_items(design: HardwareDesign) -> Iterator[BillItem]:
+    """From shops."""
+    wide, deep = design.plan.circuit
+    diameter, long = design.fasteners.insert_mm
+    yield BillItem("sensor", "camera", 1, "Frank-S15-V1.0-160 (OV5647, 160°), with its flat cable", CAMERA_USD)
+    outline = f"{wide:g} x {deep:g} mm, FR4 {design.board.thick_mm:.2f} mm thick, two layers; see led_board/"
+    yield BillItem("sensor", "led_board", 1, outline, BOARD_USD * max(1.0, wide * deep / PUBLISHED_BOARD_MM2))
+    yield BillItem("sensor", "insert", 8, f"M2 heat-set insert, about d{diameter:g} x {long:g} mm (M2-3-5)", 0.04)
+    yield BillItem(
+        "sensor", "screw", 4, f"M2 x {design.fasteners.screw_mm:g}, pan head d{design.fasteners.head_mm[0]:g}", 0.02
+    )
+
+
+def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
+    """Needed once, for many sensors."""
+    for name, thick in (
+        ("base_board", design.moulds.base_mm),
+        ("first_mould", design.levels.first_mould),
+        ("second_mould", design.levels.second_mould),
+    ):
+        price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3[name]
+        yield BillItem("tool", name, 1, f"clear acrylic, {thick:.2f} mm, laser-cut", price)
+    yield BillItem(
+        "tool",
+        "calibration_board",
+        1,
+        MATERIAL_OF_PART["calibration_board"].name,
+        TRAY_USD_PER_CM3 * cm3["calibration_board"],
+    )
+    yield BillItem("tool", "clamp screw and nut", 8, f"M3 x {clamp_screw_length_mm(design)}, with nut", 0.05)
+    yield BillItem(
+        "tool", "ball", 1, f"steel ball, diameter {2 * design.sensor.ball.radius_mm:g} mm, to calibrate with", 0.5
+    )
+    yield BillItem("tool", "light cable", 1, "micro-USB cable, any 5 V USB supply; one for each sensor in use", 2.0)
+    adapter = "from the camera's flat cable to USB (UVC), as its seller offers it; one for each sensor in use"
+    yield BillItem("tool", "camera adapter", 1, adapter, 5.0)
+    yield BillItem(
+        "tool", "glue", 1, "clear silicone glue or UV glue for the window; release agent for the moulds", 4.0
+    )
+
+
+def clamp_screw_length_mm(design: HardwareDesign) -> int:
+    """Length of the M3 screws: through base board, shell and the thicker mould, and a nut; sold every 5 mm."""
+    shell = design.levels.rim - design.levels.plate_top
+    stack = design.moulds.base_mm + shell + design.levels.second_mould
+    return 5 * ceil((stack + NUT_MM) / 5)
+
+
+def sensor_cost_usd(items: list[BillItem]) -> float:
+    """Of one sensor, without tools."""
+    return sum(item.usd for item in items if item.kind == "sensor")
+
+
+CSV_HEADINGS = "kind", "name", "count", "what", "each_usd_estimated"
+
+
+def bill_to_csv(items: Sequence[BillItem]) -> bytes:
+    """One line per item."""
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(CSV_HEADINGS)
+    writer.writerows((item.kind, item.name, item.count, item.what, f"{item.each_usd:.2f}") for item in items)
+    return text.getvalue().encode()
+
+
+def bill_to_html(design: HardwareDesign, items: Sequence[BillItem]) -> bytes:
+    """A page that loads nothing but the images beside it."""
+    # jinja2 is slow to import, and only this function needs it.
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    pages = Environment(
+        loader=PackageLoader("ninedtact.hardware", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = pages.get_template("bill_of_materials.html.jinja")
+    return page.render(design=design, items=items, total=sensor_cost_usd(list(items))).encode()

@@ -1,0 +1,211 @@
+"""A broken rule, and the refusal of a design that breaks some.
+
+Walls, posts and floors that a printer can make and that hold.
+
+Parts that must not stand in each other's way.
+
+The way of the camera's flat cable out of the sensor.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import combinations, product
+from math import atan2, hypot, radians, sqrt, tan
+
+from ninedtact.design import DesignImpossible
+from ninedtact.hardware.assembly_dimensions import XY
+from ninedtact.hardware.clearances import list_clearances
+from ninedtact.hardware.design import HardwareDesign
+
+
+@dataclass(frozen=True)
+class BrokenRule:
+    """One rule that a design breaks."""
+
+    rule: str
+    """Its name: `wall_too_thin`."""
+    sentence: str
+    """Expected, got, do this."""
+
+
+class DesignRulesBroken(DesignImpossible):
+    """A design that cannot be built; `broken` names every rule."""
+
+    def __init__(self, broken: Iterable[BrokenRule]) -> None:
+        self.broken = tuple(broken)
+        super().__init__("; also ".join(f"{each.sentence} (rule {each.rule})" for each in self.broken))
+
+
+MIN_WALL_MM = 0.8
+"""Two lines of a 0.4 mm nozzle; nylon by laser sintering needs 0.7."""
+
+
+def check_wall_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Every wall below the thinnest."""
+    for name, thick in _wall_thicknesses(design):
+        if thick < MIN_WALL_MM - 1e-9:
+            yield BrokenRule(
+                "wall_too_thin", f"expected {name} of at least {MIN_WALL_MM:g} mm, got {thick:.2f} mm; make it thicker"
+            )
+
+
+def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
+    """Names and thicknesses."""
+    shell, base = design.shell, design.base
+    yield "shell.wall_mm", shell.wall_mm
+    yield "shell.frame_wall_mm", shell.frame_wall_mm
+    yield "the shell's corner beside the gel", _shell_corner_thickness_mm(design)
+    yield "the screw bosses' wall (shell.boss_mm less shell.bore_mm, halved)", (shell.boss_mm - shell.bore_mm) / 2
+    yield "the insert bosses' wall (base.boss_mm less base.bore_mm, halved)", (base.boss_mm - base.bore_mm) / 2
+    yield "base.floor_mm", base.floor_mm
+    yield "the base under its counterbores", base.plate_mm - base.counterbore_deep_mm
+    yield "the ring's wall", (design.plan.ring_side - design.ring.bore_mm) / 2
+    if shell.relief_deep_mm:
+        yield "shell.relief_left_mm", shell.relief_left_mm
+
+
+def check_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """The isolation ring's cone opens from its bore to its land, within its height."""
+    ring, levels = design.ring, design.levels
+    wider = (design.plan.ring_side - ring.bore_mm) / 2 - ring.land_mm
+    deep, tall = wider / tan(radians(ring.cone_deg)), levels.floor_top - levels.ring_bottom
+    if not 0 < deep < tall:
+        yield BrokenRule(
+            "ring_has_no_mouth",
+            f"expected a cone of more than zero and less than the ring's {tall:.2f} mm deep, got {deep:.2f} mm; change "
+            "ring.land_mm, ring.bore_mm or ring.cone_deg",
+        )
+
+
+def _shell_corner_thickness_mm(design: HardwareDesign) -> float:
+    """Thickness of the shell along the diagonal of a corner of the gel cavity."""
+    shell, plan = design.shell, design.plan
+    outer, inner = shell.corner_radius_mm, shell.opening_radius_mm
+    apart = [(plan.outer[axis] / 2 - outer) - (plan.opening[axis] / 2 - inner) for axis in (0, 1)]
+    return outer - inner + sqrt(2) * min(apart)
+
+
+@dataclass(frozen=True)
+class _BossPattern:
+    """Four of a kind that stand on the base or hang down to it."""
+
+    name: str
+    places: tuple[XY, ...]
+    radius_mm: float
+    set_by: str
+    """The dimension that places them."""
+
+
+def check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Pairs that overlap; what is only tight is told by `hardware check`."""
+    for room in list_clearances(design):
+        if room.impossible:
+            yield BrokenRule(
+                room.rule, f"expected room between {room.between}, got {room.mm:.2f} mm; change {room.mended_by}"
+            )
+
+
+def check_boss_distances(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Bosses and posts, seen from above."""
+    for one, other in combinations(_boss_patterns(design), 2):
+        room = min(hypot(x - u, y - v) for (x, y), (u, v) in product(one.places, other.places))
+        room -= one.radius_mm + other.radius_mm
+        if room < 0:
+            yield BrokenRule(
+                "bosses_collide",
+                f"expected {one.name} clear of {other.name}, got {room:.2f} mm; change {one.set_by} or {other.set_by}",
+            )
+
+
+def _boss_patterns(design: HardwareDesign) -> tuple[_BossPattern, ...]:
+    """Insert bosses, posts, screw bosses."""
+    plan, base = design.plan, design.base
+    return (
+        _BossPattern("the base's insert bosses", tuple(plan.mount_inserts), base.boss_mm / 2, "base.mount_inset_mm"),
+        _BossPattern("the locating posts", tuple(plan.posts), base.post_mm / 2, "board.locating_inset_mm"),
+        _BossPattern(
+            "the shell's screw bosses", tuple(plan.shell_screws), design.shell.boss_mm / 2, "shell.boss_inset_mm"
+        ),
+    )
+
+
+def check_post_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Locating posts in the shell's wall, in the camera's pocket, or under the receptacle or the driver."""
+    base, plan, radius = design.base, design.plan, design.base.post_mm / 2
+    x, y = max(plan.posts)
+    if x + radius > plan.cavity[0] / 2 or y + radius > plan.cavity[1] / 2:
+        yield BrokenRule(
+            "post_in_wall",
+            f"expected the locating posts within the shell's cavity, got them at ({x:g}, {y:g}) mm; enlarge "
+            "board.locating_inset_mm",
+        )
+    inside = max(base.pocket_wide_mm, design.board.usb_mm[0]) / 2
+    driver = design.board.driver_at_mm[0] + design.board.driver_mm[0] / 2
+    if x - radius < max(inside, driver):
+        yield BrokenRule(
+            "post_in_pocket",
+            f"expected the locating posts beyond {max(inside, driver):.2f} mm from the middle, clear of camera, receptacle and "
+            f"driver, got {x - radius:.2f} mm; lessen board.locating_inset_mm",
+        )
+
+
+def check_insert_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Insert bosses in the pocket, under the receptacle or in the shell's wall."""
+    base, radius, (x, y) = design.base, design.base.boss_mm / 2, max(design.plan.mount_inserts)
+    inside = max(base.pocket_wide_mm, design.board.usb_mm[0]) / 2 + 0.5
+    if x - radius < inside:
+        yield BrokenRule(
+            "mount_in_pocket",
+            f"expected the insert bosses beyond {inside:.2f} mm from the middle, got {x - radius:.2f} mm; lessen "
+            "base.mount_inset_mm",
+        )
+    if x + radius > design.plan.cavity[0] / 2 or y + radius > design.plan.cavity[1] / 2:
+        yield BrokenRule(
+            "mount_in_wall",
+            f"expected the insert bosses within the shell's cavity, got them at ({x:g}, {y:g}) mm; enlarge base.mount_inset_mm",
+        )
+
+
+def check_usb_slot(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """A slot that the receptacle does not reach into, or that cuts the shell's floor."""
+    shell, levels, board = design.shell, design.levels, design.board
+    if shell.slot_wide_mm < board.usb_mm[0]:
+        yield BrokenRule(
+            "usb_slot",
+            f"expected shell.slot_wide_mm of at least {board.usb_mm[0]:g}, got {shell.slot_wide_mm:g}; widen it",
+        )
+    if not levels.board_bottom <= levels.plate_top + shell.slot_to_mm <= levels.ceiling - 0.3:
+        yield BrokenRule(
+            "usb_slot",
+            f"expected shell.slot_to_mm above the receptacle and 0.3 mm below the shell's floor, got {shell.slot_to_mm:g}; "
+            "correct it",
+        )
+
+
+def check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """The ramp climbs outwards, behind the camera's pocket, and its two blends fit on it."""
+    base = design.base
+    run, rise = base.ramp_foot_mm - base.ramp_head_mm, design.levels.plate_top - base.ramp_gap_mm - base.floor_mm
+    if min(run, rise) <= 0:
+        yield BrokenRule(
+            "ramp_too_short",
+            f"expected a ramp that climbs outwards, got {run:.2f} mm out and {rise:.2f} mm up; take base.ramp_foot_mm above "
+            "base.ramp_head_mm, and a thicker base.plate_mm",
+        )
+        return
+    # A blend of radius R at a bend by an angle begins R tan(angle / 2) before it.
+    bend = tan(atan2(rise, run) / 2)
+    blends, slope = bend * (base.ramp_foot_round_mm + base.ramp_head_round_mm), hypot(run, rise)
+    if blends >= slope:
+        yield BrokenRule(
+            "ramp_too_short",
+            f"expected the ramp's slope of at least {blends:.2f} mm for its two blends, got {slope:.2f} mm; raise "
+            "base.ramp_foot_mm, or lessen base.ramp_foot_round_mm",
+        )
+    before = design.plan.outer[1] / 2 - base.ramp_foot_mm - base.pocket_back_mm
+    if before <= bend * base.ramp_foot_round_mm:
+        yield BrokenRule(
+            "pocket_in_ramp",
+            f"expected {bend * base.ramp_foot_round_mm:.2f} mm between the camera's pocket and the cable's ramp, got "
+            f"{before:.2f} mm; lessen base.ramp_foot_mm",
+        )

@@ -1,0 +1,166 @@
+"""What moulds, gels and screws need.
+
+What the camera must see, and what must press inside its view.
+"""
+
+from collections.abc import Iterator
+from math import sqrt
+
+from ninedtact.hardware.buildability.mechanical_rules import BrokenRule
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.lens_coverage import lens_reach_mm, required_camera_distance_mm, sensing_corner_radius_mm
+
+MIN_MOULD_MM = 1.5
+"""Half an M3 screw: a thinner acrylic plate bends or cracks between the clamps, and the gel runs out under it."""
+MIN_THREAD_MM = 2.0
+"""Least length of M2 thread that holds: its diameter."""
+
+M3_NUT_WIDTH_MM = 6.4
+"""Across its corners (ISO 4032: 6.01 at least)."""
+
+
+def check_mould_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """The first mould is as thick as the gel."""
+    thick = design.sensor.gel.thickness_mm
+    if thick < MIN_MOULD_MM:
+        yield BrokenRule(
+            "mould_too_thin_for_the_screws",
+            f"expected a mould of at least {MIN_MOULD_MM:g} mm between its M3 screws, got gel.thickness_mm {thick:g}; make "
+            "the gel thicker",
+        )
+
+
+def check_screw_lengths(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """M2 screws through base and base board into the shell's inserts."""
+    screw, deepest = design.fasteners.screw_mm, design.shell.bore_deep_mm
+    for name, through in (
+        ("the base", design.base.plate_mm - design.base.counterbore_deep_mm),
+        ("the base board", design.moulds.base_mm),
+    ):
+        if not MIN_THREAD_MM <= screw - through <= deepest:
+            yield BrokenRule(
+                "screws_do_not_hold",
+                f"expected {MIN_THREAD_MM:g} to {deepest:g} mm of the screw above {name}, got {screw - through:.2f} mm; take "
+                "another fasteners.screw_mm",
+            )
+
+
+def check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Their knurl melts into the bore and stays within the boss."""
+    knurl, base, shell = design.fasteners.insert_mm[0], design.base, design.shell
+    for name, bore, boss in (("base", base.bore_mm, base.boss_mm), ("shell", shell.bore_mm, shell.boss_mm)):
+        if not bore < knurl < boss:
+            yield BrokenRule(
+                "inserts_do_not_hold",
+                f"expected inserts wider than {name}.bore_mm, {bore:g}, and narrower than {name}.boss_mm, {boss:g}, got "
+                f"{knurl:g} mm; change fasteners.insert_mm or {name}.bore_mm",
+            )
+
+
+def check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """The pressed gel and its black coat must end on the shell's rim."""
+    plan = design.plan
+    if min(plan.outer[axis] - plan.black[axis] for axis in (0, 1)) < 0:
+        yield BrokenRule(
+            "gel_beyond_the_shell",
+            f"expected the black gel within the shell's {plan.outer[0]:g} x {plan.outer[1]:g} mm, got {plan.black[0]:g} x "
+            f"{plan.black[1]:g} mm; thicken shell.wall_mm, or lessen sensing_area.overlap_mm or gels.black_side_mm",
+        )
+
+
+def check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """The calibration board over the shell's corners."""
+    frame, shell = design.pin_frame, design.shell
+    inside = max(frame.corner_radius_mm - frame.wall_mm, 0.0)
+    room = frame.gap_mm - max(inside - shell.corner_radius_mm, 0.0) * (sqrt(2) - 1)
+    if room < 0.05:
+        yield BrokenRule(
+            "tray_does_not_pass",
+            f"expected 0.05 mm between the calibration board's corners and the shell's, got {room:.2f} mm; lessen "
+            "pin_frame.corner_radius_mm",
+        )
+
+
+def check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """The M3 screws that hold the moulds stand beside the shell, their nuts too."""
+    (wide, deep), room = design.plan.outer, M3_NUT_WIDTH_MM / 2
+    for x, y in design.plan.clamps:
+        if abs(x) < wide / 2 + room and abs(y) < deep / 2 + room:
+            yield BrokenRule(
+                "clamps_in_the_shell",
+                f"expected the moulds' screws {room:.2f} mm beside the shell, got one at ({x:g}, {y:g}) mm; raise "
+                "moulds.beyond_mm",
+            )
+            return
+
+
+MAX_CAMERA_DISTANCE_MM = 200.0
+MIN_PIN_GAP_MM = 0.6
+"""Least skin between pins: imprints must not run into each other."""
+
+
+def check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """A sensor as tall as an arm."""
+    distance = design.sensor.camera.distance_mm
+    if distance > MAX_CAMERA_DISTANCE_MM:
+        yield BrokenRule(
+            "camera_too_far",
+            f"expected the camera at most {MAX_CAMERA_DISTANCE_MM:g} mm from the skin, got {distance:g} mm; lessen "
+            "camera.distance_mm",
+        )
+
+
+def check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """The sensing area's corners, through air, acrylic and silicone."""
+    reach, corner = lens_reach_mm(design), sensing_corner_radius_mm(design)
+    if reach < corner - 1e-6:
+        yield BrokenRule(
+            "lens_does_not_see_the_corner",
+            f"expected the lens to reach the sensing area's corner, {corner:.1f} mm from the middle, got {reach:.1f} mm; set "
+            f"camera.distance_mm to {required_camera_distance_mm(design) + 0.05:.1f}, or make the area smaller",
+        )
+
+
+def check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """The cone of sight at the window's upper face."""
+    reach, half = lens_reach_mm(design, design.levels.window_top), design.window.side_mm / 2
+    if reach > half:
+        yield BrokenRule(
+            "window_cuts_the_view",
+            f"expected a window of at least {2 * reach:.1f} mm, got {design.window.side_mm:g} mm; enlarge it and its hole",
+        )
+
+
+def check_pins_in_view(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Pins beside the sensing area: their imprints would not be seen whole."""
+    board, area = design.sensor.pin_board, design.sensor.sensing_area
+    for axis, count, side in (("cols", board.cols, area.width_mm), ("rows", board.rows, area.height_mm)):
+        most = int((side - board.pin_diameter_mm) / board.pitch_mm + 1e-9) + 1
+        if count > most:
+            yield BrokenRule(
+                "pins_out_of_view",
+                f"expected at most {most} {axis} of pins {board.pitch_mm:g} mm apart within {side:g} mm of sensing area, got "
+                f"{count}; {_pin_count_remedy(axis, most)}",
+            )
+
+
+def _pin_count_remedy(axis: str, most: int) -> str:
+    """What to do about it: a lens is fitted to three at the least."""
+    return f"set pin_board.{axis} to {most}" if most >= 3 else "narrow pin_board.pitch_mm and take thinner pins"
+
+
+def check_pin_spacing(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Pins whose imprints would join."""
+    board = design.sensor.pin_board
+    if board.pitch_mm < board.pin_diameter_mm + MIN_PIN_GAP_MM:
+        yield BrokenRule(
+            "pins_too_close",
+            f"expected a pitch of at least {board.pin_diameter_mm + MIN_PIN_GAP_MM:.2f} mm between pins of "
+            f"{board.pin_diameter_mm:g} mm, got {board.pitch_mm:g} mm; widen pin_board.pitch_mm, or take thinner pins",
+        )
+    if design.pin_frame.pin_tall_mm < board.pin_diameter_mm / 2:
+        yield BrokenRule(
+            "pin_too_short",
+            f"expected pins as tall as half their diameter, {board.pin_diameter_mm / 2:g} mm, got "
+            f"{design.pin_frame.pin_tall_mm:g} mm; raise pin_frame.pin_tall_mm",
+        )

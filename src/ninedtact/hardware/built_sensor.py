@@ -1,0 +1,131 @@
+"""Everything that is known of a built design: what is checked, listed and exported."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+from ninedtact.hardware.bill_of_materials import BillItem, build_bill_of_materials, sensor_cost_usd
+from ninedtact.hardware.buildability.rule_check import require_buildable_design
+from ninedtact.hardware.clearances import Clearance, list_clearances
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.led_board.board_design import led_board_for_design
+from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
+from ninedtact.hardware.led_board.layout import BoardLayout
+from ninedtact.hardware.lens_coverage import lens_reach_mm, sensing_corner_radius_mm
+from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_parts
+from ninedtact.hardware.published_specifications import (
+    PUBLICATION_DISCREPANCIES,
+    PUBLISHED_9DTACT,
+    PUBLISHED_DIGIT,
+    SensorSpecification,
+    format_specification_table,
+    specification_of_design,
+)
+from ninedtact.hardware.sensor_assembly import AssemblyBody, BodyPair, find_adjacent_bodies, place_assembly_bodies
+
+
+@dataclass(frozen=True)
+class BuiltSensor:
+    """A design that keeps all rules and for which there is a LED board; its solids are built when they are first asked for.
+
+    Raises `RulesBroken`, `BoardImpossible`.
+    """
+
+    design: HardwareDesign
+
+    def __post_init__(self) -> None:
+        require_buildable_design(self.design)
+        _ = self.circuit
+
+    @cached_property
+    def parts(self) -> dict[str, BuiltPart]:
+        """By name."""
+        return build_parts(self.design)
+
+    @cached_property
+    def bodies(self) -> list[AssemblyBody]:
+        """Of the finished sensor."""
+        return place_assembly_bodies(self.design, self.parts)
+
+    @cached_property
+    def meetings(self) -> list[BodyPair]:
+        """Pairs of bodies that are near each other."""
+        return [*find_adjacent_bodies(self.bodies)]
+
+    @property
+    def interferences(self) -> list[BodyPair]:
+        """Pairs that claim the same room."""
+        return [meeting for meeting in self.meetings if meeting.interferes]
+
+    @cached_property
+    def clearances(self) -> list[Clearance]:
+        """Room between parts, by their dimensions."""
+        return [*list_clearances(self.design)]
+
+    @cached_property
+    def circuit(self) -> BoardLayout:
+        """The LED board that fits."""
+        return lay_out_checked_board(led_board_for_design(self.design))
+
+    @cached_property
+    def bill(self) -> list[BillItem]:
+        """Of materials."""
+        return build_bill_of_materials(self.design, {name: part.volume_mm3 for name, part in self.parts.items()})
+
+    @cached_property
+    def figures(self) -> SensorSpecification:
+        """As a row of the paper's table."""
+        return specification_of_design(self.design, (body.mass_g for body in self.bodies), sensor_cost_usd(self.bill))
+
+    def as_table(self) -> dict[str, Any]:
+        """For scripts."""
+        return {
+            "variant": self.design.variant,
+            "figures": {**asdict(self.figures), "ratio_mm": self.figures.ratio_mm},
+            "paper": {**asdict(PUBLISHED_9DTACT), "ratio_mm": PUBLISHED_9DTACT.ratio_mm},
+            "others": [{**asdict(PUBLISHED_DIGIT), "ratio_mm": PUBLISHED_DIGIT.ratio_mm}],
+            "lens_reach_mm": lens_reach_mm(self.design),
+            "corner_mm": sensing_corner_radius_mm(self.design),
+            "interferences": [asdict(meeting) for meeting in self.interferences],
+            "meetings": [asdict(meeting) for meeting in self.meetings],
+            "led_board_faults": [*map(str, find_violations(self.circuit))],
+            "clearances": [{**asdict(room), "tight": room.tight} for room in self.clearances],
+            "masses_g": {body.name: body.mass_g for body in self.bodies},
+            "disagreements": [asdict(each) for each in PUBLICATION_DISCREPANCIES],
+        }
+
+    def lines(self) -> Iterator[str]:
+        """For a person."""
+        tight = sum(room.tight for room in self.clearances)
+        kept = f"no rule broken, but {tight} clearances are tight" if tight else "all rules kept"
+        yield f"design {self.design.variant}: {kept}; {len(self.bodies)} bodies"
+        yield from _format_interferences(self)
+        faults = find_violations(self.circuit)
+        yield f"  the LED board breaks {len(faults)} of its own rules{f', the first {faults[0]}' if faults else ''}"
+        yield from _format_clearances(self.clearances)
+        reach, corner = lens_reach_mm(self.design), sensing_corner_radius_mm(self.design)
+        yield f"the lens reaches {reach:.2f} mm, the sensing area's corner is at {corner:.2f} mm"
+        yield "beside the paper and others (masses of this design by assumed densities, its cost by estimated prices):"
+        yield from (
+            "  " + line for line in format_specification_table((PUBLISHED_9DTACT, self.figures, PUBLISHED_DIGIT))
+        )
+        yield "where the paper and its files disagree (here: the published size):"
+        for each in PUBLICATION_DISCREPANCIES:
+            yield f"  {each.thing}: paper {each.paper or 'says nothing'}; files {each.files}; here {each.here}"
+
+
+def _format_interferences(sensor: BuiltSensor) -> Iterator[str]:
+    """Pairs that overlap, and those that are meant to."""
+    for pair in sensor.interferences:
+        yield f"  INTERFERES: {pair.first} and {pair.second} share {pair.shared_mm3:.3f} mm³"
+    meant = sum(pair.shared_mm3 > 0 and pair.meant for pair in sensor.meetings)
+    many = len(sensor.interferences)
+    yield f"  {'1 pair interferes' if many == 1 else f'{many} pairs interfere'}; {meant} inserts are meant to melt into their bores"
+
+
+def _format_clearances(rooms: list[Clearance]) -> Iterator[str]:
+    """The table."""
+    yield "clearances, mm (needed):"
+    for room in rooms:
+        yield f"  {room.mm:7.3f} ({room.least_mm:.2f}) {room.between}{'   TIGHT' if room.tight else ''}"

@@ -1,0 +1,47 @@
+"""The layers of silicone above the window, and the moulds that make them."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
+
+
+@dataclass(frozen=True)
+class GelLayerDimensions:
+    """What the layers have beside the translucent one's thickness, which is the sensor design's."""
+
+    rim_radius_mm: Annotated[float, Bounds(0.0, 5.0)] = 1.0
+    """Of the translucent layer's corners."""
+    black_top_mm: Annotated[float, Bounds(0.1, 2.0)] = 0.3
+    """Black above the translucent layer: the difference of the two moulds, enough to stop all light."""
+    black_side_mm: Annotated[float, Bounds(0.2, 2.0)] = 0.8
+    """Black round its sides."""
+
+    def __post_init__(self) -> None:
+        require_within_bounds("gels", self)
+
+
+@dataclass(frozen=True)
+class MouldDimensions:
+    """Laser-cut acrylic plates, clamped by M3 screws; each mould is as thick as the layers that it makes."""
+
+    base_mm: Annotated[float, Bounds(1.0, 8.0)] = 3.0
+    """Thickness of the base board on which the shell is screwed."""
+    beyond_mm: Annotated[tuple[float, float], Bounds(8.0, 40.0)] = (30.5, 27.5)
+    """How much wider the plates are than the translucent layer, x and y: room for shell and screws."""
+    corner_radius_mm: Annotated[float, Bounds(0.0, 20.0)] = 12.0
+    """Of the plates."""
+    hole_mm: Annotated[float, Bounds(3.05, 3.6)] = 3.1
+    """For M3."""
+    hole_inset_mm: Annotated[float, Bounds(2.5, 8.0)] = 3.0
+    """From the plates' edges to the screws' axes."""
+    pairs_mm: Annotated[tuple[float, float], Bounds(4.0, 40.0)] = (10.0, 8.0)
+    """Of the screws at the long sides, x from the middle; of those at the short sides, y from the middle."""
+    shell_screw_mm: Annotated[float, Bounds(2.0, 3.0)] = 2.2
+    """Through the base board into the shell's inserts."""
+
+    def __post_init__(self) -> None:
+        require_within_bounds("moulds", self)
+
+
+ORIGINAL_MOULDS = MouldDimensions(shell_screw_mm=2.1)

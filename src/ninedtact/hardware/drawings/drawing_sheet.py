@@ -1,0 +1,216 @@
+"""The column of text beside the views: material, tolerance, fits, holes, dimensions by their names in the design file.
+
+A dimensioned drawing on A3, third angle: top view, front view below it, right view beside that, and above the right view
+the part cut open along A–A. As SVG and PDF.
+
+matplotlib is slow to import, so it is imported when a sheet is drawn; its global state is never touched.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+from build123d import Axis
+
+from ninedtact.hardware.clearances import list_clearances
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.drawings.dimensioned_view import INK, DimensionedView
+from ninedtact.hardware.drawings.part_geometry import (
+    RoundFeatures,
+    find_corner_radii,
+    find_face_positions,
+    find_feature_heights,
+    find_round_features,
+    project_section,
+    project_view,
+)
+from ninedtact.hardware.materials import MATERIAL_OF_PART
+from ninedtact.hardware.parts.part_catalogue import BuiltPart
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+PLATE = ("moulds.beyond_mm", "moulds.corner_radius_mm", "moulds.hole_mm", "moulds.hole_inset_mm", "moulds.pairs_mm")
+PINS = ("pin_board.rows", "pin_board.cols", "pin_board.pitch_mm", "pin_board.pin_diameter_mm")
+DIMENSIONS_OF_PART = {
+    "sensor_base": ("base",),
+    "sensor_shell": ("shell",),
+    "isolation_ring": ("ring",),
+    "acrylic_window": ("window",),
+    "calibration_board": ("pin_frame", *PINS),
+    "base_board": (*PLATE, "moulds.base_mm", "moulds.shell_screw_mm"),
+    "first_mould": (*PLATE, "gel.thickness_mm", "gels.rim_radius_mm"),
+    "second_mould": (*PLATE, "gel.thickness_mm", "gels.rim_radius_mm", "gels.black_top_mm", "gels.black_side_mm"),
+}
+"""Tables of the design file, or single lines of them, by part."""
+TOLERANCES = {
+    "printed": "± 0.15; what has to fit is listed below: try it",
+    "cut": "± 0.10; sheets vary: measure the thickness",
+}
+"""By way of making; what these shops usually hold, no shop was asked."""
+
+
+@dataclass(frozen=True)
+class DrawingNote:
+    """One line."""
+
+    text: str
+    heading: bool = False
+
+
+def build_drawing_notes(design: HardwareDesign, part: BuiltPart) -> list[DrawingNote]:
+    """All that is said of a part."""
+    return [
+        *_manufacturing_notes(part),
+        *_fit_notes(design, part.name),
+        *_round_feature_notes(part),
+        *_dimension_notes(design, part.name),
+    ]
+
+
+def _manufacturing_notes(part: BuiltPart) -> Iterator[DrawingNote]:
+    """Material, way, tolerance."""
+    yield DrawingNote(f"{MATERIAL_OF_PART[part.name].name}, {part.way}")
+    yield DrawingNote(f"tolerance {TOLERANCES[part.way]}")
+
+
+def _fit_notes(design: HardwareDesign, part: str) -> Iterator[DrawingNote]:
+    """What has to pass, with its nominal room on each side."""
+    found = [each for each in list_clearances(design) if part in each.held_by]
+    if found:
+        yield DrawingNote("fits: room on each side", heading=True)
+        yield from (DrawingNote(f"{each.mm:.3f}  {each.between}") for each in found)
+
+
+def _round_feature_notes(part: BuiltPart) -> Iterator[DrawingNote]:
+    """Holes and pins, if there are any."""
+    if found := [*find_round_features(part.solid)]:
+        yield DrawingNote("round, about z (diameter: places x, y)", heading=True)
+        yield from (DrawingNote(text) for each in found for text in _hole_callout(each))
+
+
+def _hole_callout(found: RoundFeatures) -> Iterator[str]:
+    """A group of holes in lines that fit; a lattice by its columns, rows and pitch."""
+    head = f"{len(found.places)} x ⌀{found.diameter_mm:.2f}: "
+    if found.lattice:
+        columns, rows, pitch = found.lattice
+        (low_x, low_y), (high_x, high_y) = min(found.places), max(found.places)
+        yield f"{head}{columns} columns x {rows} rows, pitch {pitch:.2f}"
+        yield f"      x from {low_x:g} to {high_x:g}, y from {low_y:g} to {high_y:g}"
+        return
+    places = [f"({x:g}, {y:g})" for x, y in found.places]
+    for start in range(0, len(places), 4):
+        yield (head if start == 0 else "      ") + " ".join(places[start : start + 4])
+
+
+def _dimension_notes(design: HardwareDesign, part: str) -> Iterator[DrawingNote]:
+    """Each as `name value`, as it stands in the design file; tables of the hardware without their `hardware.`."""
+    yield DrawingNote("dimensions of the design", heading=True)
+    for name in DIMENSIONS_OF_PART[part]:
+        table, _, only = name.partition(".")
+        found = getattr(design, table, None) or getattr(design.sensor, table)
+        names = [only] if only else [field.name for field in fields(found)]
+        yield from (DrawingNote(f"{table}.{each}  {_format_value(getattr(found, each))}") for each in names)
+    if part == "calibration_board":
+        yield DrawingNote(
+            f"tips of the pins at z  {design.pin_frame.floor_mm + design.pin_frame.pin_tall_mm:.2f}, on one plane"
+        )
+
+
+def _format_value(value: float | tuple[float, ...]) -> str:
+    """As a person writes it."""
+    return f"({', '.join(f'{each:g}' for each in value)})" if isinstance(value, tuple) else f"{value:g}"
+
+
+SHEET_MM = 420.0, 297.0
+SCALES = 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.75, 1.5, 1.25, 1.0, 0.75, 0.5
+VIEWS_MM = 302.0, 262.0
+"""Room for the views; the rest is for the table."""
+LEFT_MM, BOTTOM_MM = 28.0, 28.0
+GAP_MM = 32.0
+"""Between views, for dimensions."""
+EDGES_MM = 36.0
+"""Beside the outer views, for the same."""
+WITH_CORNERS = "acrylic_window", "base_board", "first_mould", "second_mould", "calibration_board"
+"""Plates and the tray: all that their vertical edges are rounded by is told beside the top view."""
+TABLE_X, TABLE_TOP, TABLE_BOTTOM = 318.0, 276.0, 15.0
+ROW_MM = 4.2
+"""From one row of the table to the next, or less where there are more than fit."""
+
+
+@dataclass(frozen=True)
+class DrawingSheet:
+    """One part's drawing."""
+
+    part: BuiltPart
+    notes: Sequence[DrawingNote]
+    """What the table says of its making, below name, scale and box."""
+
+    def files(self) -> Iterator[tuple[str, bytes]]:
+        """Ending and content."""
+        figure = self.drawn()
+        yield from ((ending, _figure_to_bytes(figure, ending)) for ending in ("svg", "pdf"))
+
+    def drawn(self) -> Any:
+        """The figure; one unit of its axes is one mm of paper."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(SHEET_MM[0] / 25.4, SHEET_MM[1] / 25.4))
+        axes = figure.add_axes((0, 0, 1, 1))
+        axes.set(xlim=(0, SHEET_MM[0]), ylim=(0, SHEET_MM[1]))
+        axes.axis("off")
+        self.draw_views(axes)
+        self.draw_table(axes)
+        return figure
+
+    @property
+    def scale(self) -> float:
+        """The largest that fits."""
+        x, y, z = self.part.size_mm
+        for scale in SCALES:
+            wide, tall = (x + y) * scale + GAP_MM + EDGES_MM, (max(y, z) + z) * scale + GAP_MM + EDGES_MM
+            if wide < VIEWS_MM[0] and tall < VIEWS_MM[1]:
+                return scale
+        return SCALES[-1]
+
+    def draw_views(self, axes: "Axes") -> None:
+        """Each with the dimensions of its box."""
+        solid, scale, (x_mm, _, z_mm) = self.part.solid, self.scale, self.part.size_mm
+        right, above = LEFT_MM + x_mm * scale + GAP_MM, BOTTOM_MM + z_mm * scale + GAP_MM
+        xs, ys, zs = find_face_positions(solid, Axis.X), find_face_positions(solid, Axis.Y), find_feature_heights(solid)
+        top = DimensionedView(axes, project_view(solid, "top"), scale, (LEFT_MM, above)).lines().box().cut_at_zero("A")
+        corners = [*find_corner_radii(solid)] if self.part.name in WITH_CORNERS else []
+        top.rounds([*find_round_features(solid)], corners).upwards(ys, "y").across(xs, "x")
+        front = DimensionedView(axes, project_view(solid, "front"), scale, (LEFT_MM, BOTTOM_MM)).lines().box()
+        front.upwards(zs, "z", zs[0])
+        DimensionedView(axes, project_view(solid, "right"), scale, (right, BOTTOM_MM)).lines().box()
+        DimensionedView(axes, project_section(solid), scale, (right, above)).lines().box().titled("A–A")
+
+    def draw_table(self, axes: "Axes") -> None:
+        """Name, scale and box, then how it is made."""
+        rows = *self.head(), *self.notes
+        apart = min(ROW_MM, (TABLE_TOP - TABLE_BOTTOM) / len(rows))
+        for number, row in enumerate(rows):
+            size, weight = (8.0, "bold") if row.heading else (6.6, "normal")
+            axes.text(TABLE_X, TABLE_TOP - number * apart, row.text, fontsize=size, color=INK, weight=weight)
+        axes.plot([TABLE_X - 5] * 2, [TABLE_BOTTOM, SHEET_MM[1] - TABLE_BOTTOM], color=INK, linewidth=0.6)
+
+    def head(self) -> Iterator[DrawingNote]:
+        """Of the table."""
+        x, y, z = self.part.size_mm
+        yield DrawingNote(self.part.name.replace("_", " "), heading=True)
+        yield DrawingNote(f"scale {self.scale:g} : 1 on A3, third angle, lengths in mm")
+        yield DrawingNote(f"box {x:.2f} x {y:.2f} x {z:.2f}, volume {self.part.volume_mm3:.1f} mm³")
+
+
+def _figure_to_bytes(figure: Any, ending: str) -> bytes:
+    """Without the date: the same design gives the same file."""
+    from matplotlib import rc_context
+
+    buffer = BytesIO()
+    dateless = {"Date": None} if ending == "svg" else {"CreationDate": None}
+    with rc_context({"svg.hashsalt": "ninedtact", "svg.fonttype": "none", "hatch.linewidth": 0.3}):
+        figure.savefig(buffer, format=ending, metadata=dateless)
+    return buffer.getvalue()

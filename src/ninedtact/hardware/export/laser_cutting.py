@@ -1,0 +1,157 @@
+"""A flat part as closed outlines: what a laser follows.
+
+DXF for the laser: closed outlines in mm, 1:1, each line once, holes on a layer of their own.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from math import hypot
+from typing import Any
+
+from build123d import Axis, Edge, GeomType, Part, Wire
+
+from ninedtact.errors import NinedtactError
+from ninedtact.hardware.assembly_dimensions import XY
+
+SAME_POINT_MM = 1e-4
+"""Ends nearer than this are one point."""
+
+
+class _OutlineNotCuttable(NinedtactError):
+    """A part that cannot be cut from a sheet."""
+
+
+@dataclass(frozen=True)
+class _CircleOutline:
+    """A round hole."""
+
+    centre: XY
+    radius_mm: float
+
+    @property
+    def first(self) -> XY:
+        """By which outlines are ordered."""
+        return _round_point(self.centre)
+
+
+@dataclass(frozen=True)
+class _PolylineOutline:
+    """A closed run of lines and arcs."""
+
+    corners: tuple[XY, ...]
+    bulges: tuple[float, ...]
+    """Of the side that begins at each corner: tangent of a quarter of its arc, left turns positive; zero for a line."""
+
+    @property
+    def first(self) -> XY:
+        """The corner with the lowest x, then y; by which outlines are ordered."""
+        return min(map(_round_point, self.corners))
+
+    def from_first(self) -> "_PolylineOutline":
+        """The same from its first corner on to the lower neighbour: the modelling library may begin anywhere."""
+        at = [*map(_round_point, self.corners)].index(self.first)
+        corners, bulges = (*self.corners[at:], *self.corners[:at]), (*self.bulges[at:], *self.bulges[:at])
+        if _round_point(corners[-1]) < _round_point(corners[1]):
+            corners, bulges = (corners[0], *corners[:0:-1]), tuple(0.0 - bulge for bulge in reversed(bulges))
+        return _PolylineOutline(corners, bulges)
+
+
+def _part_outlines(part: Part) -> list[_CircleOutline | _PolylineOutline]:
+    """Outside first, then every hole, each once; raises `_OutlineNotCuttable`."""
+    top = part.faces().filter_by(Axis.Z).sort_by(Axis.Z)[-1]
+    inside = sorted((_wire_outline(wire) for wire in top.inner_wires()), key=lambda found: found.first)
+    return [_wire_outline(top.outer_wire()), *inside]
+
+
+def _wire_outline(wire: Wire) -> _CircleOutline | _PolylineOutline:
+    """One closed wire."""
+    edges = list(wire.edges())
+    if len(edges) == 1 and edges[0].geom_type == GeomType.CIRCLE:
+        centre = edges[0].arc_center
+        return _CircleOutline((float(centre.X), float(centre.Y)), float(edges[0].radius))
+    sides = [*_chain_sides([_edge_to_side(edge) for edge in edges])]
+    return _PolylineOutline(tuple(start for start, _, _ in sides), tuple(bulge for _, _, bulge in sides)).from_first()
+
+
+def _round_point(place: XY) -> XY:
+    """To what is one point."""
+    return round(place[0], 4) + 0.0, round(place[1], 4) + 0.0
+
+
+Side = tuple[XY, XY, float]
+"""Start, end, bulge."""
+
+
+def _edge_to_side(edge: Edge) -> Side:
+    """A line or an arc; raises `_OutlineNotCuttable` for other curves."""
+    if edge.geom_type not in (GeomType.LINE, GeomType.CIRCLE):
+        raise _OutlineNotCuttable(
+            f"expected lines and arcs to cut along, got {edge.geom_type}; cut this part another way"
+        )
+    start, middle, end = ((float(place.X), float(place.Y)) for place in (edge @ 0, edge @ 0.5, edge @ 1))
+    along, across = (end[0] - start[0], end[1] - start[1]), (middle[0] - start[0], middle[1] - start[1])
+    left = along[0] * across[1] - along[1] * across[0]
+    return start, end, 0.0 - 2 * left / hypot(*along) ** 2
+
+
+def _chain_sides(sides: Sequence[Side]) -> Iterator[Side]:
+    """The same in the order in which a pen draws them; raises `_OutlineNotCuttable` where it would have to be lifted."""
+    left = list(sides[1:])
+    last = sides[0]
+    yield last
+    while left:
+        last = _take_next_side(left, last[1])
+        yield last
+    if not _is_same_point(last[1], sides[0][0]):
+        raise _OutlineNotCuttable("expected a closed outline, got one that ends elsewhere; report this part")
+
+
+def _take_next_side(left: list[Side], at: XY) -> Side:
+    """Take out the side that begins or ends here; turned round if it ends."""
+    for number, (start, end, bulge) in enumerate(left):
+        if _is_same_point(start, at) or _is_same_point(end, at):
+            del left[number]
+            return (start, end, bulge) if _is_same_point(start, at) else (end, start, -bulge)
+    raise _OutlineNotCuttable(f"expected an outline that goes on at {at}, got a gap; report this part")
+
+
+def _is_same_point(first: XY, second: XY) -> bool:
+    """Whether two points are one."""
+    return hypot(first[0] - second[0], first[1] - second[1]) < SAME_POINT_MM
+
+
+MILLIMETRES = 4
+"""$INSUNITS."""
+OUTSIDE_LAYER, INSIDE_LAYER = "outside", "inside"
+"""Layers: holes are cut first, or the plate falls out before them."""
+
+
+def part_to_dxf(part: Part) -> bytes:
+    """A flat part as DXF R2010; the kerf is not taken off: the cutter knows its laser."""
+    from ezdxf._options import options
+    from ezdxf.filemanagement import new
+
+    # Instead of today's date and a new identity: the same design gives the same file.
+    options.write_fixed_meta_data_for_testing = True
+    drawing = new("R2010", units=MILLIMETRES)
+    for number, outline in enumerate(_part_outlines(part)):
+        layer = INSIDE_LAYER if number else OUTSIDE_LAYER
+        if layer not in drawing.layers:
+            drawing.layers.add(layer, color=1 if number else 7)
+        _add_outline(drawing.modelspace(), outline, layer)
+    # ezdxf would list them in the order of a set, another one in every process.
+    for kind in sorted(drawing.entitydb.dxf_types_in_use()):
+        drawing.classes.add_class(kind)
+    text = StringIO()
+    drawing.write(text)
+    return text.getvalue().encode()
+
+
+def _add_outline(space: Any, outline: _CircleOutline | _PolylineOutline, layer: str) -> None:
+    """One outline as one entity."""
+    if isinstance(outline, _CircleOutline):
+        space.add_circle(outline.centre, outline.radius_mm, dxfattribs={"layer": layer})
+        return
+    points = [(x, y, bulge) for (x, y), bulge in zip(outline.corners, outline.bulges, strict=True)]
+    space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})

@@ -1,0 +1,186 @@
+"""The parts as they are after each step, and from where they are looked at.
+
+The guide as Markdown with its images.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+from build123d import Axis, Part, Pos, Rot
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.design import SensorDesign
+from ninedtact.hardware.assembly_images import colour_bodies, cut_bodies_open
+from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.design import HardwareDesign, hardware_design_of_variant
+from ninedtact.hardware.guide.assembly_steps import AssemblyState, GuideStep, list_guide_steps
+from ninedtact.hardware.materials import MATERIAL_OF_PART
+from ninedtact.hardware.sensor_assembly import AssemblyBody
+from ninedtact.hardware.solid_renderer import FROM_ABOVE, FROM_BELOW, BgrImage, ViewDirection, render_solids
+
+SIZE_PX = 800, 600
+SECTION_VIEW = ViewDirection(-68.0, 24.0)
+BETWEEN_MM = 24.0
+"""Of two parts that stand beside one another."""
+
+
+@dataclass(frozen=True)
+class _AssemblyScene:
+    """What an image shows."""
+
+    bodies: list[AssemblyBody]
+    eye: ViewDirection = FROM_ABOVE
+    cut: bool = False
+    """The half at -y taken away."""
+
+    def image(self) -> BgrImage:
+        """Drawn."""
+        return render_solids(
+            colour_bodies(cut_bodies_open(self.bodies) if self.cut else self.bodies), self.eye, SIZE_PX
+        )
+
+
+@dataclass(frozen=True)
+class _AssemblyScenes:
+    """Every state of one sensor's parts."""
+
+    sensor: BuiltSensor
+
+    def scene(self, state: AssemblyState) -> _AssemblyScene:
+        """Of this step."""
+        return {
+            "inserts": lambda: _AssemblyScene([*self.base(), *self.beside(self.shell())]),
+            "window": lambda: _AssemblyScene([*self.shell(), self.body("acrylic_window", 6.0)]),
+            "transparent": lambda: _AssemblyScene(self.filled(), SECTION_VIEW, cut=True),
+            "first_mould": lambda: _AssemblyScene([*self.clamped(14.0), self.mould("first_mould", 12.0)]),
+            "translucent": lambda: _AssemblyScene(
+                [*self.clamped(), self.mould("first_mould"), self.body("translucent_gel")], SECTION_VIEW, cut=True
+            ),
+            "black": lambda: _AssemblyScene(
+                [*self.clamped(), self.mould("second_mould"), self.body("translucent_gel"), self.body("black_gel")],
+                SECTION_VIEW,
+                cut=True,
+            ),
+            "demoulded": lambda: _AssemblyScene(self.gelled()),
+            "camera": lambda: _AssemblyScene([*self.base(), self.body("camera")]),
+            "board": lambda: _AssemblyScene([*self.base(), self.body("camera"), self.body("led_board")]),
+            "ring": lambda: _AssemblyScene([*self.gelled(), self.body("isolation_ring", -14.0)], FROM_BELOW),
+            "closed": lambda: _AssemblyScene(self.sensor.bodies),
+            "calibrated": lambda: _AssemblyScene([*self.sensor.bodies, self.tray()], ViewDirection(-52.0, -20.0)),
+        }[state]()
+
+    def beside(self, bodies: list[AssemblyBody]) -> Iterator[AssemblyBody]:
+        """The same standing next to the middle, upside down on the shell's rim."""
+        design = self.sensor.design
+        away, rim = design.plan.outer[0] + BETWEEN_MM, design.levels.rim
+        for body in bodies:
+            turned = body.solid.rotate(Axis.X, 180)
+            yield AssemblyBody(body.name, Part() + Pos(away, 0, rim) * turned, body.material)
+
+    def body(self, name: str, lift_mm: float = 0.0) -> AssemblyBody:
+        """One part, lifted out of its place."""
+        return AssemblyBody(name, Pos(0, 0, lift_mm) * self.sensor.parts[name].solid, MATERIAL_OF_PART[name])
+
+    def base(self) -> list[AssemblyBody]:
+        """With its inserts."""
+        return [self.body("sensor_base"), *self.inserts(range(1, 5))]
+
+    def shell(self) -> list[AssemblyBody]:
+        """With its inserts."""
+        return [self.body("sensor_shell"), *self.inserts(range(5, 9))]
+
+    def inserts(self, numbers: range) -> Iterator[AssemblyBody]:
+        """Those of the base are 1 to 4, those of the shell 5 to 8."""
+        names = {f"insert_{number}" for number in numbers}
+        return (body for body in self.sensor.bodies if body.name in names)
+
+    def filled(self) -> list[AssemblyBody]:
+        """Shell, window, transparent gel."""
+        return [*self.shell(), self.body("acrylic_window"), self.body("transparent_gel")]
+
+    def gelled(self) -> list[AssemblyBody]:
+        """All layers cured."""
+        return [*self.filled(), self.body("translucent_gel"), self.body("black_gel")]
+
+    def clamped(self, drop_mm: float = 0.0) -> list[AssemblyBody]:
+        """The filled shell on the base board."""
+        design = self.sensor.design
+        under = design.levels.plate_top - design.moulds.base_mm - drop_mm
+        return [*self.filled(), self.body("base_board", under)]
+
+    def mould(self, name: str, lift_mm: float = 0.0) -> AssemblyBody:
+        """A mould on the shell's rim."""
+        return self.body(name, self.sensor.design.levels.rim + lift_mm)
+
+    def tray(self) -> AssemblyBody:
+        """The calibration board over the sensor, its pins a little above the skin."""
+        design = self.sensor.design
+        tip = design.pin_frame.floor_mm + design.pin_frame.pin_tall_mm
+        turned = Rot(180, 0, 0) * self.sensor.parts["calibration_board"].solid
+        above = design.levels.top + tip + 12.0
+        return AssemblyBody(
+            "calibration_board", Part() + Pos(0, 0, above) * turned, MATERIAL_OF_PART["calibration_board"]
+        )
+
+
+PAGE, IMAGES = "fabrication.md", "images"
+INTRODUCTION = """# How to build a sensor
+
+Made by `ninedtact hardware guide`: numbers and images are those of {whose}, {area} mm of sensing area
+under {gel} mm of gel. `ninedtact hardware export --out parts` writes the files that the parts are made from, and
+`parts/bom.html` lists what to buy. Silicones, ratios and curing are those of the paper
+([references.md](references.md#9dtact)). How to press in inserts, how to keep off bubbles and glue, and every check are ours.
+Nobody built a sensor by this page yet.
+
+You need: a scale that shows 0.01 g, a vacuum chamber for the silicone, an oven that holds 50 °C, a calliper, a soldering iron,
+M2 and M3 screwdrivers, and {days} days, nearly all of them waiting. Fresh air for silicone and glue, and gloves of nitrile or
+vinyl: platinum silicones, as Ecoflex is one, stay liquid beside latex, tin-cured silicone, sulphur, and resin prints or UV glue
+that are not fully cured. Let a drop of each silicone cure on the parts that it will touch before you pour.
+"""
+DAYS = 2
+
+
+def format_guide(sensor: BuiltSensor) -> str:
+    """The whole page."""
+    design = sensor.design
+    area = f"{design.sensor.sensing_area.width_mm:g} x {design.sensor.sensing_area.height_mm:g}"
+    gel = f"{design.sensor.gel.thickness_mm:g}"
+    opening = INTRODUCTION.format(whose=_design_name(design), area=area, gel=gel, days=DAYS)
+    told = [_format_step(number, step) for number, step in enumerate(list_guide_steps(sensor), start=1)]
+    return "\n".join([opening, *told])
+
+
+def _design_name(design: HardwareDesign) -> str:
+    """Which design the page is about."""
+    return (
+        f"the {design.variant} design"
+        if design == hardware_design_of_variant(SensorDesign(), design.variant)
+        else "a design of its own"
+    )
+
+
+def _format_step(number: int, step: GuideStep) -> str:
+    """One step."""
+    return (
+        f"## {number}. {step.title}\n\n{step.do}\n\n![{step.title}]({IMAGES}/{_image_name(number, step)})\n\n"
+        f"**It worked if:** {step.check}\n"
+    )
+
+
+def _image_name(number: int, step: GuideStep) -> str:
+    """In the order of the steps."""
+    return f"fabrication_{number:02d}_{step.state}.png"
+
+
+def write_fabrication_guide(sensor: BuiltSensor, out: Path) -> Iterator[Path]:
+    """Page and images, each whole; raises `FileNotWritten`."""
+    (out / IMAGES).mkdir(parents=True, exist_ok=True)
+    states = _AssemblyScenes(sensor)
+    for number, step in enumerate(list_guide_steps(sensor), start=1):
+        path = out / IMAGES / _image_name(number, step)
+        write_file_atomically(path, cv2.imencode(".png", states.scene(step.state).image())[1].tobytes())
+        yield path
+    write_file_atomically(out / PAGE, format_guide(sensor).encode())
+    yield out / PAGE

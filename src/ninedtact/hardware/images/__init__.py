@@ -1,1 +1,0 @@
-"""Images of solids: shaded, exploded, cut open."""

@@ -1,0 +1,256 @@
+"""What the board house can make, and how wide the copper is.
+
+Where the LEDs stand: the rim of a lattice, so that the light comes from all around the lens.
+
+The LED board as a handful of choices; everything else follows from them.
+
+The LED board that fits a design: its outline, holes and parts handed to the room of the circuit board.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Annotated
+
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.dimensions.bought_parts import LedBoardDimensions
+from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
+from ninedtact.hardware.led_board.board_outline import BoardOutline, LedBoardImpossible, PointMm
+from ninedtact.hardware.led_board.footprints import led_2835_footprint, micro_usb_footprint, soic_8_ep_footprint
+
+
+@dataclass(frozen=True)
+class BoardDesignRules:
+    """Least distances: what ordinary two-layer production keeps without extra charge, with a little to spare."""
+
+    clearance_mm: Annotated[float, Bounds(0.1, 0.5)] = 0.2
+    """Bounds copper of different nets."""
+    copper_to_edge_mm: Annotated[float, Bounds(0.05, 1.0)] = 0.25
+    """To the milled edge, lens hole and notches among them; board houses ask for 0.2."""
+    copper_to_hole_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.2
+    """To a hole without copper in it."""
+    hole_to_hole_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.25
+    """Bounds the rims of two drilled holes."""
+    mask_margin_mm: Annotated[float, Bounds(0.0, 0.1)] = 0.05
+    """By which the solder mask's openings are larger than the pads."""
+    pour_gap_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.25
+    """From the ground pour to everything else."""
+    least_pad_share: Annotated[float, Bounds(0.5, 1.0)] = 0.8
+    """Of a pad's area that must be left where it gives way to the connector's holes, or the part solders badly."""
+
+    def __post_init__(self) -> None:
+        require_within_bounds("rules", self)
+
+
+@dataclass(frozen=True)
+class CopperWidths:
+    """Widths of tracks, and the vias."""
+
+    led_mm: Annotated[float, Bounds(0.15, 1.5)] = 0.6
+    """Of the line to the anodes: along 66 mm of 0.254 the LEDs would not get the same voltage."""
+    ground_mm: Annotated[float, Bounds(0.15, 1.5)] = 0.6
+    """Of the line from the cathodes."""
+    supply_mm: Annotated[float, Bounds(0.15, 1.5)] = 0.8
+    """Of 5 V."""
+    neck_mm: Annotated[float, Bounds(0.15, 0.6)] = 0.34
+    """Of 5 V and ground where they squeeze past the connector and the driver: a few mm, 1 A at 10 K by IPC-2221."""
+    signal_mm: Annotated[float, Bounds(0.15, 0.6)] = 0.25
+    """Of everything else."""
+    via_mm: Annotated[float, Bounds(0.4, 1.0)] = 0.6
+    """CopperWidths round a via."""
+    via_drill_mm: Annotated[float, Bounds(0.2, 0.6)] = 0.3
+    """Its hole."""
+    pour: bool = True
+    """Ground on both sides wherever nothing else is: it carries the driver's heat away. Nets hold together without it."""
+
+    def __post_init__(self) -> None:
+        require_within_bounds("copper", self)
+
+
+LED_PADS_MM = 4.39, 2.10
+"""What the two pads of a 2835 LED cover together, along x and y."""
+
+
+@dataclass(frozen=True)
+class _LedPositions:
+    """Body centres of the LEDs: every crossing of these columns and rows on the rim, none inside."""
+
+    columns_mm: tuple[float, ...] = (-8.8, 0.0, 8.8)
+    """Left to right. A pitch of 8.8 lights the skin of 24 x 18 mm as the original does."""
+    rows_mm: tuple[float, ...] = (7.5, 0.0, -7.5)
+    """From the upper edge down."""
+
+    def __post_init__(self) -> None:
+        self._require_order("columns_mm", self.columns_mm, LED_PADS_MM[0])
+        self._require_order("rows_mm", tuple(-row for row in self.rows_mm), LED_PADS_MM[1])
+
+    def _require_order(self, name: str, places: tuple[float, ...], pad_mm: float) -> None:
+        nearest = min((b - a for a, b in pairwise(places)), default=0.0)
+        if not nearest >= pad_mm + 0.3:
+            raise LedBoardImpossible(
+                f"expected leds.{name} of two or more, in order and at least {pad_mm + 0.3:.2f} mm apart, got {nearest:.2f}; "
+                "take fewer LEDs or a larger board"
+            )
+
+    @property
+    def places(self) -> tuple[PointMm, ...]:
+        """Of the LEDs in the order of their numbers: row by row from the upper left."""
+        rim = {self.rows_mm[0], self.rows_mm[-1]}
+        ends = {self.columns_mm[0], self.columns_mm[-1]}
+        return tuple((x, y) for y in self.rows_mm for x in self.columns_mm if y in rim or x in ends)
+
+
+def _evenly_spaced(half_span_mm: float, count: int) -> tuple[float, ...]:
+    """So many places from -half to +half of the span."""
+    return tuple(half_span_mm * (2 * number / (count - 1) - 1) for number in range(count))
+
+
+LED_INSET_MM = LedBoardDimensions.led_inset_mm
+"""From the edges to the outer LEDs' centres."""
+
+
+@dataclass(frozen=True)
+class LedBoard:
+    """The defaults are the improved board; `original` is the published one; `for_size` is one for another sensor."""
+
+    outline: BoardOutline = BoardOutline()
+    leds: _LedPositions = _LedPositions()
+    rules: BoardDesignRules = BoardDesignRules()
+    copper: CopperWidths = CopperWidths()
+    resistor_ohm: float = 20_000.0
+    """R1, which sets the current of all LEDs together: `current.led_light`."""
+    input_capacitor: bool = True
+    """C1 of 4.7 µF from 5 V to ground beside U1, which the original lacks."""
+    shield_tied: bool = True
+    """The USB shell on ground, directly: no data, no second ground on this board, so there is nothing that an RC would part."""
+    usb_x_mm: float = 0.0
+    """Middle of the connector."""
+    usb_inset_mm: float = 3.2
+    """From the lower edge to the connector's origin; its mouth stands 0.34 out, as far as the shell lets a board slide in."""
+    usb_contact_mm: float = 1.3
+    """Length of the contacts' pads: 1.50 would end 0.06 from the lens hole."""
+    led_pad_corner_mm: float = 0.53
+    """Rounding of the LED pads, which keeps the corner LEDs' copper away from the notches."""
+    pads_give_way: bool = True
+    """LED pads are cut back where the connector's holes come through the board."""
+    driver_x_mm: float = 3.49
+    """Middle of U1: between the upper middle LED's pads above and the base's boss below."""
+    driver_inset_mm: float = 2.6
+    """From the upper edge to the middle of U1."""
+    resistor_from_driver_mm: tuple[float, float, float] = (-5.62, -1.5, 180.0)
+    """From U1 to R1, and R1's turn in degrees."""
+    led_vias_from_driver_mm: tuple[PointMm, ...] = ((4.36, 1.2), (5.16, 1.2))
+    """Where the LEDs' current goes from U1 to the upper side."""
+    ground_via_from_driver_mm: PointMm = (-8.0, 1.2)
+    """Where the ground below meets the ground above."""
+    faults_known: bool = False
+    """Written in spite of the rules that it breaks; its notes name them. So the original can be looked at."""
+
+    def __post_init__(self) -> None:
+        if not 1_200 <= self.resistor_ohm <= 30_000:
+            raise LedBoardImpossible(
+                f"expected resistor_ohm from 1200 to 30000, which the driver can follow, got {self.resistor_ohm:g}; "
+                "take one in that range"
+            )
+        if not 1.1 <= self.usb_contact_mm <= 1.5:
+            raise LedBoardImpossible(
+                f"expected usb_contact_mm from 1.1 to 1.5, got {self.usb_contact_mm:g}; shorter pads do not hold the contacts"
+            )
+
+    @property
+    def driver(self) -> PointMm:
+        """Centre of U1."""
+        return self.driver_x_mm, self.outline.half[1] - self.driver_inset_mm
+
+    def from_driver(self, offset_mm: PointMm) -> PointMm:
+        """A place told from U1."""
+        return self.driver[0] + offset_mm[0], self.driver[1] + offset_mm[1]
+
+    @property
+    def usb(self) -> PointMm:
+        """Origin of the connector."""
+        return self.usb_x_mm, self.usb_inset_mm - self.outline.half[1]
+
+    @classmethod
+    def for_size(cls, width_mm: float, height_mm: float, columns: int = 3, rows: int = 3) -> "LedBoard":
+        """The improved board on another outline: holes and outer LEDs keep their distances from the edges."""
+        outline = BoardOutline(width_mm, height_mm)
+        x, y = outline.half[0] - LED_INSET_MM[0], outline.half[1] - LED_INSET_MM[1]
+        return cls(outline, _LedPositions(_evenly_spaced(x, columns), _evenly_spaced(-y, rows)))
+
+    @classmethod
+    def original(cls) -> "LedBoard":
+        """Dimensions, parts and netlist of the published board; the tracks are this room's, at the original's width."""
+        return cls(
+            outline=BoardOutline(lens_hole_mm=10.0),
+            leds=_LedPositions(columns_mm=(-8.769, 0.131, 8.831)),
+            rules=BoardDesignRules(clearance_mm=0.152, mask_margin_mm=0.051),
+            copper=CopperWidths(*(0.254,) * 5, via_mm=0.6, via_drill_mm=0.305, pour=False),
+            input_capacitor=False,
+            shield_tied=False,
+            usb_x_mm=0.07,
+            usb_contact_mm=1.5,
+            led_pad_corner_mm=0.0,
+            pads_give_way=False,
+            resistor_from_driver_mm=(-5.62, -0.89, 270.0),
+            led_vias_from_driver_mm=((5.06, 1.24),),
+            ground_via_from_driver_mm=(-8.95, 0.19),
+            faults_known=True,
+        )
+
+
+BoxSize = tuple[float, float, float]
+
+
+def led_board_for_design(design: HardwareDesign) -> LedBoard:
+    """The board in its size; the original's parts and faults only in the original's size. Raises `LedBoardImpossible`."""
+    width, height = design.plan.circuit
+    original = LedBoard.original()
+    as_published = (width, height) == (original.outline.width_mm, original.outline.height_mm)
+    made = original if design.variant == "original" and as_published else LedBoard.for_size(width, height)
+    _require_component_sizes(design, made)
+    receptacle, (driver_x, from_edge) = micro_usb_footprint(made.usb_contact_mm), design.board.driver_at_mm
+    return replace(
+        made,
+        outline=_board_outline_for_design(design, made.outline),
+        leds=_LedPositions(design.plan.led_columns, design.plan.led_rows),
+        usb_inset_mm=receptacle.body_at_mm[1] + receptacle.body_mm[1] / 2 - design.board.usb_beyond_mm,
+        driver_x_mm=driver_x,
+        driver_inset_mm=-from_edge,
+        resistor_ohm=design.board.resistor_ohm,
+    )
+
+
+def _board_outline_for_design(design: HardwareDesign, outline: BoardOutline) -> BoardOutline:
+    """Holes and notches where shell and base have their bosses and pins."""
+    plan, board, levels = design.plan, design.board, design.levels
+    mount, screw = max(plan.mount_inserts), max(plan.shell_screws)
+    return replace(
+        outline,
+        thickness_mm=board.thick_mm,
+        lens_hole_mm=board.lens_hole_mm,
+        notch_radius_mm=board.notch_mm,
+        notch_inset_mm=(plan.circuit[0] / 2 - screw[0], plan.circuit[1] / 2 - screw[1]),
+        locating_hole_mm=board.locating_mm,
+        locating_inset_mm=board.locating_inset_mm,
+        boss_inset_mm=(plan.circuit[0] / 2 - mount[0], plan.circuit[1] / 2 - mount[1]),
+        boss_mm=design.base.boss_mm,
+        boss_gap_mm=levels.board_bottom - levels.boss_top,
+    )
+
+
+def _require_component_sizes(design: HardwareDesign, made: LedBoard) -> None:
+    """Refuse parts of another size than those that the circuit board has pads for; raises `LedBoardImpossible`."""
+    board, driver = design.board, soic_8_ep_footprint().body_mm
+    _require_component_size("led_mm", board.led_mm, led_2835_footprint(made.led_pad_corner_mm).body_mm)
+    _require_component_size("usb_mm", board.usb_mm, micro_usb_footprint(made.usb_contact_mm).body_mm)
+    # It lies on the board turned by a right angle.
+    _require_component_size("driver_mm", board.driver_mm, (driver[1], driver[0], driver[2]))
+
+
+def _require_component_size(name: str, body_mm: BoxSize, drawn_mm: BoxSize) -> None:
+    """One of them; its height is free."""
+    if body_mm[:2] != drawn_mm[:2]:
+        raise LedBoardImpossible(
+            f"expected board.{name} of {drawn_mm[0]:g} x {drawn_mm[1]:g} mm, the part that the circuit board has pads for, got "
+            f"{body_mm[0]:g} x {body_mm[1]:g} mm; leave it, or draw that part's footprint"
+        )

@@ -1,0 +1,106 @@
+"""What is bought and soldered.
+
+Where each part sits.
+"""
+
+from dataclasses import dataclass
+from math import cos, radians, sin
+from typing import Literal
+
+from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.board_outline import PointMm
+from ninedtact.hardware.led_board.footprints import (
+    Footprint,
+    chip_0805_footprint,
+    led_2835_footprint,
+    micro_usb_footprint,
+    soic_8_ep_footprint,
+)
+
+
+@dataclass(frozen=True)
+class BoardComponent:
+    """A line of the parts list."""
+
+    value: str
+    maker_number: str
+    supplier_number: str
+    """At LCSC; empty where any part of that value will do."""
+    footprint: Footprint
+
+
+def _led_component(board: LedBoard) -> BoardComponent:
+    """The white LED."""
+    return BoardComponent("white", "BZ-S2835BW9C1-02-3V-UV", "C2833052", led_2835_footprint(board.led_pad_corner_mm))
+
+
+def _driver_component() -> BoardComponent:
+    """The constant-current source."""
+    return BoardComponent("CN5711", "CN5711", "C35634", soic_8_ep_footprint())
+
+
+def _resistor_component(board: LedBoard) -> BoardComponent:
+    """R1; only the usual value has a number here."""
+    usual = board.resistor_ohm == 20_000
+    numbers = ("RT0805CRE0720KL", "C706298") if usual else ("", "")
+    return BoardComponent(f"{board.resistor_ohm / 1000:g}k", *numbers, chip_0805_footprint(0.5))
+
+
+def _capacitor_component() -> BoardComponent:
+    """C1: less than the 10 µF that USB allows a device to hang on its 5 V."""
+    return BoardComponent("4.7uF X5R 16V", "", "", chip_0805_footprint(1.25))
+
+
+def _connector_component(board: LedBoard) -> BoardComponent:
+    """Micro-USB, below the board."""
+    return BoardComponent("MICRO-USB", "MICRO-02-G4P1-A1T2", "C2682525", micro_usb_footprint(board.usb_contact_mm))
+
+
+BoardSide = Literal["top", "bottom"]
+CAPACITOR_FROM_DRIVER_MM = -5.65, 1.55
+"""Beside the driver's two supply pins."""
+
+
+@dataclass(frozen=True)
+class PlacedComponent:
+    """A part on the board. It is turned counter-clockwise as seen from its own side, then, below, mirrored in x."""
+
+    reference: str
+    part: BoardComponent
+    side: BoardSide
+    at_mm: PointMm
+    rotation_deg: float = 0.0
+
+    def onto_board(self, place: PointMm) -> PointMm:
+        """A place of the footprint's frame, in the board's."""
+        dx, dy = self.turned(place)
+        return self.at_mm[0] + dx, self.at_mm[1] + dy
+
+    def turned(self, offset: PointMm) -> PointMm:
+        """An offset in the footprint's frame, in the board's."""
+        c, s = cos(radians(self.rotation_deg)), sin(radians(self.rotation_deg))
+        x, y = c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]
+        return round(x if self.side == "top" else -x, 6), round(y, 6)
+
+    def size(self, size: PointMm) -> PointMm:
+        """A size in the footprint's frame, along the board's x and y; parts are turned by right angles only."""
+        x, y = self.turned(size)
+        return abs(x), abs(y)
+
+
+def place_components(board: LedBoard) -> tuple[PlacedComponent, ...]:
+    """All parts: LEDs above, the rest below."""
+    leds = [
+        PlacedComponent(f"LED{n + 1}", _led_component(board), "top", place) for n, place in enumerate(board.leds.places)
+    ]
+    dx, dy, rotation_deg = board.resistor_from_driver_mm
+    rest = [
+        PlacedComponent("U1", _driver_component(), "bottom", board.driver, 90.0),
+        PlacedComponent("R1", _resistor_component(board), "bottom", board.from_driver((dx, dy)), rotation_deg),
+        PlacedComponent("USB3", _connector_component(board), "bottom", board.usb, 180.0),
+    ]
+    if board.input_capacitor:
+        rest.append(
+            PlacedComponent("C1", _capacitor_component(), "bottom", board.from_driver(CAPACITOR_FROM_DRIVER_MM))
+        )
+    return (*leds, *rest)

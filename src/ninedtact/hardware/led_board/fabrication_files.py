@@ -1,0 +1,167 @@
+"""Lists for the board house: what to buy, where to put it, what to make.
+
+All files of the board.
+"""
+
+import csv
+from collections.abc import Sequence
+from io import BytesIO, StringIO
+from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.board_image import render_board_image
+from ninedtact.hardware.led_board.board_outline import outline_segments
+from ninedtact.hardware.led_board.components import BoardComponent, BoardSide, PlacedComponent
+from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
+from ninedtact.hardware.led_board.gerber_and_drill import (
+    BoardLayer,
+    format_drill_file,
+    format_gerber_layer,
+    format_gerber_outline,
+    list_layer_shapes,
+)
+from ninedtact.hardware.led_board.kicad import format_kicad_board, format_kicad_project
+from ninedtact.hardware.led_board.layout import SIDES, BoardLayout
+from ninedtact.hardware.led_board.led_current import operating_point_of_board
+from ninedtact.hardware.led_board.silkscreen import place_designators
+
+
+def _format_parts_list(layout: BoardLayout) -> str:
+    """One line for each kind of part, as assemblers read it."""
+    rows = []
+    for part in _distinct_components(layout.parts):
+        where = [placed.reference for placed in layout.parts if placed.part == part]
+        rows.append(
+            (len(where), ",".join(where), part.value, part.footprint.name, part.maker_number, part.supplier_number)
+        )
+    head = ("Quantity", "Designator", "Comment", "Footprint", "Manufacturer BoardComponent", "LCSC Part #")
+    return _to_csv(head, rows)
+
+
+def _format_placement_list(layout: BoardLayout) -> str:
+    """Middle and turn of every part, in millimetres from the optical axis: the origin of Gerbers and drill files."""
+    rows = [
+        (
+            *(placed.reference, placed.part.value, placed.part.footprint.name),
+            *(f"{placed.at_mm[0]:.3f}mm", f"{placed.at_mm[1]:.3f}mm"),
+            *(f"{placed.rotation_deg:g}", placed.side.capitalize()),
+        )
+        for placed in layout.parts
+    ]
+    return _to_csv(("Designator", "Val", "Package", "Mid X", "Mid Y", "Rotation", "Layer"), rows)
+
+
+def _to_csv(head: tuple[str, ...], rows: Sequence[tuple[object, ...]]) -> str:
+    """Comma-separated text."""
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows([head, *rows])
+    return text.getvalue()
+
+
+def format_fabrication_notes(layout: BoardLayout) -> str:
+    """What to tell the board house, and what the board breaks if it is known to be faulty."""
+    board, light = layout.board, operating_point_of_board(layout.board)
+    size = f"{board.outline.width_mm:g} x {board.outline.height_mm:g} mm"
+    lines = [
+        f"LED board of a 9DTact sensor, {size}",
+        "",
+        f"Thickness: {board.outline.thickness_mm:g} mm. NOT the usual 1.6: the LEDs would press against the shell.",
+        "2 layers, FR4, copper 35 um, any finish, vias covered by solder mask.",
+        "The hole in the middle and the four corner notches are part of the outline: milled, no copper.",
+        f"Parts on both sides: LEDs above, {', '.join(p.reference for p in layout.parts if p.side == 'bottom')} below.",
+        "Origin of placement, Gerbers and drill files alike: the middle of the board. x to the right, y up, seen from the LEDs.",
+        "Compare the preview of the placement with led_board.png: houses count turns of parts differently.",
+        f"R1 = {board.resistor_ohm:g} ohm: {light.total_ma:.0f} mA in all, {light.led_ma:.1f} mA in each LED, "
+        f"{light.driver_w:.2f} W in U1.",
+    ]
+    if unnamed := [part.reference for part in layout.parts if part.reference not in _references_on_silkscreen(layout)]:
+        lines.append(f"No room on the silkscreen for the names {', '.join(unnamed)}: led_board.png shows them.")
+    faults = find_violations(layout)
+    if faults:
+        lines += ["", "DO NOT ORDER. Written for comparison; rules broken (found for wanted, mm):"]
+        lines += [f"- {fault}" for fault in faults]
+    return "\n".join([*lines, ""])
+
+
+def _references_on_silkscreen(layout: BoardLayout) -> set[str]:
+    """Parts whose names stand on the board."""
+    return {word.reference for side in SIDES for word in place_designators(layout, side)}
+
+
+def _distinct_components(parts: tuple[PlacedComponent, ...]) -> tuple[BoardComponent, ...]:
+    """Each kind of part once."""
+    return tuple(dict.fromkeys(placed.part for placed in parts))
+
+
+BOARD_FILE_NAME = "led_board"
+LAYER_PREFIX: dict[BoardSide, str] = {"top": "F", "bottom": "B"}
+GERBER_LAYERS: tuple[tuple[BoardLayer, str, str, str], ...] = (
+    ("copper", "Cu", "Copper,L{number},{side}", "Positive"),
+    ("mask", "Mask", "Soldermask,{side}", "Negative"),
+    ("paste", "Paste", "Paste,{side}", "Positive"),
+    ("silk", "Silkscreen", "Legend,{side}", "Positive"),
+)
+"""Our name, the file's, the Gerber function, the polarity."""
+ZIP_TIMESTAMP = 1980, 1, 1, 0, 0, 0
+"""The same board gives the same archive."""
+
+
+def write_led_board(board: LedBoard, out: Path) -> list[Path]:
+    """Write the board into a folder and tell the files; raises `BoardImpossible`, `FileNotWritten`."""
+    return write_board_files(lay_out_checked_board(board), out)
+
+
+def write_board_files(layout: BoardLayout, out: Path) -> list[Path]:
+    """The same for a board that is laid out; raises `FileNotWritten`."""
+    files = build_board_files(layout)
+    (out / "gerbers").mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        write_file_atomically(out / name, content)
+    return [out / name for name in files]
+
+
+def build_board_files(layout: BoardLayout) -> dict[str, bytes]:
+    """Every file by its name, for other packers too."""
+    fabrication = {name: text.encode() for name, text in _gerber_and_drill_files(layout).items()}
+    texts = {
+        f"{BOARD_FILE_NAME}.kicad_pcb": format_kicad_board(layout),
+        f"{BOARD_FILE_NAME}.kicad_pro": format_kicad_project(layout.board, BOARD_FILE_NAME),
+        f"{BOARD_FILE_NAME}_bom.csv": _format_parts_list(layout),
+        f"{BOARD_FILE_NAME}_placement.csv": _format_placement_list(layout),
+        f"{BOARD_FILE_NAME}_notes.txt": format_fabrication_notes(layout),
+    }
+    return {
+        **{f"gerbers/{name}": content for name, content in fabrication.items()},
+        **{name: text.encode() for name, text in texts.items()},
+        f"{BOARD_FILE_NAME}.png": render_board_image(layout),
+        f"{BOARD_FILE_NAME}.svg": render_board_image(layout, "svg"),
+        f"{BOARD_FILE_NAME}_gerbers.zip": _zip_files(
+            {**fabrication, f"{BOARD_FILE_NAME}_notes.txt": texts[f"{BOARD_FILE_NAME}_notes.txt"].encode()}
+        ),
+    }
+
+
+def _gerber_and_drill_files(layout: BoardLayout) -> dict[str, str]:
+    """Gerbers and drill files by their names."""
+    files = {}
+    for number, side in enumerate(SIDES, start=1):
+        for layer, suffix, function, polarity in GERBER_LAYERS:
+            told = function.format(number=number, side="Top" if side == "top" else "Bot")
+            files[f"{BOARD_FILE_NAME}-{LAYER_PREFIX[side]}_{suffix}.gbr"] = format_gerber_layer(
+                list_layer_shapes(layout, layer, side), told, polarity
+            )
+    files[f"{BOARD_FILE_NAME}-Edge_Cuts.gbr"] = format_gerber_outline(outline_segments(layout.board.outline))
+    files[f"{BOARD_FILE_NAME}-PTH.drl"] = format_drill_file(layout.holes, plated=True)
+    files[f"{BOARD_FILE_NAME}-NPTH.drl"] = format_drill_file(layout.holes, plated=False)
+    return files
+
+
+def _zip_files(files: dict[str, bytes]) -> bytes:
+    """An archive that is the same for the same files."""
+    packed = BytesIO()
+    with ZipFile(packed, "w", ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(ZipInfo(name, ZIP_TIMESTAMP), content, ZIP_DEFLATED)
+    return packed.getvalue()

@@ -1,0 +1,47 @@
+"""How far the lens sees: refraction from the lens front through air, acrylic and silicone."""
+
+from math import asin, hypot, radians, sin, tan
+
+from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX
+from ninedtact.hardware.design import HardwareDesign
+
+
+def lens_reach_mm(design: HardwareDesign, height_mm: float | None = None) -> float:
+    """Radius that the lens sees at this height; of the skin if not given.
+
+    The pupil is taken to be at the lens front, where wide lenses have it nearly.
+    """
+    levels, angle = design.levels, _lens_half_angle_rad(design)
+    height = levels.skin if height_mm is None else height_mm
+    air = levels.floor_top - levels.lens_front
+    acrylic = min(max(height - levels.floor_top, 0.0), design.window.thick_mm)
+    silicone = max(height - levels.window_top, 0.0)
+    return (
+        air * tan(angle)
+        + acrylic * _refracted_slope(angle, ACRYLIC_REFRACTIVE_INDEX)
+        + silicone * _refracted_slope(angle, SILICONE_REFRACTIVE_INDEX)
+    )
+
+
+def sensing_corner_radius_mm(design: HardwareDesign) -> float:
+    """From the middle to a corner of the sensing area: what the lens has to reach."""
+    area = design.sensor.sensing_area
+    return hypot(area.width_mm, area.height_mm) / 2
+
+
+def required_camera_distance_mm(design: HardwareDesign) -> float:
+    """Distance from lens to skin from which the corner is seen just so."""
+    more = (sensing_corner_radius_mm(design) - lens_reach_mm(design)) / _refracted_slope(
+        _lens_half_angle_rad(design), SILICONE_REFRACTIVE_INDEX
+    )
+    return design.sensor.camera.distance_mm + more
+
+
+def _lens_half_angle_rad(design: HardwareDesign) -> float:
+    """Of the lens, in air."""
+    return radians(design.sensor.camera.lens_angle_deg / 2)
+
+
+def _refracted_slope(angle_rad: float, index: float) -> float:
+    """Radius gained per mm of height within a material, by Snell's law."""
+    return tan(asin(sin(angle_rad) / index))

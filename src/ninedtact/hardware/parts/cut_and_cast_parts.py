@@ -1,0 +1,65 @@
+"""The laser-cut plates: base board and the two moulds, each lying on z = 0.
+
+The three gels, as they are in the finished sensor.
+"""
+
+from build123d import Part
+
+from ninedtact.hardware.assembly_dimensions import XY
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.parts.primitives import make_cylinders, make_plate, require_single_solid
+from ninedtact.hardware.parts.printed_parts import CUT_MARGIN_MM
+
+
+def build_base_board(design: HardwareDesign) -> Part:
+    """The shell is screwed on it while the gels are poured."""
+    thick = design.moulds.base_mm
+    holes = make_cylinders(
+        design.moulds.shell_screw_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan.shell_screws
+    )
+    return require_single_solid(_clamping_plate(design, thick) - holes)
+
+
+def build_first_mould(design: HardwareDesign) -> Part:
+    """As thick as the translucent gel."""
+    return _mould(design, design.levels.first_mould, design.plan.translucent, design.gels.rim_radius_mm)
+
+
+def build_second_mould(design: HardwareDesign) -> Part:
+    """Thicker and wider: the difference is filled with black."""
+    radius = design.gels.rim_radius_mm + design.gels.black_side_mm
+    return _mould(design, design.levels.second_mould, design.plan.black, radius)
+
+
+def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> Part:
+    """A plate with a window."""
+    return require_single_solid(
+        _clamping_plate(design, thick) - make_plate(window, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), radius)
+    )
+
+
+def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
+    """Outline and clamping holes that all plates share."""
+    body = make_plate(design.plan.plate, (0, thick), design.moulds.corner_radius_mm)
+    return body - make_cylinders(design.moulds.hole_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan.clamps)
+
+
+def build_transparent_gel(design: HardwareDesign) -> Part:
+    """Fills the shell above the window; the groove between window and frame stays empty."""
+    shell, plan, levels = design.shell, design.plan, design.levels
+    body = make_plate(plan.opening, (levels.floor_top, levels.rim), shell.opening_radius_mm)
+    frame, window = plan.frame_outside, design.window.side_mm
+    body -= make_plate((frame, frame), (levels.floor_top, levels.frame_top))
+    return require_single_solid(body - make_plate((window, window), (levels.floor_top, levels.window_top)))
+
+
+def build_translucent_gel(design: HardwareDesign) -> Part:
+    """On the shell's rim; white light comes back from it."""
+    return make_plate(design.plan.translucent, (design.levels.rim, design.levels.skin), design.gels.rim_radius_mm)
+
+
+def build_black_gel(design: HardwareDesign) -> Part:
+    """Over and round the translucent one."""
+    radius = design.gels.rim_radius_mm + design.gels.black_side_mm
+    outside = make_plate(design.plan.black, (design.levels.rim, design.levels.top), radius)
+    return require_single_solid(outside - build_translucent_gel(design))

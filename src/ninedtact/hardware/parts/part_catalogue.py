@@ -1,0 +1,86 @@
+"""Every part by its name: how it is made, how it is built, where it goes."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from build123d import Part
+
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.parts.bought_parts import build_camera, build_led_board
+from ninedtact.hardware.parts.cut_and_cast_parts import (
+    build_base_board,
+    build_black_gel,
+    build_first_mould,
+    build_second_mould,
+    build_translucent_gel,
+    build_transparent_gel,
+)
+from ninedtact.hardware.parts.printed_parts import (
+    build_acrylic_window,
+    build_calibration_board,
+    build_isolation_ring,
+    build_sensor_base,
+    build_sensor_shell,
+)
+
+ManufacturingMethod = Literal["printed", "cut", "cast", "bought"]
+
+
+@dataclass(frozen=True)
+class _CatalogueEntry:
+    """One part: its name, how it is made, and its builder."""
+
+    name: str
+    way: ManufacturingMethod
+    build: Callable[[HardwareDesign], Part]
+
+
+PART_CATALOGUE = (
+    _CatalogueEntry("sensor_base", "printed", build_sensor_base),
+    _CatalogueEntry("sensor_shell", "printed", build_sensor_shell),
+    _CatalogueEntry("isolation_ring", "printed", build_isolation_ring),
+    _CatalogueEntry("calibration_board", "printed", build_calibration_board),
+    _CatalogueEntry("acrylic_window", "cut", build_acrylic_window),
+    _CatalogueEntry("base_board", "cut", build_base_board),
+    _CatalogueEntry("first_mould", "cut", build_first_mould),
+    _CatalogueEntry("second_mould", "cut", build_second_mould),
+    _CatalogueEntry("transparent_gel", "cast", build_transparent_gel),
+    _CatalogueEntry("translucent_gel", "cast", build_translucent_gel),
+    _CatalogueEntry("black_gel", "cast", build_black_gel),
+    _CatalogueEntry("camera", "bought", build_camera),
+    _CatalogueEntry("led_board", "bought", build_led_board),
+)
+METHODS_WITH_FILES = ("printed", "cut")
+"""Ways of making that need files; gels come from moulds, bought parts from shops."""
+
+
+@dataclass(frozen=True)
+class BuiltPart:
+    """One part of one design as a solid."""
+
+    name: str
+    way: ManufacturingMethod
+    solid: Part
+
+    @property
+    def size_mm(self) -> tuple[float, float, float]:
+        """Of its box."""
+        size = self.solid.bounding_box().size
+        return float(size.X), float(size.Y), float(size.Z)
+
+    @property
+    def volume_mm3(self) -> float:
+        """What it displaces."""
+        return float(self.solid.volume)
+
+
+def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
+    """All of them by name. The design must be buildable: see `rules`."""
+    return {part.name: part for part in _build_each_part(design)}
+
+
+def _build_each_part(design: HardwareDesign) -> Iterator[BuiltPart]:
+    """One after the other."""
+    for made in PART_CATALOGUE:
+        yield BuiltPart(made.name, made.way, made.build(design))
