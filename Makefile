@@ -1,14 +1,27 @@
-# `make demo` shows what this is, `make test` all checks; both make their own environment in .venv.
+# `make demo` shows what this is, `make test` runs all checks. Both create their own environment in .venv; the demo installs only
+# what it needs.
 PYTHON ?= python3
 LINKS := $(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS),$(shell $(PYTHON) -m pip config get global.find-links 2>/dev/null))
 UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
+INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test lint types benchmarks clean
+.PHONY: demo real test lint types coverage docs benchmarks clean
 
-.venv/ready: pyproject.toml constraints.txt
-	test -x .venv/bin/uv || { $(PYTHON) -m venv .venv && .venv/bin/python -m pip install -q uv; }
-	$(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt -e '.[studio,train,hardware,dev]'
+.venv/bin/uv:
+	$(PYTHON) -m venv .venv
+	.venv/bin/python -m pip install -q uv
+
+.venv/ready-demo: pyproject.toml constraints.txt | .venv/bin/uv
+	$(INSTALL) -e '.[studio]'
+	touch $@
+
+.venv/ready: pyproject.toml constraints.txt | .venv/bin/uv
+	$(INSTALL) -e '.[studio,train,hardware,dev]'
+	touch $@ .venv/ready-demo
+
+.venv/ready-docs: .venv/ready
+	$(INSTALL) -e '.[docs]'
 	touch $@
 
 test: .venv/ready lint types
@@ -21,15 +34,25 @@ lint: .venv/ready
 types: .venv/ready
 	.venv/bin/mypy
 
-# A simulated sensor in the browser: calibrated, pressed, dragged and twisted; at a terminal Ctrl-C ends it, without one it
-# ends by itself. Left in out/demo. Where there are real images it is the twin of the sensor that took them.
-demo: .venv/ready
+# Line coverage of the whole test suite, and the page of the ten least covered files.
+coverage: .venv/ready
+	.venv/bin/python -m pytest -n 2 --cov=ninedtact --cov-report=json:out/coverage.json
+	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
+
+# The documentation site, in out/site. Warnings and broken links are errors.
+docs: .venv/ready-docs
+	.venv/bin/python scripts/draw_architecture.py
+	.venv/bin/mkdocs build --strict --site-dir out/site
+
+# A simulated sensor in the browser: calibrated, pressed, dragged and twisted. At a terminal Ctrl-C ends it, without one it
+# ends by itself. Results are in out/demo. Where real images are available, it is the twin of the sensor that took them.
+demo: .venv/ready-demo
 	@if test -f $(REAL)/sensor_a/ball.png; \
 	then $(CALIBRATE_A) && .venv/bin/ninedtact demo --out out/demo --sensor out/demo/sensor_a; \
 	else .venv/bin/ninedtact demo --out out/demo; fi
 
-# One real sensor calibrated from its images, one press reconstructed. Left in out/real.
-real: .venv/ready
+# Calibrates a real sensor from its images and reconstructs one press. Results are in out/real.
+real: .venv/ready-demo
 	@test -d $(REAL)/sensor_a || { echo "expected real images in $(REAL), got none; set NINEDTACT_REAL_DATA to a folder of them"; exit 1; }
 	$(subst out/demo,out/real,$(CALIBRATE_A))
 	.venv/bin/ninedtact reconstruct --sensor out/real/sensor_a \
@@ -39,7 +62,7 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--board-reference $(REAL)/sensor_a/board_reference.png --board $(REAL)/sensor_a/board.png \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
-# Measured figures beside their peers; docs/figures.md holds the last ones. One alone: make benchmarks/board_accuracy
+# Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
 BENCHMARKS := start_up board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
