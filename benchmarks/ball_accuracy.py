@@ -18,13 +18,13 @@ from figures import Figure, answer, at_most, holds
 from real_images import sensor_folder
 
 from ninedtact import SensorDesign, read_image
-from ninedtact.calibration.ball.ball_fit import BallFit, Method, fit_ball
-from ninedtact.calibration.ball.contact_circle import BallRefused, reference_warnings
+from ninedtact.calibration.ball.ball_fit import BallFit, DepthMethod, fit_ball
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_drift_warnings
 from ninedtact.calibration.board.board_fit import fit_board
-from ninedtact.calibration.procedure import lens_on_grid
+from ninedtact.calibration.procedure import build_rectification
 from ninedtact.shape.rectification import Rectification
 
-METHODS: tuple[Method, ...] = ("ratio", "table")
+METHODS: tuple[DepthMethod, ...] = ("ratio", "table")
 ON_OTHER_HALF_MM = 0.02
 PUBLISHED_MM = "0.0462 (paper, 20 presses)"
 FAR_MM = 1e5
@@ -49,10 +49,10 @@ def ball_accuracy(json: bool = False) -> None:
 def grid(folder: Path) -> Rectification:
     """The sensor's rectification, from its board."""
     reference, press = (read_image(folder / f"{name}.png") for name in ("board_reference", "board"))
-    return lens_on_grid(fit_board(reference, press, SensorDesign().pin_board), SensorDesign(), "lens")
+    return build_rectification(fit_board(reference, press, SensorDesign().pin_board), SensorDesign(), "lens")
 
 
-def fitted(folder: Path, rectify: Rectification, method: Method, distance_mm: float) -> BallFit:
+def fitted(folder: Path, rectify: Rectification, method: DepthMethod, distance_mm: float) -> BallFit:
     """The ball press read with the camera at this distance."""
     design = SensorDesign()
     design = replace(design, camera=replace(design.camera, distance_mm=float(distance_mm)))
@@ -60,12 +60,12 @@ def fitted(folder: Path, rectify: Rectification, method: Method, distance_mm: fl
     return fit_ball(rectify, reference, press, design, method)
 
 
-def on_other_half(method: Method, fit: BallFit) -> Figure:
+def on_other_half(method: DepthMethod, fit: BallFit) -> Figure:
     name = f"sensor_a, {method}: error on the other half, mm"
     return at_most(name, fit.half_mae_mm, ON_OTHER_HALF_MM, peer=PUBLISHED_MM)
 
 
-def scan(method: Method, error_mm: dict[float, float]) -> list[Figure]:
+def scan(method: DepthMethod, error_mm: dict[float, float]) -> list[Figure]:
     """The same error for each distance of the camera, and where it is least."""
     lines = [Figure(f"{method}, camera at {in_mm(distance)}: the same, mm", mm) for distance, mm in error_mm.items()]
     best = least({distance: mm for distance, mm in error_mm.items() if distance < FAR_MM})
@@ -89,7 +89,7 @@ def warned(name: str) -> Figure:
     folder = sensor_folder(name)
     fit = fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
     images = (read_image(folder / f"{image}.png") for image in ("board_reference", "ball_reference"))
-    words = [*fit.warnings, *reference_warnings(*images)]
+    words = [*fit.warnings, *reference_drift_warnings(*images)]
     return holds(
         f"{name}: warned", " | ".join(words) or "no warning", "a warning", any("asymmetric" in w for w in words)
     )
@@ -100,7 +100,7 @@ def refused(name: str) -> Figure:
     folder = sensor_folder(name)
     try:
         fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
-    except BallRefused as refusal:
+    except BallPressUnusable as refusal:
         return holds(f"{name}: refused", str(refusal), "a refusal", True)
     return holds(f"{name}: refused", "accepted", "a refusal", False)
 

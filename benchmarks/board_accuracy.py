@@ -17,8 +17,8 @@ from real_images import sensor_folders
 
 from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.board.board_fit import BoardFit, fit_board
-from ninedtact.calibration.board.lens_fit import LensFit, fit_terms, rms_length
-from ninedtact.calibration.board.published_method import integer_centres, left_out_errors_mm
+from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms, rms_vector_length
+from ninedtact.calibration.board.published_method import integer_pin_centres_px, published_leave_one_out_errors_mm
 
 SENSOR_A_MM = 0.05
 OF_ORIGINAL = 0.8
@@ -43,14 +43,16 @@ def measured(folder: Path) -> Iterator[Figure]:
     limit = SENSOR_A_MM if name == "sensor_a" else OF_ORIGINAL * original
     yield at_most(f"{name}: left-out error, mm", ours, limit, peer=original)
     yield at_most(f"{name}: of the original's", ours / original, OF_ORIGINAL)
-    yield Figure(f"{name}: left-out error by fitting again, mm", rms_length(refitted_mm(board.lens_fit)))
+    yield Figure(f"{name}: left-out error by fitting again, mm", rms_vector_length(refitted_mm(board.lens_fit)))
     yield Figure(f"{name}: radial terms chosen", len(board.lens.radial))
     yield Figure(f"{name}: seconds to find and fit", seconds)
 
 
 def original_mm(board: BoardFit) -> float:
     """The original's way on the same board, and on the same pins."""
-    return rms_length(left_out_errors_mm(board.points_mm[board.found], integer_centres(board)[board.found]))
+    return rms_vector_length(
+        published_leave_one_out_errors_mm(board.points_mm[board.found], integer_pin_centres_px(board)[board.found])
+    )
 
 
 def refitted_mm(fit: LensFit) -> np.ndarray:
@@ -60,7 +62,7 @@ def refitted_mm(fit: LensFit) -> np.ndarray:
 
 def refitted_without(fit: LensFit, pin: int) -> np.ndarray:
     others = np.arange(len(fit.points_mm)) != pin
-    again = fit_terms(fit.points_mm[others], fit.points_px[others], fit.lens.raw_shape, len(fit.lens.radial))
+    again = fit_lens_with_terms(fit.points_mm[others], fit.points_px[others], fit.lens.raw_shape, len(fit.lens.radial))
     return again.lens.to_mm(fit.points_px[pin : pin + 1]) - fit.points_mm[pin]
 
 

@@ -6,11 +6,11 @@ import numpy as np
 from real_images import PRESSES, sensor_folder
 
 from ninedtact import CalibrationImages, CalibrationSettings, SensorFolder, calibrate, read_image
-from ninedtact.calibration.ball.ball_fit import Method
+from ninedtact.calibration.ball.ball_fit import DepthMethod
 from ninedtact.shape.calibrated import CalibratedShape
 
 
-def real_sensor(name: str, method: Method = "physics") -> tuple[dict[str, np.ndarray], CalibratedShape]:
+def real_sensor(name: str, method: DepthMethod = "physics") -> tuple[dict[str, np.ndarray], CalibratedShape]:
     """Its images by name, and the path from a frame to its height."""
     folder = sensor_folder(name)
     images = {press: read_image(folder / f"{press}.png") for press in PRESSES}

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import tyro
 
 from ninedtact import CalibrationImages, calibrate
-from ninedtact.calibration.save import write_sensor
+from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.dataset.generation.job import make_dataset
 from ninedtact.dataset.generation.settings import DatasetSettings
@@ -148,7 +148,7 @@ def bench(who: SensorMember, reference: np.ndarray, folders: Path, weight_n: flo
     if not (folder / "sensor.toml").is_file():
         try:
             images = gauge_images(who.twin(), board_depth_mm=BOARD_MM, frames=GUIDED_FRAMES)
-            write_sensor(folder, calibrate(CalibrationImages(**vars(images))))
+            save_sensor(folder, calibrate(CalibrationImages(**vars(images))))
         except NinedtactError as trouble:
             print(f"{who.name} left out: {trouble}")
             return None

@@ -24,9 +24,9 @@ from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.board.board_fit import BoardFit, fit_board
 
 BOARD = SensorDesign().pin_board
-MOST_MISSING = 6
+MAX_MISSING_FRACTION = 6
 NO_BOARD = "no board"
-TOO_FEW = f"more than {MOST_MISSING} pins missing"
+TOO_FEW = f"more than {MAX_MISSING_FRACTION} pins missing"
 GLARES = (
     (0, 0.5, 0.1, 120, 1.0),
     (1, 0.2, 0.15, 150, 0.6),
@@ -48,7 +48,7 @@ class Trial:
 
     @property
     def to_be_found(self) -> bool:
-        return self.pins_there >= BOARD.count - MOST_MISSING
+        return self.pins_there >= BOARD.count - MAX_MISSING_FRACTION
 
 
 def all_trials() -> Iterator[Trial]:
@@ -102,7 +102,7 @@ def with_pins_missing(sensor: str, pair: Pair, plain: BoardFit) -> Iterator[Tria
     """Pins that did not touch, chosen at random, and a whole side."""
     for count in (1, 3, 6, 9, 12):
         chosen = np.random.default_rng(count).choice(BOARD.count, count, replace=False)
-        kind = f"up to {MOST_MISSING} pins missing" if count <= MOST_MISSING else TOO_FEW
+        kind = f"up to {MAX_MISSING_FRACTION} pins missing" if count <= MAX_MISSING_FRACTION else TOO_FEW
         yield Trial(kind, f"{sensor}: {count}", without(pair, plain.points_px[chosen]), BOARD.count - count)
     side = plain.nodes[:, 0] == 0
     yield Trial(TOO_FEW, f"{sensor}: a whole side", without(pair, plain.points_px[side]), int((~side).sum()))

@@ -5,7 +5,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from ninedtact import CalibrationImages, calibrate, read_image, write_sensor
+from ninedtact import CalibrationImages, calibrate, read_image, save_sensor
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
@@ -21,7 +21,7 @@ images = CalibrationImages(
     ball_reference=read_image(options.images / "ball_reference.png"),  # untouched again
     ball=read_image(options.images / "ball.png"),  # a ball of radius 4 mm pressed on it
 )
-sensor = write_sensor(options.out, calibrate(images, sensor_id=options.out.name))
+sensor = save_sensor(options.out, calibrate(images, sensor_id=options.out.name))
 figures = sensor.record.certificate
 
 print(f"{figures.board.pins_found} pins; a left-out pin is predicted to {figures.board.loo_rms_mm:.3f} mm")

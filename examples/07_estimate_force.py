@@ -16,8 +16,8 @@ from ninedtact import (
     default_twin,
     load_sensor,
     object_for,
+    save_sensor,
     touch,
-    write_sensor,
 )
 from ninedtact.force.model_file import read_model
 from ninedtact.force.network_force import NetworkForce
@@ -35,7 +35,7 @@ options = parser.parse_args()
 
 # With a sensor of your own: `ninedtact calibrate`, then load_sensor(folder).
 twin = default_twin()
-write_sensor(options.sensor, calibrate(CalibrationImages(**vars(gauge_images(twin, frames=4)))))
+save_sensor(options.sensor, calibrate(CalibrationImages(**vars(gauge_images(twin, frames=4)))))
 folder = load_sensor(options.sensor)
 shape, gel = folder.shape, folder.record.twin.gel
 estimator = NetworkForce(read_model(SHIPPED), gel) if options.force == "network" else traction_force(shape, gel)

@@ -10,7 +10,7 @@ from pathlib import Path  # noqa: E402
 import pytest  # noqa: E402
 
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
-from ninedtact.calibration.save import write_sensor  # noqa: E402
+from ninedtact.calibration.save import save_sensor  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
 from ninedtact.capture.image_file import read_image  # noqa: E402
 from ninedtact.capture.library_output import silence_video_libraries  # noqa: E402
@@ -54,7 +54,7 @@ def calibrated_a(real_images: dict[str, CalibrationImages]) -> Calibration:
 def twin_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     """The default twin, calibrated from its own four images, by the method that is done soonest."""
     images = CalibrationImages(**vars(gauge_images(default_twin())))
-    return write_sensor(
+    return save_sensor(
         tmp_path_factory.mktemp("twin") / "sensor",
         calibrate(images, settings=CalibrationSettings(method="ratio"), sensor_id="twin"),
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
-from ninedtact.calibration.save import write_sensor
+from ninedtact.calibration.save import save_sensor
 from ninedtact.cli import main
 from ninedtact.force.adaptation import G_STANDARD
 from ninedtact.mechanics.indenter_primitives import Ball
@@ -24,7 +24,7 @@ DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A calibrated sensor, an image of its untouched skin, four of a ball pressed on it, and what they weigh."""
     desk, twin = tmp_path_factory.mktemp("desk"), default_twin()
-    write_sensor(desk / "sensor", calibrate(CalibrationImages(**vars(gauge_images(twin, frames=8))), sensor_id="twin"))
+    save_sensor(desk / "sensor", calibrate(CalibrationImages(**vars(gauge_images(twin, frames=8))), sensor_id="twin"))
     cv2.imwrite(str(desk / "untouched.png"), twin.renderer(None, 50))
     contacts = [Press(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).on(twin, Ball(5.0)) for depth in DEPTHS_MM]
     for number, contact in enumerate(contacts):

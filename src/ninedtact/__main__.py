@@ -11,7 +11,7 @@ from types import FrameType
 
 def run() -> int:
     """Load and run the command line; 1 when Ctrl-C stopped it."""
-    interruption = Interruption()
+    interruption = _InterruptHandler()
     try:
         signal.signal(signal.SIGINT, interruption)
         signal.signal(signal.SIGTERM, interruption)
@@ -27,7 +27,7 @@ def run() -> int:
     return interruption.left_with(code)
 
 
-class Interruption:
+class _InterruptHandler:
     """Raises `KeyboardInterrupt` as Python does, and remembers that it did."""
 
     def __init__(self) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 from scipy.interpolate import RectBivariateSpline
 
-from ninedtact.calibration.ball.ball_press import first_meeting
+from ninedtact.calibration.ball.ball_press import intersect_rays_with_sphere
 from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.shape.lens import LensModel
@@ -63,7 +63,7 @@ class KnownSensor:
         radius = self.design.ball.radius_mm
         ball = np.array([*centre_mm, np.sqrt(radius**2 - edge_mm**2)])
         sight = np.concatenate([skin, np.full((*skin.shape[:2], 1), distance)], axis=-1)
-        part = first_meeting(np.array([0.0, 0.0, -distance]) - ball, sight, radius)
+        part = intersect_rays_with_sphere(np.array([0.0, 0.0, -distance]) - ball, sight, radius)
         outside = np.hypot(*np.moveaxis(skin - np.array(centre_mm), -1, 0)) - edge_mm
         ring = np.where(outside > 0, BRIGHT * outside * np.exp(-outside / 0.8), 0)
         return 1 - DARK_PER_MM * np.maximum(distance * (1 - part), 0) + ring

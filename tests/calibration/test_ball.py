@@ -11,8 +11,8 @@ from known_sensor import DARK_PER_MM, LENS, KnownSensor, with_board
 from scipy import ndimage
 
 from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
-from ninedtact.calibration.ball.ball_press import monotone_curve
-from ninedtact.calibration.ball.contact_circle import BallRefused, reference_warnings
+from ninedtact.calibration.ball.ball_press import fit_monotone_depth_curve
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_drift_warnings
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
@@ -66,7 +66,7 @@ def test_the_curve_is_the_light_law(rectify: Rectification) -> None:
 @given(arrays.arrays(np.float64, st.integers(1, 300), elements=st.floats(-80, 120)), st.randoms())
 def test_any_pairs_give_a_curve_that_rises_from_zero(darkening, random) -> None:
     depth_mm = np.array([random.uniform(0, 2.5) for _ in darkening])
-    curve = monotone_curve("difference", darkening, depth_mm)
+    curve = fit_monotone_depth_curve("difference", darkening, depth_mm)
     signal = np.linspace(-130, 130, 2001)
     height = curve.height_mm(signal)
     assert (np.diff(height) >= 0).all() and height[signal >= 0].max() <= 0 and np.isfinite(height).all()
@@ -100,7 +100,7 @@ def bar():
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_calibrate_is_refused(case: str, rectify: Rectification) -> None:
     factor, words = REFUSED[case]
-    with pytest.raises(BallRefused, match=words):
+    with pytest.raises(BallPressUnusable, match=words):
         fitted(rectify, factor(KnownSensor()))
 
 
@@ -108,7 +108,7 @@ def test_a_ball_smaller_than_its_disc_is_refused(rectify: Rectification) -> None
     sensor = KnownSensor()
     small = replace(DESIGN, ball=replace(DESIGN.ball, radius_mm=3.0))
     images = [sensor.image(factor, n) for n, factor in enumerate((np.ones(LENS.raw_shape), sensor.ball_factor()))]
-    with pytest.raises(BallRefused, match="smaller than the ball"):
+    with pytest.raises(BallPressUnusable, match="smaller than the ball"):
         fit_ball(rectify, *images, small)
 
 
@@ -134,15 +134,15 @@ def test_real_sheared_ball_is_warned_of(real_images: dict[str, CalibrationImages
 
 
 def test_real_image_without_contact_is_refused(real_images: dict[str, CalibrationImages]) -> None:
-    with pytest.raises(BallRefused, match="no contact"):
+    with pytest.raises(BallPressUnusable, match="no contact"):
         calibrate(real_images["j"])
 
 
 def test_differing_references_are_warned_of(real_images: dict[str, CalibrationImages]) -> None:
     images = real_images["a"]
     dimmed = (images.ball_reference * 0.9).astype(np.uint8)
-    assert reference_warnings(images.board_reference, images.ball_reference) == ()
-    assert len(reference_warnings(images.board_reference, dimmed)) == 1
+    assert reference_drift_warnings(images.board_reference, images.ball_reference) == ()
+    assert len(reference_drift_warnings(images.board_reference, dimmed)) == 1
 
 
 def test_lines_of_sight_matter_on_a_real_ball(calibrated_a: Calibration) -> None:

@@ -9,8 +9,12 @@ from known_sensor import KnownSensor, with_board
 
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
-from ninedtact.calibration.board.lens_fit import fit_terms, rms_length
-from ninedtact.calibration.board.published_method import integer_centres, left_out_errors_mm, paper_projection
+from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
+from ninedtact.calibration.board.published_method import (
+    fit_published_pin_map,
+    integer_pin_centres_px,
+    published_leave_one_out_errors_mm,
+)
 from ninedtact.calibration.brightness import ImageUnusable
 from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.design import PinBoard
@@ -22,7 +26,7 @@ def lens_error_mm(found, known, board: PinBoard = BOARD) -> float:
     """RMS over the board's area of where a found lens puts a point that the known lens shows."""
     x, y = np.meshgrid(*[np.linspace(-1, 1, 15) * (n - 1) / 2 * board.pitch_mm for n in (board.cols, board.rows)])
     points = np.column_stack([x.ravel(), y.ravel()])
-    return rms_length(found.to_mm(known.to_px(points)) - points)
+    return rms_vector_length(found.to_mm(known.to_px(points)) - points)
 
 
 def test_a_known_lens_is_recovered() -> None:
@@ -93,7 +97,7 @@ def test_real_boards_with_the_defaults(letter: str, real_images: dict[str, Calib
     images = real_images[letter]
     fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.found.sum() == 63
-    original = rms_length(left_out_errors_mm(fit.points_mm, integer_centres(fit)))
+    original = rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm, integer_pin_centres_px(fit)))
     assert fit.lens_fit.left_out_rms_mm < 0.8 * original
 
 
@@ -103,9 +107,9 @@ def test_left_out_errors_equal_those_of_refitting(real_images: dict[str, Calibra
     refitted = []
     for pin in range(len(fit.points_mm)):
         others = np.arange(len(fit.points_mm)) != pin
-        lens = fit_terms(fit.points_mm[others], fit.points_px[others], (480, 640), len(fit.lens.radial)).lens
+        lens = fit_lens_with_terms(fit.points_mm[others], fit.points_px[others], (480, 640), len(fit.lens.radial)).lens
         refitted.append(lens.to_mm(fit.points_px[pin : pin + 1])[0] - fit.points_mm[pin])
-    assert rms_length(np.array(refitted)) == pytest.approx(fit.lens_fit.left_out_rms_mm, rel=0.05)
+    assert rms_vector_length(np.array(refitted)) == pytest.approx(fit.lens_fit.left_out_rms_mm, rel=0.05)
 
 
 ALTERED = {
@@ -172,8 +176,8 @@ def test_dark_and_burnt_images_are_refused(level: int, word: str) -> None:
 def test_the_papers_way_passes_through_its_pins(real_images: dict[str, CalibrationImages]) -> None:
     images = real_images["a"]
     fit = fit_board(images.board_reference, images.board, BOARD)
-    projection, mm_per_px = paper_projection(fit)
-    assert np.allclose(projection.to_px(fit.points_mm), integer_centres(fit), atol=1e-6)
+    projection, mm_per_px = fit_published_pin_map(fit)
+    assert np.allclose(projection.to_px(fit.points_mm), integer_pin_centres_px(fit), atol=1e-6)
     assert mm_per_px == pytest.approx(0.0510150969, rel=2e-3)  # what the original code stored for this sensor
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from ninedtact.calibration.lens_refinement import fit_board_press
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate
-from ninedtact.calibration.twin.board_press_model import ObservedBoard
+from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
@@ -94,7 +94,7 @@ def test_a_missing_pin_is_not_looked_at(together: Calibration) -> None:
     found = board.found.copy()
     found[0] = False
     before, after = (together.rectify(Frame(image)) for image in images)
-    seen = ObservedBoard(before, after, replace(board, found=found)).points_mm
+    seen = ObservedBoardPress(before, after, replace(board, found=found)).points_mm
     assert np.hypot(*(seen - board.points_mm[0]).T).min() > 0.5 * board.board.pitch_mm
 
 
@@ -106,7 +106,7 @@ def test_places_where_a_lens_folds_the_image_are_not_looked_at(together: Calibra
     board, images = together.board, (together.images.board_reference, together.images.board)
     before, after = (together.rectify(Frame(image)) for image in images)
     plain, folded = (
-        ObservedBoard(before, after, replace(board, refined=replace(board.lens, radial=radial)))
+        ObservedBoardPress(before, after, replace(board, refined=replace(board.lens, radial=radial)))
         for radial in ((0.0,), FOLDING)
     )
     assert 0 < len(folded.points_mm) < len(plain.points_mm)
@@ -121,6 +121,6 @@ def test_a_fit_whose_lens_folds_is_not_believed(together: Calibration, monkeypat
         together.rectify(Frame(image)) for image in (together.images.board_reference, together.images.board)
     )
     astray = replace(board.lens, radial=FOLDING)
-    monkeypatch.setattr("ninedtact.calibration.lens_refinement.refit", lambda *_: SimpleNamespace(lens=astray))
-    told = fit_board_press(ObservedBoard(before, after, board), together.ball.physical.fit)
+    monkeypatch.setattr("ninedtact.calibration.lens_refinement.refine_lens", lambda *_: SimpleNamespace(lens=astray))
+    told = fit_board_press(ObservedBoardPress(before, after, board), together.ball.physical.fit)
     assert not told.settled and not told.believed

@@ -14,19 +14,26 @@ from drawn_presses import DrawnPresses
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ninedtact.calibration.ball.ball_fit import Method
+from ninedtact.calibration.ball.ball_fit import DepthMethod
 from ninedtact.calibration.board.detection import BoardNotFound
-from ninedtact.calibration.certificate.checks import LEVELS, Limit, Line, headline, verdict, worst
-from ninedtact.calibration.certificate.html_page import LENS, METHOD, certificate_html
-from ninedtact.calibration.certificate.plot_board import magnification
-from ninedtact.calibration.certificate.plot_style import not_found_overlay, stretched
+from ninedtact.calibration.certificate.checks import (
+    CHECK_LEVELS,
+    CheckLimit,
+    CheckResult,
+    certificate_headline,
+    check_certificate,
+    overall_check_level,
+)
+from ninedtact.calibration.certificate.html_page import DEPTH_METHOD_TEXT, LENS_MODEL_TEXT, render_certificate_html
+from ninedtact.calibration.certificate.plot_board import arrow_magnification
+from ninedtact.calibration.certificate.plot_style import draw_board_not_found, stretch_contrast
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
-from ninedtact.calibration.sensor_record import BallFigures, BoardFigures, Certificate
+from ninedtact.calibration.sensor_record import BallQuality, BoardQuality, Certificate
 
 HOSTILE = "<script>alert('id')</script> & \"co\""
 GOOD = Certificate(
-    BoardFigures(63, 63, [], 0.03, 0.07, 0.06, 0.052, 0.0001, 20.0, 0.6, "lens", 0),
-    BallFigures("ratio", 60.0, 3.1, 4.0, 1.5, 0.012, 0.014, 1.48, 0.002, 50.0, 0.02, 0.0),
+    BoardQuality(63, 63, [], 0.03, 0.07, 0.06, 0.052, 0.0001, 20.0, 0.6, "lens", 0),
+    BallQuality("ratio", 60.0, 3.1, 4.0, 1.5, 0.012, 0.014, 1.48, 0.002, 50.0, 0.02, 0.0),
     [],
 )
 WORSE_WHEN_LARGER = {
@@ -74,7 +81,7 @@ class Read:
 
 
 def read(calibration: Calibration) -> Read:
-    html = certificate_html(calibration)
+    html = render_certificate_html(calibration)
     return Read(calibration, html, Page(html))
 
 
@@ -139,8 +146,8 @@ def test_page_says_what_the_record_holds(drawn: Read) -> None:
         f"{ball.asymmetry:.1%}",
         "pitch 2.5 mm",
         "sensor.toml",
-        headline(record.certificate),
-        *(line.text for line in verdict(record.certificate)),
+        certificate_headline(record.certificate),
+        *(line.text for line in check_certificate(record.certificate)),
     ):
         assert figure in words, figure
     for warning in record.certificate.warnings:
@@ -154,13 +161,13 @@ def test_missing_pins_are_named_on_the_page(drawn: Read) -> None:
 
 
 def test_original_way_has_its_page_too() -> None:
-    settings = CalibrationSettings(lens="paper", method="table", mounting_deg=180)
+    settings = CalibrationSettings(lens="paper", method="table", camera_rotation_deg=180)
     page = read(calibrate(DrawnPresses().images(), settings=settings)).page
-    assert LENS["paper"] in words_of(page) and METHOD["table"] in words_of(page)
+    assert LENS_MODEL_TEXT["paper"] in words_of(page) and DEPTH_METHOD_TEXT["table"] in words_of(page)
 
 
 def test_every_lens_and_method_has_words() -> None:
-    assert set(LENS) == set(get_args(LensKind)) and set(METHOD) == set(get_args(Method))
+    assert set(LENS_MODEL_TEXT) == set(get_args(LensKind)) and set(DEPTH_METHOD_TEXT) == set(get_args(DepthMethod))
 
 
 @pytest.mark.parametrize(("sensor", "level"), [("sensor_a", "pass"), ("sensor_i", "warn")])
@@ -170,19 +177,19 @@ def test_real_sensors(sensor: str, level: str, request: pytest.FixtureRequest) -
     images = CalibrationImages(*(cv2.imread(str(folder / f"{name}.png")) for name in names))
     made = read(calibrate(images, sensor_id=sensor))
     certificate = made.calibration.record.certificate
-    assert certificate is not None and worst(certificate) == level
-    assert headline(certificate) in words_of(made.page) and len(made.html) < 2e6
+    assert certificate is not None and overall_check_level(certificate) == level
+    assert certificate_headline(certificate) in words_of(made.page) and len(made.html) < 2e6
 
 
 def test_good_figures_pass_and_say_no_more_than_the_fact() -> None:
-    assert {line.level for line in verdict(GOOD)} == {"pass"} == {worst(GOOD)}
-    assert not any("To do" in line.text for line in verdict(GOOD))
-    assert "ready" in headline(GOOD)
+    assert {line.level for line in check_certificate(GOOD)} == {"pass"} == {overall_check_level(GOOD)}
+    assert not any("To do" in line.text for line in check_certificate(GOOD))
+    assert "ready" in certificate_headline(GOOD)
 
 
 def test_lines_that_do_not_pass_say_what_to_do() -> None:
     for part, name, worse in FIGURES:
-        lines = verdict(with_figure(GOOD, part, name, 1e9 if worse > 0 else 0))
+        lines = check_certificate(with_figure(GOOD, part, name, 1e9 if worse > 0 else 0))
         bad = [line for line in lines if line.level != "pass"]
         assert len(bad) == 1, name
         assert "To do: " in bad[0].text
@@ -190,7 +197,7 @@ def test_lines_that_do_not_pass_say_what_to_do() -> None:
 
 def test_warning_alone_keeps_the_whole_from_passing() -> None:
     warned = msgspec.structs.replace(GOOD, warnings=["the light drifted"])
-    assert worst(warned) == "warn" and "warnings below" in headline(warned)
+    assert overall_check_level(warned) == "warn" and "warnings below" in certificate_headline(warned)
 
 
 @given(st.sampled_from(FIGURES), st.data())
@@ -201,8 +208,10 @@ def test_worse_figure_never_improves_a_line(figure: tuple[str, str, int], data: 
     if name == "noise_grey_levels":
         better, poorer = better + 0.1, poorer + 0.1
     first, second = (with_figure(GOOD, part, name, value) for value in (better, poorer))
-    assert all(rank(one) <= rank(two) for one, two in zip(verdict(first), verdict(second), strict=True))
-    assert LEVELS.index(worst(first)) <= LEVELS.index(worst(second))
+    assert all(
+        rank(one) <= rank(two) for one, two in zip(check_certificate(first), check_certificate(second), strict=True)
+    )
+    assert CHECK_LEVELS.index(overall_check_level(first)) <= CHECK_LEVELS.index(overall_check_level(second))
 
 
 @given(st.floats(0, 10), st.floats(0, 10), st.floats(-10, 10, allow_nan=False))
@@ -211,19 +220,19 @@ def test_limits_hold_on_both_sides(one: float, two: float, value: float) -> None
     small, large = sorted((one, two))
     if small == large:
         return
-    assert Limit(small, large).level(value) == Limit(-small, -large).level(-value)
-    assert Limit(small, large).level(small) == "pass" and Limit(small, large).level(large) == "warn"
-    assert Limit(small, large).level(math.nextafter(large, math.inf)) == "fail"
+    assert CheckLimit(small, large).level(value) == CheckLimit(-small, -large).level(-value)
+    assert CheckLimit(small, large).level(small) == "pass" and CheckLimit(small, large).level(large) == "warn"
+    assert CheckLimit(small, large).level(math.nextafter(large, math.inf)) == "fail"
 
 
 def test_figure_that_is_not_a_number_fails() -> None:
-    assert Limit(0.1, 0.2).level(math.nan) == Limit(2.0, 1.0).level(math.nan) == "fail"
+    assert CheckLimit(0.1, 0.2).level(math.nan) == CheckLimit(2.0, 1.0).level(math.nan) == "fail"
 
 
 def test_refused_board_is_drawn_with_the_spots_that_were_seen() -> None:
     change = -20 * np.random.default_rng(0).random((240, 320)).astype(np.float32)
     seen_px = np.array([[50.0, 60.0], [200.5, 100.25]])
-    overlay = not_found_overlay(BoardNotFound("no board", 2, 63, seen_px, change))
+    overlay = draw_board_not_found(BoardNotFound("no board", 2, 63, seen_px, change))
     assert overlay.shape == (240, 320, 3) and overlay.dtype == np.uint8
     rows, cols = np.nonzero(np.ptp(overlay.astype(int), axis=2) > 60)
     distance = np.hypot(cols[:, None] - seen_px[:, 0], rows[:, None] - seen_px[:, 1])
@@ -232,18 +241,18 @@ def test_refused_board_is_drawn_with_the_spots_that_were_seen() -> None:
 
 @pytest.mark.parametrize("seen", [np.empty((0, 2)), np.array([[1e12, 3.0], [np.nan, 2.0], [5.0, 5.0]])])
 def test_overlay_bears_no_spots_and_impossible_ones(seen: np.ndarray) -> None:
-    overlay = not_found_overlay(BoardNotFound("no board", 0, 63, seen, np.zeros((120, 160), np.float32)))
+    overlay = draw_board_not_found(BoardNotFound("no board", 0, 63, seen, np.zeros((120, 160), np.float32)))
     assert overlay.shape == (120, 160, 3)
 
 
 def test_noise_alone_is_not_stretched_to_black_and_white() -> None:
     noise = np.random.default_rng(0).normal(0, 0.7, (100, 100)).astype(np.float32)
-    assert stretched(noise).std() < 20
+    assert stretch_contrast(noise).std() < 20
 
 
 @given(st.floats(1e-6, 2.0))
 def test_arrows_are_magnified_by_a_round_factor_and_stay_near_their_pin(longest_mm: float) -> None:
-    factor = magnification(np.array([[0.0, longest_mm], [0.0, 0.0]]), 2.5)
+    factor = arrow_magnification(np.array([[0.0, longest_mm], [0.0, 0.0]]), 2.5)
     assert factor == 1 or factor * longest_mm <= 1.5 * 2.5
     assert str(factor).rstrip("0") in {"1", "2", "5"}
 
@@ -253,5 +262,5 @@ def with_figure(certificate: Certificate, part: str, name: str, value: float) ->
     return msgspec.structs.replace(certificate, **{part: figures})
 
 
-def rank(line: Line) -> int:
-    return LEVELS.index(line.level)
+def rank(line: CheckResult) -> int:
+    return CHECK_LEVELS.index(line.level)

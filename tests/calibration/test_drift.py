@@ -11,27 +11,32 @@ import pytest
 from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.brightness import Image, ImageUnusable
-from ninedtact.calibration.drift.diagnosis import findings
-from ninedtact.calibration.drift.drift_measurement import Drift, KnownSkin, drift, known_skin
-from ninedtact.calibration.drift.skin_motion import skin_motion
-from ninedtact.calibration.original_9dtact.exchange import import_upstream
+from ninedtact.calibration.brightness import BgrImage, ImageUnusable
+from ninedtact.calibration.drift.diagnosis import diagnose_drift
+from ninedtact.calibration.drift.drift_measurement import (
+    CalibratedReference,
+    DriftMeasurement,
+    load_calibrated_reference,
+    measure_drift,
+)
+from ninedtact.calibration.drift.skin_motion import measure_skin_motion
+from ninedtact.calibration.original_9dtact.exchange import import_original_calibration
 from ninedtact.calibration.procedure import CalibrationImages, calibrate, calibrated_area_mm
-from ninedtact.calibration.save import write_sensor
+from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.image_file import ImageSizeWrong, read_image
-from ninedtact.cli.check import Check, NothingToCheck
+from ninedtact.cli.check import CheckCommand, NoImageToCheck
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import rectification
 
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
 
 
-def verdicts(known: KnownSkin, today: Image) -> list[str]:
-    return [finding.verdict for finding in findings(drift(known, today))]
+def verdicts(known: CalibratedReference, today: BgrImage) -> list[str]:
+    return [finding.verdict for finding in diagnose_drift(measure_drift(known, today))]
 
 
-def moved(image: Image, x: float = 0.0, y: float = 0.0, clockwise_deg: float = 0.0) -> Image:
+def moved(image: BgrImage, x: float = 0.0, y: float = 0.0, clockwise_deg: float = 0.0) -> BgrImage:
     """The image from a camera that moved, with noise of its own: else rounding twice holds the image in place."""
     rows, cols = image.shape[:2]
     matrix = cv2.getRotationMatrix2D(((cols - 1) / 2, (rows - 1) / 2), -clockwise_deg, 1)
@@ -41,12 +46,12 @@ def moved(image: Image, x: float = 0.0, y: float = 0.0, clockwise_deg: float = 0
     return times(there + np.random.default_rng(1).normal(0, 0.5, image.shape), 1)
 
 
-def times(image: Image, factor: object) -> Image:
+def times(image: BgrImage, factor: object) -> BgrImage:
     """The image in another light."""
     return np.clip(np.rint(image * np.asarray(factor)), 0, 255).astype(np.uint8)
 
 
-def spotted(image: Image, change: float, radius_px: float, x: float = 250, y: float = 300) -> Image:
+def spotted(image: BgrImage, change: float, radius_px: float, x: float = 250, y: float = 300) -> BgrImage:
     """The image with a soft round spot."""
     rows, cols = np.indices(image.shape[:2])
     inside = 1 / (1 + np.exp((np.hypot(cols - x, rows - y) - radius_px) / 2))
@@ -54,21 +59,21 @@ def spotted(image: Image, change: float, radius_px: float, x: float = 250, y: fl
 
 
 @pytest.fixture(scope="module")
-def images(real_data: Path) -> dict[str, dict[str, Image]]:
+def images(real_data: Path) -> dict[str, dict[str, BgrImage]]:
     names = ("board_reference", "board", "ball_reference", "ball")
     return {sensor: {name: read_image(real_data / sensor / f"{name}.png") for name in names} for sensor in SENSORS}
 
 
 @pytest.fixture(scope="module")
-def sensor(images: dict[str, dict[str, Image]], tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+def sensor(images: dict[str, dict[str, BgrImage]], tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     made = calibrate(CalibrationImages(**images["sensor_a"]))
-    return write_sensor(tmp_path_factory.mktemp("sensors") / "a", made)
+    return save_sensor(tmp_path_factory.mktemp("sensors") / "a", made)
 
 
 @pytest.fixture(scope="module")
-def known(sensor: SensorFolder, images: dict[str, dict[str, Image]]) -> dict[str, KnownSkin]:
+def known(sensor: SensorFolder, images: dict[str, dict[str, BgrImage]]) -> dict[str, CalibratedReference]:
     """All three skins; the others seen as through the first one's lens, which is much like theirs."""
-    first = known_skin(sensor)
+    first = load_calibrated_reference(sensor)
     return {
         name: replace(first, lens_image=found["ball_reference"], depth_image=found["ball_reference"])
         for name, found in images.items()
@@ -77,8 +82,8 @@ def known(sensor: SensorFolder, images: dict[str, dict[str, Image]]) -> dict[str
 
 @pytest.mark.parametrize("name", SENSORS)
 def test_untouched_skin_of_another_time_is_fine(name: str, known: dict, images: dict) -> None:
-    measured = drift(known[name], images[name]["board_reference"])
-    assert findings(measured) == []
+    measured = measure_drift(known[name], images[name]["board_reference"])
+    assert diagnose_drift(measured) == []
     assert measured.moved.recognised
     assert measured.moved.likeness > 0.6
     assert np.hypot(*measured.moved.shift_px) < 0.5
@@ -96,13 +101,13 @@ def test_whatever_touches_is_noticed(name: str, press: str, known: dict, images:
 
 
 def test_the_contact_is_where_the_ball_is(known: dict, images: dict) -> None:
-    contact = drift(known["sensor_a"], images["sensor_a"]["ball"]).change.contact
+    contact = measure_drift(known["sensor_a"], images["sensor_a"]["ball"]).change.contact
     assert contact is not None
     assert (contact.x_mm, contact.y_mm) == pytest.approx((0.7, 0.7), abs=0.4)
     assert contact.area_mm2 == pytest.approx(np.pi * 3.4**2, rel=0.25)
 
 
-CHANGES: dict[str, tuple[Callable[[Image], Image], str]] = {
+CHANGES: dict[str, tuple[Callable[[BgrImage], BgrImage], str]] = {
     "dimmer by 5 %": (lambda image: times(image, 0.95), "light dimmer"),
     "dimmer by 20 %": (lambda image: times(image, 0.8), "light dimmer"),
     "brighter by 5 %": (lambda image: times(image, 1.05), "light brighter"),
@@ -128,7 +133,9 @@ CHANGES: dict[str, tuple[Callable[[Image], Image], str]] = {
 
 
 @pytest.mark.parametrize(("spoil", "verdict"), CHANGES.values(), ids=CHANGES)
-def test_every_change_has_its_name(spoil: Callable[[Image], Image], verdict: str, known: dict, images: dict) -> None:
+def test_every_change_has_its_name(
+    spoil: Callable[[BgrImage], BgrImage], verdict: str, known: dict, images: dict
+) -> None:
     for name in ("sensor_a", "sensor_j"):
         assert verdicts(known[name], spoil(images[name]["board_reference"])) == [verdict]
 
@@ -147,7 +154,9 @@ def test_another_sensor_is_another_skin(known: dict, images: dict) -> None:
 
 
 def test_figures_are_right(known: dict, images: dict) -> None:
-    found = drift(known["sensor_a"], times(moved(spotted(images["sensor_a"]["ball_reference"], -0.1, 20), 2, -1), 0.9))
+    found = measure_drift(
+        known["sensor_a"], times(moved(spotted(images["sensor_a"]["ball_reference"], -0.1, 20), 2, -1), 0.9)
+    )
     assert found.moved.shift_px == pytest.approx((2, -1), abs=0.2)
     assert found.known.mm_per_raw_px == pytest.approx(0.0518, rel=0.03)
     assert found.change.gain == pytest.approx(0.9, abs=0.003)
@@ -160,8 +169,8 @@ def test_figures_are_right(known: dict, images: dict) -> None:
 @pytest.mark.parametrize("shift", [(0.5, 0.0), (0.0, -1.0), (6.0, 9.0)])
 @pytest.mark.parametrize("clockwise_deg", [0.0, -0.7])
 def test_motion_is_measured_to_a_tenth_of_a_pixel(shift: tuple, clockwise_deg: float, images: dict) -> None:
-    rest = skin_motion(images["sensor_i"]["board_reference"], images["sensor_i"]["ball_reference"])
-    motion = skin_motion(
+    rest = measure_skin_motion(images["sensor_i"]["board_reference"], images["sensor_i"]["ball_reference"])
+    motion = measure_skin_motion(
         images["sensor_i"]["board_reference"],
         moved(images["sensor_i"]["ball_reference"], *shift, clockwise_deg),
     )
@@ -171,20 +180,20 @@ def test_motion_is_measured_to_a_tenth_of_a_pixel(shift: tuple, clockwise_deg: f
 
 
 @pytest.fixture(scope="module")
-def drawn() -> tuple[KnownSensor, KnownSkin]:
+def drawn() -> tuple[KnownSensor, CalibratedReference]:
     """A skin without any structure, and what is known of it."""
     sensor = KnownSensor()
     design, untouched = sensor.design, np.ones(sensor.lens.raw_shape)
     rectify = rectification(sensor.lens, design.field_of_view, 0.0521, (480, 640), calibrated_area_mm(design))
     curve = DepthCurve("ratio", (0.0, 0.3), (0.0, 1.8), (0.01, 0.01))
-    return sensor, KnownSkin(sensor.image(untouched, 1), sensor.image(untouched, 2), rectify, curve)
+    return sensor, CalibratedReference(sensor.image(untouched, 1), sensor.image(untouched, 2), rectify, curve)
 
 
-def test_a_skin_without_structure_is_judged_by_its_light(drawn: tuple[KnownSensor, KnownSkin]) -> None:
+def test_a_skin_without_structure_is_judged_by_its_light(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
     sensor, known = drawn
     untouched = np.ones(sensor.lens.raw_shape)
-    fine = drift(known, sensor.image(untouched, 3))
-    assert findings(fine) == []
+    fine = measure_drift(known, sensor.image(untouched, 3))
+    assert diagnose_drift(fine) == []
     assert not fine.moved.observable
     assert verdicts(known, sensor.image(0.9 * untouched, 4)) == ["light dimmer"]
     assert verdicts(known, sensor.image(sensor.ball_factor(), 5)) == ["something touches the gel"]
@@ -192,20 +201,20 @@ def test_a_skin_without_structure_is_judged_by_its_light(drawn: tuple[KnownSenso
     assert verdicts(known, spotted(sensor.image(untouched, 7), -0.08, 15)) == ["gel changed"]
 
 
-def test_height_figures_follow_the_curve(drawn: tuple[KnownSensor, KnownSkin]) -> None:
+def test_height_figures_follow_the_curve(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
     sensor, known = drawn
-    found: Drift = drift(known, sensor.image(np.full(sensor.lens.raw_shape, 0.95), 3))
+    found: DriftMeasurement = measure_drift(known, sensor.image(np.full(sensor.lens.raw_shape, 0.95), 3))
     assert found.height_mm == pytest.approx(0.05 * 6, rel=0.1)
-    (finding,) = findings(found)
+    (finding,) = diagnose_drift(found)
     assert finding.height_mm == pytest.approx(0.05 * 6, rel=0.1)
 
 
-def test_a_image_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, KnownSkin]) -> None:
+def test_a_image_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
     _, known = drawn
     with pytest.raises(ImageSizeWrong, match="640 x 480 pixels, got 320 x 240"):
-        drift(known, np.full((240, 320, 3), 160, np.uint8))
+        measure_drift(known, np.full((240, 320, 3), 160, np.uint8))
     with pytest.raises(ImageUnusable, match="switch the sensor's light on"):
-        drift(known, np.zeros((480, 640, 3), np.uint8))
+        measure_drift(known, np.zeros((480, 640, 3), np.uint8))
 
 
 def test_the_command_ends_with_the_verdict(
@@ -214,24 +223,24 @@ def test_the_command_ends_with_the_verdict(
     fine, dim = tmp_path / "fine.png", tmp_path / "dim.png"
     cv2.imwrite(str(fine), images["sensor_a"]["board_reference"])
     cv2.imwrite(str(dim), times(images["sensor_a"]["ball_reference"], 0.8))
-    assert Check(sensor.path, (fine,), json=True).run() == 0
+    assert CheckCommand(sensor.path, (fine,), json=True).run() == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["verdict"], found["findings"]) == ("fine", [])
-    assert Check(sensor.path, (fine, dim), json=True).run() == 1
+    assert CheckCommand(sensor.path, (fine, dim), json=True).run() == 1
     found = json.loads(capsys.readouterr().out)
     assert [image["verdict"] for image in found["images"]] == ["fine", "light dimmer"]
     assert found["findings"][0]["height_mm"] > 0.3
     assert found["images"][1]["brightness_percent"] == pytest.approx(-20, abs=0.2)
-    assert Check(sensor.path, (dim,)).run() == 1
+    assert CheckCommand(sensor.path, (dim,)).run() == 1
     assert "20.0% dimmer" in capsys.readouterr().out
 
 
 def test_a_command_without_images_says_so(sensor: SensorFolder) -> None:
-    with pytest.raises(NothingToCheck, match="at least one image"):
-        Check(sensor.path, ()).run()
+    with pytest.raises(NoImageToCheck, match="at least one image"):
+        CheckCommand(sensor.path, ()).run()
 
 
 def test_an_imported_sensor_has_nothing_to_compare_with(tmp_path: Path) -> None:
-    imported = import_upstream(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "ours")
+    imported = import_original_calibration(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "ours")
     with pytest.raises(SensorFolderDamaged, match="imported"):
-        known_skin(imported)
+        load_calibrated_reference(imported)

@@ -11,13 +11,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ninedtact.calibration.procedure import Calibration, CalibrationSettings, calibrate
-from ninedtact.calibration.save import write_sensor
+from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import (
     SensorFolderDamaged,
-    SensorFolderRefused,
+    SensorFolderNotReplaceable,
+    create_sensor_folder,
     load_sensor,
-    new_sensor_folder,
-    record_toml,
+    to_sensor_toml,
 )
 from ninedtact.capture.image_file import read_image
 from ninedtact.quantities import Frame
@@ -25,7 +25,7 @@ from ninedtact.quantities import Frame
 
 @pytest.fixture
 def folder(calibrated_a: Calibration, tmp_path: Path) -> Path:
-    return write_sensor(tmp_path / "sensor", calibrated_a).path
+    return save_sensor(tmp_path / "sensor", calibrated_a).path
 
 
 def test_what_is_read_is_what_was_written(folder: Path, calibrated_a: Calibration) -> None:
@@ -38,7 +38,7 @@ def test_what_is_read_is_what_was_written(folder: Path, calibrated_a: Calibratio
 
 def test_the_papers_lens_is_read_back_too(calibrated_a: Calibration, tmp_path: Path) -> None:
     made = calibrate(calibrated_a.images, settings=CalibrationSettings(lens="paper", method="table"))
-    sensor = load_sensor(write_sensor(tmp_path / "paper", made).path)
+    sensor = load_sensor(save_sensor(tmp_path / "paper", made).path)
     assert np.array_equal(sensor.rectification.source_px, made.rectify.source_px)
     assert made.record.grid.mm_per_px == pytest.approx(0.0510150969, rel=2e-3)
 
@@ -96,7 +96,7 @@ def test_a_changed_or_missing_image_is_said(folder: Path) -> None:
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
 @given(st.data())
 def test_any_damage_to_the_record_is_refused_or_harmless(calibrated_a: Calibration, tmp_path: Path, data) -> None:
-    content = bytearray(record_toml(calibrated_a.record))
+    content = bytearray(to_sensor_toml(calibrated_a.record))
     for _ in range(data.draw(st.integers(1, 3))):
         place = data.draw(st.integers(0, len(content) - 1))
         content[place] = data.draw(st.integers(0, 255))
@@ -113,14 +113,14 @@ def test_something_else_is_never_overwritten(calibrated_a: Calibration, tmp_path
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / beside).write_text("")
     (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
-    with pytest.raises(SensorFolderRefused, match=r"chapter\.tex"):
-        write_sensor(tmp_path / "thesis", calibrated_a)
+    with pytest.raises(SensorFolderNotReplaceable, match=r"chapter\.tex"):
+        save_sensor(tmp_path / "thesis", calibrated_a)
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
 
 
 def test_an_older_calibration_survives_a_failed_one(folder: Path) -> None:
     before = (folder / "sensor.toml").read_bytes()
-    with pytest.raises(KeyboardInterrupt), new_sensor_folder(folder) as partial:
+    with pytest.raises(KeyboardInterrupt), create_sensor_folder(folder) as partial:
         (partial / "sensor.toml").write_text("half of")
         raise KeyboardInterrupt
     assert (folder / "sensor.toml").read_bytes() == before
@@ -135,7 +135,7 @@ def test_a_full_disk_leaves_nothing(calibrated_a: Calibration, tmp_path: Path, m
 
     monkeypatch.setattr("ninedtact.calibration.save.write_file_atomically", full)
     with pytest.raises(OSError, match="No space left"):
-        write_sensor(tmp_path / "sensor", calibrated_a)
+        save_sensor(tmp_path / "sensor", calibrated_a)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ninedtact.calibration.ball.ball_fit import fit_ball, uniform_change
-from ninedtact.calibration.ball.contact_circle import BallRefused, find_contact_circle
+from ninedtact.calibration.ball.ball_fit import fit_ball, rectified_brightness_change
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, find_contact_circle
 from ninedtact.calibration.board.board_fit import fit_board
-from ninedtact.calibration.procedure import Calibration, CalibrationImages, lens_on_grid
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, build_rectification
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin
-from ninedtact.calibration.twin.sensor_twin import twin_from
+from ninedtact.calibration.twin.sensor_twin import build_twin
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
@@ -38,7 +38,7 @@ NOISE = 0.7
 @pytest.fixture(scope="module")
 def twin(calibrated_a: Calibration) -> Twin:
     """A twin with known numbers behind sensor A's lens, before sensor A's untouched image."""
-    return twin_from("known", GEL, LIGHT, calibrated_a.rectify, calibrated_a.images.ball_reference, NOISE)
+    return build_twin("known", GEL, LIGHT, calibrated_a.rectify, calibrated_a.images.ball_reference, NOISE)
 
 
 def pressed(twin: Twin, indenter: Indenter, at: Pose, drag_mm: tuple[float, float] = (0.0, 0.0)) -> Contact:
@@ -58,7 +58,7 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
         calibrated_a.rectify(Frame(twin.renderer(contact, number)))
         for number, contact in enumerate((None, known_press))
     )
-    fit = fit_twin(before, after, find_contact_circle(uniform_change(before, after)), DESIGN)
+    fit = fit_twin(before, after, find_contact_circle(rectified_brightness_change(before, after)), DESIGN)
     assert fit.named["depth_mm"] == pytest.approx(1.8, abs=0.03)
     assert fit.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
     assert (fit.named["x_mm"], fit.named["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
@@ -77,9 +77,9 @@ def fits(real_images: dict[str, CalibrationImages]) -> dict[str, TwinFit]:
     found = {}
     for letter in "ai":
         images = real_images[letter]
-        rectify = lens_on_grid(fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN, "lens")
+        rectify = build_rectification(fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN, "lens")
         before, after = (rectify(Frame(image)) for image in (images.ball_reference, images.ball))
-        found[letter] = fit_twin(before, after, find_contact_circle(uniform_change(before, after)), DESIGN)
+        found[letter] = fit_twin(before, after, find_contact_circle(rectified_brightness_change(before, after)), DESIGN)
     return found
 
 
@@ -133,5 +133,5 @@ def test_bulges_are_read_and_nothing_is_read_from_nothing(
 
 def test_a_short_roller_is_no_ball(twin: Twin, calibrated_a: Calibration) -> None:
     contact = pressed(twin, Cylinder(4.0, 5.0), Pose(0.0, 0.0, 1.5))
-    with pytest.raises(BallRefused, match="a ball explains"):
+    with pytest.raises(BallPressUnusable, match="a ball explains"):
         fit_ball(calibrated_a.rectify, twin.renderer(None, 1), twin.renderer(contact, 2), DESIGN)

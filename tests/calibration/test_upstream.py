@@ -17,23 +17,30 @@ from numpy import ndarray as Array
 from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.original_9dtact.exchange import (
-    UpstreamCannotHold,
-    UpstreamFolderDamaged,
-    export_upstream,
-    import_upstream,
+    OriginalExportImpossible,
+    OriginalFolderDamaged,
+    export_original_calibration,
+    import_original_calibration,
 )
 from ninedtact.calibration.original_9dtact.folder_format import (
     COL_INDEX,
-    FILES,
+    ORIGINAL_FILES,
     PIXEL_TO_DEPTH,
     POSITION_SCALE,
     ROW_INDEX,
-    read_numbers,
+    read_finite_npy,
 )
-from ninedtact.calibration.sensor_folder import RECORD, SensorFolderDamaged, load_sensor, record_toml
-from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, Image, LensTable, SensorRecord
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolderDamaged, load_sensor, to_sensor_toml
+from ninedtact.calibration.sensor_record import (
+    SENSOR_FORMAT,
+    DepthTable,
+    GridTable,
+    LensModelTable,
+    SensorRecord,
+    StoredImage,
+)
 from ninedtact.capture.image_file import read_image
-from ninedtact.cli.original_calibration import ExportCalibration, ImportCalibration
+from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Coverage, Frame
 from ninedtact.shape.depth import DepthCurve, Smoothing
@@ -43,7 +50,7 @@ GREY = 160
 
 
 def arrays(folder: Path) -> dict[str, Array]:
-    return {file: np.load(folder / file, allow_pickle=False) for file in FILES}
+    return {file: np.load(folder / file, allow_pickle=False) for file in ORIGINAL_FILES}
 
 
 def shown_by_original(folder: Path, grey: Array, rows: int = 345, cols: int = 460) -> Array:
@@ -56,8 +63,8 @@ def shown_by_original(folder: Path, grey: Array, rows: int = 345, cols: int = 46
 
 
 def test_a_real_folder_survives_the_round_trip(real_data: Path, tmp_path: Path) -> None:
-    sensor = import_upstream(real_data / REAL, tmp_path / "ours")
-    export_upstream(sensor, tmp_path / "sensor_9")
+    sensor = import_original_calibration(real_data / REAL, tmp_path / "ours")
+    export_original_calibration(sensor, tmp_path / "sensor_9")
     before, after = arrays(real_data / REAL / "sensor_1"), arrays(tmp_path / "sensor_9")
     for file in (ROW_INDEX, COL_INDEX, POSITION_SCALE):
         np.testing.assert_array_equal(after[file], before[file])
@@ -67,7 +74,7 @@ def test_a_real_folder_survives_the_round_trip(real_data: Path, tmp_path: Path) 
 
 
 def test_an_imported_sensor_shows_what_the_original_shows(real_data: Path, tmp_path: Path) -> None:
-    sensor = import_upstream(real_data / REAL, tmp_path / "ours", sensor_id="left finger")
+    sensor = import_original_calibration(real_data / REAL, tmp_path / "ours", sensor_id="left finger")
     ball = read_image(real_data / "sensor_a/ball.png")
     grey = cv2.cvtColor(ball, cv2.COLOR_BGR2GRAY)
     ours = sensor.rectification(Frame(ball)).grey
@@ -86,15 +93,15 @@ def test_the_crop_is_the_original_s_whatever_its_size(tmp_path: Path) -> None:
     image = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
     for rows, cols in ((345, 460), (280, 381)):
         design = replace(SensorDesign(), field_of_view=FieldOfView(rows, cols))
-        sensor = import_upstream(tmp_path, tmp_path / "ours", design)
+        sensor = import_original_calibration(tmp_path, tmp_path / "ours", design)
         ours = sensor.rectification(Frame(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))).grey
         np.testing.assert_array_equal(ours, shown_by_original(folder, image, rows, cols))
 
 
 def test_gaps_and_dips_in_the_list_are_mended(tmp_path: Path) -> None:
     folder = UpstreamFolder(pixel_to_depth=np.array([0.9, 0.1, 0.0, 0.3, 0.5, 0.4, 0.6])).write(tmp_path / "sensor_2")
-    sensor = import_upstream(folder, tmp_path / "ours")
-    export_upstream(sensor, tmp_path / "again")
+    sensor = import_original_calibration(folder, tmp_path / "ours")
+    export_original_calibration(sensor, tmp_path / "again")
     np.testing.assert_allclose(arrays(tmp_path / "again")[PIXEL_TO_DEPTH], [0, 0.1, 0.2, 0.3, 0.45, 0.45, 0.6])
 
 
@@ -124,7 +131,7 @@ def test_wrong_numbers_are_refused_and_nothing_is_written(tmp_path: Path, spoil:
     assert_refused(tmp_path / "sensor_2", sentence)
 
 
-@pytest.mark.parametrize("file", FILES)
+@pytest.mark.parametrize("file", ORIGINAL_FILES)
 def test_missing_and_truncated_files_are_refused(tmp_path: Path, file: str) -> None:
     path = UpstreamFolder().write(tmp_path / "sensor_2") / file
     path.write_bytes(path.read_bytes()[:-9])
@@ -144,8 +151,8 @@ def test_a_folder_that_is_not_one_sensor_is_refused(tmp_path: Path) -> None:
 
 def assert_refused(folder: Path, sentence: str) -> None:
     out = folder.parent / "out" / "ours"
-    with pytest.raises(UpstreamFolderDamaged, match=sentence):
-        import_upstream(folder, out)
+    with pytest.raises(OriginalFolderDamaged, match=sentence):
+        import_original_calibration(folder, out)
     assert not out.parent.exists() or not any(out.parent.iterdir())
 
 
@@ -159,8 +166,8 @@ def test_any_damage_to_a_file_is_refused_or_harmless(tmp_path: Path, position: i
     content[position % len(content)] = byte
     path.write_bytes(bytes(content[:cut] if cut < 200 else content))
     try:
-        numbers = read_numbers(path, 1)
-    except UpstreamFolderDamaged as refusal:
+        numbers = read_finite_npy(path, 1)
+    except OriginalFolderDamaged as refusal:
         assert "\n" not in str(refusal)
     else:
         assert np.isfinite(numbers).all()
@@ -172,23 +179,25 @@ def lens_sensor(folder: Path, raw_shape: tuple[int, int] = (480, 640)) -> Path:
     folder.mkdir()
     (folder / "reference.png").write_bytes(content)
     record = SensorRecord(
-        format=FORMAT,
+        format=SENSOR_FORMAT,
         id="ours",
         created=datetime(2024, 1, 1, tzinfo=UTC),
         software="test",
         design=SensorDesign(),
-        grid=Grid(0.0521, *raw_shape, (-12.5, 12.5, -10.0, 10.0)),
-        lens=LensTable(LENS.homography, LENS.centre, LENS.radial, LENS.tangential),  # type: ignore[arg-type]
-        depth=Depth("ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 0.5, 1.2), (0.01,) * 3)),
-        images={"ball_reference": Image("reference.png", sha256(content).hexdigest())},
+        grid=GridTable(0.0521, *raw_shape, (-12.5, 12.5, -10.0, 10.0)),
+        lens=LensModelTable(LENS.homography, LENS.centre, LENS.radial, LENS.tangential),  # type: ignore[arg-type]
+        depth=DepthTable(
+            "ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 0.5, 1.2), (0.01,) * 3)
+        ),
+        images={"ball_reference": StoredImage("reference.png", sha256(content).hexdigest())},
     )
-    (folder / RECORD).write_bytes(record_toml(record))
+    (folder / SENSOR_FILE).write_bytes(to_sensor_toml(record))
     return folder
 
 
 def test_the_original_shows_one_of_our_sensors_to_the_nearest_pixel(tmp_path: Path) -> None:
     sensor = load_sensor(lens_sensor(tmp_path / "ours"))
-    export_upstream(sensor, tmp_path / "sensor_1")
+    export_original_calibration(sensor, tmp_path / "sensor_1")
     rows, cols = np.indices((480, 640))
     shown = np.stack([shown_by_original(tmp_path / "sensor_1", axis) for axis in (cols, rows)], axis=-1)
     seen = sensor.rectification.coverage != Coverage.OUT_OF_VIEW
@@ -202,28 +211,28 @@ def test_the_original_shows_one_of_our_sensors_to_the_nearest_pixel(tmp_path: Pa
     beside_mm = np.array([[(50 - 229.5) * mm_per_px, (-10 - 172) * mm_per_px]])
     beside = [found[file][row - 10, col + 50] for file in (COL_INDEX, ROW_INDEX)]
     np.testing.assert_array_equal(beside, np.rint(LENS.to_px(beside_mm))[0])
-    back = import_upstream(tmp_path / "sensor_1", tmp_path / "back")
+    back = import_original_calibration(tmp_path / "sensor_1", tmp_path / "back")
     assert np.abs(back.rectification.source_px - sensor.rectification.source_px)[seen].max() <= 0.5 + 1e-3
 
 
 def test_an_export_that_would_lose_something_is_refused(tmp_path: Path) -> None:
     small = load_sensor(lens_sensor(tmp_path / "small", (240, 320)))
-    with pytest.raises(UpstreamCannotHold, match="at least 460 x 345 pixels"):
-        export_upstream(small, tmp_path / "sensor_1")
+    with pytest.raises(OriginalExportImpossible, match="at least 460 x 345 pixels"):
+        export_original_calibration(small, tmp_path / "sensor_1")
     assert not (tmp_path / "sensor_1").exists()
     ours = load_sensor(lens_sensor(tmp_path / "ours"))
-    with pytest.raises(UpstreamCannotHold, match="new or an empty folder"):
-        export_upstream(ours, tmp_path / "ours")
-    imported = import_upstream(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "imported")
+    with pytest.raises(OriginalExportImpossible, match="new or an empty folder"):
+        export_original_calibration(ours, tmp_path / "ours")
+    imported = import_original_calibration(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "imported")
     UpstreamFolder(position_scale=np.array([239.0, 318.0, 0.0511])).write(imported.path / "upstream")
-    with pytest.raises(UpstreamFolderDamaged, match="as it was imported"):
-        export_upstream(imported, tmp_path / "sensor_1")
+    with pytest.raises(OriginalFolderDamaged, match="as it was imported"):
+        export_original_calibration(imported, tmp_path / "sensor_1")
 
 
 def test_the_commands_say_in_json_what_they_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     UpstreamFolder().write(tmp_path / "sensor_2")
-    assert ImportCalibration(tmp_path, tmp_path / "ours", json=True).run() == 0
+    assert ImportCalibrationCommand(tmp_path, tmp_path / "ours", json=True).run() == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["id"], found["mm_per_px"], found["crop_size"]) == ("sensor_2", 0.0511, [345, 460])
-    assert ExportCalibration(tmp_path / "ours", tmp_path / "sensor_7", json=True).run() == 0
+    assert ExportCalibrationCommand(tmp_path / "ours", tmp_path / "sensor_7", json=True).run() == 0
     assert all(Path(file).is_file() for file in json.loads(capsys.readouterr().out)["files"])

@@ -8,8 +8,8 @@ import pytest
 from built_sets import decoded, listed, references_in, rows_in
 from little_sources import touched, untouched
 
-from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, record_toml
-from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, SensorRecord
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, to_sensor_toml
+from ninedtact.calibration.sensor_record import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
 from ninedtact.cli.dataset.build import read_rectification
 from ninedtact.dataset.build import Built, build
 from ninedtact.dataset.report import NothingUsable
@@ -33,17 +33,17 @@ TOPICS = (Topic.IMAGES, Topic.UNTOUCHED, Topic.MEASURED, Topic.PAIRS)
 def sensor(tmp_path: Path) -> SensorFolder:
     """A lens without distortion, 40 x 30 rectified pixels."""
     record = SensorRecord(
-        format=FORMAT,
+        format=SENSOR_FORMAT,
         id="little",
         created=datetime(2026, 1, 1, tzinfo=UTC),
         software="test",
         design=SensorDesign(field_of_view=FieldOfView(30, 40, 64)),
-        grid=Grid(MM_PER_PX, *RAW, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
-        lens=LensTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
-        depth=Depth("ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.5), (0.0, 2.0), (0.0, 0.01))),
+        grid=GridTable(MM_PER_PX, *RAW, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
+        lens=LensModelTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
+        depth=DepthTable("ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.5), (0.0, 2.0), (0.0, 0.01))),
     )
     (tmp_path / "sensor").mkdir()
-    (tmp_path / "sensor" / RECORD).write_bytes(record_toml(record))
+    (tmp_path / "sensor" / SENSOR_FILE).write_bytes(to_sensor_toml(record))
     return SensorFolder(tmp_path / "sensor", record)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from ninedtact.cli import main
-from ninedtact.cli.calibrate import Calibrate
+from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.demo import Demo
-from ninedtact.cli.options import TwoDesigns
+from ninedtact.cli.options import DesignGivenTwice
 from ninedtact.design import (
     DIMENSION_RANGES,
     DesignImpossible,
@@ -215,10 +215,10 @@ def test_a_part_that_the_circuit_board_has_no_pads_for_is_refused(name: str) -> 
 
 def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:
     path = written(tmp_path, design_to_toml(OURS) + "\n[hardware.shell]\nwall_mm = 2.4\n")
-    assert Calibrate(out=tmp_path, design_file=path).resolved_design == OURS
-    assert Calibrate(out=tmp_path, design_file=path, ball_radius_mm=3.0).resolved_design.ball.radius_mm == 3.0
-    with pytest.raises(TwoDesigns):
-        _ = Calibrate(out=tmp_path, design_file=path, design=SensorDesign(gel=Gel(3.0))).resolved_design
+    assert CalibrateCommand(out=tmp_path, design_file=path).resolved_design == OURS
+    assert CalibrateCommand(out=tmp_path, design_file=path, ball_radius_mm=3.0).resolved_design.ball.radius_mm == 3.0
+    with pytest.raises(DesignGivenTwice):
+        _ = CalibrateCommand(out=tmp_path, design_file=path, design=SensorDesign(gel=Gel(3.0))).resolved_design
     assert Demo(design_file=path).twin.thickness_mm == OURS.gel.thickness_mm
 
 

@@ -26,7 +26,7 @@ from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect_screen import Screen, headline, keys
 from ninedtact.cli.devices import live_source, sensor_of
-from ninedtact.cli.terminal import ending
+from ninedtact.cli.terminal import stop_on_signal
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -306,13 +306,13 @@ def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_ctrl_c_asks_once_and_insists_twice() -> None:
-    with ending() as until:
+    with stop_on_signal() as until:
         assert not until.now
         os.kill(os.getpid(), 2)
         assert until.now
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), 2)
             time.sleep(1)
-    with ending(seconds=0.01) as until:
+    with stop_on_signal(seconds=0.01) as until:
         time.sleep(0.02)
         assert until.now and until.asked is False

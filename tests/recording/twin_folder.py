@@ -6,15 +6,15 @@ from pathlib import Path
 
 import cv2
 
-from ninedtact.calibration.sensor_folder import RECORD, record_toml
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, to_sensor_toml
 from ninedtact.calibration.sensor_record import (
-    FORMAT,
-    Depth,
-    FitFigures,
-    Grid,
-    Image,
-    LensTable,
+    SENSOR_FORMAT,
+    DepthTable,
+    GridTable,
+    LensModelTable,
     SensorRecord,
+    StoredImage,
+    TwinFitQuality,
     TwinTable,
 )
 from ninedtact.design import Gel, SensorDesign
@@ -32,16 +32,16 @@ def twin_folder(path: Path) -> Path:
     cv2.imwrite(str(path / "untouched.png"), twin.renderer(None))
     digest = sha256((path / "untouched.png").read_bytes()).hexdigest()
     record = SensorRecord(
-        format=FORMAT,
+        format=SENSOR_FORMAT,
         id="twin",
         created=datetime(2026, 1, 1, tzinfo=UTC),
         software="test",
         design=SensorDesign(),
-        grid=Grid(MM_PER_PX, ROWS, COLS, calibrated_area_mm=(-12.0, 12.0, -9.0, 9.0)),
-        lens=LensTable((UNITS_PER_MM, 0.0, 0.0, 0.0, UNITS_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
-        depth=Depth("ratio", 0.01, Smoothing(), DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01))),
-        twin=TwinTable(Gel(), twin.renderer.light, 1.0, FitFigures(0.1, 0.4, 2.0, (0.0, 0.0), 100.0, 1.0, {})),
-        images={"ball_reference": Image("untouched.png", digest)},
+        grid=GridTable(MM_PER_PX, ROWS, COLS, calibrated_area_mm=(-12.0, 12.0, -9.0, 9.0)),
+        lens=LensModelTable((UNITS_PER_MM, 0.0, 0.0, 0.0, UNITS_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
+        depth=DepthTable("ratio", 0.01, Smoothing(), DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01))),
+        twin=TwinTable(Gel(), twin.renderer.light, 1.0, TwinFitQuality(0.1, 0.4, 2.0, (0.0, 0.0), 100.0, 1.0, {})),
+        images={"ball_reference": StoredImage("untouched.png", digest)},
     )
-    (path / RECORD).write_bytes(record_toml(record))
+    (path / SENSOR_FILE).write_bytes(to_sensor_toml(record))
     return path

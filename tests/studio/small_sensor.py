@@ -8,8 +8,8 @@ from threading import Event
 
 import numpy as np
 
-from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, record_toml
-from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, SensorRecord
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, to_sensor_toml
+from ninedtact.calibration.sensor_record import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
 from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
 from ninedtact.capture.latest_frame import LatestFrameSource
 from ninedtact.design import FieldOfView, SensorDesign
@@ -22,14 +22,14 @@ LONG_MS = 20_000.0
 CURVE = DepthCurve("ratio", darkening=(0.0, 0.5), indentation_mm=(0.0, 2.0), error_mm=(0.0, 0.01))
 PX_PER_MM = 1 / (MM_PER_PX * max(RAW_SHAPE) / 2)
 RECORDED = SensorRecord(
-    format=FORMAT,
+    format=SENSOR_FORMAT,
     id="small",
     created=datetime(2026, 1, 1, tzinfo=UTC),
     software="test",
     design=SensorDesign(field_of_view=FieldOfView(30, 40, 64)),
-    grid=Grid(MM_PER_PX, *RAW_SHAPE, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
-    lens=LensTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
-    depth=Depth("ratio", noise_mm=0.001, smoothing=Smoothing(), curve=CURVE),
+    grid=GridTable(MM_PER_PX, *RAW_SHAPE, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
+    lens=LensModelTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
+    depth=DepthTable("ratio", noise_mm=0.001, smoothing=Smoothing(), curve=CURVE),
 )
 SHAPE = SensorFolder(Path(), RECORDED).shape
 
@@ -42,7 +42,7 @@ def skin(level: int) -> np.ndarray:
 def sensor_folder(path: Path) -> Path:
     """The same sensor on disk."""
     path.mkdir()
-    (path / RECORD).write_bytes(record_toml(RECORDED))
+    (path / SENSOR_FILE).write_bytes(to_sensor_toml(RECORDED))
     return path
 
 

@@ -9,9 +9,9 @@ from scipy import ndimage
 from ninedtact.errors import NinedtactError
 from ninedtact.shape.calibrated import UNLIT
 
-Image = UInt8[Array, "_ _ 3"]
+BgrImage = UInt8[Array, "_ _ 3"]
 
-DIMMEST = 8.0
+MIN_REFERENCE_GREY = 8.0
 """Grey level of the untouched image below which a relative change is mostly noise."""
 OVEREXPOSED = 250
 
@@ -20,18 +20,18 @@ class ImageUnusable(NinedtactError):
     """An image that no calibration can use."""
 
 
-def grey_float(image: Image) -> Float32[Array, "rows cols"]:
+def to_grey_float(image: BgrImage) -> Float32[Array, "rows cols"]:
     """Grey levels as float."""
     return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
 
 
-def relative_change(reference: Image, press: Image) -> Float32[Array, "rows cols"]:
+def relative_brightness_change(reference: BgrImage, press: BgrImage) -> Float32[Array, "rows cols"]:
     """(press − reference) / reference, times the mean grey of the reference: uniform light, in grey levels."""
-    before, after = grey_float(reference), grey_float(press)
-    return (after - before) / np.maximum(before, DIMMEST) * before.mean()
+    before, after = to_grey_float(reference), to_grey_float(press)
+    return (after - before) / np.maximum(before, MIN_REFERENCE_GREY) * before.mean()
 
 
-def noise_levels(change: Float32[Array, "rows cols"]) -> float:
+def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:
     """Standard deviation of one pixel's noise, from second differences, which smooth images do not have.
 
     The median of absolute values is not moved by edges; 0.6745 turns it into a standard deviation, √6 undoes the
@@ -41,9 +41,9 @@ def noise_levels(change: Float32[Array, "rows cols"]) -> float:
     return float(max(np.median(second) / 0.6745 / np.sqrt(6), 0.1))
 
 
-def require_usable(name: str, image: Image) -> None:
+def require_usable_exposure(name: str, image: BgrImage) -> None:
     """Refuse an image that is black or burnt out."""
-    grey = grey_float(image)
+    grey = to_grey_float(image)
     if grey.mean() < UNLIT:
         raise ImageUnusable(
             f"expected a lit image for the {name}, got a mean grey level of {grey.mean():.0f} of 255; "
@@ -57,7 +57,7 @@ def require_usable(name: str, image: Image) -> None:
         )
 
 
-def require_same_size(name: str, reference: Image, press: Image) -> None:
+def require_same_image_size(name: str, reference: BgrImage, press: BgrImage) -> None:
     """Refuse a pair of images of different sizes."""
     if reference.shape != press.shape:
         (rows, cols), (got_rows, got_cols) = reference.shape[:2], press.shape[:2]
@@ -67,6 +67,6 @@ def require_same_size(name: str, reference: Image, press: Image) -> None:
         )
 
 
-def smoothed(image: Float32[Array, "rows cols"], sigma_px: float) -> Float32[Array, "rows cols"]:
+def smooth_gaussian(image: Float32[Array, "rows cols"], sigma_px: float) -> Float32[Array, "rows cols"]:
     """Gaussian blur."""
     return np.asarray(ndimage.gaussian_filter(image, sigma_px, mode="nearest"))

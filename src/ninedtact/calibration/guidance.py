@@ -11,12 +11,23 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.ball.ball_fit import uniform_change
-from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY, BallRefused, cap_height_mm, find_contact_circle
+from ninedtact.calibration.ball.ball_fit import rectified_brightness_change
+from ninedtact.calibration.ball.contact_circle import (
+    MAX_ASYMMETRY,
+    BallPressUnusable,
+    find_contact_circle,
+    spherical_cap_height_mm,
+)
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
-from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float, relative_change, smoothed
-from ninedtact.calibration.procedure import CalibrationSettings, lens_on_grid
+from ninedtact.calibration.brightness import (
+    OVEREXPOSED,
+    BgrImage,
+    relative_brightness_change,
+    smooth_gaussian,
+    to_grey_float,
+)
+from ninedtact.calibration.procedure import CalibrationSettings, build_rectification
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated import UNLIT
@@ -30,26 +41,26 @@ TOUCHED_LEVELS = 2.5
 """Change from the untouched skin above which something touches it."""
 BEST_DEPTH_MM = (1.0, 2.2)
 PATIENCE = 4
-"""Still presses that are let pass in the hope of a better one."""
+"""_StillFrameAverager presses that are let pass in the hope of a better one."""
 
 
 @dataclass(frozen=True)
-class Advice:
+class CaptureAdvice:
     """What to say about the image just seen, and the image to keep once the step is done."""
 
     words: str
-    image: Image | None = None
+    image: BgrImage | None = None
 
 
 @dataclass
-class Still:
+class _StillFrameAverager:
     """Collects images that hardly differ; starts over when something moves."""
 
-    images: deque[Image] = field(default_factory=lambda: deque(maxlen=AVERAGED))
+    images: deque[BgrImage] = field(default_factory=lambda: deque(maxlen=AVERAGED))
 
-    def add(self, image: Image) -> Image | None:
+    def add(self, image: BgrImage) -> BgrImage | None:
         """The mean once enough images in a row are alike."""
-        if self.images and moved(self.images[0], image):
+        if self.images and _has_moved(self.images[0], image):
             self.images.clear()
         self.images.append(image)
         if len(self.images) < AVERAGED:
@@ -60,60 +71,66 @@ class Still:
         return len(self.images)
 
 
-def moved(before: Image, after: Image) -> bool:
+def _has_moved(before: BgrImage, after: BgrImage) -> bool:
     """Whether two images differ by more than noise."""
-    return bool(np.abs(smoothed(grey_float(after) - grey_float(before), 3.0)).max() > STILL_LEVELS)
+    return bool(np.abs(smooth_gaussian(to_grey_float(after) - to_grey_float(before), 3.0)).max() > STILL_LEVELS)
 
 
-Watch = Callable[[Image], Advice]
+ImageWatcher = Callable[[BgrImage], CaptureAdvice]
 
 
 @dataclass(frozen=True)
-class Step:
+class CaptureStep:
     """One of the four images: what to do, and who watches for it."""
 
     name: Literal["board_reference", "board", "ball_reference", "ball"]
     instruction: str
-    watch: Callable[[dict[str, Image]], Watch]
+    watch: Callable[[dict[str, BgrImage]], ImageWatcher]
     """Given the images taken so far."""
 
 
-def steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[Step]:
+def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[CaptureStep]:
     """The four steps in order."""
-    yield Step("board_reference", "Leave the skin untouched.", lambda taken: untouched(None))
-    yield Step(
+    yield CaptureStep("board_reference", "Leave the skin untouched.", lambda taken: _watch_reference(None))
+    yield CaptureStep(
         "board",
         f"Press the pin board ({design.pin_board.cols} x {design.pin_board.rows} pins) evenly on the skin and hold it.",
-        lambda taken: BoardPressed(taken["board_reference"], design, settings),
+        lambda taken: _BoardPressWatcher(taken["board_reference"], design, settings),
     )
-    yield Step("ball_reference", "Take the board away.", lambda taken: untouched(taken["board_reference"]))
-    yield Step(
+    yield CaptureStep(
+        "ball_reference", "Take the board away.", lambda taken: _watch_reference(taken["board_reference"])
+    )
+    yield CaptureStep(
         "ball",
         f"Press the ball (radius {design.ball.radius_mm:g} mm) straight down near the middle, 1 to 2 mm deep, and hold it.",
-        lambda taken: BallPressed(taken["ball_reference"], rectified_by(taken, design, settings), design),
+        lambda taken: _BallPressWatcher(
+            taken["ball_reference"], _rectification_from_board(taken, design, settings), design
+        ),
     )
 
 
-def untouched(like: Image | None) -> Watch:
+def _watch_reference(like: BgrImage | None) -> ImageWatcher:
     """Waits for still, well-lit skin that looks as it did before, if it is known how."""
-    still = Still()
+    still = _StillFrameAverager()
 
-    def watch(image: Image) -> Advice:
-        hint = light_hint(image)
+    def watch(image: BgrImage) -> CaptureAdvice:
+        hint = _exposure_advice(image)
         if hint:
-            return Advice(hint)
-        if like is not None and (change := largest_change(like, image)) > 2 * TOUCHED_LEVELS:
+            return CaptureAdvice(hint)
+        if like is not None and (change := _max_brightness_change(like, image)) > 2 * TOUCHED_LEVELS:
             still.images.clear()
-            return Advice(f"something still touches the skin ({change:.0f} grey levels); wait")
+            return CaptureAdvice(f"something still touches the skin ({change:.0f} grey levels); wait")
         mean = still.add(image)
-        return Advice("untouched skin taken" if mean is not None else f"hold still {len(still)}/{AVERAGED}", mean)
+        return CaptureAdvice(
+            "untouched skin taken" if mean is not None else f"hold still {len(still)}/{AVERAGED}", mean
+        )
 
     return watch
 
 
-def light_hint(image: Image) -> str:
+def _exposure_advice(image: BgrImage) -> str:
     """What to do about the light, if anything."""
-    grey = grey_float(image)
+    grey = to_grey_float(image)
     if grey.mean() < 4 * UNLIT:
         return f"too dark (mean {grey.mean():.0f} of 255): switch the light on, raise the exposure"
     if (grey >= OVEREXPOSED).mean() > 0.02:
@@ -121,74 +138,78 @@ def light_hint(image: Image) -> str:
     return ""
 
 
-def largest_change(reference: Image, image: Image) -> float:
+def _max_brightness_change(reference: BgrImage, image: BgrImage) -> float:
     """Largest change of brightness that is wider than a few pixels, grey levels."""
-    change = smoothed(relative_change(reference, image), 4.0)
+    change = smooth_gaussian(relative_brightness_change(reference, image), 4.0)
     return float(np.abs(change - np.median(change)).max())
 
 
 @dataclass
-class BoardPressed:
+class _BoardPressWatcher:
     """Counts pins; content with all of them, or after some patience with as many as a lens needs."""
 
-    reference: Image
+    reference: BgrImage
     design: SensorDesign
     settings: CalibrationSettings
-    still: Still = field(default_factory=Still)
+    still: _StillFrameAverager = field(default_factory=_StillFrameAverager)
     patience: int = PATIENCE
     count: str = ""
 
-    def __call__(self, image: Image) -> Advice:
+    def __call__(self, image: BgrImage) -> CaptureAdvice:
         """Look at one image."""
-        if largest_change(self.reference, image) < TOUCHED_LEVELS:
+        if _max_brightness_change(self.reference, image) < TOUCHED_LEVELS:
             self.still.images.clear()
-            return Advice("nothing touches the skin yet")
+            return CaptureAdvice("nothing touches the skin yet")
         mean = self.still.add(image)
-        return Advice(f"{self.count}hold still {len(self.still)}/{AVERAGED}") if mean is None else self.judged(mean)
+        return (
+            CaptureAdvice(f"{self.count}hold still {len(self.still)}/{AVERAGED}") if mean is None else self.judged(mean)
+        )
 
-    def judged(self, mean: Image) -> Advice:
+    def judged(self, mean: BgrImage) -> CaptureAdvice:
         """Whether a still press is good enough."""
         expected = self.design.pin_board.count
         try:
-            fit = fit_board(self.reference, mean, self.design.pin_board, self.settings.mounting_deg)
+            fit = fit_board(self.reference, mean, self.design.pin_board, self.settings.camera_rotation_deg)
         except BoardNotFound as refusal:
             self.still.images.clear()
             self.count = f"pins {refusal.found} of {expected}: press harder and hold the board flat; "
-            return Advice(self.count)
+            return CaptureAdvice(self.count)
         found, contrast = int(fit.found.sum()), float(np.median(fit.contrast))
         self.patience -= 1
         if found < expected and self.patience > 0:
             self.still.images.clear()
             self.count = f"pins {found} of {expected}: press harder at {fit.missing[0]}; "
-            return Advice(self.count)
+            return CaptureAdvice(self.count)
         focus = "" if contrast > 10 * fit.noise else "; faint: press harder next time, check the focus"
-        return Advice(f"board taken: {found} of {expected} pins, {contrast:.0f} grey levels deep{focus}", mean)
+        return CaptureAdvice(f"board taken: {found} of {expected} pins, {contrast:.0f} grey levels deep{focus}", mean)
 
 
 @dataclass
-class BallPressed:
+class _BallPressWatcher:
     """Measures the disc; content with a still, even press of useful depth, or after some patience with any."""
 
-    reference: Image
+    reference: BgrImage
     rectify: Rectification
     design: SensorDesign
-    still: Still = field(default_factory=Still)
+    still: _StillFrameAverager = field(default_factory=_StillFrameAverager)
     patience: int = PATIENCE
 
-    def __call__(self, image: Image) -> Advice:
+    def __call__(self, image: BgrImage) -> CaptureAdvice:
         """Look at one image."""
         try:
-            circle = find_contact_circle(uniform_change(*(self.rectify(Frame(one)) for one in (self.reference, image))))
-        except BallRefused as refusal:
+            circle = find_contact_circle(
+                rectified_brightness_change(*(self.rectify(Frame(one)) for one in (self.reference, image)))
+            )
+        except BallPressUnusable as refusal:
             self.still.images.clear()
-            return Advice(str(refusal).partition(", got ")[2])
+            return CaptureAdvice(str(refusal).partition(", got ")[2])
         radius_mm = min(circle.radius_px * self.rectify.mm_per_px, self.design.ball.radius_mm)
-        depth_mm = cap_height_mm(self.design.ball.radius_mm, radius_mm)
-        wish = wishes(depth_mm, circle.asymmetry)
+        depth_mm = spherical_cap_height_mm(self.design.ball.radius_mm, radius_mm)
+        wish = _ball_press_advice(depth_mm, circle.asymmetry)
         mean = self.still.add(image)
         if mean is None or (wish and self.waits()):
-            return Advice(f"{depth_mm:.2f} mm deep, {wish or f'hold still {len(self.still)}/{AVERAGED}'}")
-        return Advice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
+            return CaptureAdvice(f"{depth_mm:.2f} mm deep, {wish or f'hold still {len(self.still)}/{AVERAGED}'}")
+        return CaptureAdvice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
 
     def waits(self) -> bool:
         """Whether a better press is still hoped for."""
@@ -197,7 +218,7 @@ class BallPressed:
         return self.patience > 0
 
 
-def wishes(depth_mm: float, asymmetry: float) -> str:
+def _ball_press_advice(depth_mm: float, asymmetry: float) -> str:
     """What would make this ball press better."""
     least_mm, most_mm = BEST_DEPTH_MM
     if depth_mm < least_mm:
@@ -207,7 +228,9 @@ def wishes(depth_mm: float, asymmetry: float) -> str:
     return "press straight down, it is sheared" if asymmetry > MAX_ASYMMETRY else ""
 
 
-def rectified_by(taken: dict[str, Image], design: SensorDesign, settings: CalibrationSettings) -> Rectification:
+def _rectification_from_board(
+    taken: dict[str, BgrImage], design: SensorDesign, settings: CalibrationSettings
+) -> Rectification:
     """The rectification that the board just taken gives."""
-    board = fit_board(taken["board_reference"], taken["board"], design.pin_board, settings.mounting_deg)
-    return lens_on_grid(board, design, settings.lens)
+    board = fit_board(taken["board_reference"], taken["board"], design.pin_board, settings.camera_rotation_deg)
+    return build_rectification(board, design, settings.lens)

@@ -19,13 +19,18 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_fit import BallFit
-from ninedtact.calibration.ball.contact_circle import BallRefused
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.lens_fit import fit_lens, parameter_derivative, refit, with_terms
-from ninedtact.calibration.brightness import Image
-from ninedtact.calibration.twin.ball_press_fit import Belief, TwinFit, independent_points
-from ninedtact.calibration.twin.ball_press_model import Vector
-from ninedtact.calibration.twin.board_press_model import BoardForward, BoardPress, Drawn, ObservedBoard
+from ninedtact.calibration.board.lens_fit import fit_lens, lens_parameter_jacobian, refine_lens, with_radial_terms
+from ninedtact.calibration.brightness import BgrImage
+from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, effective_observation_count
+from ninedtact.calibration.twin.ball_press_model import ParameterVector
+from ninedtact.calibration.twin.board_press_model import (
+    BoardPressModel,
+    BoardPressParameters,
+    ObservedBoardPress,
+    PredictedBoardImage,
+)
 from ninedtact.quantities import Frame
 from ninedtact.shape.lens import LensModel, PointNotSeen, Points
 from ninedtact.shape.rectification import Rectification
@@ -37,8 +42,8 @@ MOST_UNLIKE = 0.2
 """Relative difference of the scattering under pins and under the ball (real boards so far 0.5, drawn ones up to 0.1)."""
 LENS_TERMS = 3
 """Radial terms: a whole image affords what 63 pins may not."""
-START = BoardPress(0.8, 0.0, 0.0, 0.495, 0.03, 0.5)
-LEAST = BoardPress(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
+START = BoardPressParameters(0.8, 0.0, 0.0, 0.495, 0.03, 0.5)
+LEAST = BoardPressParameters(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
 MOST_THICKNESS = 0.9
 """Of the gel, to which a board can be pressed."""
 MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM = 0.1, 0.5, 0.1, 1.5
@@ -59,8 +64,8 @@ UNIT_MM, LIGHT_TERMS = 10.0, 3
 class BoardPressFit:
     """What the board's image told."""
 
-    press: BoardPress
-    deviation: BoardPress
+    press: BoardPressParameters
+    deviation: BoardPressParameters
     lens: LensModel
     points: float
     """Observations that speak independently."""
@@ -79,14 +84,14 @@ class BoardPressFit:
         return self.settled and like_ball and self.rest_grey <= WORST_REST * self.contrast_grey
 
     @property
-    def beliefs(self) -> tuple[Belief, ...]:
+    def beliefs(self) -> tuple[ParameterPrior, ...]:
         """For the fit of the ball."""
-        told = Belief("nearness_per_mm", self.press.nearness_per_mm, self.deviation.nearness_per_mm)
+        told = ParameterPrior("nearness_per_mm", self.press.nearness_per_mm, self.deviation.nearness_per_mm)
         return (told,) if self.believed else ()
 
 
 @dataclass(frozen=True)
-class Step:
+class _LinearisedProblem:
     """One round: where it stands, and what moves it."""
 
     rest: Float[Array, " n"]
@@ -96,47 +101,49 @@ class Step:
 
 
 @dataclass(frozen=True)
-class BoardMatch:
+class _BoardPressSolver:
     """A board's image and the twin that draws it."""
 
-    observed: ObservedBoard
-    forward: BoardForward
+    observed: ObservedBoardPress
+    forward: BoardPressModel
     lens: LensModel
     """Through which the image was rectified."""
 
-    def fitted(self, press: BoardPress) -> BoardPressFit:
+    def fitted(self, press: BoardPressParameters) -> BoardPressFit:
         """From a start."""
         lens, at_mm, settled = self.lens, self.observed.points_mm, False
         pixels = lens.to_px(at_mm)
         for _ in range(ROUNDS):
-            moves = lens_moves(lens, at_mm)
+            moves = _lens_displacement_modes(lens, at_mm)
             step = self.step(press, at_mm, moves)
             change = np.linalg.lstsq(step.slopes, step.rest, rcond=1e-10)[0]
             moved = self.bounded(press, np.clip(change[: len(LARGEST)], -LARGEST, LARGEST))
             # Parameters of a lens stand in for each other far too much to be stepped themselves.
             asked_mm = at_mm + moves @ change[len(LARGEST) : -LIGHT_TERMS]
-            lens = refit(asked_mm[::FEWER], pixels[::FEWER], lens).lens
+            lens = refine_lens(asked_mm[::FEWER], pixels[::FEWER], lens).lens
             try:
-                at_mm = seen_at(lens, pixels, asked_mm)
+                at_mm = _invert_lens_projection(lens, pixels, asked_mm)
             except PointNotSeen:
                 return self.found(press, lens, step, settled=False)
-            settled = bool((np.abs(as_row(moved) - as_row(press)) < SETTLED).all())
+            settled = bool((np.abs(_to_vector(moved) - _to_vector(press)) < SETTLED).all())
             press = moved
             if settled:
                 break
         return self.found(press, lens, step, settled)
 
-    def found(self, press: BoardPress, lens: LensModel, step: "Step", settled: bool) -> BoardPressFit:
+    def found(
+        self, press: BoardPressParameters, lens: LensModel, step: "_LinearisedProblem", settled: bool
+    ) -> BoardPressFit:
         """What the last round says of itself."""
-        points = independent_points(self.observed.image(step.rest))
+        points = effective_observation_count(self.observed.image(step.rest))
         variance = np.sum(step.rest**2) / max(points - step.slopes.shape[1], 1.0)
         covariance = np.linalg.pinv(step.slopes.T @ step.slopes, hermitian=True) * variance
-        told = BoardPress(*np.sqrt(np.maximum(np.diag(covariance), 0))[: len(LARGEST)].tolist())
+        told = BoardPressParameters(*np.sqrt(np.maximum(np.diag(covariance), 0))[: len(LARGEST)].tolist())
         rest, contrast = float(np.sqrt(np.mean(step.rest**2))), float(np.median(self.observed.board.contrast))
         like_mm = self.forward.fit.light.point_spread_mm
         return BoardPressFit(press, told, lens, points, rest, contrast, like_mm, settled)
 
-    def step(self, press: BoardPress, at_mm: Points, moves: Float[Array, "n 2 k"]) -> Step:
+    def step(self, press: BoardPressParameters, at_mm: Points, moves: Float[Array, "n 2 k"]) -> _LinearisedProblem:
         """Rest and slopes for one press, pixels seeing these places, which the lens moves like this."""
         drawn = self.forward.drawn(press)
         here = drawn.at(at_mm)
@@ -146,30 +153,30 @@ class BoardMatch:
         )
         x, y = at_mm.T
         by_press = np.column_stack([by_depth, -y * by_depth, x * by_depth, by_poisson, by_nearness, by_scattering])
-        by_lens = np.einsum("ni,nik->nk", gradient(drawn, at_mm), moves)
+        by_lens = np.einsum("ni,nik->nk", _brightness_gradient(drawn, at_mm), moves)
         light = np.column_stack([np.ones(len(x)), x / UNIT_MM, y / UNIT_MM]) * (1 + here)[:, None]
         levels = np.linalg.lstsq(light, self.observed.seen, rcond=None)[0]
         level = (light @ levels) / (1 + here)
         slopes = np.column_stack([np.column_stack([by_press, by_lens]) * level[:, None], light])
         rest = self.observed.seen - light @ levels
-        return Step(rest * self.observed.mean_grey, slopes * self.observed.mean_grey)
+        return _LinearisedProblem(rest * self.observed.mean_grey, slopes * self.observed.mean_grey)
 
-    def bounded(self, press: BoardPress, by: Float[Array, "6"]) -> BoardPress:
+    def bounded(self, press: BoardPressParameters, by: Float[Array, "6"]) -> BoardPressParameters:
         """The press moved, within what can be."""
         deepest = MOST_THICKNESS * self.forward.fit.named["thickness_mm"]
         most = [deepest, MOST_TILT, MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM]
-        return BoardPress(*np.clip(as_row(press) + by, as_row(LEAST), most).tolist())
+        return BoardPressParameters(*np.clip(_to_vector(press) + by, _to_vector(LEAST), most).tolist())
 
 
-def lens_moves(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
+def _lens_displacement_modes(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
     """How the places that pixels see move with a lens, mm; ways that are independent, each by a millimetre (RMS)."""
-    in_image = parameter_derivative(lens, at_mm).reshape(len(at_mm), 2, -1)
+    in_image = lens_parameter_jacobian(lens, at_mm).reshape(len(at_mm), 2, -1)
     moves = np.linalg.solve(lens.px_per_mm(at_mm), in_image)
     ways, _, _ = np.linalg.svd(moves.reshape(2 * len(at_mm), -1), full_matrices=False)
     return ways.reshape(moves.shape) * np.sqrt(len(at_mm))
 
 
-def seen_at(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
+def _invert_lens_projection(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
     """Places that pixels see, from places near them (Newton); raises `PointNotSeen` where the lens folds the image over."""
     for _ in range(NEWTON):
         slope = lens.px_per_mm(near_mm)
@@ -181,29 +188,29 @@ def seen_at(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
     return near_mm
 
 
-def fit_board_press(observed: ObservedBoard, fit: TwinFit, start: BoardPress = START) -> BoardPressFit:
+def fit_board_press(observed: ObservedBoardPress, fit: TwinFit, start: BoardPressParameters = START) -> BoardPressFit:
     """Fit the board's image, rectified through its lens, with the twin that the ball told."""
     board = observed.board
-    lens = with_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
-    return BoardMatch(observed, BoardForward(fit, board.board), lens).fitted(start)
+    lens = with_radial_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
+    return _BoardPressSolver(observed, BoardPressModel(fit, board.board), lens).fitted(start)
 
 
-def gradient(drawn: Drawn, at_mm: Points) -> Float[Array, "n 2"]:
+def _brightness_gradient(drawn: PredictedBoardImage, at_mm: Points) -> Float[Array, "n 2"]:
     """Of what was drawn, per mm along x and y."""
     steps = np.eye(2) * GRADIENT_MM
     return np.column_stack([(drawn.at(at_mm + by) - drawn.at(at_mm - by)) / (2 * GRADIENT_MM) for by in steps])
 
 
-def with_lens(observed: ObservedBoard, fit: TwinFit, told: BoardPressFit) -> BoardFit:
+def _replace_lens(observed: ObservedBoardPress, fit: TwinFit, told: BoardPressFit) -> BoardFit:
     """The board with the lens that was found. Its pins are fitted again, at the places of the untouched plane where their
     imprints are seen: they tell how well a pin is predicted that was left out."""
-    board, forward = observed.board, BoardForward(fit, observed.board.board)
+    board, forward = observed.board, BoardPressModel(fit, observed.board.board)
     drawn = forward.drawn(told.press)
     seen_mm = forward.imprints_mm(drawn, board.points_mm[board.found])
     return replace(board, lens_fit=fit_lens(seen_mm, board.points_px[board.found], told.lens), refined=told.lens)
 
 
-def as_row(press: BoardPress) -> Float[Array, "6"]:
+def _to_vector(press: BoardPressParameters) -> Float[Array, "6"]:
     """Its numbers."""
     return np.array(list(vars(press).values()))
 
@@ -211,12 +218,12 @@ def as_row(press: BoardPress) -> Float[Array, "6"]:
 TURNS = 2
 """The first begins with a light that a wrong lens and nearness told; the second mends what followed from that."""
 
-LensOnGrid = Callable[[BoardFit], Rectification]
-FitOfBall = Callable[[Rectification, tuple[Belief, ...], Vector | None], BallFit]
+RectificationBuilder = Callable[[BoardFit], Rectification]
+BallFitter = Callable[[Rectification, tuple[ParameterPrior, ...], ParameterVector | None], BallFit]
 
 
 @dataclass(frozen=True)
-class Together:
+class JointCalibration:
     """Board, lens and ball as they explain each other."""
 
     board: BoardFit
@@ -225,29 +232,34 @@ class Together:
     told: BoardPressFit | None = None
     """By the board's image; None where no physics was fitted to the ball's."""
 
-    def next(self, images: tuple[Image, Image], lens_on_grid: LensOnGrid, fit_of_ball: FitOfBall) -> "Together":
+    def next(
+        self, images: tuple[BgrImage, BgrImage], lens_on_grid: RectificationBuilder, fit_of_ball: BallFitter
+    ) -> "JointCalibration":
         """After one more turn; where the board is not as the twin draws it, the same, and what it told beside it."""
         if self.ball.physical is None:
             return self
         fit, before, after = self.ball.physical.fit, *(self.rectify(Frame(image)) for image in images)
-        observed = ObservedBoard(before, after, self.board)
+        observed = ObservedBoardPress(before, after, self.board)
         told = fit_board_press(observed, fit, START if self.told is None else self.told.press)
         if not told.believed:
             return replace(self, told=self.told or told)
-        board = with_lens(observed, fit, told)
+        board = _replace_lens(observed, fit, told)
         rectify = lens_on_grid(board)
-        return Together(board, rectify, fit_of_ball(rectify, told.beliefs, fit.vector), told)
+        return JointCalibration(board, rectify, fit_of_ball(rectify, told.beliefs, fit.vector), told)
 
 
-def in_turns(
-    first: Together, images: tuple[Image, Image], lens_on_grid: LensOnGrid, fit_of_ball: FitOfBall
-) -> Together:
+def refine_board_and_ball(
+    first: JointCalibration,
+    images: tuple[BgrImage, BgrImage],
+    lens_on_grid: RectificationBuilder,
+    fit_of_ball: BallFitter,
+) -> JointCalibration:
     """From board and ball each for itself. images: raw, before and under the board."""
     found = first
     for _ in range(TURNS):
         try:
             found = found.next(images, lens_on_grid, fit_of_ball)
-        except BallRefused:
+        except BallPressUnusable:
             return found
         if found.told is None or not found.told.believed:
             return found

@@ -10,38 +10,38 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.ball.ball_fit import BallFit, Method, fit_ball
-from ninedtact.calibration.ball.contact_circle import reference_warnings
-from ninedtact.calibration.ball.physics_method import PhysicalBall
+from ninedtact.calibration.ball.ball_fit import BallFit, DepthMethod, fit_ball
+from ninedtact.calibration.ball.contact_circle import reference_drift_warnings
+from ninedtact.calibration.ball.physics_method import PhysicsDepthFit
 from ninedtact.calibration.board.board_fit import BoardFit, fit_board
-from ninedtact.calibration.board.lattice import Mounting
-from ninedtact.calibration.board.lens_fit import rms_length
+from ninedtact.calibration.board.lattice import CameraRotation
+from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.board.published_method import (
-    anchored_mm_per_px_error,
-    integer_centres,
-    left_out_errors_mm,
-    paper_projection,
+    anchored_mm_per_px_std,
+    fit_published_pin_map,
+    integer_pin_centres_px,
+    published_leave_one_out_errors_mm,
 )
-from ninedtact.calibration.brightness import OVEREXPOSED, Image, grey_float
-from ninedtact.calibration.lens_refinement import BoardPressFit, Together, in_turns
+from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, to_grey_float
+from ninedtact.calibration.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_record import (
-    FORMAT,
-    BallFigures,
-    BoardFigures,
+    SENSOR_FORMAT,
+    BallQuality,
+    BoardPressTable,
+    BoardQuality,
     Certificate,
-    Depth,
-    FitFigures,
-    FittedParameter,
-    Grid,
-    ImprintFigures,
-    LensTable,
-    PinTable,
+    DepthTable,
+    FittedParameterTable,
+    GridTable,
+    LensModelTable,
+    PinMapTable,
     SensorRecord,
+    TwinFitQuality,
     TwinTable,
 )
-from ninedtact.calibration.twin.ball_press_fit import Belief, Confidence, TwinFit
-from ninedtact.calibration.twin.ball_press_model import Vector
+from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, ParameterUncertainty, TwinFit
+from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.capture.image_file import read_image
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import Smoothing
@@ -55,10 +55,10 @@ LensKind = Literal["lens", "paper"]
 class CalibrationImages:
     """The four raw images, (rows, cols, 3) BGR."""
 
-    board_reference: Image
-    board: Image
-    ball_reference: Image
-    ball: Image
+    board_reference: BgrImage
+    board: BgrImage
+    ball_reference: BgrImage
+    ball: BgrImage
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ class CalibrationSettings:
 
     lens: LensKind = "lens"
     """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
-    mounting_deg: Mounting | Literal["auto"] = "auto"
+    camera_rotation_deg: CameraRotation | Literal["auto"] = "auto"
     """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
-    method: Method = "physics"
+    method: DepthMethod = "physics"
     """`physics` fits contact mechanics and light; `ratio` pairs the ball's cap with the brightness factor, `table` with grey
     differences (the paper's)."""
     smoothing: Smoothing = Smoothing()
@@ -93,85 +93,91 @@ def calibrate(
     sensor_id: str = "9dtact",
 ) -> Calibration:
     """Calibrate a sensor; raises `BoardNotFound`, `BallRefused`, `ImageUnusable`, each saying what to do."""
-    board = fit_board(images.board_reference, images.board, design.pin_board, settings.mounting_deg)
-    found = explained(images, board, design, settings)
+    board = fit_board(images.board_reference, images.board, design.pin_board, settings.camera_rotation_deg)
+    found = _fit_board_and_ball(images, board, design, settings)
     board, rectify, ball = found.board, found.rectify, found.ball
     record = SensorRecord(
-        format=FORMAT,
+        format=SENSOR_FORMAT,
         id=sensor_id,
         created=datetime.now(UTC).replace(microsecond=0),
         software=version("ninedtact"),
         design=design,
-        grid=Grid(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting),
-        lens=lens_table(board, settings.lens),
-        depth=depth_table(ball, settings),
-        twin=None if ball.physical is None else twin_table(ball.physical, board.noise, found.told),
-        certificate=certificate(images, board, ball, rectify, settings),
+        grid=GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting),
+        lens=_lens_table(board, settings.lens),
+        depth=_depth_table(ball, settings),
+        twin=None if ball.physical is None else _twin_table(ball.physical, board.noise, found.told),
+        certificate=_make_certificate(images, board, ball, rectify, settings),
     )
     return Calibration(images, board, ball, rectify, record)
 
 
-def explained(
+def _fit_board_and_ball(
     images: CalibrationImages, board: BoardFit, design: SensorDesign, settings: CalibrationSettings
-) -> Together:
+) -> JointCalibration:
     """Lens and depth; by physics, board and ball together."""
 
     def lens(board: BoardFit) -> Rectification:
-        return lens_on_grid(board, design, settings.lens)
+        return build_rectification(board, design, settings.lens)
 
-    def ball(rectify: Rectification, beliefs: tuple[Belief, ...] = (), near: Vector | None = None) -> BallFit:
+    def ball(
+        rectify: Rectification, beliefs: tuple[ParameterPrior, ...] = (), near: ParameterVector | None = None
+    ) -> BallFit:
         presses, how = (images.ball_reference, images.ball), (settings.method, settings.smoothing)
         return fit_ball(rectify, *presses, design, *how, beliefs, near)
 
     rectify = lens(board)
-    first = Together(board, rectify, ball(rectify))
+    first = JointCalibration(board, rectify, ball(rectify))
     if settings.lens == "paper":
         return first
-    return in_turns(first, (images.board_reference, images.board), lens, ball)
+    return refine_board_and_ball(first, (images.board_reference, images.board), lens, ball)
 
 
-def lens_on_grid(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
+def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
     """The rectified grid that the design asks for, seen through the lens that the board gave."""
-    projection, raw_mm_per_px = chosen_lens(board, kind)
+    projection, raw_mm_per_px = _choose_projection(board, kind)
     rows, cols = board.change.shape
     mm_per_px = raw_mm_per_px * max(rows, cols) / design.field_of_view.raw_long_side_px
     return rectification(projection, design.field_of_view, mm_per_px, (rows, cols), calibrated_area_mm(design))
 
 
-def chosen_lens(board: BoardFit, kind: LensKind) -> tuple[Projection, float]:
+def _choose_projection(board: BoardFit, kind: LensKind) -> tuple[Projection, float]:
     """The projection and its mm per raw pixel around the centre."""
     if kind == "paper":
-        return paper_projection(board)
+        return fit_published_pin_map(board)
     return board.lens, central_mm_per_px(board.lens, board.board.pitch_mm)
 
 
-def lens_table(board: BoardFit, kind: LensKind) -> LensTable | PinTable:
+def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
     """The chosen lens as the sensor's file holds it."""
     if kind == "paper":
-        points_px = integer_centres(board)
-        return PinTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
+        points_px = integer_pin_centres_px(board)
+        return PinMapTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
     lens = board.lens
-    return LensTable(lens.homography, lens.centre, lens.radial, lens.tangential)  # type: ignore[arg-type]
+    return LensModelTable(lens.homography, lens.centre, lens.radial, lens.tangential)  # type: ignore[arg-type]
 
 
-def depth_table(ball: BallFit, settings: CalibrationSettings) -> Depth:
+def _depth_table(ball: BallFit, settings: CalibrationSettings) -> DepthTable:
     """The chosen depth reading as the sensor's file holds it."""
-    return Depth(settings.method, ball.noise_mm, settings.smoothing, ball.curve, ball.loss, ball.deblurring)
+    return DepthTable(settings.method, ball.noise_mm, settings.smoothing, ball.curve, ball.loss, ball.deblurring)
 
 
-def twin_table(physical: PhysicalBall, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
+def _twin_table(physical: PhysicsDepthFit, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
     """The twin that the ball press told, and the board where it was like what it draws."""
     fit = physical.fit
     gel = replace(fit.forward.design.gel, thickness_mm=fit.named["thickness_mm"])
     return TwinTable(
-        gel, fit.light, noise_grey_levels, fit_figures(fit), None if told is None else imprint_figures(told, fit)
+        gel,
+        fit.light,
+        noise_grey_levels,
+        _twin_fit_quality(fit),
+        None if told is None else _board_press_table(told, fit),
     )
 
 
-def fit_figures(fit: TwinFit) -> FitFigures:
+def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
     """How the twin was found, and how well it explains the press."""
     sure = fit.confidence
-    return FitFigures(
+    return TwinFitQuality(
         rmse_grey_radial=fit.rmse_grey_radial,
         rmse_grey_image=fit.rmse_grey_image,
         depth_mm=fit.named["depth_mm"],
@@ -179,16 +185,16 @@ def fit_figures(fit: TwinFit) -> FitFigures:
         independent_points=sure.points,
         seconds=fit.seconds,
         parameters={
-            name: FittedParameter(value, sure.deviation.get(name), *closest(sure, name))
+            name: FittedParameterTable(value, sure.deviation.get(name), *_strongest_correlation(sure, name))
             for name, value in fit.named.items()
         },
     )
 
 
-def imprint_figures(told: BoardPressFit, fit: TwinFit) -> ImprintFigures:
+def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
     """What the board's image told of its imprints; their depth is as uncertain as the ball's, by which light tells depth."""
     depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.named["depth_mm"]
-    return ImprintFigures(
+    return BoardPressTable(
         believed=told.believed,
         depth_mm=depth_mm,
         depth_error_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
@@ -200,7 +206,7 @@ def imprint_figures(told: BoardPressFit, fit: TwinFit) -> ImprintFigures:
     )
 
 
-def closest(sure: Confidence, name: str) -> tuple[str | None, float | None]:
+def _strongest_correlation(sure: ParameterUncertainty, name: str) -> tuple[str | None, float | None]:
     """What a searched parameter is hardest to tell from, and their correlation."""
     return sure.closest(name) if name in sure.deviation else (None, None)
 
@@ -212,55 +218,55 @@ def calibrated_area_mm(design: SensorDesign) -> Area:
     return -x, x, -y, y
 
 
-def certificate(
+def _make_certificate(
     images: CalibrationImages, board: BoardFit, ball: BallFit, rectify: Rectification, settings: CalibrationSettings
 ) -> Certificate:
     """All figures, and what a person should know in words."""
     return Certificate(
-        board_figures(board, rectify, settings.lens),
-        ball_figures(images, ball),
+        _board_quality(board, rectify, settings.lens),
+        _ball_quality(images, ball),
         [
-            *board_warnings(board),
+            *_board_warnings(board),
             *ball.warnings,
-            *reference_warnings(images.board_reference, images.ball_reference),
+            *reference_drift_warnings(images.board_reference, images.ball_reference),
         ],
     )
 
 
-def board_figures(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardFigures:
+def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardQuality:
     """How good the camera calibration is."""
-    seen_mm, centres_px = board.points_mm[board.found], integer_centres(board)[board.found]
-    original_mm = left_out_errors_mm(seen_mm, centres_px)
+    seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
+    original_mm = published_leave_one_out_errors_mm(seen_mm, centres_px)
     left_out_mm = original_mm if lens == "paper" else board.lens_fit.left_out_mm
-    return BoardFigures(
+    return BoardQuality(
         pins_found=int(board.found.sum()),
         pins_expected=board.board.count,
         missing=board.missing,
-        loo_rms_mm=rms_length(left_out_mm),
+        loo_rms_mm=rms_vector_length(left_out_mm),
         loo_max_mm=float(np.hypot(*left_out_mm.T).max()),
-        loo_rms_mm_original=rms_length(original_mm),
+        loo_rms_mm_original=rms_vector_length(original_mm),
         mm_per_px=rectify.mm_per_px,
-        mm_per_px_error=scale_error(board, lens) * rectify.mm_per_px,
+        mm_per_px_error=_relative_scale_std(board, lens) * rectify.mm_per_px,
         contrast_grey_levels=float(np.median(board.contrast)),
         noise_grey_levels=board.noise,
         lens=lens,
-        mounting_deg=board.mounting,
+        camera_rotation_deg=board.mounting,
     )
 
 
-def scale_error(board: BoardFit, lens: LensKind) -> float:
+def _relative_scale_std(board: BoardFit, lens: LensKind) -> float:
     """Standard error of mm per pixel, relative."""
     pitch_mm = board.board.pitch_mm
     if lens == "paper":
-        _, scale = paper_projection(board)
-        return anchored_mm_per_px_error(board.points_mm, integer_centres(board), pitch_mm) / scale
+        _, scale = fit_published_pin_map(board)
+        return anchored_mm_per_px_std(board.points_mm, integer_pin_centres_px(board), pitch_mm) / scale
     return board.lens_fit.mm_per_px_error(pitch_mm) / central_mm_per_px(board.lens, pitch_mm)
 
 
-def ball_figures(images: CalibrationImages, ball: BallFit) -> BallFigures:
+def _ball_quality(images: CalibrationImages, ball: BallFit) -> BallQuality:
     """How good the depth calibration is."""
     circle = ball.press.circle
-    return BallFigures(
+    return BallQuality(
         method=ball.method,
         radius_px=circle.radius_px,
         radius_mm=ball.press.edge_radius_mm,
@@ -272,11 +278,11 @@ def ball_figures(images: CalibrationImages, ball: BallFit) -> BallFigures:
         noise_mm=ball.noise_mm,
         drop_grey_levels=circle.drop,
         asymmetry=circle.asymmetry,
-        overexposed=float((grey_float(images.ball_reference) >= OVEREXPOSED).mean()),
+        overexposed=float((to_grey_float(images.ball_reference) >= OVEREXPOSED).mean()),
     )
 
 
-def board_warnings(board: BoardFit) -> list[str]:
+def _board_warnings(board: BoardFit) -> list[str]:
     """What a person should know about the board press."""
     found = []
     if board.missing:
@@ -292,7 +298,7 @@ def board_warnings(board: BoardFit) -> list[str]:
     return found
 
 
-def calibrated_again(folder: SensorFolder, method: Method) -> Calibration:
+def repeat_calibration(folder: SensorFolder, method: DepthMethod) -> Calibration:
     """Calibrate from the stored images, with the stored design, lens and mounting.
 
     Raises `SensorFolderDamaged` where images are missing (imported sensors have none), and what `calibrate` raises.
@@ -300,6 +306,6 @@ def calibrated_again(folder: SensorFolder, method: Method) -> Calibration:
     names = CalibrationImages.__dataclass_fields__
     images = CalibrationImages(**{name: folder.image(name, read_image).image for name in names})
     record = folder.record
-    lens: LensKind = "paper" if isinstance(record.lens, PinTable) else "lens"
-    settings = CalibrationSettings(lens, record.grid.mounting_deg, method, record.depth.smoothing)
+    lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "lens"
+    settings = CalibrationSettings(lens, record.grid.camera_rotation_deg, method, record.depth.smoothing)
     return calibrate(images, record.design, settings, record.id)

@@ -7,30 +7,30 @@ import cv2
 import msgspec
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.calibration.certificate.html_page import certificate_html
+from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
-from ninedtact.calibration.sensor_folder import RECORD, SensorFolder, new_sensor_folder, record_toml
-from ninedtact.calibration.sensor_record import Image
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, create_sensor_folder, to_sensor_toml
+from ninedtact.calibration.sensor_record import StoredImage
 
 
-def write_sensor(out: Path, calibration: Calibration) -> SensorFolder:
+def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
     """Write images, record and certificate, all or nothing; an older calibration of that name is replaced.
 
     Raises `SensorFolderRefused` where something else is in the way, `FileNotWritten` and `OSError` from the disk.
     """
-    with new_sensor_folder(out) as folder:
-        record = msgspec.structs.replace(calibration.record, images=write_images(folder, calibration.images))
-        write_file_atomically(folder / RECORD, record_toml(record))
-        write_file_atomically(folder / "certificate.html", certificate_html(calibration).encode())
+    with create_sensor_folder(out) as folder:
+        record = msgspec.structs.replace(calibration.record, images=_save_images(folder, calibration.images))
+        write_file_atomically(folder / SENSOR_FILE, to_sensor_toml(record))
+        write_file_atomically(folder / "certificate.html", render_certificate_html(calibration).encode())
     return SensorFolder(out, record)
 
 
-def write_images(folder: Path, images: CalibrationImages) -> dict[str, Image]:
+def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredImage]:
     """Store the four images losslessly, and what identifies them."""
     (folder / "images").mkdir()
     entries = {}
     for name, image in vars(images).items():
         content = cv2.imencode(".png", image)[1].tobytes()
-        entries[name] = Image(f"images/{name}.png", sha256(content).hexdigest())
+        entries[name] = StoredImage(f"images/{name}.png", sha256(content).hexdigest())
         write_file_atomically(folder / entries[name].file, content)
     return entries

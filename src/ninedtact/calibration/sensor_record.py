@@ -4,19 +4,19 @@ from datetime import datetime
 
 from msgspec import Struct, field
 
-from ninedtact.calibration.ball.ball_fit import Method
-from ninedtact.calibration.board.lattice import Mounting
+from ninedtact.calibration.ball.ball_fit import DepthMethod
+from ninedtact.calibration.board.lattice import CameraRotation
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.shape.deblur import Deblurring
 from ninedtact.shape.depth import DepthCurve, Smoothing
 from ninedtact.shape.loss import Loss
 from ninedtact.simulation.light import Light
 
-FORMAT = 3
+SENSOR_FORMAT = 3
 """Rises when an older program could no longer read the file."""
 
 
-class LensTable(Struct, tag_field="kind", tag="lens", frozen=True, forbid_unknown_fields=True):
+class LensModelTable(Struct, tag_field="kind", tag="lens", frozen=True, forbid_unknown_fields=True):
     """`shape.lens.LensModel`, its parameters in image units."""
 
     homography: tuple[float, float, float, float, float, float, float, float]
@@ -25,21 +25,21 @@ class LensTable(Struct, tag_field="kind", tag="lens", frozen=True, forbid_unknow
     tangential: tuple[float, float]
 
 
-class PinTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
+class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
     """`shape.pin_map.PinMap`: the paper's map through these pins."""
 
     points_mm: list[tuple[float, float]]
     points_px: list[tuple[float, float]]
 
 
-class MapTable(Struct, tag_field="kind", tag="map", frozen=True, forbid_unknown_fields=True):
+class PixelMapTable(Struct, tag_field="kind", tag="map", frozen=True, forbid_unknown_fields=True):
     """A rectification given pixel by pixel in a file of the folder, as the original project stores it."""
 
     file: str
     sha256: str
 
 
-class Grid(Struct, frozen=True, forbid_unknown_fields=True):
+class GridTable(Struct, frozen=True, forbid_unknown_fields=True):
     """The rectified grid and the raw image."""
 
     mm_per_px: float
@@ -47,17 +47,17 @@ class Grid(Struct, frozen=True, forbid_unknown_fields=True):
     raw_cols: int
     calibrated_area_mm: tuple[float, float, float, float]
     """x from, x to, y from, y to."""
-    mounting_deg: Mounting = 0
+    camera_rotation_deg: CameraRotation = 0
 
 
-class Image(Struct, frozen=True, forbid_unknown_fields=True):
+class StoredImage(Struct, frozen=True, forbid_unknown_fields=True):
     """One image that the sensor was calibrated from."""
 
     file: str
     sha256: str
 
 
-class BoardFigures(Struct, frozen=True, forbid_unknown_fields=True):
+class BoardQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """How good the camera calibration is."""
 
     pins_found: int
@@ -73,13 +73,13 @@ class BoardFigures(Struct, frozen=True, forbid_unknown_fields=True):
     contrast_grey_levels: float
     noise_grey_levels: float
     lens: str
-    mounting_deg: Mounting
+    camera_rotation_deg: CameraRotation
 
 
-class BallFigures(Struct, frozen=True, forbid_unknown_fields=True):
+class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """How good the depth calibration is."""
 
-    method: Method
+    method: DepthMethod
     radius_px: float
     radius_mm: float
     """Of the contact circle."""
@@ -99,15 +99,15 @@ class BallFigures(Struct, frozen=True, forbid_unknown_fields=True):
 class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
     """The figures of the calibration."""
 
-    board: BoardFigures
-    ball: BallFigures
+    board: BoardQuality
+    ball: BallQuality
     warnings: list[str]
 
 
-class Depth(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The depth curve and what follows it."""
 
-    method: Method
+    method: DepthMethod
     noise_mm: float
     smoothing: Smoothing
     curve: DepthCurve
@@ -116,7 +116,7 @@ class Depth(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True)
     """The point-spread that a fine reading undoes, where it is known."""
 
 
-class FittedParameter(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class FittedParameterTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One number of the twin, how certain it is, and what it is hardest to tell from."""
 
     value: float
@@ -125,7 +125,7 @@ class FittedParameter(Struct, frozen=True, forbid_unknown_fields=True, omit_defa
     correlation: float | None = None
 
 
-class FitFigures(Struct, frozen=True, forbid_unknown_fields=True):
+class TwinFitQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """The fit of mechanics and light to the ball press."""
 
     rmse_grey_radial: float
@@ -138,10 +138,10 @@ class FitFigures(Struct, frozen=True, forbid_unknown_fields=True):
     independent_points: float
     """As many observations the unexplained rest is worth."""
     seconds: float
-    parameters: dict[str, FittedParameter]
+    parameters: dict[str, FittedParameterTable]
 
 
-class ImprintFigures(Struct, frozen=True, forbid_unknown_fields=True):
+class BoardPressTable(Struct, frozen=True, forbid_unknown_fields=True):
     """The board's image as the twin draws it."""
 
     believed: bool
@@ -166,8 +166,8 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     """With the thickness that the image of the press shows."""
     light: Light
     noise_grey_levels: float
-    fit: FitFigures
-    imprints: ImprintFigures | None = None
+    fit: TwinFitQuality
+    imprints: BoardPressTable | None = None
 
 
 class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -178,9 +178,9 @@ class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_default
     created: datetime
     software: str
     design: SensorDesign
-    grid: Grid
-    lens: LensTable | PinTable | MapTable
-    depth: Depth
+    grid: GridTable
+    lens: LensModelTable | PinMapTable | PixelMapTable
+    depth: DepthTable
     twin: TwinTable | None = None
-    images: dict[str, Image] = field(default_factory=dict)
+    images: dict[str, StoredImage] = field(default_factory=dict)
     certificate: Certificate | None = None

@@ -10,8 +10,8 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.calibrate import Calibrate
-from ninedtact.cli.check import Check
+from ninedtact.cli.calibrate import CalibrateCommand
+from ninedtact.cli.check import CheckCommand
 from ninedtact.cli.collect import Collect
 from ninedtact.cli.dataset import DESCRIPTION as DATASET
 from ninedtact.cli.dataset import Dataset
@@ -28,8 +28,8 @@ from ninedtact.cli.hardware import DESCRIPTION as HARDWARE
 from ninedtact.cli.hardware import HardwareCommand
 from ninedtact.cli.info import Replay
 from ninedtact.cli.live import Live
-from ninedtact.cli.original_calibration import ExportCalibration, ImportCalibration
-from ninedtact.cli.reconstruct import Reconstruct
+from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
+from ninedtact.cli.reconstruct import ReconstructCommand
 from ninedtact.cli.record import Record
 from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
 from ninedtact.cli.simulate import Simulate
@@ -37,9 +37,9 @@ from ninedtact.errors import NinedtactError
 
 Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
-    | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
-    | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[CalibrateCommand, tyro.conf.subcommand("calibrate")]
+    | Annotated[ReconstructCommand, tyro.conf.subcommand("reconstruct")]
+    | Annotated[CheckCommand, tyro.conf.subcommand("check")]
     | Annotated[Live, tyro.conf.subcommand("live")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate", description=SIMULATE)]
     | Annotated[Collect, tyro.conf.subcommand("collect")]
@@ -47,8 +47,8 @@ Command = (
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Dataset, tyro.conf.subcommand("dataset", description=DATASET)]
-    | Annotated[ImportCalibration, tyro.conf.subcommand("import-calibration")]
-    | Annotated[ExportCalibration, tyro.conf.subcommand("export-calibration")]
+    | Annotated[ImportCalibrationCommand, tyro.conf.subcommand("import-calibration")]
+    | Annotated[ExportCalibrationCommand, tyro.conf.subcommand("export-calibration")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Model, tyro.conf.subcommand("model", description=MODEL)]
     | Annotated[Estimate, tyro.conf.subcommand("estimate")]
@@ -63,31 +63,33 @@ DESCRIPTION = "The software of the 9DTact tactile sensor: images in, calibrated 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 1 the work failed (one line says why), 2 usage."""
     try:
-        return parse(arguments).run()
+        return _parse_arguments(arguments).run()
     except NinedtactError as refusal:
-        return fail(str(refusal))
+        return _report_failure(str(refusal))
     except KeyboardInterrupt:
-        return fail("stopped by Ctrl-C or termination; nothing was written half; run the command again to start over")
+        return _report_failure(
+            "stopped by Ctrl-C or termination; nothing was written half; run the command again to start over"
+        )
     except BrokenPipeError:
-        return quiet_end()
+        return _end_quietly()
     except OSError as trouble:
-        return fail(
+        return _report_failure(
             f"expected to read and write files, got: {trouble}; free the disk or correct the path and its permissions"
         )
 
 
-def parse(arguments: Sequence[str] | None) -> Command:
+def _parse_arguments(arguments: Sequence[str] | None) -> Command:
     """Turn the command line into one command."""
     return tyro.cli(Command, prog="ninedtact", description=DESCRIPTION, args=arguments)
 
 
-def fail(sentence: str) -> int:
+def _report_failure(sentence: str) -> int:
     """Say why in one line; the exit code of failed work."""
     print(f"ninedtact: {' '.join(sentence.split())}", file=sys.stderr)
     return 1
 
 
-def quiet_end() -> int:
+def _end_quietly() -> int:
     """Whoever read our output (`| head`) has had enough: leave without a word, also from the interpreter's last flush."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 1

@@ -15,22 +15,22 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.devices import source_named
-from ninedtact.cli.options import CalibrationOptions, DesignFile, TwoDesigns, design_or_published
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.options import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
+from ninedtact.cli.terminal import print_result
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.board.detection import BoardNotFound
-    from ninedtact.calibration.brightness import Image
-    from ninedtact.calibration.guidance import Step
+    from ninedtact.calibration.brightness import BgrImage
+    from ninedtact.calibration.guidance import CaptureStep
     from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
 
 
 @dataclass
-class Terminal:
+class _LiveLine:
     """One line that is rewritten while a step goes on, and kept when it is done. Goes to standard error."""
 
     width: int = 100
@@ -52,24 +52,24 @@ class Terminal:
             print(file=sys.stderr)
 
 
-def guided_images(
+def _capture_guided_images(
     source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool
 ) -> "CalibrationImages":
     """Take the four images with a camera; raises what the camera raises, and `SourceEnded` from a recording."""
-    from ninedtact.calibration.guidance import steps
+    from ninedtact.calibration.guidance import guided_capture_steps
     from ninedtact.calibration.procedure import CalibrationImages
 
-    terminal = Terminal()
-    taken: dict[str, Image] = {}
-    with opened(source, automatic) as camera:
-        for step in steps(design, settings):
+    terminal = _LiveLine()
+    taken: dict[str, BgrImage] = {}
+    with _open_camera(source, automatic) as camera:
+        for step in guided_capture_steps(design, settings):
             terminal.title(step.instruction)
-            taken[step.name] = followed(step, camera, taken, terminal)
+            taken[step.name] = _follow_step(step, camera, taken, terminal)
     return CalibrationImages(**taken)
 
 
 @contextmanager
-def opened(source: str, automatic: bool) -> "Iterator[FrameSource]":
+def _open_camera(source: str, automatic: bool) -> "Iterator[FrameSource]":
     """The camera, newest image first; a recording is read image by image instead."""
     from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
     from ninedtact.capture.latest_frame import LatestFrameSource
@@ -79,7 +79,9 @@ def opened(source: str, automatic: bool) -> "Iterator[FrameSource]":
         yield frames
 
 
-def followed(step: "Step", camera: "FrameSource", taken: dict[str, "Image"], terminal: Terminal) -> "Image":
+def _follow_step(
+    step: "CaptureStep", camera: "FrameSource", taken: dict[str, "BgrImage"], terminal: _LiveLine
+) -> "BgrImage":
     """Watch images until the step is content; the mean of the last few."""
     watch = step.watch(taken)
     with terminal.line():
@@ -97,7 +99,7 @@ class RecordingTooShort(NinedtactError):
     """A recording that ended before all four images were taken."""
 
 
-PRESSES = ("board_reference", "board", "ball_reference", "ball")
+IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
 
 
 class ImagesMissing(NinedtactError):
@@ -105,7 +107,7 @@ class ImagesMissing(NinedtactError):
 
 
 @dataclass(frozen=True)
-class Calibrate:
+class CalibrateCommand:
     """Calibrate a sensor from one press of the pin board and one of the ball.
 
     Give the four images, and nothing is asked; or give --source, and the terminal guides you through the presses.
@@ -130,46 +132,46 @@ class Calibrate:
     id: str | None = None
     """Name of the sensor; the folder's name if not given."""
     options: Annotated[CalibrationOptions, tyro.conf.arg(name="")] = CalibrationOptions()
-    design_file: DesignFile = None
+    design_file: DesignFileOption = None
     """Design file (TOML) of the sensor; or its dimensions one by one, below."""
     design: SensorDesign = SensorDesign()
     json: bool = False
     """Print the certificate's figures as one JSON object."""
 
     def run(self) -> int:
-        """Calibrate, write the folder, say how good it is."""
+        """CalibrateCommand, write the folder, say how good it is."""
         from ninedtact.calibration.board.detection import BoardNotFound
         from ninedtact.calibration.procedure import calibrate
-        from ninedtact.calibration.save import write_sensor
-        from ninedtact.calibration.sensor_folder import require_replaceable
+        from ninedtact.calibration.save import save_sensor
+        from ninedtact.calibration.sensor_folder import require_replaceable_folder
 
-        require_replaceable(self.out)
+        require_replaceable_folder(self.out)
         try:
             made = calibrate(self.images(), self.resolved_design, self.options.settings(), self.id or self.out.name)
         except BoardNotFound as refusal:
-            raise with_overlay(refusal, self.out) from refusal
-        sensor = write_sensor(self.out, made)
-        return answer(self.json, calibration_json(sensor, made), summary(sensor, made))
+            raise _write_overlay(refusal, self.out) from refusal
+        sensor = save_sensor(self.out, made)
+        return print_result(self.json, _to_json_dict(sensor, made), _format_calibration(sensor, made))
 
     @property
     def resolved_design(self) -> SensorDesign:
-        """The design with the ball that was given; raises `TwoDesigns`, and what `read_design_file` raises."""
+        """The design with the ball that was given; raises `DesignGivenTwice`, and what `read_design_file` raises."""
         design = self.design
         if self.design_file is not None:
-            require_no_dimensions(self.design_file, self.design)
-            design = design_or_published(self.design_file)
+            _require_no_dimensions(self.design_file, self.design)
+            design = read_design_or_default(self.design_file)
         if self.ball_radius_mm is None:
             return design
         return replace(design, ball=replace(design.ball, radius_mm=self.ball_radius_mm))
 
     def images(self) -> "CalibrationImages":
         """From files, or from a guided session with a camera; raises `ImagesMissing`."""
-        given = [name for name in PRESSES if getattr(self, name)]
-        if len(given) == len(PRESSES) and self.source is None:
+        given = [name for name in IMAGE_NAMES if getattr(self, name)]
+        if len(given) == len(IMAGE_NAMES) and self.source is None:
             return self.read_images()
         if self.source is not None and not given:
-            return guided_images(self.source, self.resolved_design, self.options.settings(), self.automatic)
-        options = ", ".join("--" + name.replace("_", "-") for name in PRESSES)
+            return _capture_guided_images(self.source, self.resolved_design, self.options.settings(), self.automatic)
+        options = ", ".join("--" + name.replace("_", "-") for name in IMAGE_NAMES)
         got = ", ".join("--" + name.replace("_", "-") for name in given) or "none of them"
         both = " and --source" if self.source is not None else ""
         raise ImagesMissing(
@@ -182,47 +184,53 @@ class Calibrate:
         from ninedtact.capture.image_file import average_images, read_image
 
         return CalibrationImages(
-            **{name: average_images([read_image(path) for path in getattr(self, name)]) for name in PRESSES}
+            **{name: average_images([read_image(path) for path in getattr(self, name)]) for name in IMAGE_NAMES}
         )
 
 
-def require_no_dimensions(path: Path, given: SensorDesign) -> None:
-    """Refuse single dimensions beside a file of them; raises `TwoDesigns`."""
+def _require_no_dimensions(path: Path, given: SensorDesign) -> None:
+    """Refuse single dimensions beside a file of them; raises `DesignGivenTwice`."""
     if given != SensorDesign():
-        raise TwoDesigns(f"expected --design {path} or single --design.… options, got both; write them into the file")
+        raise DesignGivenTwice(
+            f"expected --design {path} or single --design.… options, got both; write them into the file"
+        )
 
 
-def with_overlay(refusal: "BoardNotFound", out: Path) -> NinedtactError:
+def _write_overlay(refusal: "BoardNotFound", out: Path) -> NinedtactError:
     """The refusal, naming an image of what was seen that is written beside the folder asked for."""
     import cv2
 
     from ninedtact.atomic_write import FileNotWritten, write_file_atomically
-    from ninedtact.calibration.certificate.plot_style import not_found_overlay
+    from ninedtact.calibration.certificate.plot_style import draw_board_not_found
 
     path = out.with_name(f"{out.name}_board_not_found.png")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_file_atomically(path, cv2.imencode(".png", not_found_overlay(refusal))[1].tobytes())
+        write_file_atomically(path, cv2.imencode(".png", draw_board_not_found(refusal))[1].tobytes())
     except (OSError, FileNotWritten):
         return refusal
     return NinedtactError(f"{refusal}; what was seen is drawn in {path}")
 
 
-def calibration_json(sensor: "SensorFolder", made: "Calibration") -> dict[str, object]:
+def _to_json_dict(sensor: "SensorFolder", made: "Calibration") -> dict[str, object]:
     """The certificate for scripts."""
     import msgspec
 
-    from ninedtact.calibration.certificate.checks import verdict, worst
+    from ninedtact.calibration.certificate.checks import check_certificate, overall_check_level
 
     certificate = made.record.certificate
     assert certificate is not None
-    told = {"sensor": str(sensor.path), "id": sensor.id, "verdict": worst(certificate)}
-    return {**told, **msgspec.to_builtins(certificate), "checks": [asdict(line) for line in verdict(certificate)]}
+    told = {"sensor": str(sensor.path), "id": sensor.id, "verdict": overall_check_level(certificate)}
+    return {
+        **told,
+        **msgspec.to_builtins(certificate),
+        "checks": [asdict(line) for line in check_certificate(certificate)],
+    }
 
 
-def summary(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
+def _format_calibration(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
     """The certificate in a few lines."""
-    from ninedtact.calibration.certificate.checks import headline
+    from ninedtact.calibration.certificate.checks import certificate_headline
 
     assert made.record.certificate is not None
     board, ball = made.record.certificate.board, made.record.certificate.ball
@@ -237,5 +245,5 @@ def summary(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
         f"{ball.fit_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
     )
     yield from (f"  warning: {warning}" for warning in made.record.certificate.warnings)
-    yield f"  {headline(made.record.certificate)}"
+    yield f"  {certificate_headline(made.record.certificate)}"
     yield f"  open {sensor.path / 'certificate.html'} in a browser"

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.diagnosis import Finding
-    from ninedtact.calibration.drift.drift_measurement import Drift
+    from ninedtact.calibration.drift.diagnosis import DriftFinding
+    from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
 
 
-class NothingToCheck(NinedtactError):
+class NoImageToCheck(NinedtactError):
     """No image was named."""
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckCommand:
     """Compare today's untouched skin with the calibrated one: light, camera and gel.
 
     Exit code 0: fine; 1: something has changed, or an image or the sensor folder cannot be read.
@@ -36,33 +36,35 @@ class Check:
 
     def run(self) -> int:
         """Judge every image; 1 where one is not fine."""
-        from ninedtact.calibration.drift.diagnosis import findings
-        from ninedtact.calibration.drift.drift_measurement import drift, known_skin
+        from ninedtact.calibration.drift.diagnosis import diagnose_drift
+        from ninedtact.calibration.drift.drift_measurement import load_calibrated_reference, measure_drift
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.image_file import read_image
 
         if not self.reference:
-            raise NothingToCheck(
+            raise NoImageToCheck(
                 "expected at least one image of the untouched skin, got none; name it after the options"
             )
-        known = known_skin(load_sensor(self.sensor))
-        measured = [drift(known, read_image(path)) for path in self.reference]
-        results = [result(path, one, findings(one)) for path, one in zip(self.reference, measured, strict=True)]
-        answer(self.json, summary(self.sensor, results), lines(results))
+        known = load_calibrated_reference(load_sensor(self.sensor))
+        measured = [measure_drift(known, read_image(path)) for path in self.reference]
+        results = [
+            _check_result(path, one, diagnose_drift(one)) for path, one in zip(self.reference, measured, strict=True)
+        ]
+        print_result(self.json, _to_json_dict(self.sensor, results), _format_results(results))
         return int(any(found["findings"] for found in results))
 
 
-def result(path: Path, drift: "Drift", found: "list[Finding]") -> dict[str, Any]:
+def _check_result(path: Path, drift: "DriftMeasurement", found: "list[DriftFinding]") -> dict[str, Any]:
     """One image's verdict and figures."""
     return {
         "image": str(path),
         "verdict": found[0].verdict if found else "fine",
         "findings": [asdict(finding) for finding in found],
-        **figures(drift),
+        **_drift_to_dict(drift),
     }
 
 
-def figures(drift: "Drift") -> dict[str, Any]:
+def _drift_to_dict(drift: "DriftMeasurement") -> dict[str, Any]:
     """What was measured, whether it amounts to a finding or not; null where the skin's motion could not be observed."""
     skin, change = drift.moved, drift.change
     seen = skin.recognised
@@ -81,7 +83,7 @@ def figures(drift: "Drift") -> dict[str, Any]:
     }
 
 
-def summary(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]:
+def _to_json_dict(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]:
     """The first verdict that is not fine, and everything behind it."""
     worst = next((found for found in results if found["findings"]), results[0])
     return {
@@ -92,23 +94,23 @@ def summary(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def lines(results: list[dict[str, Any]]) -> Iterator[str]:
+def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
     """The verdicts for a person."""
     for found in results:
         yield f"{found['image']}: {found['verdict']}"
         for finding in found["findings"]:
-            yield f"  {finding['sentence']}{height(finding)}"
-        yield f"  measured: {measured(found)}"
+            yield f"  {finding['sentence']}{_format_height_effect(finding)}"
+        yield f"  measured: {_format_measurement(found)}"
 
 
-def height(finding: dict[str, Any]) -> str:
+def _format_height_effect(finding: dict[str, Any]) -> str:
     """What the finding does to the height, where it does."""
     if finding["height_mm"] is None:
         return ""
     return f" (height off by up to {finding['height_mm']:.2f} mm with the calibration's reference image)"
 
 
-def measured(found: dict[str, Any]) -> str:
+def _format_measurement(found: dict[str, Any]) -> str:
     """All figures in one line."""
     skin = "motion of the skin not observable"
     if found["shift_px"] is not None:

@@ -15,7 +15,7 @@ from ninedtact.cli.collect_setup import Bench, devices, recording, twin
 from ninedtact.cli.devices import is_recording, is_sim, require_alike, sensor_of
 from ninedtact.cli.options import CollectOptions
 from ninedtact.cli.record import require_new_recording, require_seconds
-from ninedtact.cli.terminal import answer, ending
+from ninedtact.cli.terminal import print_result, stop_on_signal
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Collect:
         with sensor_of(self.sensor, self.source) as folder:
             bench = self.bench(folder, settings, screen)
             collector = self.collected(folder, settings, bench, screen)
-        return answer(self.json, figures(self.out, collector), lines(self.out, collector))
+        return print_result(self.json, figures(self.out, collector), lines(self.out, collector))
 
     def bench(self, folder: "SensorFolder", settings: "CollectSettings", screen: Screen) -> Bench:
         """What was named, not yet opened."""
@@ -104,7 +104,7 @@ class Collect:
         episode = RecordingWriter(self.out, session, COLLECTED_TOPICS, sensor_folder_attachments(folder.path))
         names = chain(self.objects, (f"object_{number:03d}" for number in count(1)))
         collector = Collector(episode, settings, names, np.random.default_rng(self.seed))
-        with ending(self.seconds) as until, episode, keys() as typed, closing(bench.feed()) as feed:
+        with stop_on_signal(self.seconds) as until, episode, keys() as typed, closing(bench.feed()) as feed:
             for fed in feed:
                 if until.now or self.has_enough(collector) or not obeyed(typed.pressed(), collector, screen):
                     break

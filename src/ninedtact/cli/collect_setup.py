@@ -172,9 +172,9 @@ def twin(
     folder: "SensorFolder", objects: tuple[str, ...], touches: int, seed: int, trust: "SampleCheckSettings"
 ) -> Bench:
     """The sensor's twin under a scripted hand."""
-    from ninedtact.calibration.twin.sensor_twin import twin_of
+    from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
     from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
 
-    hand = scripted_hand(twin_of(folder), objects, touches, seed)
+    hand = scripted_hand(build_sensor_twin(folder), objects, touches, seed)
     camera, force_torque = hand.sources
     return Bench(camera, CheckedWrenchSource(force_torque, trust), is_live=False, object_at=hand.object_at)

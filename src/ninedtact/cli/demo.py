@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.live import Place, on_page, require_rate, require_studio, serve
-from ninedtact.cli.options import DesignFile, design_or_published, require_one_sensor
+from ninedtact.cli.options import DesignFileOption, read_design_or_default, require_sensor_or_design
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
@@ -36,7 +36,7 @@ class Demo:
 
     sensor: Path | None = None
     """Sensor folder whose twin is shown; without one, a twin of no sensor in particular calibrates itself."""
-    design_file: DesignFile = None
+    design_file: DesignFileOption = None
     """Design file (TOML) of a sensor that is not built yet: its twin calibrates itself and is shown."""
     out: Path = Path("out/demo")
     """Folder for the sensor, images and figures that it leaves."""
@@ -54,7 +54,7 @@ class Demo:
         from ninedtact.cli.twin_on_show import on_show
 
         self.require_rounds()
-        require_one_sensor(self.sensor, self.design_file)
+        require_sensor_or_design(self.sensor, self.design_file)
         require_rate(self.display_hz)
         require_studio()
         self.out.mkdir(parents=True, exist_ok=True)
@@ -80,9 +80,9 @@ class Demo:
     def twin(self) -> "Twin":
         """What is pressed."""
         if self.sensor is not None:
-            from ninedtact.calibration.twin.sensor_twin import twin_of
+            from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 
-            return twin_of(self.folder)
+            return build_sensor_twin(self.folder)
         from ninedtact.simulation.designed import designed_twin
 
         return designed_twin(self.design)
@@ -90,7 +90,7 @@ class Demo:
     @cached_property
     def design(self) -> SensorDesign:
         """Of the twin that calibrates itself."""
-        return design_or_published(self.design_file)
+        return read_design_or_default(self.design_file)
 
     @cached_property
     def folder(self) -> "SensorFolder":
@@ -102,12 +102,12 @@ class Demo:
     def calibrated(self) -> "SensorFolder":
         """The twin as it calibrates itself: four images, as of any other sensor."""
         from ninedtact.calibration.procedure import CalibrationImages, calibrate
-        from ninedtact.calibration.save import write_sensor
+        from ninedtact.calibration.save import save_sensor
         from ninedtact.simulation.gauges import gauge_images
 
         print("pressing the pin board and the ball on the twin, calibrating it from the four images …", flush=True)
         images = CalibrationImages(**vars(gauge_images(self.twin, self.design)))
-        folder = write_sensor(self.out / "sensor", calibrate(images, self.design, sensor_id="twin"))
+        folder = save_sensor(self.out / "sensor", calibrate(images, self.design, sensor_id="twin"))
         print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
         return folder
 

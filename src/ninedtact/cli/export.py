@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,6 @@ class Export:
             with tqdm(total=images, unit="images", disable=self.json) as bar:
                 written = export_recording(episode, self.out, on_image=bar.update)
         found = {"out": str(self.out), "written": written}
-        return answer(
+        return print_result(
             self.json, found, [f"{self.out}:", *(f"  {number:8d}  {what}" for what, number in written.items())]
         )

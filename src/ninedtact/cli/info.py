@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 
 if TYPE_CHECKING:
     from ninedtact.recording.summary import RecordingSummary
@@ -37,7 +37,7 @@ class Replay:
             repair_recording(self.recording)
         with Recording(self.recording) as episode:
             found = summarise_recording(episode)
-        return answer(self.json, asdict(found), lines(self.recording, found))
+        return print_result(self.json, asdict(found), lines(self.recording, found))
 
 
 def lines(path: Path, found: "RecordingSummary") -> Iterator[str]:

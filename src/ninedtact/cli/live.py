@@ -79,10 +79,10 @@ class Live:
     def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchLoop]]":
         """The sensor on its source, not yet opened; of a twin, the true wrench too."""
         if self.source == SIM:
-            from ninedtact.calibration.twin.sensor_twin import twin_of
+            from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
             from ninedtact.cli.twin_on_show import on_show
 
-            return on_page(folder.shape, on_show(twin_of(folder)), self.references)
+            return on_page(folder.shape, on_show(build_sensor_twin(folder)), self.references)
         return self.sensor_at_source(folder.shape), []
 
     @property

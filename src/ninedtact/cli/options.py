@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from ninedtact.calibration.procedure import CalibrationSettings
     from ninedtact.recording.collecting.settings import CollectSettings
 
-DesignFile = Annotated[Path | None, tyro.conf.arg(name="design")]
+DesignFileOption = Annotated[Path | None, tyro.conf.arg(name="design")]
 """`--design sensor.toml`: what differs from the published sensor."""
 
 
-class TwoDesigns(NinedtactError):
+class DesignGivenTwice(NinedtactError):
     """A design in a file and another one beside it."""
 
 
-def design_or_published(path: Path | None) -> SensorDesign:
+def read_design_or_default(path: Path | None) -> SensorDesign:
     """The design in the file, or that of the published sensor; raises what `read_design_file` raises."""
     if path is None:
         return SensorDesign()
@@ -30,10 +30,12 @@ def design_or_published(path: Path | None) -> SensorDesign:
     return read_design_file(path)
 
 
-def require_one_sensor(sensor: Path | None, design: Path | None) -> None:
-    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `TwoDesigns`."""
+def require_sensor_or_design(sensor: Path | None, design: Path | None) -> None:
+    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `DesignGivenTwice`."""
     if sensor is not None and design is not None:
-        raise TwoDesigns(f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them")
+        raise DesignGivenTwice(
+            f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them"
+        )
 
 
 @dataclass(frozen=True)
@@ -42,18 +44,20 @@ class CalibrationOptions:
 
     lens: Literal["lens", "paper"] = "lens"
     """Lens model, or the paper's map (central anchors, equidistant grid, cubic radial basis) for reproduction."""
-    mounting_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
+    camera_rotation_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
     """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
     method: Literal["physics", "ratio", "table"] = "physics"
     """Depth from the brightness factor, or from the paper's mapping list of grey differences."""
 
     def settings(self) -> "CalibrationSettings":
         """The same as the calibration room names it."""
-        from ninedtact.calibration.board.lattice import MOUNTINGS
+        from ninedtact.calibration.board.lattice import CAMERA_ROTATIONS
         from ninedtact.calibration.procedure import CalibrationSettings
 
-        ways = {str(way): way for way in MOUNTINGS}
-        return CalibrationSettings(lens=self.lens, mounting_deg=ways[self.mounting_deg], method=self.method)
+        ways = {str(way): way for way in CAMERA_ROTATIONS}
+        return CalibrationSettings(
+            lens=self.lens, camera_rotation_deg=ways[self.camera_rotation_deg], method=self.method
+        )
 
 
 @dataclass(frozen=True)

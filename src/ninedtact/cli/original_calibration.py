@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ImportCalibration:
+class ImportCalibrationCommand:
     """Turn a calibration of the original 9DTact project into a sensor folder.
 
     Pixels are rectified as they were there, depths read from its list. Nothing can be certified or checked for drift
@@ -37,16 +37,16 @@ class ImportCalibration:
 
     def run(self) -> int:
         """Import, and say what was taken over."""
-        from ninedtact.calibration.original_9dtact.exchange import import_upstream
+        from ninedtact.calibration.original_9dtact.exchange import import_original_calibration
 
         standard = SensorDesign()
         view = replace(standard.field_of_view, rows=self.rows, cols=self.cols)
-        sensor = import_upstream(self.folder, self.out, replace(standard, field_of_view=view), self.id)
-        return answer(self.json, figures(sensor), imported_lines(sensor))
+        sensor = import_original_calibration(self.folder, self.out, replace(standard, field_of_view=view), self.id)
+        return print_result(self.json, _to_json_dict(sensor), _format_import(sensor))
 
 
 @dataclass(frozen=True)
-class ExportCalibration:
+class ExportCalibrationCommand:
     """Write a sensor's calibration in the layout of the original 9DTact project."""
 
     sensor: Path
@@ -58,17 +58,17 @@ class ExportCalibration:
 
     def run(self) -> int:
         """Export, and say what to set there."""
-        from ninedtact.calibration.original_9dtact.exchange import export_upstream
-        from ninedtact.calibration.original_9dtact.folder_format import FILES
+        from ninedtact.calibration.original_9dtact.exchange import export_original_calibration
+        from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
         from ninedtact.calibration.sensor_folder import load_sensor
 
         sensor = load_sensor(self.sensor)
-        export_upstream(sensor, self.out)
-        files = [str(self.out / file) for file in FILES]
-        return answer(self.json, {**figures(sensor), "files": files}, exported_lines(sensor, self.out))
+        export_original_calibration(sensor, self.out)
+        files = [str(self.out / file) for file in ORIGINAL_FILES]
+        return print_result(self.json, {**_to_json_dict(sensor), "files": files}, _format_export(sensor, self.out))
 
 
-def figures(sensor: "SensorFolder") -> dict[str, object]:
+def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
     """What defines the calibration, for scripts."""
     record = sensor.record
     return {
@@ -81,7 +81,7 @@ def figures(sensor: "SensorFolder") -> dict[str, object]:
     }
 
 
-def imported_lines(sensor: "SensorFolder") -> Iterator[str]:
+def _format_import(sensor: "SensorFolder") -> Iterator[str]:
     """The same for a person."""
     record = sensor.record
     yield f"sensor {sensor.id} imported: {sensor.path}"
@@ -89,7 +89,7 @@ def imported_lines(sensor: "SensorFolder") -> Iterator[str]:
     yield "  no images came with it, so 'ninedtact check' cannot compare today's skin with them"
 
 
-def exported_lines(sensor: "SensorFolder", out: Path) -> Iterator[str]:
+def _format_export(sensor: "SensorFolder", out: Path) -> Iterator[str]:
     """Where it went, and the two settings that are not in the folder."""
     view, name = sensor.record.design.field_of_view, out.resolve().name
     yield f"sensor {sensor.id} exported: {out}"

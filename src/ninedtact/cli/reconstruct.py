@@ -7,23 +7,23 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.quantities import HeightMap
     from ninedtact.shape.depth import DepthReader
 
-Format = Literal["npy", "png", "ply", "stl", "obj"]
+_HeightFormat = Literal["npy", "png", "ply", "stl", "obj"]
 
 
-class NothingToReconstruct(NinedtactError):
+class NoImageToReconstruct(NinedtactError):
     """No image was named."""
 
 
 @dataclass(frozen=True)
-class Reconstruct:
-    """Reconstruct the shape of what touches, from images."""
+class ReconstructCommand:
+    """ReconstructCommand the shape of what touches, from images."""
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote."""
@@ -33,7 +33,7 @@ class Reconstruct:
     """Images of the pressed skin, one or more."""
     out: Path
     """Folder for the results."""
-    formats: tuple[Format, ...] = ("npy", "png", "ply", "stl")
+    formats: tuple[_HeightFormat, ...] = ("npy", "png", "ply", "stl")
     """npy: heights in mm; png: 16 bits, 1 level = 1 µm; ply: points with normals and triangles; stl, obj: triangles."""
     drawings: bool = True
     """Also draw a colour image and a shaded 3D image."""
@@ -41,23 +41,23 @@ class Reconstruct:
     """Print the figures of every image as one JSON object."""
 
     def run(self) -> int:
-        """Reconstruct every image, the first bad one stopping the rest."""
+        """ReconstructCommand every image, the first bad one stopping the rest."""
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.image_file import read_image
         from ninedtact.quantities import Frame
 
         if not self.images:
-            raise NothingToReconstruct(
+            raise NoImageToReconstruct(
                 "expected at least one image of the pressed skin, got none; name it after the options"
             )
         shape = load_sensor(self.sensor).shape
         depth = shape.depth_reader(*[Frame(read_image(path)) for path in self.reference])
         results = []
-        for path, name in zip(self.images, names(self.images), strict=True):
+        for path, name in zip(self.images, _output_names(self.images), strict=True):
             height = depth(shape.rectify(Frame(read_image(path))))
             results.append(self.result(path, name, height, depth))
         found: dict[str, Any] = {"sensor": str(self.sensor), "images": results}
-        return answer(self.json, found, lines(results))
+        return print_result(self.json, found, _format_results(results))
 
     def result(self, path: Path, name: str, height: "HeightMap", depth: "DepthReader") -> dict[str, Any]:
         """Write one image's files and return its figures."""
@@ -89,13 +89,13 @@ class Reconstruct:
                 yield f"{kind}_image", path
 
 
-def names(images: tuple[Path, ...]) -> list[str]:
+def _output_names(images: tuple[Path, ...]) -> list[str]:
     """A name for every image's files: its own, with its number where two would be alike."""
     stems = [path.stem for path in images]
     return [stem if stems.count(stem) == 1 else f"{stem}_{number}" for number, stem in enumerate(stems, start=1)]
 
 
-def lines(results: list[dict[str, Any]]) -> Iterator[str]:
+def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
     """The figures for a person."""
     for result in results:
         yield (

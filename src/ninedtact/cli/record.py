@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ninedtact.cli.devices import RECORDING, device, is_sim, live_source, require_alike, sensor_of
 from ninedtact.cli.live import say
-from ninedtact.cli.terminal import answer, ending
+from ninedtact.cli.terminal import print_result, stop_on_signal
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class Record:
         with sensor_of(self.sensor, self.source) as folder:
             episode = self.recorded(folder)
         found = {"out": str(self.out), "written": counts(episode), "dropped": episode.dropped}
-        return answer(self.json, found, lines(self.out, episode))
+        return print_result(self.json, found, lines(self.out, episode))
 
     def recorded(self, folder: "SensorFolder") -> "RecordingWriter":
         """The episode, finished."""
@@ -78,7 +78,7 @@ class Record:
         topics = {Topic.IMAGES, *(meaning.topics if meaning else ()), *([Topic.MEASURED] if force_torque else ())}
         session = self.session(folder, camera, force_torque, meaning)
         episode = RecordingWriter(self.out, session, topics, sensor_folder_attachments(folder.path))
-        with ending(self.seconds) as until, episode, progress(self.seconds, quiet=self.json) as show:
+        with stop_on_signal(self.seconds) as until, episode, progress(self.seconds, quiet=self.json) as show:
             Recorder(episode, camera, force_torque, meaning).run(
                 lambda: until.now, lambda: show(until.elapsed_s, episode)
             )
@@ -127,13 +127,13 @@ class Record:
 
 def twin_on_show(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":
     """The sensor's twin, pressed by several objects in turn."""
-    from ninedtact.calibration.twin.sensor_twin import twin_of
+    from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
     from ninedtact.simulation.camera import SimulatedCamera
     from ninedtact.simulation.force_torque import SimulatedForceTorque
     from ninedtact.simulation.show import show
     from ninedtact.simulation.stage import Stage
 
-    stage = Stage(twin_of(folder), show())
+    stage = Stage(build_sensor_twin(folder), show())
     return SimulatedCamera(stage), SimulatedForceTorque(stage) if force_torque else None
 
 

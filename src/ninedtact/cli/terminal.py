@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 
-def answer(as_json: bool, figures: Mapping[str, Any], lines: Iterable[str]) -> int:
+def print_result(as_json: bool, figures: Mapping[str, Any], lines: Iterable[str]) -> int:
     """Print one or the other; the exit code of work that is done."""
     if as_json:
         print(json.dumps(figures, indent=2, ensure_ascii=False))
@@ -23,7 +23,7 @@ def answer(as_json: bool, figures: Mapping[str, Any], lines: Iterable[str]) -> i
 
 
 @dataclass
-class Ending:
+class StopSignal:
     """When to stop: asked by Ctrl-C, or after some time."""
 
     seconds: float | None = None
@@ -48,9 +48,9 @@ class Ending:
 
 
 @contextmanager
-def ending(seconds: float | None = None) -> Iterator[Ending]:
+def stop_on_signal(seconds: float | None = None) -> Iterator[StopSignal]:
     """While the block runs, the first Ctrl-C or termination only asks."""
-    until = Ending(seconds, began_at=monotonic())
+    until = StopSignal(seconds, began_at=monotonic())
     before = {number: signal.signal(number, until.ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield until

@@ -20,26 +20,26 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_press import BallPress, centred
+from ninedtact.calibration.ball.ball_press import BallPress, refine_ball_centre
 from ninedtact.calibration.ball.contact_circle import (
     WIDEST_BY_PHYSICS,
     asymmetry_warnings,
-    cap_height_mm,
     find_contact_circle,
-    require_depth,
-    require_like_ball,
+    require_explained_by_ball,
+    require_usable_depth,
+    spherical_cap_height_mm,
 )
-from ninedtact.calibration.ball.physics_method import PhysicalBall
+from ninedtact.calibration.ball.physics_method import PhysicsDepthFit
 from ninedtact.calibration.brightness import (
-    Image,
-    grey_float,
-    noise_levels,
-    relative_change,
-    require_same_size,
-    require_usable,
+    BgrImage,
+    estimate_pixel_noise,
+    relative_brightness_change,
+    require_same_image_size,
+    require_usable_exposure,
+    to_grey_float,
 )
-from ninedtact.calibration.twin.ball_press_fit import Belief, fit_twin
-from ninedtact.calibration.twin.ball_press_model import Vector
+from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, fit_twin
+from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.shape.deblur import Deblurring
@@ -47,15 +47,15 @@ from ninedtact.shape.depth import FINE_SMOOTHING, DepthCurve, DepthReader, Signa
 from ninedtact.shape.loss import Loss
 from ninedtact.shape.rectification import Rectification
 
-Method = Literal["physics", "ratio", "table"]
-SIGNAL: dict[Method, Signal] = {"table": "difference", "ratio": "ratio"}
+DepthMethod = Literal["physics", "ratio", "table"]
+SIGNAL: dict[DepthMethod, Signal] = {"table": "difference", "ratio": "ratio"}
 
 
 @dataclass(frozen=True)
 class BallFit:
     """The depth curve with what it rests on."""
 
-    method: Method
+    method: DepthMethod
     curve: DepthCurve
     press: BallPress
     fit_mae_mm: float
@@ -65,7 +65,7 @@ class BallFit:
     warnings: tuple[str, ...]
     noise_mm: float = 0.0
     """Standard deviation of one pixel's height from image to image, filters included."""
-    physical: PhysicalBall | None = None
+    physical: PhysicsDepthFit | None = None
     """The fit of mechanics and light, by the method that makes one."""
 
     @property
@@ -73,7 +73,7 @@ class BallFit:
         """Depth of the ball's lowest point."""
         if self.physical is not None:
             return self.physical.fit.named["depth_mm"]
-        return cap_height_mm(self.press.ball.radius_mm, self.press.edge_radius_mm)
+        return spherical_cap_height_mm(self.press.ball.radius_mm, self.press.edge_radius_mm)
 
     @property
     def true_mm(self) -> Float[Array, "rows cols"]:
@@ -103,39 +103,46 @@ class BallFit:
 
 def fit_ball(
     rectify: Rectification,
-    reference: Image,
-    press: Image,
+    reference: BgrImage,
+    press: BgrImage,
     design: SensorDesign,
-    method: Method = "physics",
+    method: DepthMethod = "physics",
     smoothing: Smoothing = Smoothing(),
-    beliefs: tuple[Belief, ...] = (),
-    near: Vector | None = None,
+    beliefs: tuple[ParameterPrior, ...] = (),
+    near: ParameterVector | None = None,
 ) -> BallFit:
     """Find the disc and fit the curve; raises `BallRefused`, `ImageUnusable`, `WrongImageSize`.
 
     reference, press: raw images (rows, cols, 3) of the untouched skin and of the ball pressed on it. beliefs, near: as for
     `fit_twin`.
     """
-    require_same_size("ball image", reference, press)
-    require_usable("ball reference", reference)
-    require_usable("ball image", press)
+    require_same_image_size("ball image", reference, press)
+    require_usable_exposure("ball reference", reference)
+    require_usable_exposure("ball image", press)
     before, after = rectify(Frame(reference)), rectify(Frame(press))
-    circle = find_contact_circle(uniform_change(before, after))
-    require_depth(design.ball, circle, rectify.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
+    circle = find_contact_circle(rectified_brightness_change(before, after))
+    require_usable_depth(design.ball, circle, rectify.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
     seen = BallPress(before, after, circle, design.ball, design.camera, smoothing)
-    fit = fit_physics(seen, design, beliefs, near) if method == "physics" else fit_curve(centred(seen), method)
+    fit = (
+        _fit_by_physics(seen, design, beliefs, near)
+        if method == "physics"
+        else _fit_by_contact_disc(refine_ball_centre(seen), method)
+    )
     # Two images' noise is in their difference; a reading against an averaged reference has one image's.
-    noise = noise_levels(relative_change(reference, press)) / np.sqrt(2)
+    noise = estimate_pixel_noise(relative_brightness_change(reference, press)) / np.sqrt(2)
     reader = partial(fit.reader, coverage=rectify.coverage)
-    return replace(fit, noise_mm=repeatability_mm(reader, rectify, reference, noise))
+    return replace(fit, noise_mm=simulate_height_noise_mm(reader, rectify, reference, noise))
 
 
-def fit_physics(
-    press: BallPress, design: SensorDesign, beliefs: tuple[Belief, ...] = (), near: Vector | None = None
+def _fit_by_physics(
+    press: BallPress,
+    design: SensorDesign,
+    beliefs: tuple[ParameterPrior, ...] = (),
+    near: ParameterVector | None = None,
 ) -> BallFit:
     """Mechanics and light together, and how well the result reads the ball back."""
-    physical = PhysicalBall(fit_twin(press.before, press.after, press.circle, design, beliefs, near))
-    require_like_ball(physical.fit.rmse_grey_image, press.circle)
+    physical = PhysicsDepthFit(fit_twin(press.before, press.after, press.circle, design, beliefs, near))
+    require_explained_by_ball(physical.fit.rmse_grey_image, press.circle)
     curve, half_mae_mm = physical.curve(physical.disc), physical.half_mae_mm()
     placed = press.about(physical.centre_px)
     fit_mae_mm, honest = physical.error_mm(curve, physical.disc), physical.honest(curve, half_mae_mm)
@@ -144,7 +151,7 @@ def fit_physics(
     )
 
 
-def fit_curve(press: BallPress, method: Method) -> BallFit:
+def _fit_by_contact_disc(press: BallPress, method: DepthMethod) -> BallFit:
     """Pair depth with darkening, and measure how well the result reads the ball back."""
     signal = SIGNAL[method]
     curve = press.curve(signal, press.disc)
@@ -158,20 +165,20 @@ def fit_curve(press: BallPress, method: Method) -> BallFit:
     )
 
 
-def uniform_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:
+def rectified_brightness_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:
     """Relative change in grey levels of the mean brightness."""
     return (after.grey / np.maximum(before.grey, 1) - 1) * before.grey.mean()
 
 
-def repeatability_mm(
-    reader: Callable[[Rectified], DepthReader], rectify: Rectification, reference: Image, noise: float, seed: int = 0
+def simulate_height_noise_mm(
+    reader: Callable[[Rectified], DepthReader], rectify: Rectification, reference: BgrImage, noise: float, seed: int = 0
 ) -> float:
     """Scatter of the height when the camera's noise is put on an even press half-way down the range.
 
     reader: makes one from an untouched image. noise: standard deviation of one raw pixel, grey levels. Lens and filters
     are passed through, so what they leave of the noise is what a reading has.
     """
-    raw = grey_float(reference)
+    raw = to_grey_float(reference)
     curve = reader(Rectified(rectify.resampled(raw), rectify.mm_per_px)).curve
     half_way = curve.darkening[-1] / 2
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)

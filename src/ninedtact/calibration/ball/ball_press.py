@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 from scipy.optimize import isotonic_regression, minimize
 
 from ninedtact.calibration.ball.contact_circle import ContactCircle
-from ninedtact.calibration.brightness import smoothed
+from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.design import BallGauge, CameraGeometry
 from ninedtact.quantities import Coverage, Rectified
 from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, Smoothing
@@ -31,7 +31,7 @@ FIRST_LEVEL = 4
 turn one grey level of drifting light into a tenth of a millimetre."""
 
 
-def monotone_curve(signal: Signal, darkening: Float[Array, " n"], depth_mm: Float[Array, " n"]) -> DepthCurve:
+def fit_monotone_depth_curve(signal: Signal, darkening: Float[Array, " n"], depth_mm: Float[Array, " n"]) -> DepthCurve:
     """Mean depth of every level of darkening, made monotone by isotonic regression (weights: pixels per level).
 
     Levels that no pixel has are interpolated; brightening pixels near the edge count as level zero.
@@ -43,10 +43,10 @@ def monotone_curve(signal: Signal, darkening: Float[Array, " n"], depth_mm: Floa
     mean = np.bincount(level, depth_mm)[known] / count[known]
     spread = np.sqrt(np.maximum(np.bincount(level, depth_mm**2)[known] / count[known] - mean**2, 0))
     rising = np.asarray(isotonic_regression(mean, weights=count[known]).x)
-    return anchored(signal, known * LEVEL[signal], rising, spread)
+    return anchor_depth_curve_at_zero(signal, known * LEVEL[signal], rising, spread)
 
 
-def anchored(
+def anchor_depth_curve_at_zero(
     signal: Signal, darkening: Float[Array, " k"], depth_mm: Float[Array, " k"], error_mm: Float[Array, " k"]
 ) -> DepthCurve:
     """No darkening is no depth."""
@@ -59,7 +59,7 @@ def anchored(
     )
 
 
-def seen_depth_mm(
+def _visible_ball_depth_mm(
     shape: tuple[int, int],
     mm_per_px: float,
     centre_mm: tuple[float, float],
@@ -72,11 +72,11 @@ def seen_depth_mm(
     ball = np.array([*centre_mm, np.sqrt(ball_radius_mm**2 - edge_radius_mm**2)])
     x, y = skin_grid_mm(shape, mm_per_px)
     sight = np.stack([x, y, np.full_like(x, camera_distance_mm)], axis=-1).astype(float)
-    part = first_meeting(camera - ball, sight, ball_radius_mm)
+    part = intersect_rays_with_sphere(camera - ball, sight, ball_radius_mm)
     return np.maximum(camera_distance_mm * (1 - part), 0)
 
 
-def first_meeting(
+def intersect_rays_with_sphere(
     start: Float[Array, "3"], sight: Float[Array, "rows cols 3"], radius: float
 ) -> Float[Array, "rows cols"]:
     """The smaller t at which start + t·sight lies on the sphere about zero; 1 (the plane) where it never does."""
@@ -110,7 +110,7 @@ class BallPress:
         shape, mm_per_px = self.before.grey.shape, self.before.mm_per_px
         x, y = self.circle.centre_px
         centre_mm = (x - (shape[1] - 1) / 2) * mm_per_px, (y - (shape[0] - 1) / 2) * mm_per_px
-        return seen_depth_mm(
+        return _visible_ball_depth_mm(
             shape, mm_per_px, centre_mm, self.edge_radius_mm, self.ball.radius_mm, self.camera.distance_mm
         )
 
@@ -128,7 +128,7 @@ class BallPress:
         """The monotone curve through the pixels of a region."""
         before, after = self.before.grey[where], self.after.grey[where]
         darkening = before - after if signal == "difference" else 1 - after / np.maximum(before, 1)
-        return monotone_curve(signal, darkening, self.depth_mm[where])
+        return fit_monotone_depth_curve(signal, darkening, self.depth_mm[where])
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
         """Mean absolute error of the reconstructed height, filters included, over a region."""
@@ -143,12 +143,12 @@ class BallPress:
         return [np.asarray(half) for half in (left, ~left, upper, ~upper)]
 
 
-def centred(press: BallPress) -> BallPress:
+def refine_ball_centre(press: BallPress) -> BallPress:
     """The press about the point that makes darkness most nearly a function of depth alone.
 
     The edge gives the disc's size well and its middle only roughly, because the bulge around it is never quite even.
     """
-    darkening = smoothed(1 - press.after.grey / np.maximum(press.before.grey, 1), CENTRING_PX)
+    darkening = smooth_gaussian(1 - press.after.grey / np.maximum(press.before.grey, 1), CENTRING_PX)
 
     def scatter(centre_px: Float[Array, "2"]) -> float:
         depth_mm = press.about(centre_px).depth_mm

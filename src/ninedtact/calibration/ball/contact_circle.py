@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from scipy import ndimage
 from scipy.optimize import least_squares
 
-from ninedtact.calibration.brightness import Image, noise_levels, smoothed
+from ninedtact.calibration.brightness import BgrImage, estimate_pixel_noise, smooth_gaussian
 from ninedtact.design import BallGauge
 from ninedtact.errors import NinedtactError
 
@@ -33,7 +33,7 @@ ROUNDNESS = 0.12
 """Largest scatter of the edge, relative to the radius: a sheared ball press has 0.03, other objects far more."""
 
 
-class BallRefused(NinedtactError):
+class BallPressUnusable(NinedtactError):
     """The ball image cannot calibrate depth, and why."""
 
 
@@ -62,56 +62,56 @@ class ContactCircle:
 
 
 def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
-    """The one round contact in a rectified relative change (grey levels); raises `BallRefused` with the reason."""
-    calm = smoothed(change, SMOOTHING_PX)
+    """The one round contact in a rectified relative change (grey levels); raises `BallPressUnusable` with the reason."""
+    calm = smooth_gaussian(change, SMOOTHING_PX)
     calm = calm - np.median(calm)
-    require_contact(calm, noise_levels(change))
-    spot = deepest_spot(calm)
-    require_one_contact(calm, spot)
+    _require_contact(calm, estimate_pixel_noise(change))
+    spot = _darkest_region(calm)
+    _require_single_contact(calm, spot)
     row, column = ndimage.center_of_mass(spot)
-    sharp = smoothed(change, EDGE_SMOOTHING_PX)
-    edge = edge_points(sharp - np.median(sharp), (column, row))
-    return fitted_circle(calm, edge)
+    sharp = smooth_gaussian(change, EDGE_SMOOTHING_PX)
+    edge = _find_edge_points(sharp - np.median(sharp), (column, row))
+    return _fit_circle(calm, edge)
 
 
-def require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
+def _require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
     """Refuse an untouched image and a swapped pair."""
     drop, rise = -float(calm.min()), float(calm.max())
     needed = max(FAINTEST_DROP, 3 * noise)
     if max(drop, rise) < needed:
-        raise BallRefused(
+        raise BallPressUnusable(
             f"expected the ball's dark disc, at least {needed:.0f} grey levels darker than the reference, got no contact "
             f"(largest change {max(drop, rise):.1f} levels); press the ball while the second image is taken"
         )
     if rise > drop:
-        raise BallRefused(
+        raise BallPressUnusable(
             f"expected a dark disc where the ball presses, got a bright one (+{rise:.0f} against −{drop:.0f} grey levels); "
             "the images look swapped: give the untouched one as the reference"
         )
 
 
-def deepest_spot(calm: Float32[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
+def _darkest_region(calm: Float32[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
     """The connected region around the darkest pixel that is darker than half of it."""
     labels, _ = ndimage.label(calm < calm.min() / 2)
     return np.asarray(labels == labels[np.unravel_index(calm.argmin(), calm.shape)])
 
 
-def require_one_contact(calm: Float32[Array, "rows cols"], spot: Bool[Array, "rows cols"]) -> None:
+def _require_single_contact(calm: Float32[Array, "rows cols"], spot: Bool[Array, "rows cols"]) -> None:
     """Refuse a second contact, and a disc at the border."""
     border = np.ones_like(spot)
     border[1:-1, 1:-1] = False
     if (spot & border).any():
-        raise BallRefused(
+        raise BallPressUnusable(
             "expected the whole disc in view, got one cut by the image's border; press nearer to the middle"
         )
     labels, count = ndimage.label(calm < SECOND_CONTACT * calm.min())
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     rivals = int((sizes > 0.1 * sizes.max()).sum())
     if rivals > 1:
-        raise BallRefused(f"expected one contact, got {rivals}; press with the ball alone")
+        raise BallPressUnusable(f"expected one contact, got {rivals}; press with the ball alone")
 
 
-def edge_points(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float]) -> Float[Array, "n 2"]:
+def _find_edge_points(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float]) -> Float[Array, "n 2"]:
     """Along each ray from the centre, the first point that is no darker than untouched skin; (x, y)."""
     angles = np.arange(RAYS) * (2 * np.pi / RAYS)
     radii = np.arange(STEP_PX, max(calm.shape), STEP_PX)
@@ -122,20 +122,20 @@ def edge_points(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float
     first = risen.argmax(axis=0)
     reached = risen.any(axis=0) & ~np.isnan(np.take_along_axis(seen, first[None], axis=0)[0])
     left_view = np.isnan(np.cumsum(seen, axis=0)[first, np.arange(RAYS)])
-    require_whole_disc(reached & ~left_view)
+    _require_whole_disc(reached & ~left_view)
     return points[first, np.arange(RAYS)][reached & ~left_view]
 
 
-def require_whole_disc(reached: Bool[Array, " rays"]) -> None:
+def _require_whole_disc(reached: Bool[Array, " rays"]) -> None:
     """Refuse a disc whose edge lies outside the view for too many rays."""
     if reached.mean() < LEAST_OF_CIRCLE:
-        raise BallRefused(
+        raise BallPressUnusable(
             f"expected the disc's edge all around, got it on {reached.mean():.0%} of the circle; the rest is outside the view "
             "or has no bright rim: press nearer to the middle, and with the ball alone"
         )
 
 
-def fitted_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) -> ContactCircle:
+def _fit_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) -> ContactCircle:
     """Robust least-squares circle through the edge."""
     middle = edge.mean(axis=0)
     start = [*middle, np.hypot(*(edge - middle).T).mean()]
@@ -145,27 +145,29 @@ def fitted_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) 
 
     x, y, radius = least_squares(miss, start, loss="soft_l1").x
     scatter = float(np.std(np.hypot(edge[:, 0] - x, edge[:, 1] - y)))
-    require_round(calm.shape, (x, y), radius, scatter)
+    _require_round_edge(calm.shape, (x, y), radius, scatter)
     drop = -float(calm.min())
-    harmonic = bulge_harmonic(calm, (x, y), radius)
+    harmonic = _bulge_first_harmonic(calm, (x, y), radius)
     return ContactCircle((float(x), float(y)), float(radius), scatter, drop, (harmonic[0] / drop, harmonic[1] / drop))
 
 
-def require_round(shape: tuple[int, ...], centre_px: tuple[float, float], radius_px: float, scatter_px: float) -> None:
+def _require_round_edge(
+    shape: tuple[int, ...], centre_px: tuple[float, float], radius_px: float, scatter_px: float
+) -> None:
     """Refuse what is not a disc, or not wholly in view."""
     if scatter_px > ROUNDNESS * radius_px:
-        raise BallRefused(
+        raise BallPressUnusable(
             f"expected a round disc, got an edge that strays {scatter_px / radius_px:.0%} of its radius from a circle; "
             "press with a ball, straight down"
         )
     x, y = centre_px
     if min(x, y, shape[1] - 1 - x, shape[0] - 1 - y) < radius_px:
-        raise BallRefused(
+        raise BallPressUnusable(
             "expected the whole disc in view, got one cut by the image's border; press nearer to the middle"
         )
 
 
-def bulge_harmonic(
+def _bulge_first_harmonic(
     calm: Float32[Array, "rows cols"], centre_px: tuple[float, float], radius_px: float
 ) -> tuple[float, float]:
     """Amplitudes of cos θ and sin θ in the brightness just outside the disc."""
@@ -190,32 +192,32 @@ REFERENCE_DRIFT = 3.0
 """Grey levels of change between two untouched images that deserve a word."""
 
 
-def require_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float, widest: float = 1.0) -> None:
+def require_usable_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float, widest: float = 1.0) -> None:
     """Refuse a disc wider than the ball (or than `widest` of it), or too shallow a press."""
     radius_mm = circle.radius_px * mm_per_px
     if radius_mm >= widest * ball.radius_mm:
-        raise BallRefused(
+        raise BallPressUnusable(
             f"expected a disc smaller than the ball (radius {ball.radius_mm:g} mm), got one of {radius_mm:.2f} mm; "
             "check the ball's radius, or press less deep"
         )
-    depth_mm = cap_height_mm(ball.radius_mm, min(radius_mm, ball.radius_mm))
+    depth_mm = spherical_cap_height_mm(ball.radius_mm, min(radius_mm, ball.radius_mm))
     if depth_mm < SHALLOWEST_MM:
-        raise BallRefused(
+        raise BallPressUnusable(
             f"expected a press at least {SHALLOWEST_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
         )
 
 
-def require_like_ball(rest_grey: float, circle: ContactCircle) -> None:
+def require_explained_by_ball(rest_grey: float, circle: ContactCircle) -> None:
     """Refuse a press that no ball in gel looks like."""
     if rest_grey > WORST_REST * circle.drop:
-        raise BallRefused(
+        raise BallPressUnusable(
             f"expected a press that a ball explains to {WORST_REST:.0%} of its darkening, got {rest_grey:.1f} of "
             f"{circle.drop:.0f} grey levels unexplained; press a clean ball of the stated radius straight down, or choose "
             "another method"
         )
 
 
-def cap_height_mm(radius_mm: float, edge_radius_mm: float) -> float:
+def spherical_cap_height_mm(radius_mm: float, edge_radius_mm: float) -> float:
     """Height of the cap that a circle cuts off a sphere."""
     return float(radius_mm - np.sqrt(radius_mm**2 - edge_radius_mm**2))
 
@@ -230,7 +232,7 @@ def asymmetry_warnings(circle: ContactCircle) -> tuple[str, ...]:
     )
 
 
-def reference_warnings(board_reference: Image, ball_reference: Image) -> tuple[str, ...]:
+def reference_drift_warnings(board_reference: BgrImage, ball_reference: BgrImage) -> tuple[str, ...]:
     """A word when the skin looked different before the two presses."""
     if board_reference.shape != ball_reference.shape:
         return ()

@@ -34,7 +34,7 @@ FLOORS = (0.01, 0.03, 0.1)
 
 
 @dataclass(frozen=True)
-class PhysicalBall:
+class PhysicsDepthFit:
     """A fitted ball press, and how its light reads heights."""
 
     fit: TwinFit

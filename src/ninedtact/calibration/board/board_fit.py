@@ -13,22 +13,27 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy import ndarray as Array
 
-from ninedtact.calibration.board.detection import Sighting, best_sighting, could_be_board, not_found
-from ninedtact.calibration.board.lattice import Mounting, lattice_size, skin_points_mm
+from ninedtact.calibration.board.detection import (
+    BoardCandidate,
+    find_board_candidate,
+    is_plausible_board,
+    make_board_not_found_error,
+)
+from ninedtact.calibration.board.lattice import CameraRotation, lattice_size, pin_positions_mm
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens
-from ninedtact.calibration.board.pin_imprints import is_stray, look
+from ninedtact.calibration.board.pin_imprints import find_stray_pins, measure_pins
 from ninedtact.calibration.brightness import (
-    Image,
-    noise_levels,
-    relative_change,
-    require_same_size,
-    require_usable,
-    smoothed,
+    BgrImage,
+    estimate_pixel_noise,
+    relative_brightness_change,
+    require_same_image_size,
+    require_usable_exposure,
+    smooth_gaussian,
 )
 from ninedtact.design import PinBoard
 from ninedtact.shape.lens import LensModel, Points
 
-MOST_MISSING = 0.10
+MAX_MISSING_FRACTION = 0.10
 """Part of the pins that may be predicted instead of seen."""
 REFINEMENTS = 4
 SMOOTHING_PX = 1.0
@@ -39,7 +44,7 @@ class BoardFit:
     """All pins of the board, and the lens that explains them."""
 
     board: PinBoard
-    mounting: Mounting
+    mounting: CameraRotation
     lens_fit: LensFit
     nodes: Int[Array, "n 2"]
     """Lattice node of every pin, (column, row) along the image's axes."""
@@ -66,49 +71,51 @@ class BoardFit:
 
 
 def fit_board(
-    reference: Image, press: Image, board: PinBoard, mounting: Mounting | Literal["auto"] = "auto"
+    reference: BgrImage, press: BgrImage, board: PinBoard, mounting: CameraRotation | Literal["auto"] = "auto"
 ) -> BoardFit:
     """Find the pins at sub-pixel accuracy and fit the lens; raises `BoardNotFound`, `ImageUnusable`.
 
     reference, press: raw images (rows, cols, 3) of the untouched and of the pressed skin, of one size.
     """
-    require_same_size("board image", reference, press)
-    require_usable("board reference", reference)
-    require_usable("board image", press)
-    change = relative_change(reference, press)
-    sighting = best_sighting(change, board, mounting)
-    if sighting is None or not could_be_board(sighting, board):
-        raise not_found(change, board, sighting.agreeing_px if sighting else np.empty((0, 2)), sighting)
-    return refined(change, board, sighting)
+    require_same_image_size("board image", reference, press)
+    require_usable_exposure("board reference", reference)
+    require_usable_exposure("board image", press)
+    change = relative_brightness_change(reference, press)
+    sighting = find_board_candidate(change, board, mounting)
+    if sighting is None or not is_plausible_board(sighting, board):
+        raise make_board_not_found_error(
+            change, board, sighting.agreeing_px if sighting else np.empty((0, 2)), sighting
+        )
+    return _refine_pins_and_lens(change, board, sighting)
 
 
-def refined(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sighting) -> BoardFit:
+def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, sighting: BoardCandidate) -> BoardFit:
     """Find imprint centres and lens in turn, and look again for pins not yet seen where the lens expects them."""
     cols, rows = lattice_size(board, sighting.mounting)
     nodes = np.array([(column, row) for row in range(rows) for column in range(cols)])
-    points_mm = skin_points_mm(nodes, board, sighting.mounting)
-    image, noise, fit = smoothed(change, SMOOTHING_PX), noise_levels(change), sighting.fit
+    points_mm = pin_positions_mm(nodes, board, sighting.mounting)
+    image, noise, fit = smooth_gaussian(change, SMOOTHING_PX), estimate_pixel_noise(change), sighting.fit
     strays = np.zeros(len(nodes), bool)
     for _ in range(REFINEMENTS):
-        points_px, contrast, found = look(image, fit.lens, points_mm, noise, board)
+        points_px, contrast, found = measure_pins(image, fit.lens, points_mm, noise, board)
         found &= ~strays
-        require_enough(change, board, nodes, found, points_px, sighting)
+        _require_enough_pins(change, board, nodes, found, points_px, sighting)
         fit = fit_lens(points_mm[found], points_px[found], fit.lens)
-        strays[np.flatnonzero(found)[is_stray(fit, board)]] = True
+        strays[np.flatnonzero(found)[find_stray_pins(fit, board)]] = True
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
     return BoardFit(board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
 
 
-def require_enough(
+def _require_enough_pins(
     change: Float32[Array, "rows cols"],
     board: PinBoard,
     nodes: Int[Array, "n 2"],
     found: Bool[Array, " n"],
     points_px: Points,
-    sighting: Sighting,
+    sighting: BoardCandidate,
 ) -> None:
     """Refuse a board with too many pins missing, or with a whole side missing, which could then be any row."""
     last = nodes.max(axis=0)
     sides = [found[nodes[:, axis] == end].any() for axis in (0, 1) for end in (0, last[axis])]
-    if (~found).sum() > MOST_MISSING * board.count or not all(sides):
-        raise not_found(change, board, max(points_px[found], sighting.agreeing_px, key=len), sighting)
+    if (~found).sum() > MAX_MISSING_FRACTION * board.count or not all(sides):
+        raise make_board_not_found_error(change, board, max(points_px[found], sighting.agreeing_px, key=len), sighting)

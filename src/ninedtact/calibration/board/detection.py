@@ -15,16 +15,16 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.lattice import (
-    MOUNTINGS,
-    Lattice,
-    Mounting,
-    dark_blobs,
-    find_lattices,
+    CAMERA_ROTATIONS,
+    CameraRotation,
+    PinLattice,
+    detect_dark_spots,
+    find_pin_lattices,
     lattice_size,
-    skin_points_mm,
+    pin_positions_mm,
 )
-from ninedtact.calibration.board.lens_fit import LensFit, fit_terms
-from ninedtact.calibration.brightness import noise_levels, smoothed
+from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms
+from ninedtact.calibration.brightness import estimate_pixel_noise, smooth_gaussian
 from ninedtact.design import PinBoard
 from ninedtact.errors import NinedtactError
 from ninedtact.shape.lens import Points
@@ -41,11 +41,11 @@ FEWEST_FOR_LENS = 9
 
 
 @dataclass(frozen=True)
-class Sighting:
+class BoardCandidate:
     """A lattice that may be the board, with a first lens."""
 
-    lattice: Lattice
-    mounting: Mounting
+    lattice: PinLattice
+    mounting: CameraRotation
     fit: LensFit
 
     @property
@@ -65,41 +65,41 @@ class Sighting:
         return len(self.lattice), -self.miss_mm
 
 
-def best_sighting(
-    change: Float32[Array, "rows cols"], board: PinBoard, mounting: Mounting | Literal["auto"]
-) -> Sighting | None:
+def find_board_candidate(
+    change: Float32[Array, "rows cols"], board: PinBoard, mounting: CameraRotation | Literal["auto"]
+) -> BoardCandidate | None:
     """The most complete, best explained lattice over all spot sizes and ways to lie."""
-    best: Sighting | None = None
-    for sighting in sightings(change, board, mounting):
+    best: BoardCandidate | None = None
+    for sighting in _generate_board_candidates(change, board, mounting):
         best = sighting if best is None or sighting.rank > best.rank else best
-        if is_clear(best, board):
+        if _is_unambiguous(best, board):
             break
     return best
 
 
-def could_be_board(sighting: Sighting, board: PinBoard) -> bool:
+def is_plausible_board(sighting: BoardCandidate, board: PinBoard) -> bool:
     """Whether it is worth a closer look."""
     return sighting.miss_mm < LARGEST * board.pitch_mm and len(sighting.lattice) >= FEWEST * board.count
 
 
-def is_clear(sighting: Sighting, board: PinBoard) -> bool:
+def _is_unambiguous(sighting: BoardCandidate, board: PinBoard) -> bool:
     """Whether no other sighting could be better."""
     return len(sighting.lattice) == board.count and sighting.fit.left_out_rms_mm < CLEAR * board.pitch_mm
 
 
-def sightings(
-    change: Float32[Array, "rows cols"], board: PinBoard, mounting: Mounting | Literal["auto"]
-) -> Iterator[Sighting]:
+def _generate_board_candidates(
+    change: Float32[Array, "rows cols"], board: PinBoard, mounting: CameraRotation | Literal["auto"]
+) -> Iterator[BoardCandidate]:
     """At each spot size, of all lattices and ways to lie, the board-sized part that gathers most contrast."""
     middle = np.array(change.shape[::-1]) / 2
     for size in SIZES:
-        lattices = find_lattices(dark_blobs(change, size * max(change.shape)), middle)
-        parts = [(one.window(*lattice_size(board, way)), way) for one in lattices for way in MOUNTINGS[mounting]]
+        lattices = find_pin_lattices(detect_dark_spots(change, size * max(change.shape)), middle)
+        parts = [(one.window(*lattice_size(board, way)), way) for one in lattices for way in CAMERA_ROTATIONS[mounting]]
         if parts:
             part, way = max(parts, key=lambda one: one[0].score)
             if len(part) >= FEWEST_FOR_LENS:
-                points_mm = skin_points_mm(part.nodes, board, way)
-                yield Sighting(part, way, fit_terms(points_mm, part.points_px, change.shape, 1))
+                points_mm = pin_positions_mm(part.nodes, board, way)
+                yield BoardCandidate(part, way, fit_lens_with_terms(points_mm, part.points_px, change.shape, 1))
 
 
 UNTOUCHED = 4.0
@@ -115,13 +115,13 @@ class BoardNotFound(NinedtactError):
         self.seen_px, self.change = seen_px, change
 
 
-def not_found(
-    change: Float32[Array, "rows cols"], board: PinBoard, seen_px: Points, sighting: Sighting | None = None
+def make_board_not_found_error(
+    change: Float32[Array, "rows cols"], board: PinBoard, seen_px: Points, sighting: BoardCandidate | None = None
 ) -> BoardNotFound:
     """The refusal, in words that help: swapped images and no contact at all are told apart."""
-    if np.ptp(smoothed(change, 2.0)) < UNTOUCHED * noise_levels(change):
+    if np.ptp(smooth_gaussian(change, 2.0)) < UNTOUCHED * estimate_pixel_noise(change):
         seen_px, advice = seen_px[:0], "nothing touched the skin: press the board while the second image is taken"
-    elif looks_swapped(change, board, sighting):
+    elif _images_look_swapped(change, board, sighting):
         advice = "the images look swapped: give the untouched one as the reference"
     else:
         advice = "press harder, hold the board flatter so that all pins touch, and check that it is the design's board"
@@ -129,9 +129,9 @@ def not_found(
     return BoardNotFound(words, len(seen_px), board.count, seen_px, change)
 
 
-def looks_swapped(change: Float32[Array, "rows cols"], board: PinBoard, sighting: Sighting | None) -> bool:
+def _images_look_swapped(change: Float32[Array, "rows cols"], board: PinBoard, sighting: BoardCandidate | None) -> bool:
     """Whether a whole board stands out brighter than the reference, more than what there is of a darker one."""
-    inverted = best_sighting(-change, board, "auto")
-    if inverted is None or not is_clear(inverted, board):
+    inverted = find_board_candidate(-change, board, "auto")
+    if inverted is None or not _is_unambiguous(inverted, board):
         return False
     return sighting is None or bool(np.median(inverted.lattice.strength) > np.median(sighting.lattice.strength))

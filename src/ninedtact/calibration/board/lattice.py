@@ -1,6 +1,6 @@
 """How the camera is turned against the sensor.
 
-`Mounting` is the angle from the image's column axis to the sensor's x axis, in degrees, clockwise on the screen. The
+`CameraRotation` is the angle from the image's column axis to the sensor's x axis, in degrees, clockwise on the screen. The
 sensor's x axis runs along the board's long side, so an image in which that side is upright is one of 90° or 270°;
 which of the two, like 0° or 180°, no board can tell: "auto" takes the first.
 
@@ -25,9 +25,9 @@ from scipy import ndimage
 from ninedtact.design import PinBoard
 from ninedtact.shape.lens import Points
 
-Mounting = Literal[0, 90, 180, 270]
+CameraRotation = Literal[0, 90, 180, 270]
 
-MOUNTINGS: dict[Mounting | Literal["auto"], tuple[Mounting, ...]] = {
+CAMERA_ROTATIONS: dict[CameraRotation | Literal["auto"], tuple[CameraRotation, ...]] = {
     "auto": (0, 90),
     0: (0,),
     90: (90,),
@@ -36,19 +36,19 @@ MOUNTINGS: dict[Mounting | Literal["auto"], tuple[Mounting, ...]] = {
 }
 
 
-def lattice_size(board: PinBoard, mounting: Mounting) -> tuple[int, int]:
+def lattice_size(board: PinBoard, mounting: CameraRotation) -> tuple[int, int]:
     """(columns, rows) of the board's lattice along the image's axes."""
     return (board.cols, board.rows) if mounting in (0, 180) else (board.rows, board.cols)
 
 
-def skin_points_mm(nodes: Int[Array, "n 2"], board: PinBoard, mounting: Mounting) -> Points:
+def pin_positions_mm(nodes: Int[Array, "n 2"], board: PinBoard, mounting: CameraRotation) -> Points:
     """Where lattice nodes (column, row along the image's axes) lie on the skin, sensor frame."""
     size = np.array(lattice_size(board, mounting))
     along_image = (nodes - (size - 1) / 2) * board.pitch_mm
-    return along_image @ turn(mounting)
+    return along_image @ _rotation_matrix(mounting)
 
 
-def turn(mounting: Mounting) -> Int[Array, "2 2"]:
+def _rotation_matrix(mounting: CameraRotation) -> Int[Array, "2 2"]:
     """Rotation by the mounting angle; a row vector times this goes from image axes to sensor axes."""
     cosine, sine = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[mounting]
     return np.array([[cosine, -sine], [sine, cosine]])
@@ -61,7 +61,7 @@ STRONGEST = 250
 
 
 @dataclass(frozen=True)
-class Blobs:
+class DarkSpots:
     """Dark spots, strongest first."""
 
     points_px: SpotPoints
@@ -69,14 +69,14 @@ class Blobs:
     """Scale-normalised Laplacian at the spot, in the image's own unit."""
 
 
-def dark_blobs(image: Float32[Array, "rows cols"], size_px: float) -> Blobs:
+def detect_dark_spots(image: Float32[Array, "rows cols"], size_px: float) -> DarkSpots:
     """Local maxima of the scale-normalised Laplacian of Gaussian (Lindeberg 1998) at standard deviation `size_px`."""
     response = ndimage.gaussian_laplace(image, size_px, mode="nearest") * size_px**2
     neighbourhood = 2 * round(1.5 * size_px) + 1
     peaks = (response == ndimage.maximum_filter(response, size=neighbourhood)) & (response > 0)
     points, strength = np.argwhere(peaks)[:, ::-1].astype(float), response[peaks].astype(float)
     order = np.argsort(-strength)[:STRONGEST]
-    return Blobs(points[order], strength[order])
+    return DarkSpots(points[order], strength[order])
 
 
 Node = tuple[int, int]
@@ -92,7 +92,7 @@ SQUARENESS = 0.35
 
 
 @dataclass(frozen=True)
-class Lattice:
+class PinLattice:
     """Spots with their lattice nodes."""
 
     nodes: Int[Array, "n 2"]
@@ -107,15 +107,15 @@ class Lattice:
         """Contrast gathered; the root keeps a few strong spots from outweighing many."""
         return float(np.sqrt(self.strength).sum())
 
-    def window(self, cols: int, rows: int) -> "Lattice":
+    def window(self, cols: int, rows: int) -> "PinLattice":
         """The cols × rows part with most contrast, its nodes counted from (0, 0)."""
         return max((self.cut(corner, cols, rows) for corner in self.corners(cols, rows)), key=lambda part: part.score)
 
-    def cut(self, corner: Node, cols: int, rows: int) -> "Lattice":
+    def cut(self, corner: Node, cols: int, rows: int) -> "PinLattice":
         """The part from one corner on."""
         nodes = self.nodes - corner
         inside = ((nodes >= 0) & (nodes < (cols, rows))).all(axis=1)
-        return Lattice(nodes[inside], self.points_px[inside], self.strength[inside])
+        return PinLattice(nodes[inside], self.points_px[inside], self.strength[inside])
 
     def corners(self, cols: int, rows: int) -> Iterator[Node]:
         """Every corner whose cols × rows window touches the lattice."""
@@ -125,13 +125,13 @@ class Lattice:
                 yield column, row
 
 
-def find_lattices(blobs: Blobs, middle_px: Float[Array, "2"]) -> list[Lattice]:
+def find_pin_lattices(blobs: DarkSpots, middle_px: Float[Array, "2"]) -> list[PinLattice]:
     """The different lattices that grow from spots around the middle."""
-    grown = (grow(blobs, *seed) for seed in seeds(blobs, middle_px))
+    grown = (_grow_lattice(blobs, *seed) for seed in _lattice_seeds(blobs, middle_px))
     return list({(len(lattice), lattice.score): lattice for lattice in grown}.values())
 
 
-def seeds(blobs: Blobs, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Array, Array]]:
+def _lattice_seeds(blobs: DarkSpots, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Array, Array]]:
     """A spot near the middle with a step to the right and a step down that could span a square lattice."""
     nearest_first = np.argsort(np.hypot(*(blobs.points_px - middle_px).T))[:SEEDS]
     for seed in nearest_first:
@@ -139,17 +139,17 @@ def seeds(blobs: Blobs, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Arr
         around = steps[np.argsort(np.hypot(*steps.T))[1 : NEIGHBOURS + 1]]
         right = around[around[:, 0] > np.abs(around[:, 1])]
         down = around[around[:, 1] >= np.abs(around[:, 0])]
-        yield from ((int(seed), u, v) for u in right for v in down if could_span(u, v))
+        yield from ((int(seed), u, v) for u in right for v in down if _spans_square_lattice(u, v))
 
 
-def could_span(u: Float[Array, "2"], v: Float[Array, "2"]) -> bool:
+def _spans_square_lattice(u: Float[Array, "2"], v: Float[Array, "2"]) -> bool:
     """Whether two steps are of similar length and nearly at right angles."""
     lengths = np.hypot(*u), np.hypot(*v)
     similar = max(lengths) < LENGTH_RATIO * min(lengths)
     return bool(similar and abs(u @ v) < SQUARENESS * lengths[0] * lengths[1])
 
 
-def grow(blobs: Blobs, seed: int, right: Float[Array, "2"], down: Float[Array, "2"]) -> Lattice:
+def _grow_lattice(blobs: DarkSpots, seed: int, right: Float[Array, "2"], down: Float[Array, "2"]) -> PinLattice:
     """Add nodes breadth first, each where its neighbours' steps lead."""
     taken: dict[Node, int] = {(0, 0): seed}
     steps = {(1, 0): right, (-1, 0): -right, (0, 1): down, (0, -1): -down}
@@ -158,17 +158,17 @@ def grow(blobs: Blobs, seed: int, right: Float[Array, "2"], down: Float[Array, "
         node = queue.popleft()
         for direction, first_step in steps.items():
             target = (node[0] + direction[0], node[1] + direction[1])
-            step = expected_step(blobs, taken, node, direction, first_step)
-            spot = None if target in taken else spot_near(blobs, taken, blobs.points_px[taken[node]] + step, step)
+            step = _expected_step(blobs, taken, node, direction, first_step)
+            spot = None if target in taken else _find_spot_near(blobs, taken, blobs.points_px[taken[node]] + step, step)
             if spot is not None:
                 taken[target] = spot
                 queue.append(target)
     spots = list(taken.values())
-    return Lattice(np.array(list(taken)), blobs.points_px[spots], blobs.strength[spots])
+    return PinLattice(np.array(list(taken)), blobs.points_px[spots], blobs.strength[spots])
 
 
-def expected_step(
-    blobs: Blobs, taken: dict[Node, int], node: Node, direction: Node, first_step: Float[Array, "2"]
+def _expected_step(
+    blobs: DarkSpots, taken: dict[Node, int], node: Node, direction: Node, first_step: Float[Array, "2"]
 ) -> Float[Array, "2"]:
     """Mean of the parallel steps already taken next to this one, or the seed's."""
     around = [(node[0] + a, node[1] + b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
@@ -179,8 +179,8 @@ def expected_step(
     return np.mean(known, axis=0) if known else first_step
 
 
-def spot_near(
-    blobs: Blobs, taken: dict[Node, int], expected_px: Float[Array, "2"], step: Float[Array, "2"]
+def _find_spot_near(
+    blobs: DarkSpots, taken: dict[Node, int], expected_px: Float[Array, "2"], step: Float[Array, "2"]
 ) -> int | None:
     """The free spot nearest to where one is expected, if it is near enough."""
     distance = np.hypot(*(blobs.points_px - expected_px).T)

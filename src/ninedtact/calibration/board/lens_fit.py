@@ -48,13 +48,13 @@ class LensFit:
     @property
     def left_out_rms_mm(self) -> float:
         """Root mean square length of the left-out errors."""
-        return rms_length(self.left_out_mm)
+        return rms_vector_length(self.left_out_mm)
 
     def mm_per_px_error(self, reach_mm: float) -> float:
         """Standard error of `central_mm_per_px`, from the fit's covariance."""
         freedom = max(self.residual_px.size - self.derivative.shape[1], 1)
         variance = (self.residual_px**2).sum() / freedom
-        gradient = scale_gradient(self.lens, reach_mm)
+        gradient = _scale_gradient(self.lens, reach_mm)
         covariance = np.linalg.pinv(self.derivative.T @ self.derivative) * variance
         return float(np.sqrt(gradient @ covariance @ gradient))
 
@@ -65,16 +65,18 @@ def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
     near: a lens to start from.
     """
     affordable = [terms for terms in RADIAL_TERMS if len(points_mm) > len(near.parameters) - len(near.radial) + terms]
-    fits = [refit(points_mm, points_px, with_terms(near, terms)) for terms in affordable or RADIAL_TERMS[:1]]
+    fits = [
+        refine_lens(points_mm, points_px, with_radial_terms(near, terms)) for terms in affordable or RADIAL_TERMS[:1]
+    ]
     return min(fits, key=lambda fit: fit.left_out_rms_mm)
 
 
-def fit_terms(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensFit:
+def fit_lens_with_terms(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensFit:
     """A lens model with this many radial terms, started from the best affine map."""
-    return refit(points_mm, points_px, affine_lens(points_mm, points_px, raw_shape, terms))
+    return refine_lens(points_mm, points_px, _fit_affine_lens(points_mm, points_px, raw_shape, terms))
 
 
-def refit(points_mm: Points, points_px: Points, start: LensModel) -> LensFit:
+def refine_lens(points_mm: Points, points_px: Points, start: LensModel) -> LensFit:
     """Robust least squares of all parameters of a lens."""
 
     def residual(parameters: Float[Array, " k"]) -> Float[Array, " m"]:
@@ -84,15 +86,15 @@ def refit(points_mm: Points, points_px: Points, start: LensModel) -> LensFit:
         residual, start.parameters, x_scale="jac", loss="huber", f_scale=OUTLIER_PX, max_nfev=MOST_STEPS
     )
     lens = start.with_parameters(solution.x)
-    return LensFit(lens, points_mm, points_px, parameter_derivative(lens, points_mm))
+    return LensFit(lens, points_mm, points_px, lens_parameter_jacobian(lens, points_mm))
 
 
-def with_terms(lens: LensModel, terms: int) -> LensModel:
+def with_radial_terms(lens: LensModel, terms: int) -> LensModel:
     """The same lens with more or fewer radial terms, the new ones zero."""
     return replace(lens, radial=(*lens.radial, *(0.0,) * terms)[:terms])
 
 
-def affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensModel:
+def _fit_affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensModel:
     """A lens without distortion."""
     blank = LensModel((0.0,) * 8, (0.0, 0.0), (0.0,) * terms, (0.0, 0.0), raw_shape)
     units = (points_px - blank.middle_px) / blank.unit_px
@@ -100,7 +102,7 @@ def affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int, int]
     return blank.with_parameters(np.concatenate([rows.ravel(), np.zeros(len(blank.parameters) - 6)]))
 
 
-def parameter_derivative(lens: LensModel, points_mm: Points, step: float = 1e-6) -> Float[Array, "m k"]:
+def lens_parameter_jacobian(lens: LensModel, points_mm: Points, step: float = 1e-6) -> Float[Array, "m k"]:
     """Central differences of all pixels by all parameters."""
     base = lens.parameters
     return np.column_stack(
@@ -113,7 +115,7 @@ def parameter_derivative(lens: LensModel, points_mm: Points, step: float = 1e-6)
     ) / (2 * step)
 
 
-def scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Float[Array, " k"]:
+def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Float[Array, " k"]:
     """How the mm per pixel around the skin centre changes with each parameter."""
     base = lens.parameters
     return np.array(
@@ -128,6 +130,6 @@ def scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Floa
     )
 
 
-def rms_length(vectors: Points) -> float:
+def rms_vector_length(vectors: Points) -> float:
     """Root mean square length of n vectors."""
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))

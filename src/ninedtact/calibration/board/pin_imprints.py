@@ -25,7 +25,7 @@ CENTROID_STEPS = 5
 
 
 @dataclass(frozen=True)
-class Patches:
+class _PinPatches:
     """Square pieces of the skin around n points, seen from straight above."""
 
     darkening: Float[Array, "n samples samples"]
@@ -46,27 +46,31 @@ class Patches:
         return np.column_stack([(weight * axis).sum(axis=(1, 2)) / total for axis in (self.x_mm, self.y_mm)])
 
 
-def centred_mm(image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Points:
+def locate_imprints_mm(
+    image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float
+) -> Points:
     """Centres of the imprints near these points, as this lens places them on the skin."""
     for _ in range(CENTROID_STEPS):
-        points_mm = points_mm + patches(image, lens, points_mm, radius_mm).centroid_mm
+        points_mm = points_mm + _extract_pin_patches(image, lens, points_mm, radius_mm).centroid_mm
     return points_mm
 
 
-def patches(image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float) -> Patches:
+def _extract_pin_patches(
+    image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float
+) -> _PinPatches:
     """Look at the skin around each point through the lens, within a disc."""
     axis = np.linspace(-radius_mm, radius_mm, SAMPLES)
     x, y = np.meshgrid(axis, axis)
     offsets = np.column_stack([x.ravel(), y.ravel()])
     source = lens.to_px((points_mm[:, None] + offsets).reshape(-1, 2)).astype(np.float32)
-    seen = sampled(image, source).reshape(len(points_mm), SAMPLES, SAMPLES)
+    seen = _sample_bilinear(image, source).reshape(len(points_mm), SAMPLES, SAMPLES)
     distance = np.hypot(x, y)
     ring = (distance > 0.85 * radius_mm) & (distance <= radius_mm)
-    darker = ring_plane(seen, ring, x, y) - seen
-    return Patches(np.maximum(darker, 0) * (distance <= radius_mm), x, y)
+    darker = _fit_ring_plane(seen, ring, x, y) - seen
+    return _PinPatches(np.maximum(darker, 0) * (distance <= radius_mm), x, y)
 
 
-def ring_plane(
+def _fit_ring_plane(
     seen: Float32[Array, "n samples samples"],
     ring: Bool[Array, "samples samples"],
     x_mm: Float[Array, "samples samples"],
@@ -79,7 +83,7 @@ def ring_plane(
     return np.tensordot(planes.T, columns, axes=1)
 
 
-def sampled(image: Float32[Array, "rows cols"], points_px: Float32[Array, "n 2"]) -> Float32[Array, " n"]:
+def _sample_bilinear(image: Float32[Array, "rows cols"], points_px: Float32[Array, "n 2"]) -> Float32[Array, " n"]:
     """Bilinear samples; OpenCV wants a map of moderate sides."""
     side = int(np.ceil(np.sqrt(len(points_px))))
     padded = np.resize(points_px, (side, side, 2))
@@ -99,28 +103,28 @@ STRAY, STRAY_TIMES = 0.10, 5.0
 """A pin that the others miss by this many pitches and by this many times the median is not trusted (glare, dirt)."""
 
 
-def look(
+def measure_pins(
     image: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, noise: float, board: PinBoard
 ) -> tuple[Points, Float[Array, " n"], Bool[Array, " n"]]:
     """Centre and contrast of the imprint at each pin's place, and whether it is one."""
     radius_mm = IMPRINT_RADIUS * board.pitch_mm
-    seen_mm = centred_mm(image, lens, points_mm, radius_mm)
+    seen_mm = locate_imprints_mm(image, lens, points_mm, radius_mm)
     points_px = lens.to_px(seen_mm)
-    contrast = patches(image, lens, seen_mm, radius_mm).depth
+    contrast = _extract_pin_patches(image, lens, seen_mm, radius_mm).depth
     near = np.hypot(*(seen_mm - points_mm).T) < MOST_OFFSET * board.pitch_mm
     margin_px = board.pin_diameter_mm / 2 / central_mm_per_px(lens, board.pitch_mm)
     dark = contrast > max(FAINTEST * float(np.median(contrast)), FAINTEST_NOISE * noise)
-    return points_px, contrast, dark & near & in_image(points_px, image.shape, margin_px)
+    return points_px, contrast, dark & near & _is_inside_image(points_px, image.shape, margin_px)
 
 
-def in_image(points_px: Points, shape: tuple[int, ...], margin_px: float) -> Bool[Array, " n"]:
+def _is_inside_image(points_px: Points, shape: tuple[int, ...], margin_px: float) -> Bool[Array, " n"]:
     """Whether a pin's own width around these pixels is inside the image."""
     x, y = points_px.T
     rows, cols = shape
     return (x >= margin_px) & (y >= margin_px) & (x <= cols - 1 - margin_px) & (y <= rows - 1 - margin_px)
 
 
-def is_stray(fit: LensFit, board: PinBoard) -> Bool[Array, " n"]:
+def find_stray_pins(fit: LensFit, board: PinBoard) -> Bool[Array, " n"]:
     """Pins that all others contradict."""
     miss_mm = np.hypot(*fit.left_out_mm.T)
     return miss_mm > max(STRAY * board.pitch_mm, STRAY_TIMES * float(np.median(miss_mm)))

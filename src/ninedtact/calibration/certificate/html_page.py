@@ -2,31 +2,31 @@
 
 from base64 import b64encode
 
-from ninedtact.calibration.certificate.checks import headline, verdict, worst
+from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate, overall_check_level
 from ninedtact.calibration.certificate.plot_ball import (
-    curve_image,
-    cuts_image,
-    disc_image,
-    profile_image,
-    residual_image,
-    rest_image,
-    twin_rows,
+    plot_ball_cross_sections,
+    plot_ball_residual,
+    plot_contact_disc,
+    plot_depth_curve,
+    plot_radial_profile,
+    plot_twin_residual,
+    twin_table_rows,
 )
-from ninedtact.calibration.certificate.plot_board import detection_image, left_out_image
+from ninedtact.calibration.certificate.plot_board import plot_leave_one_out_errors, plot_pin_detection
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_record import BallFigures, BoardFigures, SensorRecord
+from ninedtact.calibration.sensor_record import BallQuality, BoardQuality, SensorRecord
 from ninedtact.design import SensorDesign
 
 IMAGES = {
-    "detection": detection_image,
-    "left_out": left_out_image,
-    "disc": disc_image,
-    "curve": curve_image,
-    "residual": residual_image,
-    "cuts": cuts_image,
+    "detection": plot_pin_detection,
+    "left_out": plot_leave_one_out_errors,
+    "disc": plot_contact_disc,
+    "curve": plot_depth_curve,
+    "residual": plot_ball_residual,
+    "cuts": plot_ball_cross_sections,
 }
-LENS = {"lens": "homography with radial and tangential terms", "paper": "the paper's map through the pins"}
-METHOD = {
+LENS_MODEL_TEXT = {"lens": "homography with radial and tangential terms", "paper": "the paper's map through the pins"}
+DEPTH_METHOD_TEXT = {
     "physics": "contact mechanics and light, fitted to the whole image",
     "ratio": "the ball's cap against the fraction of the untouched brightness",
     "table": "the ball's cap against grey-level difference (the paper's)",
@@ -35,7 +35,7 @@ UNITS = ("mm", "px", "deg")
 Rows = list[tuple[str, str]]
 
 
-def certificate_html(calibration: Calibration) -> str:
+def render_certificate_html(calibration: Calibration) -> str:
     """The page as one HTML document that needs nothing else: images are inside it, it loads and runs nothing."""
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -51,43 +51,43 @@ def certificate_html(calibration: Calibration) -> str:
     assert record.certificate is not None, "a calibration that was made here has its figures"
     return pages.get_template("certificate.html.jinja").render(
         record=record,
-        headline=headline(record.certificate),
-        level=worst(record.certificate),
-        lines=verdict(record.certificate),
+        headline=certificate_headline(record.certificate),
+        level=overall_check_level(record.certificate),
+        lines=check_certificate(record.certificate),
         warnings=record.certificate.warnings,
-        images={name: b64encode(content).decode() for name, content in drawn(calibration).items()},
-        board_rows=[*board_rows(record.certificate.board), *view_rows(record)],
-        ball_rows=ball_rows(record.certificate.ball),
-        twin_rows=twin_rows(record.twin) if record.twin else [],
-        design_rows=design_rows(record.design),
+        images={name: b64encode(content).decode() for name, content in _plot_certificate_images(calibration).items()},
+        board_rows=[*_board_table_rows(record.certificate.board), *_view_table_rows(record)],
+        ball_rows=_ball_table_rows(record.certificate.ball),
+        twin_rows=twin_table_rows(record.twin) if record.twin else [],
+        design_rows=_design_table_rows(record.design),
     )
 
 
-def drawn(calibration: Calibration) -> dict[str, bytes]:
+def _plot_certificate_images(calibration: Calibration) -> dict[str, bytes]:
     """Every image of the page as PNG; those of the twin where there is one."""
     images = {name: draw(calibration) for name, draw in IMAGES.items()}
     physical = calibration.ball.physical
     if physical is not None:
-        images |= {"rest": rest_image(physical.fit), "profile": profile_image(physical.fit)}
+        images |= {"rest": plot_twin_residual(physical.fit), "profile": plot_radial_profile(physical.fit)}
     return images
 
 
-def board_rows(board: BoardFigures) -> Rows:
+def _board_table_rows(board: BoardQuality) -> Rows:
     """The camera calibration's figures, named and with their units."""
     return [
         ("pins found", f"{board.pins_found} of {board.pins_expected}"),
         ("left-out error, RMS", f"{board.loo_rms_mm:.3f} mm"),
-        ("the same, the original project's way", original_in_words(board)),
+        ("the same, the original project's way", _published_error_in_words(board)),
         ("left-out error, largest", f"{board.loo_max_mm:.3f} mm"),
         ("scale", f"{board.mm_per_px:.5f} ± {board.mm_per_px_error:.5f} mm per pixel"),
         ("imprint of a pin (median)", f"{board.contrast_grey_levels:.1f} grey levels"),
         ("noise of a raw pixel", f"{board.noise_grey_levels:.2f} grey levels"),
-        ("lens", LENS[board.lens]),
-        ("sensor's x axis, from the image's", f"{board.mounting_deg}° clockwise"),
+        ("lens", LENS_MODEL_TEXT[board.lens]),
+        ("sensor's x axis, from the image's", f"{board.camera_rotation_deg}° clockwise"),
     ]
 
 
-def original_in_words(board: BoardFigures) -> str:
+def _published_error_in_words(board: BoardQuality) -> str:
     """The original's error on the same images, and how this lens compares."""
     words = f"{board.loo_rms_mm_original:.3f} mm"
     if board.lens == "paper":
@@ -96,7 +96,7 @@ def original_in_words(board: BoardFigures) -> str:
     return f"{words}; the lens above is {abs(change):.0%} {'better' if change < 0 else 'worse'}"
 
 
-def view_rows(record: SensorRecord) -> Rows:
+def _view_table_rows(record: SensorRecord) -> Rows:
     """What a reading shows, and of what."""
     view, grid = record.design.field_of_view, record.grid
     return [
@@ -109,7 +109,7 @@ def view_rows(record: SensorRecord) -> Rows:
     ]
 
 
-def ball_rows(ball: BallFigures) -> Rows:
+def _ball_table_rows(ball: BallQuality) -> Rows:
     """The depth calibration's figures, named and with their units."""
     return [
         ("range", f"0 to {ball.range_mm:.2f} mm"),
@@ -123,19 +123,22 @@ def ball_rows(ball: BallFigures) -> Rows:
         ("mean depth per grey level", f"{ball.deepest_mm / ball.drop_grey_levels:.3f} mm"),
         ("unevenness of the bulge", f"{ball.asymmetry:.1%} of the darkening"),
         ("overexposed skin", f"{ball.overexposed:.1%} of the image"),
-        ("method", METHOD[ball.method]),
+        ("method", DEPTH_METHOD_TEXT[ball.method]),
     ]
 
 
-def design_rows(design: SensorDesign) -> Rows:
+def _design_table_rows(design: SensorDesign) -> Rows:
     """Every dimension of the design, part by part."""
     return [
-        (part.replace("_", " "), ", ".join(dimension(name, value) for name, value in vars(dimensions).items()))
+        (
+            part.replace("_", " "),
+            ", ".join(_dimension_in_words(name, value) for name, value in vars(dimensions).items()),
+        )
         for part, dimensions in vars(design).items()
     ]
 
 
-def dimension(name: str, value: float | tuple[float, ...]) -> str:
+def _dimension_in_words(name: str, value: float | tuple[float, ...]) -> str:
     """A field whose name ends in its unit, as a person writes it."""
     *words, unit = name.split("_")
     number = f"({', '.join(f'{part:g}' for part in value)})" if isinstance(value, tuple) else f"{value:g}"

@@ -11,9 +11,17 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_fit import BallFit
 from ninedtact.calibration.ball.ball_press import BallPress
-from ninedtact.calibration.certificate.plot_style import INK, PALE_INK, colour_bar, plain_axes, png, sheet, stretched
+from ninedtact.calibration.certificate.plot_style import (
+    INK,
+    PALE_INK,
+    add_colour_bar,
+    add_labelled_axes,
+    figure_to_png,
+    new_certificate_figure,
+    stretch_contrast,
+)
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_record import ImprintFigures, TwinTable
+from ninedtact.calibration.sensor_record import BoardPressTable, TwinTable
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.shape.depth import DepthCurve, Signal
 
@@ -35,67 +43,67 @@ LEAST_ERROR_SCALE_MM = 0.1
 """End of the residual map's colours at least, so that good calibrations look alike and calm."""
 
 
-def skin_box(calibration: Calibration) -> tuple[float, float, float, float]:
+def _image_extent_mm(calibration: Calibration) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of the rectified image in mm, y downwards."""
     before = calibration.ball.press.before
     (rows, cols), mm_per_px = before.grey.shape, before.mm_per_px
     return -cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px
 
 
-def disc_image(calibration: Calibration) -> bytes:
+def plot_contact_disc(calibration: Calibration) -> bytes:
     """PNG of the rectified ball image with the contact circle and its centre."""
-    figure, press = sheet(), calibration.ball.press
-    axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.84), "x (mm)", "y (mm)")
-    axes.imshow(stretched(press.after.grey), cmap="gray", vmin=0, vmax=255, extent=skin_box(calibration))
-    draw_circle(axes, press, CIRCLE)
-    axes.plot(*centre_mm(press), "+", color=CIRCLE, markersize=9, markeredgewidth=1.2)
-    return png(figure)
+    figure, press = new_certificate_figure(), calibration.ball.press
+    axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.84), "x (mm)", "y (mm)")
+    axes.imshow(stretch_contrast(press.after.grey), cmap="gray", vmin=0, vmax=255, extent=_image_extent_mm(calibration))
+    _plot_contact_circle(axes, press, CIRCLE)
+    axes.plot(*_disc_centre_mm(press), "+", color=CIRCLE, markersize=9, markeredgewidth=1.2)
+    return figure_to_png(figure)
 
 
-def draw_circle(axes: "Axes", press: BallPress, colour: str) -> None:
+def _plot_contact_circle(axes: "Axes", press: BallPress, colour: str) -> None:
     """The contact circle."""
     from matplotlib.patches import Circle
 
-    axes.add_patch(Circle(centre_mm(press), press.edge_radius_mm, fill=False, edgecolor=colour, linewidth=1.4))
+    axes.add_patch(Circle(_disc_centre_mm(press), press.edge_radius_mm, fill=False, edgecolor=colour, linewidth=1.4))
 
 
-def centre_mm(press: BallPress) -> tuple[float, float]:
+def _disc_centre_mm(press: BallPress) -> tuple[float, float]:
     """Centre of the disc on the skin."""
     (rows, cols), (x, y) = press.before.grey.shape, press.circle.centre_px
     return (x - (cols - 1) / 2) * press.before.mm_per_px, (y - (rows - 1) / 2) * press.before.mm_per_px
 
 
-def curve_image(calibration: Calibration) -> bytes:
+def plot_depth_curve(calibration: Calibration) -> bytes:
     """PNG of the depth curve over all pixels of the disc, with the band of their scatter."""
     from matplotlib.colors import LogNorm
 
     curve, press = calibration.ball.curve, calibration.ball.press
-    figure = sheet()
-    axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "depth (mm)")
+    figure = new_certificate_figure()
+    axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "depth (mm)")
     shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=PALEST)}
     axes.hexbin(
-        darkening(calibration.ball, curve.signal),
+        _disc_darkening(calibration.ball, curve.signal),
         calibration.ball.true_mm[calibration.ball.disc],
         gridsize=(70, 40),
         mincnt=1,
         **shades,
     )
-    draw_curve(axes, curve)
-    top = other_axis(axes, curve.signal, float(press.before.grey[calibration.ball.disc].mean()))
+    _plot_curve_with_band(axes, curve)
+    top = _add_other_signal_axis(axes, curve.signal, float(press.before.grey[calibration.ball.disc].mean()))
     top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
     axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.max_indentation_mm))
     axes.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
-    return png(figure)
+    return figure_to_png(figure)
 
 
-def darkening(ball: BallFit, signal: Signal) -> Float[Array, " n"]:
+def _disc_darkening(ball: BallFit, signal: Signal) -> Float[Array, " n"]:
     """How much every pixel of the disc darkened, as a curve of this signal counts it."""
     before, after = ball.press.before.grey[ball.disc], ball.press.after.grey[ball.disc]
     after = after / np.float32(1 + ball.loss(ball.press.after.grey, ball.press.before.grey))
     return np.asarray(before - after if signal == "difference" else 1 - after / np.maximum(before, 1))
 
 
-def draw_curve(axes: "Axes", curve: DepthCurve) -> None:
+def _plot_curve_with_band(axes: "Axes", curve: DepthCurve) -> None:
     """The curve, the band of its scatter, and the end of its range."""
     at, depth_mm, error_mm = (np.array(values) for values in (curve.darkening, curve.indentation_mm, curve.error_mm))
     band: dict[str, Any] = {
@@ -111,7 +119,7 @@ def draw_curve(axes: "Axes", curve: DepthCurve) -> None:
     )
 
 
-def other_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis":
+def _add_other_signal_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis":
     """On top, the other method's signal, as it is where the untouched skin has the disc's mean brightness."""
     other: Signal = "ratio" if signal == "difference" else "difference"
     factor = mean_grey if signal == "ratio" else 1 / mean_grey
@@ -120,31 +128,31 @@ def other_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis
     return top
 
 
-def residual_image(calibration: Calibration) -> bytes:
+def plot_ball_residual(calibration: Calibration) -> bytes:
     """PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
     ball, press = calibration.ball, calibration.ball.press
-    error_mm = np.where(ball.disc, read_back_mm(calibration) - ball.true_mm, np.nan)
-    figure, end = sheet(), max(LEAST_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
-    axes = plain_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
-    shown = axes.imshow(error_mm, cmap="RdBu_r", vmin=-end, vmax=end, extent=skin_box(calibration))
-    draw_circle(axes, press, INK)
-    (x, y), reach = centre_mm(press), 1.25 * press.edge_radius_mm
+    error_mm = np.where(ball.disc, _reconstruct_ball_mm(calibration) - ball.true_mm, np.nan)
+    figure, end = new_certificate_figure(), max(LEAST_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
+    axes = add_labelled_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
+    shown = axes.imshow(error_mm, cmap="RdBu_r", vmin=-end, vmax=end, extent=_image_extent_mm(calibration))
+    _plot_contact_circle(axes, press, INK)
+    (x, y), reach = _disc_centre_mm(press), 1.25 * press.edge_radius_mm
     axes.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach))
-    colour_bar(figure, shown, (0.82, 0.135, 0.025, 0.84), "too shallow < 0 < too deep (mm)")
-    return png(figure)
+    add_colour_bar(figure, shown, (0.82, 0.135, 0.025, 0.84), "too shallow < 0 < too deep (mm)")
+    return figure_to_png(figure)
 
 
-def read_back_mm(calibration: Calibration) -> Float32[Array, "rows cols"]:
+def _reconstruct_ball_mm(calibration: Calibration) -> Float32[Array, "rows cols"]:
     """Depth of the ball as the calibrated sensor reads it, filters included."""
     fit = calibration.ball
     return fit.reader(fit.press.before, calibration.rectify.coverage)(fit.press.after).indentation_mm
 
 
-def cuts_image(calibration: Calibration) -> bytes:
+def plot_ball_cross_sections(calibration: Calibration) -> bytes:
     """PNG of two cuts through the middle of the ball, as pressed and as read back."""
-    press, read_mm = calibration.ball.press, read_back_mm(calibration)
-    figure, column, row = sheet(), *np.rint(press.circle.centre_px).astype(int)
-    axes = plain_axes(figure, (0.13, 0.135, 0.85, 0.84), "distance from the ball's centre (mm)", "depth (mm)")
+    press, read_mm = calibration.ball.press, _reconstruct_ball_mm(calibration)
+    figure, column, row = new_certificate_figure(), *np.rint(press.circle.centre_px).astype(int)
+    axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.84), "distance from the ball's centre (mm)", "depth (mm)")
     for name, index, along in (("x", column, np.s_[row, :]), ("y", row, np.s_[:, column])):
         at_mm = (np.arange(read_mm[along].size) - index) * press.before.mm_per_px
         axes.plot(at_mm, read_mm[along], color=AXIS_COLOURS[name], linewidth=1.3, label=f"read back along {name}")
@@ -153,7 +161,7 @@ def cuts_image(calibration: Calibration) -> bytes:
     reach = 1.6 * press.edge_radius_mm
     axes.set(xlim=(-reach, reach), ylim=(1.1 * calibration.ball.deepest_mm, -0.08 * calibration.ball.deepest_mm))
     axes.legend(loc="upper center", fontsize=8, frameon=False, labelcolor=INK)
-    return png(figure)
+    return figure_to_png(figure)
 
 
 LEAST_SCALE_GREY = 3.0
@@ -162,44 +170,46 @@ OBSERVED, PREDICTED = "#2563eb", "#c2410c"
 RING_MM = 0.1
 
 
-def rest_image(fit: TwinFit) -> bytes:
+def plot_twin_residual(fit: TwinFit) -> bytes:
     """PNG of observed minus predicted brightness in grey levels, around the contact."""
     observed, named = fit.forward.observed, fit.named
     rest = observed.image(fit.rest_grey)
     (rows, cols), mm_per_px = observed.before.grey.shape, observed.before.mm_per_px
     box = (-cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px)
-    figure, end = sheet(), max(LEAST_SCALE_GREY, float(np.nanpercentile(np.abs(rest), 99)))
-    axes = plain_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
+    figure, end = new_certificate_figure(), max(LEAST_SCALE_GREY, float(np.nanpercentile(np.abs(rest), 99)))
+    axes = add_labelled_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
     shown = axes.imshow(rest, cmap="RdBu_r", vmin=-end, vmax=end, extent=box)
-    draw_drag(axes, (named["x_mm"], named["y_mm"]), fit.drag_mm)
-    colour_bar(figure, shown, (0.82, 0.135, 0.025, 0.84), "darker < 0 < brighter than predicted (grey levels)")
-    return png(figure)
+    _plot_drag_arrow(axes, (named["x_mm"], named["y_mm"]), fit.drag_mm)
+    add_colour_bar(figure, shown, (0.82, 0.135, 0.025, 0.84), "darker < 0 < brighter than predicted (grey levels)")
+    return figure_to_png(figure)
 
 
-def draw_drag(axes: "Axes", middle_mm: tuple[float, float], drag_mm: tuple[float, float]) -> None:
+def _plot_drag_arrow(axes: "Axes", middle_mm: tuple[float, float], drag_mm: tuple[float, float]) -> None:
     """An arrow from where the ball touched to where it was dragged."""
     end, start = middle_mm, (middle_mm[0] - drag_mm[0], middle_mm[1] - drag_mm[1])
     style: dict[str, Any] = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", end, start, arrowprops=style)
 
 
-def profile_image(fit: TwinFit) -> bytes:
+def plot_radial_profile(fit: TwinFit) -> bytes:
     """PNG of the radial profile, as seen and as predicted, over the height of the fitted skin."""
-    figure = sheet()
-    upper = plain_axes(figure, (0.13, 0.5, 0.85, 0.475), "", "brightness (grey levels)")
-    lower = plain_axes(figure, (0.13, 0.135, 0.85, 0.3), "distance from the contact's middle (mm)", "height (mm)")
+    figure = new_certificate_figure()
+    upper = add_labelled_axes(figure, (0.13, 0.5, 0.85, 0.475), "", "brightness (grey levels)")
+    lower = add_labelled_axes(
+        figure, (0.13, 0.135, 0.85, 0.3), "distance from the contact's middle (mm)", "height (mm)"
+    )
     seen = (fit.forward.observed.seen - 1) * fit.forward.observed.mean_grey
     for values, colour, label in ((seen, OBSERVED, "seen"), (seen - fit.rest_grey, PREDICTED, "predicted")):
-        upper.plot(*radial(fit, values), color=colour, linewidth=1.4, label=label)
+        upper.plot(*_radial_mean(fit, values), color=colour, linewidth=1.4, label=label)
     upper.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
-    lower.plot(*skin_cut(fit), color=INK, linewidth=1.2)
+    lower.plot(*_skin_cross_section(fit), color=INK, linewidth=1.2)
     for axes in (upper, lower):
         axes.axhline(0, color=PALE_INK, linewidth=0.6)
         axes.set_xlim(0, 8)
-    return png(figure)
+    return figure_to_png(figure)
 
 
-def radial(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
+def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
     """Mean of values at the observed points by their distance from the contact's middle."""
     x, y = fit.forward.observed.points_mm
     ring = (np.hypot(x - fit.named["x_mm"], y - fit.named["y_mm"]).ravel() / RING_MM).astype(int)
@@ -208,7 +218,7 @@ def radial(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rin
     return (known + 0.5) * RING_MM, np.bincount(ring, values)[known] / count[known]
 
 
-def skin_cut(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Height of the fitted skin along x, from the contact's middle."""
     contact = fit.contact
     row = contact.skin.patch.rows // 2
@@ -216,7 +226,7 @@ def skin_cut(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     return along[along > 0], height[along > 0]
 
 
-def twin_rows(twin: TwinTable) -> list[tuple[str, str]]:
+def twin_table_rows(twin: TwinTable) -> list[tuple[str, str]]:
     """Every parameter with its standard deviation, and what it is hardest to tell from."""
     fit = twin.fit
     rows = [
@@ -225,7 +235,7 @@ def twin_rows(twin: TwinTable) -> list[tuple[str, str]]:
         ("worth independent observations", f"{fit.independent_points:.0f}"),
     ]
     if twin.imprints is not None:
-        rows += imprint_rows(twin.imprints)
+        rows += _board_press_table_rows(twin.imprints)
     for name, found in fit.parameters.items():
         sure = "" if found.deviation is None else f" ± {found.deviation:.3f}"
         beside = "" if found.closest is None else f", {found.correlation:+.2f} with {found.closest.replace('_', ' ')}"
@@ -233,7 +243,7 @@ def twin_rows(twin: TwinTable) -> list[tuple[str, str]]:
     return rows
 
 
-def imprint_rows(told: ImprintFigures) -> list[tuple[str, str]]:
+def _board_press_table_rows(told: BoardPressTable) -> list[tuple[str, str]]:
     """What the board's image told, and whether it was taken."""
     taken = "taken into the lens" if told.believed else "not taken: the board is not as drawn"
     return [

@@ -7,12 +7,20 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import SMOOTHING_PX, BoardFit
-from ninedtact.calibration.board.published_method import integer_centres, left_out_error_mm
-from ninedtact.calibration.brightness import smoothed
-from ninedtact.calibration.certificate.checks import LEFT_OUT_RMS_MM
-from ninedtact.calibration.certificate.plot_style import INK, PALE_INK, colour_bar, plain_axes, png, sheet, stretched
+from ninedtact.calibration.board.published_method import _leave_one_out_error_mm, integer_pin_centres_px
+from ninedtact.calibration.brightness import smooth_gaussian
+from ninedtact.calibration.certificate.checks import LEAVE_ONE_OUT_RMS_MM
+from ninedtact.calibration.certificate.plot_style import (
+    INK,
+    PALE_INK,
+    add_colour_bar,
+    add_labelled_axes,
+    figure_to_png,
+    new_certificate_figure,
+    stretch_contrast,
+)
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_record import PinTable
+from ninedtact.calibration.sensor_record import PinMapTable
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.shape.lens import Points
 
@@ -26,28 +34,28 @@ VIEW: dict[str, Any] = {"color": "#2f6fed", "linewidth": 1.0, "linestyle": (0, (
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 
 
-def detection_image(calibration: Calibration) -> bytes:
+def plot_pin_detection(calibration: Calibration) -> bytes:
     """PNG of what the board changed: found pins, missing pins, the sensor's axes, the view's outline."""
-    board, grey = calibration.board, stretched(smoothed(calibration.board.change, SMOOTHING_PX))
+    board, grey = calibration.board, stretch_contrast(smooth_gaussian(calibration.board.change, SMOOTHING_PX))
     rows, cols = grey.shape
-    figure = sheet(rows / cols)
+    figure = new_certificate_figure(rows / cols)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.imshow(grey, cmap="gray", vmin=0, vmax=255)
-    axes.plot(*outline(calibration.rectify.source_px).T, **VIEW)
+    axes.plot(*_grid_outline(calibration.rectify.source_px).T, **VIEW)
     axes.plot(*board.points_px[board.found].T, "+", color=FOUND, markersize=8, markeredgewidth=1.1)
-    draw_missing(axes, board)
-    draw_skin_axes(axes, board)
+    _plot_missing_pins(axes, board)
+    _plot_sensor_axes(axes, board)
     axes.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
     axes.set_axis_off()
-    return png(figure)
+    return figure_to_png(figure)
 
 
-def outline(grid: Float[Array, "rows cols 2"]) -> Float[Array, "n 2"]:
+def _grid_outline(grid: Float[Array, "rows cols 2"]) -> Float[Array, "n 2"]:
     """The border of a grid of points, once around."""
     return np.vstack([grid[0], grid[:, -1], grid[-1, ::-1], grid[::-1, 0]])
 
 
-def draw_missing(axes: "Axes", board: BoardFit) -> None:
+def _plot_missing_pins(axes: "Axes", board: BoardFit) -> None:
     """Circles where missing pins are predicted, their names in the gap towards the middle of the image."""
     missing_px, (rows, cols) = board.points_px[~board.found], board.change.shape
     axes.plot(*missing_px.T, "o", color=MISSING, markerfacecolor="none", markersize=10, markeredgewidth=1.6)
@@ -59,7 +67,7 @@ def draw_missing(axes: "Axes", board: BoardFit) -> None:
         axes.annotate(name, (x, y), (0, lift), textcoords="offset points", **style)
 
 
-def draw_skin_axes(axes: "Axes", board: BoardFit) -> None:
+def _plot_sensor_axes(axes: "Axes", board: BoardFit) -> None:
     """The sensor's x and y axes, from the centre of the skin, each named between two pins."""
     length_mm = 1.3 * board.board.pitch_mm
     middle, *tips = board.lens.to_px(np.array([(0, 0), (length_mm, 0), (0, length_mm)], float))
@@ -70,23 +78,23 @@ def draw_skin_axes(axes: "Axes", board: BoardFit) -> None:
         axes.text(x, y, name, color=colour, fontsize=11, fontweight="bold", ha="center", va="center")
 
 
-def left_out_image(calibration: Calibration) -> bytes:
+def plot_leave_one_out_errors(calibration: Calibration) -> bytes:
     """PNG of the error of every pin predicted from all others: arrows magnified, coloured by length, in mm."""
-    figure, board = sheet(), calibration.board
-    axes = plain_axes(figure, (0.13, 0.135, 0.69, 0.785), "x (mm)", "y (mm)")
-    seen_mm, error_mm = board.points_mm[board.found], left_out_mm(calibration)
-    draw_arrows(figure, axes, seen_mm, error_mm, magnification(error_mm, board.board.pitch_mm))
+    figure, board = new_certificate_figure(), calibration.board
+    axes = add_labelled_axes(figure, (0.13, 0.135, 0.69, 0.785), "x (mm)", "y (mm)")
+    seen_mm, error_mm = board.points_mm[board.found], _leave_one_out_errors_mm(calibration)
+    _plot_error_arrows(figure, axes, seen_mm, error_mm, arrow_magnification(error_mm, board.board.pitch_mm))
     axes.plot(*board.points_mm[~board.found].T, "o", color=MISSING, markerfacecolor="none", markersize=8)
     rows, cols = calibration.rectify.source_px.shape[:2]
     corners = np.meshgrid(*(centred_axis_mm(n, calibration.rectify.mm_per_px)[[0, -1]] for n in (cols, rows)))
-    axes.plot(*outline(np.stack(corners, axis=-1)).T, **VIEW)
+    axes.plot(*_grid_outline(np.stack(corners, axis=-1)).T, **VIEW)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.04)
     axes.invert_yaxis()
-    return png(figure)
+    return figure_to_png(figure)
 
 
-def draw_arrows(figure: "Figure", axes: "Axes", at_mm: Points, error_mm: Points, times: int) -> None:
+def _plot_error_arrows(figure: "Figure", axes: "Axes", at_mm: Points, error_mm: Points, times: int) -> None:
     """Arrows from each pin towards where the others put it, with the scale of their length and of their colour."""
     lengths = np.hypot(*error_mm.T)
     arrows = axes.quiver(
@@ -100,22 +108,22 @@ def draw_arrows(figure: "Figure", axes: "Axes", at_mm: Points, error_mm: Points,
         width=0.005,
         minlength=0.5,
     )
-    arrows.set_clim(0, max(2 * LEFT_OUT_RMS_MM.good, lengths.max()))
+    arrows.set_clim(0, max(2 * LEAVE_ONE_OUT_RMS_MM.good, lengths.max()))
     axes.plot(*at_mm.T, ".", color=PALE_INK, markersize=2.5)
     axes.set_title(f"arrows {times} times as long as the error", fontsize=8.5, color=INK, pad=5)
-    colour_bar(figure, arrows, (0.845, 0.135, 0.025, 0.785), "error (mm)")
+    add_colour_bar(figure, arrows, (0.845, 0.135, 0.025, 0.785), "error (mm)")
 
 
-def left_out_mm(calibration: Calibration) -> Points:
+def _leave_one_out_errors_mm(calibration: Calibration) -> Points:
     """The left-out errors of the lens that the sensor was given."""
     board = calibration.board
-    if not isinstance(calibration.record.lens, PinTable):
+    if not isinstance(calibration.record.lens, PinMapTable):
         return board.lens_fit.left_out_mm
-    seen_mm, centres_px = board.points_mm[board.found], integer_centres(board)[board.found]
-    return np.array([left_out_error_mm(seen_mm, centres_px, pin) for pin in range(len(seen_mm))])
+    seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
+    return np.array([_leave_one_out_error_mm(seen_mm, centres_px, pin) for pin in range(len(seen_mm))])
 
 
-def magnification(error_mm: Points, pitch_mm: float) -> int:
+def arrow_magnification(error_mm: Points, pitch_mm: float) -> int:
     """The largest round factor at which arrows still reach hardly beyond the next pin."""
     longest_mm = float(np.hypot(*error_mm.T).max())
     return max((factor for factor in MAGNIFICATIONS if factor * longest_mm <= 1.5 * pitch_mm), default=1)

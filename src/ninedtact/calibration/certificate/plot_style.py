@@ -36,28 +36,28 @@ WIDTH_IN, DPI = 4.5, 220
 INK, PALE_INK = "#22262b", "#6b7280"
 
 
-def stretched(image: Float32[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
+def stretch_contrast(image: Float32[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
     """The image from black to white."""
     low, high = np.percentile(image, [TAILS_PERCENT, 100 - TAILS_PERCENT])
     span = max(high - low, LEAST_SPAN)
     return np.asarray(np.clip((image - (low + high) / 2) * (255 / span) + 127.5, 0, 255), np.uint8)
 
 
-def not_found_overlay(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:
+def draw_board_not_found(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:
     """What the press changed, from black to white, with the spots taken for pins circled and counted; BGR."""
-    canvas = cv2.cvtColor(stretched(error.change), cv2.COLOR_GRAY2BGR)
+    canvas = cv2.cvtColor(stretch_contrast(error.change), cv2.COLOR_GRAY2BGR)
     rows, cols = error.change.shape
     long_side = max(rows, cols)
     inside = ((error.seen_px >= 0) & (error.seen_px < (cols, rows))).all(axis=1)
     for x, y in np.rint(error.seen_px[inside] * 2**FRACTION_BITS).astype(int).tolist():
         cv2.circle(canvas, (x, y), long_side * 2**FRACTION_BITS // 50, SPOT_BGR, 2, cv2.LINE_AA, FRACTION_BITS)
-    write_below(
+    _write_caption(
         canvas, f"found {error.found} of {error.expected} pins; spots circled: {inside.sum()}", long_side / 1300
     )
     return np.asarray(canvas)
 
 
-def write_below(canvas: UInt8[Array, "rows cols 3"], words: str, size: float) -> None:
+def _write_caption(canvas: UInt8[Array, "rows cols 3"], words: str, size: float) -> None:
     """Words in the lower left corner, on a dark strip."""
     font, margin, bottom = cv2.FONT_HERSHEY_SIMPLEX, round(10 * size), canvas.shape[0]
     (width, height), below = cv2.getTextSize(words, font, size, 1)
@@ -67,23 +67,23 @@ def write_below(canvas: UInt8[Array, "rows cols 3"], words: str, size: float) ->
     cv2.putText(canvas, words, (margin, bottom - below - margin), font, size, (255, 255, 255), 1, cv2.LINE_AA)
 
 
-def sheet(height_per_width: float = 0.75) -> "Figure":
+def new_certificate_figure(height_per_width: float = 0.75) -> "Figure":
     """An empty white figure of the certificate's width."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(WIDTH_IN, WIDTH_IN * height_per_width), dpi=DPI, facecolor="white")
 
 
-def plain_axes(figure: "Figure", box: Box, x_label: str, y_label: str) -> "Axes":
+def add_labelled_axes(figure: "Figure", box: Box, x_label: str, y_label: str) -> "Axes":
     """Axes in a box of the figure, labelled."""
     axes = figure.add_axes(box)
     for axis, words in ((axes.xaxis, x_label), (axes.yaxis, y_label)):
-        label_axis(axis, words)
+        _label_axis(axis, words)
     axes.spines[:].set(color="#9ca3af", linewidth=0.6)
     return axes
 
 
-def label_axis(axis: "Axis", words: str) -> None:
+def _label_axis(axis: "Axis", words: str) -> None:
     """Round numbers, and what they are."""
     from matplotlib.ticker import MaxNLocator
 
@@ -92,14 +92,14 @@ def label_axis(axis: "Axis", words: str) -> None:
     axis.set_tick_params(colors=INK, labelsize=8, width=0.6, length=3)
 
 
-def colour_bar(figure: "Figure", shown: "ScalarMappable", box: Box, words: str) -> None:
+def add_colour_bar(figure: "Figure", shown: "ScalarMappable", box: Box, words: str) -> None:
     """What the colours of a figure mean, in a box of it."""
     bar = figure.colorbar(shown, cax=figure.add_axes(box))
-    label_axis(bar.ax.yaxis, words)
+    _label_axis(bar.ax.yaxis, words)
     bar.outline.set_visible(False)
 
 
-def png(figure: "Figure") -> bytes:
+def figure_to_png(figure: "Figure") -> bytes:
     """The figure as a PNG."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)

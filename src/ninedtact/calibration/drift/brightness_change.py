@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness import DIMMEST
+from ninedtact.calibration.brightness import MIN_REFERENCE_GREY
 from ninedtact.quantities import Rectified, centred_axis_mm
 
 Field = Float32[Array, "rows cols"]
@@ -30,7 +30,7 @@ FAINTEST_MARK = 0.012
 camera's shading correction move with the light), and by 0.001 from image to image."""
 MARK_TIMES_NOISE = 5.0
 SMALLEST_MARK_MM2 = 0.1
-UNEVEN = 0.05
+MAX_UNEVENNESS = 0.05
 """Change of the light across the view that deserves a word; real sensors have up to 0.021 between two sessions."""
 DARKEST_UNTOUCHED = 0.025
 BULGE_REACH_MM = 2.0
@@ -40,7 +40,7 @@ beside a contact (real presses 0.2 to 0.6), and none beside a stain."""
 
 
 @dataclass(frozen=True)
-class Mark:
+class SkinMark:
     """A place on the skin that looks different, about its centre of change."""
 
     x_mm: float
@@ -51,7 +51,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class SkinChange:
+class BrightnessChange:
     """Today's brightness over the calibrated one's, in parts."""
 
     gain: float
@@ -78,15 +78,15 @@ class SkinChange:
     @property
     def mark_level(self) -> float:
         """Change above which a place is marked; uneven light leaves steep borders that are no marks."""
-        return max(self.level, self.unevenness if self.unevenness > UNEVEN else 0.0)
+        return max(self.level, self.unevenness if self.unevenness > MAX_UNEVENNESS else 0.0)
 
     @cached_property
-    def marks(self) -> tuple[Mark, ...]:
+    def marks(self) -> tuple[SkinMark, ...]:
         """All changed places, largest first."""
         found = [mark for sign in (-1, 1) for mark in self.marks_of(sign)]
         return tuple(sorted(found, key=lambda mark: -mark.area_mm2))
 
-    def marks_of(self, sign: int) -> list[Mark]:
+    def marks_of(self, sign: int) -> list[SkinMark]:
         """Changed places of one direction."""
         count, labels, boxes, _ = cv2.connectedComponentsWithStats(
             (sign * self.residue > self.mark_level).astype(np.uint8)
@@ -94,13 +94,13 @@ class SkinChange:
         large = boxes[:, cv2.CC_STAT_AREA] * self.mm_per_px**2 >= SMALLEST_MARK_MM2
         return [self.mark(labels == label) for label in range(1, count) if large[label]]
 
-    def mark(self, where: Bool[Array, "rows cols"]) -> Mark:
+    def mark(self, where: Bool[Array, "rows cols"]) -> SkinMark:
         """The figures of one place."""
         rows, cols = np.nonzero(where)
         y, x = (centred_axis_mm(size, self.mm_per_px) for size in where.shape)
         values = self.residue[where]
         weight = np.abs(values) / np.abs(values).sum()
-        return Mark(
+        return SkinMark(
             float(x[cols] @ weight),
             float(y[rows] @ weight),
             float(where.sum()) * self.mm_per_px**2,
@@ -113,7 +113,7 @@ class SkinChange:
         return sum((mark.area_mm2 for mark in self.marks), 0.0)
 
     @cached_property
-    def contact(self) -> Mark | None:
+    def contact(self) -> SkinMark | None:
         """All dark places together, if they look pressed: clearly darker, with brighter gel beside them."""
         dark = self.residue < -self.level
         if self.residue.min() > -DARKEST_UNTOUCHED:
@@ -131,16 +131,18 @@ class SkinChange:
         return float((np.abs(self.residue[self.seen]) > self.level).mean())
 
 
-def skin_change(then: Rectified, today: Rectified, seen: Bool[Array, "rows cols"], noise: float) -> SkinChange:
+def separate_brightness_change(
+    then: Rectified, today: Rectified, seen: Bool[Array, "rows cols"], noise: float
+) -> BrightnessChange:
     """Take the change apart; noise: standard deviation of one pixel, part of the brightness."""
-    ratio = np.log(np.maximum(today.grey, DIMMEST) / np.maximum(then.grey, DIMMEST))
+    ratio = np.log(np.maximum(today.grey, MIN_REFERENCE_GREY) / np.maximum(then.grey, MIN_REFERENCE_GREY))
     sigma_px = SMOOTHING_MM / then.mm_per_px
     smooth = np.asarray(cv2.GaussianBlur(ratio, (0, 0), sigma_px))
-    field = smooth_field(smooth, seen)
+    field = _fit_polynomial_background(smooth, seen)
     middle = float(np.median(field[seen]))
     # A Gaussian leaves 1/(2σ√π) of white noise.
     left_of_noise = noise / (2 * sigma_px * np.sqrt(np.pi))
-    return SkinChange(
+    return BrightnessChange(
         float(np.exp(middle)),
         np.expm1(field - middle),
         np.where(seen, np.expm1(smooth - field), np.float32(0)),
@@ -150,10 +152,10 @@ def skin_change(then: Rectified, today: Rectified, seen: Bool[Array, "rows cols"
     )
 
 
-def smooth_field(change: Field, seen: Bool[Array, "rows cols"]) -> Field:
+def _fit_polynomial_background(change: Field, seen: Bool[Array, "rows cols"]) -> Field:
     """A polynomial through what most of the skin did; a contact or a mark is no part of it (Tukey's weights)."""
     coarse = np.s_[::FIELD_STRIDE, ::FIELD_STRIDE]
-    values, terms = change[coarse][seen[coarse]], polynomial(change.shape)[coarse][seen[coarse]]
+    values, terms = change[coarse][seen[coarse]], _legendre_basis(change.shape)[coarse][seen[coarse]]
     weight = np.ones_like(values)
     for _ in range(ROUNDS):
         weighted = terms * weight[:, None]
@@ -161,11 +163,11 @@ def smooth_field(change: Field, seen: Bool[Array, "rows cols"]) -> Field:
         missed = values - terms @ solution
         scaled = missed / (TUKEY * max(float(np.median(np.abs(missed))) / 0.6745, 1e-6))
         weight = np.maximum(1 - scaled**2, 0)
-    return (polynomial(change.shape) @ solution).astype(np.float32)
+    return (_legendre_basis(change.shape) @ solution).astype(np.float32)
 
 
 @cache
-def polynomial(shape: tuple[int, int]) -> Float32[Array, "rows cols terms"]:
+def _legendre_basis(shape: tuple[int, int]) -> Float32[Array, "rows cols terms"]:
     """All products of Legendre polynomials of row and column up to the degree together."""
     y, x = (np.polynomial.legendre.legvander(np.linspace(-1, 1, size), FIELD_DEGREE) for size in shape)
     degrees = range(FIELD_DEGREE + 1)

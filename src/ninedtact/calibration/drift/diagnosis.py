@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.drift.brightness_change import UNEVEN, Mark
-from ninedtact.calibration.drift.drift_measurement import Drift
+from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, SkinMark
+from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
 from ninedtact.quantities import centred_axis_mm
 
-Verdict = Literal[
+DriftVerdict = Literal[
     "fine",
     "something touches the gel",
     "another skin",
@@ -40,45 +40,51 @@ NAMED_MARKS = 3
 
 
 @dataclass(frozen=True)
-class Finding:
+class DriftFinding:
     """One thing that has changed."""
 
-    verdict: Verdict
+    verdict: DriftVerdict
     sentence: str
     height_mm: float | None
     """Error of the height that it would cause with the calibration's reference image; none where it causes none."""
 
 
-def findings(drift: Drift) -> list[Finding]:
+def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
     """All findings, the gravest first; a pressed, unknown or mirrored skin says nothing about light and gel."""
-    for grave in (contact(drift), unknown(drift), mirrored(drift)):
+    for grave in (_find_contact(drift), _find_unknown_skin(drift), _find_mirrored_image(drift)):
         if grave is not None:
             return [grave]
-    rest = (motion(drift), unevenness(drift), gel(drift), brightness(drift), colour(drift))
+    rest = (
+        _find_camera_motion(drift),
+        _find_uneven_light(drift),
+        _find_gel_marks(drift),
+        _find_brightness_change(drift),
+        _find_colour_change(drift),
+    )
     return [finding for finding in rest if finding is not None]
 
 
-def contact(drift: Drift) -> Finding | None:
+def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
     """Pressed gel."""
     place, known_skin = drift.change.contact, drift.nearest.recognised or not drift.nearest.observable
     if place is None or drift.flipped or not (known_skin or drift.change.changed_share > PRESSED_ALL_OVER):
         return None
-    depth_mm = height_mm(drift, place.change)
-    return Finding(
+    depth_mm = _equivalent_height_mm(drift, place.change)
+    return DriftFinding(
         "something touches the gel",
-        f"the skin is pressed about {depth_mm:.2f} mm deep over {place.area_mm2:.1f} mm² around {spot(place)}; take "
+        f"the skin is pressed about {depth_mm:.2f} mm deep over {place.area_mm2:.1f} mm² around {_position_in_words(place)}; take "
         "everything off the sensor and take the image again; if it stays, the gel is damaged or has taken the shape",
         depth_mm,
     )
 
 
-def unknown(drift: Drift) -> Finding | None:
+def _find_unknown_skin(drift: DriftMeasurement) -> DriftFinding | None:
     """Another sensor, another gel."""
     skin = drift.nearest
-    different = drift.change.marks or drift.change.unevenness > UNEVEN
+    different = drift.change.marks or drift.change.unevenness > MAX_UNEVENNESS
     if skin.recognised or not skin.observable or drift.flipped or not different:
         return None
-    return Finding(
+    return DriftFinding(
         "another skin",
         f"the fine structure of the calibrated skin is not there (correlation {skin.likeness:.2f}): this shows another "
         "sensor, a new gel, or comes from a camera that sits elsewhere; name the right sensor, or calibrate again",
@@ -86,15 +92,15 @@ def unknown(drift: Drift) -> Finding | None:
     )
 
 
-def mirrored(drift: Drift) -> Finding | None:
+def _find_mirrored_image(drift: DriftMeasurement) -> DriftFinding | None:
     """The camera, or its driver, turned round."""
     if drift.flipped is None:
         return None
     sentence = f"the image is the calibrated one {drift.flipped}; set the camera's rotation and mirroring as before"
-    return Finding("camera moved", sentence, drift.height_mm)
+    return DriftFinding("camera moved", sentence, drift.height_mm)
 
 
-def motion(drift: Drift) -> Finding | None:
+def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
     """The camera sits elsewhere."""
     skin = drift.moved
     far_px = float(np.hypot(*skin.shift_px))
@@ -102,7 +108,7 @@ def motion(drift: Drift) -> Finding | None:
     turned = abs(skin.turn_deg) - CERTAIN * skin.turn_error_deg > FARTHEST_TURN_DEG
     if not skin.recognised or not (shifted or turned):
         return None
-    return Finding(
+    return DriftFinding(
         "camera moved",
         f"the skin appears {far_px:.1f} ± {skin.shift_error_px:.1f} px ({far_px * drift.known.mm_per_raw_px:.2f} mm) "
         f"away and turned by {skin.turn_deg:.1f}° since the board was pressed: positions are off by that; fix camera "
@@ -111,75 +117,76 @@ def motion(drift: Drift) -> Finding | None:
     )
 
 
-def unevenness(drift: Drift) -> Finding | None:
+def _find_uneven_light(drift: DriftMeasurement) -> DriftFinding | None:
     """Light that comes from elsewhere."""
     change = drift.change
-    if change.unevenness <= UNEVEN:
+    if change.unevenness <= MAX_UNEVENNESS:
         return None
     field = np.where(change.seen, change.field, 0)
     row, col = np.unravel_index(np.abs(field).argmax(), field.shape)
     y, x = (centred_axis_mm(size, change.mm_per_px) for size in field.shape)
-    return Finding(
+    return DriftFinding(
         "light uneven",
-        f"the light is {amount(float(field[row, col]))} at ({x[col]:.0f}, {y[row]:.0f}) mm, beside the whole; check "
+        f"the light is {_change_in_words(float(field[row, col]))} at ({x[col]:.0f}, {y[row]:.0f}) mm, beside the whole; check "
         "that every LED lights and that no other light falls on the sensor, and calibrate again if it stays",
-        height_mm(drift, change.unevenness),
+        _equivalent_height_mm(drift, change.unevenness),
     )
 
 
-def gel(drift: Drift) -> Finding | None:
+def _find_gel_marks(drift: DriftMeasurement) -> DriftFinding | None:
     """Local marks."""
     marks = drift.change.marks
     if not marks:
         return None
     named = "; ".join(
-        f"{amount(mark.change)} over {mark.area_mm2:.1f} mm² at {spot(mark)}" for mark in marks[:NAMED_MARKS]
+        f"{_change_in_words(mark.change)} over {mark.area_mm2:.1f} mm² at {_position_in_words(mark)}"
+        for mark in marks[:NAMED_MARKS]
     )
     more = f" and {len(marks) - NAMED_MARKS} smaller" if len(marks) > NAMED_MARKS else ""
-    return Finding(
+    return DriftFinding(
         "gel changed",
         f"the skin has changed in {len(marks)} place{'s' if len(marks) > 1 else ''}: {named}{more}; take away what may "
         "lie on it and clean it; a tear, bubble or stain that stays needs a new gel, or a new calibration",
-        height_mm(drift, max((mark.change for mark in marks), key=abs)),
+        _equivalent_height_mm(drift, max((mark.change for mark in marks), key=abs)),
     )
 
 
-def brightness(drift: Drift) -> Finding | None:
+def _find_brightness_change(drift: DriftMeasurement) -> DriftFinding | None:
     """More or less light."""
     change = drift.change.gain - 1
     if abs(change) <= DIMMEST_LIGHT:
         return None
-    return Finding(
+    return DriftFinding(
         "light dimmer" if change < 0 else "light brighter",
-        f"the image is {amount(change)} than when calibrated; check the LEDs and their supply, fix exposure and "
+        f"the image is {_change_in_words(change)} than when calibrated; check the LEDs and their supply, fix exposure and "
         "gain, and let the light warm up",
-        height_mm(drift, change),
+        _equivalent_height_mm(drift, change),
     )
 
 
-def colour(drift: Drift) -> Finding | None:
+def _find_colour_change(drift: DriftMeasurement) -> DriftFinding | None:
     """White balance, or an LED of another kind."""
     if max(map(abs, drift.colour)) <= OTHER_COLOUR:
         return None
     parts = ", ".join(f"{name} {part:+.1%}" for name, part in zip(("blue", "green", "red"), drift.colour, strict=True))
-    return Finding(
+    return DriftFinding(
         "light colour changed",
         f"the colour of the light has changed ({parts}); fix the camera's white balance, and check the LEDs",
         None,
     )
 
 
-def height_mm(drift: Drift, change: float) -> float:
+def _equivalent_height_mm(drift: DriftMeasurement, change: float) -> float:
     """Depth that a relative change passes for at the image's mean brightness."""
     grey = float(drift.known.rectified.grey.mean())
     return float(drift.known.height_mm(np.array(change), np.array(grey)))
 
 
-def amount(change: float) -> str:
+def _change_in_words(change: float) -> str:
     """A relative change in words."""
     return f"{abs(change):.1%} {'dimmer' if change < 0 else 'brighter'}"
 
 
-def spot(mark: Mark) -> str:
+def _position_in_words(mark: SkinMark) -> str:
     """Where a mark is."""
     return f"({mark.x_mm:.1f}, {mark.y_mm:.1f}) mm"

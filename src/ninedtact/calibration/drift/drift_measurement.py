@@ -12,14 +12,14 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.brightness import (
-    Image,
-    grey_float,
-    noise_levels,
-    relative_change,
-    require_usable,
+    BgrImage,
+    estimate_pixel_noise,
+    relative_brightness_change,
+    require_usable_exposure,
+    to_grey_float,
 )
-from ninedtact.calibration.drift.brightness_change import SkinChange, skin_change
-from ninedtact.calibration.drift.skin_motion import GOOD, SkinMotion, skin_motion
+from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
+from ninedtact.calibration.drift.skin_motion import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.image_file import read_image, require_image_size
 from ninedtact.quantities import Coverage, Frame, Rectified
@@ -37,12 +37,12 @@ NEIGHBOURHOOD_PX = 20
 
 
 @dataclass(frozen=True)
-class KnownSkin:
+class CalibratedReference:
     """How a sensor saw its untouched skin when it was calibrated."""
 
-    lens_image: Image
+    lens_image: BgrImage
     """Taken before the board: the lens was calibrated for a skin lying so."""
-    depth_image: Image
+    depth_image: BgrImage
     """Taken before the ball: the depth curve was calibrated in this light."""
     rectify: Rectification
     curve: DepthCurve
@@ -72,7 +72,7 @@ class KnownSkin:
         signal = np.abs(change) * (grey if self.curve.signal == "difference" else 1.0)
         return np.asarray(np.interp(signal, self.curve.darkening, self.curve.indentation_mm))
 
-    def worst_height_mm(self, other: Image) -> float:
+    def worst_height_mm(self, other: BgrImage) -> float:
         """Height error, at the worst of the view, of reading one image against this one as its reference."""
         then, now = self.rectified.grey, self.rectify(Frame(other)).grey
         ratio = cv2.GaussianBlur(now / np.maximum(then, 1.0), (0, 0), 3.0) - 1
@@ -80,68 +80,68 @@ class KnownSkin:
 
 
 @dataclass(frozen=True)
-class Drift:
+class DriftMeasurement:
     """All that was measured of one image."""
 
-    known: KnownSkin
+    known: CalibratedReference
     moved: SkinMotion
     """Since the board."""
     nearest: SkinMotion
     """Since the ball."""
     flipped: str | None
     """How the image lies if it is the known one turned or mirrored."""
-    change: SkinChange
+    change: BrightnessChange
     colour: tuple[float, float, float]
     """Relative change of blue, green and red beside the whole."""
     height_mm: float
     """Error of the height, at the worst of the view, if the calibration's reference image were kept."""
 
 
-def known_skin(sensor: SensorFolder) -> KnownSkin:
+def load_calibrated_reference(sensor: SensorFolder) -> CalibratedReference:
     """What to compare with; raises `SensorFolderDamaged`, also for an imported sensor, which has no images."""
     lens_image = sensor.image("board_reference", read_image).image
     depth_image = sensor.image("ball_reference", read_image).image
-    return KnownSkin(lens_image, depth_image, sensor.rectification, sensor.record.depth.curve)
+    return CalibratedReference(lens_image, depth_image, sensor.rectification, sensor.record.depth.curve)
 
 
-def drift(known: KnownSkin, today: Image) -> Drift:
+def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasurement:
     """Measure what has changed; raises `ImageUnusable` for a dark or burnt out image, `ImageSizeWrong`.
 
     today: raw image (rows, cols, 3) of what should be the untouched skin.
     """
     require_image_size(today, *known.rectify.raw_shape, "today's image")
-    require_usable("untouched image", today)
-    nearest = skin_motion(known.depth_image, today)
-    moved = skin_motion(known.lens_image, today)
-    return Drift(
+    require_usable_exposure("reference image", today)
+    nearest = measure_skin_motion(known.depth_image, today)
+    moved = measure_skin_motion(known.lens_image, today)
+    return DriftMeasurement(
         known,
         moved if moved.recognised else nearest,
         nearest,
-        flip(known.depth_image, today, nearest),
-        change_since(known, today, nearest),
-        colour_change(known.depth_image, today),
+        _detect_flip(known.depth_image, today, nearest),
+        _measure_brightness_change(known, today, nearest),
+        _measure_colour_change(known.depth_image, today),
         known.worst_height_mm(today),
     )
 
 
-def flip(known: Image, today: Image, motion: SkinMotion) -> str | None:
+def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | None:
     """The way in which today's image is turned or mirrored, if it is."""
-    if motion.likeness > GOOD and np.hypot(*motion.shift_px) < FAR_PX:
+    if motion.likeness > HIGH_SIMILARITY and np.hypot(*motion.shift_px) < FAR_PX:
         return None
-    ways = {way: skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in FLIPS.items()}
+    ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in FLIPS.items()}
     best = max(ways, key=lambda way: ways[way].likeness)
     return best if ways[best].recognised and ways[best].likeness > motion.likeness else None
 
 
-def change_since(known: KnownSkin, today: Image, motion: SkinMotion) -> SkinChange:
+def _measure_brightness_change(known: CalibratedReference, today: BgrImage, motion: SkinMotion) -> BrightnessChange:
     """The change of the skin's brightness with its motion undone, where both images show it."""
-    grey = float(grey_float(known.depth_image).mean())
-    noise = noise_levels(relative_change(known.depth_image, today)) / grey
+    grey = float(to_grey_float(known.depth_image).mean())
+    noise = estimate_pixel_noise(relative_brightness_change(known.depth_image, today)) / grey
     seen = known.seen & (known.rectify.resampled(motion.kept(today.shape)) > 0)
-    return skin_change(known.rectified, known.rectify(Frame(motion.undone(today))), seen, noise)
+    return separate_brightness_change(known.rectified, known.rectify(Frame(motion.undone(today))), seen, noise)
 
 
-def colour_change(known: Image, today: Image) -> tuple[float, float, float]:
+def _measure_colour_change(known: BgrImage, today: BgrImage) -> tuple[float, float, float]:
     """Change of each channel's brightness, as the median over the image, beside their mean."""
     gains = np.median(today.astype(np.float32) / np.maximum(known, 1), axis=(0, 1))
     blue, green, red = (gains / gains.mean() - 1).tolist()

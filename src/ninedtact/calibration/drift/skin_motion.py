@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness import DIMMEST, Image, grey_float
+from ninedtact.calibration.brightness import MIN_REFERENCE_GREY, BgrImage, to_grey_float
 
 Field = Float32[Array, "down across"]
 Motion = Float[Array, "3"]
@@ -26,7 +26,7 @@ Motion = Float[Array, "3"]
 MARGIN_PX = 12
 """The frame of the image shows housing and glare instead of skin."""
 TILES = (6, 8)
-GOOD = 0.5
+HIGH_SIMILARITY = 0.5
 """Likeness above which the motion found from rest needs no second first guess."""
 ROUNDS = 10
 SETTLED_PX = 0.003
@@ -36,7 +36,7 @@ OUTLIER = 6.0
 
 
 @dataclass(frozen=True)
-class Registration:
+class _Registration:
     """A motion, its standard errors, and how alike the images are once it is undone."""
 
     motion: Motion
@@ -44,26 +44,30 @@ class Registration:
     likeness: float
 
 
-def registered(earlier: Field, later: Field) -> Registration:
+def _register_images(earlier: Field, later: Field) -> _Registration:
     """The motion from the earlier image to the later."""
-    found = fitted(earlier, later, np.zeros(3))
-    if found.likeness > GOOD:
+    found = _fit_motion(earlier, later, np.zeros(3))
+    if found.likeness > HIGH_SIMILARITY:
         return found
-    return max(found, fitted(earlier, later, correlated(earlier, later)), key=lambda fit: fit.likeness)
+    return max(
+        found, _fit_motion(earlier, later, _phase_correlation_shift(earlier, later)), key=lambda fit: fit.likeness
+    )
 
 
-def fitted(earlier: Field, later: Field, motion: Motion) -> Registration:
+def _fit_motion(earlier: Field, later: Field, motion: Motion) -> _Registration:
     """Least squares from a first guess, repeated until it settles."""
     for _ in range(ROUNDS):
-        normal, right = equations(earlier, undone(later, motion))
+        normal, right = _normal_equations(earlier, _undo_motion(later, motion))
         step = np.linalg.pinv(normal.sum(axis=0)) @ right.sum(axis=0)
         motion = motion + step
         if np.abs(step).max() < SETTLED_PX:
             break
-    return Registration(motion, left_out_error(normal, right), likeness(earlier, undone(later, motion)))
+    return _Registration(
+        motion, _jackknife_error(normal, right), _structure_similarity(earlier, _undo_motion(later, motion))
+    )
 
 
-def equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles 3 3"], Float[Array, "tiles 3"]]:
+def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles 3 3"], Float[Array, "tiles 3"]]:
     """Normal equations of every tile: gradient times motion is what the later image lacks."""
     down, right = np.gradient((earlier + later) / 2)
     y, x = (np.indices(earlier.shape) - (np.array(earlier.shape)[:, None, None] - 1) / 2) / (earlier.shape[1] / 2)
@@ -71,40 +75,40 @@ def equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles 3 3"], 
     lacking = earlier - later
     spread = np.median(np.abs(lacking)) / 0.6745
     weight = 1 / (1 + (lacking / (ROBUST * spread + 1e-9)) ** 2)
-    weighted = tiles(weight[..., None] * columns)
-    normal = [np.einsum("rci,rcj->ij", *pair) for pair in zip(weighted, tiles(columns), strict=True)]
-    side = [np.einsum("rci,rc->i", *pair) for pair in zip(weighted, tiles(lacking), strict=True)]
+    weighted = _split_into_tiles(weight[..., None] * columns)
+    normal = [np.einsum("rci,rcj->ij", *pair) for pair in zip(weighted, _split_into_tiles(columns), strict=True)]
+    side = [np.einsum("rci,rc->i", *pair) for pair in zip(weighted, _split_into_tiles(lacking), strict=True)]
     return np.array(normal), np.array(side)
 
 
-def left_out_error(normal: Float[Array, "tiles 3 3"], right: Float[Array, "tiles 3"]) -> Motion:
+def _jackknife_error(normal: Float[Array, "tiles 3 3"], right: Float[Array, "tiles 3"]) -> Motion:
     """Standard error by the jackknife over tiles, which also sees errors that neighbouring pixels share."""
     without = (np.linalg.pinv(normal.sum(axis=0) - normal) @ (right.sum(axis=0) - right)[..., None])[..., 0]
     return np.asarray(np.sqrt((len(normal) - 1) * without.var(axis=0)))
 
 
-def correlated(earlier: Field, later: Field) -> Motion:
+def _phase_correlation_shift(earlier: Field, later: Field) -> Motion:
     """A first guess of a large shift, by phase correlation."""
-    parts = [inside(field) for field in (earlier, later)]
+    parts = [_crop_margin(field) for field in (earlier, later)]
     first, second = (np.clip(part / (np.median(np.abs(part)) + 1e-9), -OUTLIER, OUTLIER) for part in parts)
     (x, y), _ = cv2.phaseCorrelate(first, second, cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F))
     return np.array([x, y, 0.0])
 
 
-def likeness(earlier: Field, later: Field) -> float:
+def _structure_similarity(earlier: Field, later: Field) -> float:
     """Median correlation of tiles; a press or a new mark spoils only the tiles that it lies in."""
-    pairs = zip(tiles(earlier), tiles(later), strict=True)
-    return float(np.median([correlation(first, second) for first, second in pairs]))
+    pairs = zip(_split_into_tiles(earlier), _split_into_tiles(later), strict=True)
+    return float(np.median([_pearson_correlation(first, second) for first, second in pairs]))
 
 
-def correlation(first: Field, second: Field) -> float:
+def _pearson_correlation(first: Field, second: Field) -> float:
     """Pearson's, zero where one side is flat."""
     first, second = first - first.mean(), second - second.mean()
     scale = np.sqrt((first**2).sum() * (second**2).sum())
     return float((first * second).sum() / scale) if scale > 0 else 0.0
 
 
-def undone(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICATE) -> Array:
+def _undo_motion(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICATE) -> Array:
     """An image of any type with a motion undone; OpenCV's name for what lies beyond its border."""
     rows, cols = image.shape[:2]
     middle, angle = np.array([(cols - 1) / 2, (rows - 1) / 2]), motion[2] / (cols / 2)
@@ -114,15 +118,15 @@ def undone(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICATE) -> 
     return np.asarray(cv2.warpAffine(image, matrix, (cols, rows), flags=way, borderMode=border))
 
 
-def inside(image: Array) -> Array:
+def _crop_margin(image: Array) -> Array:
     """Without the frame."""
     return image[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
 
 
-def tiles(image: Array) -> list[Array]:
+def _split_into_tiles(image: Array) -> list[Array]:
     """The inside in equal pieces, more along the longer side."""
     down, across = TILES if image.shape[0] <= image.shape[1] else TILES[::-1]
-    return [tile for band in np.array_split(inside(image), down) for tile in np.array_split(band, across, axis=1)]
+    return [tile for band in np.array_split(_crop_margin(image), down) for tile in np.array_split(band, across, axis=1)]
 
 
 LONG_SIDE_PX = 320
@@ -164,13 +168,13 @@ class SkinMotion:
         """Whether the two images show the same skin, so that the motion means something."""
         return self.observable and self.likeness >= RECOGNISED
 
-    def undone(self, image: Image) -> Image:
+    def undone(self, image: BgrImage) -> BgrImage:
         """The later image as it would be without the motion, borders repeated."""
-        return undone(image, self.vector(image.shape))
+        return _undo_motion(image, self.vector(image.shape))
 
     def kept(self, shape: tuple[int, ...]) -> Field:
         """Above zero where the image without the motion shows what the camera saw."""
-        return undone(np.ones(shape[:2], np.float32), self.vector(shape), cv2.BORDER_CONSTANT)
+        return _undo_motion(np.ones(shape[:2], np.float32), self.vector(shape), cv2.BORDER_CONSTANT)
 
     def vector(self, shape: tuple[int, ...]) -> Motion:
         """As `registration` has it; none where the skin was not recognised."""
@@ -178,10 +182,10 @@ class SkinMotion:
         return np.array([*self.shift_px, turn_px]) * self.recognised
 
 
-def skin_motion(before: Image, after: Image) -> SkinMotion:
+def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:
     """The motion from one untouched image to another of the same size."""
-    earlier, later = brightness(before), brightness(after)
-    found = registered(structure(earlier), structure(later))
+    earlier, later = _log_brightness(before), _log_brightness(after)
+    found = _register_images(_fine_structure(earlier), _fine_structure(later))
     scale, half_width = max(before.shape) / LONG_SIDE_PX, earlier.shape[1] / 2
     x, y, turn = found.motion.tolist()
     return SkinMotion(
@@ -190,28 +194,28 @@ def skin_motion(before: Image, after: Image) -> SkinMotion:
         float(found.error[:2].max() * scale),
         float(np.rad2deg(found.error[2] / half_width)),
         found.likeness,
-        contrast(earlier, later),
+        _structure_contrast(earlier, later),
     )
 
 
-def brightness(image: Image) -> Field:
+def _log_brightness(image: BgrImage) -> Field:
     """Logarithm of the brightness, at the size of comparison."""
-    grey = np.log(np.maximum(grey_float(image), DIMMEST))
+    grey = np.log(np.maximum(to_grey_float(image), MIN_REFERENCE_GREY))
     factor = LONG_SIDE_PX / max(grey.shape)
     return (
         grey if factor == 1 else np.asarray(cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))
     )
 
 
-def structure(image: Field) -> Field:
+def _fine_structure(image: Field) -> Field:
     """What lies between two sizes of detail."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), FINE_PX) - cv2.GaussianBlur(image, (0, 0), COARSE_PX))
 
 
-def contrast(earlier: Field, later: Field) -> float:
+def _structure_contrast(earlier: Field, later: Field) -> float:
     """Strength of the earlier image's structure in the middle one of its tiles, without what noise adds."""
     second = np.abs(np.diff(later - earlier, n=2, axis=1))
     # 0.6745 and √6 as in `brightness.noise_levels`; √2 because two images' noise is in their difference.
     noise = BAND_NOISE * float(np.median(second)) / 0.6745 / np.sqrt(6) / np.sqrt(2)
-    strength = float(np.median([tile.std() for tile in tiles(structure(earlier))]))
+    strength = float(np.median([tile.std() for tile in _split_into_tiles(_fine_structure(earlier))]))
     return float(np.sqrt(max(strength**2 - noise**2, 0.0)))

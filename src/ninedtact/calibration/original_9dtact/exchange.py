@@ -25,28 +25,36 @@ from numpy import ndarray as Array
 from scipy.optimize import isotonic_regression
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.calibration.ball.ball_fit import repeatability_mm
-from ninedtact.calibration.ball.ball_press import anchored
+from ninedtact.calibration.ball.ball_fit import simulate_height_noise_mm
+from ninedtact.calibration.ball.ball_press import anchor_depth_curve_at_zero
 from ninedtact.calibration.original_9dtact.folder_format import (
-    FILES,
+    ORIGINAL_FILES,
     OUT_OF_VIEW_PX,
-    UpstreamCalibration,
-    UpstreamFolderDamaged,
-    read_upstream,
-    sensor_folder_in,
-    write_numbers,
-    write_upstream,
+    OriginalCalibration,
+    OriginalFolderDamaged,
+    find_original_sensor_folder,
+    read_original_calibration,
+    write_npy,
+    write_original_calibration,
 )
 from ninedtact.calibration.procedure import calibrated_area_mm
 from ninedtact.calibration.sensor_folder import (
-    RECORD,
+    SENSOR_FILE,
     SensorFolder,
+    build_projection,
+    create_sensor_folder,
     load_sensor,
-    new_sensor_folder,
-    projection,
-    record_toml,
+    to_sensor_toml,
 )
-from ninedtact.calibration.sensor_record import FORMAT, Depth, Grid, LensTable, MapTable, PinTable, SensorRecord
+from ninedtact.calibration.sensor_record import (
+    SENSOR_FORMAT,
+    DepthTable,
+    GridTable,
+    LensModelTable,
+    PinMapTable,
+    PixelMapTable,
+    SensorRecord,
+)
 from ninedtact.capture.image_file import read_image
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
@@ -59,27 +67,29 @@ PUBLISHED_SCATTER_MM = 0.0304
 LAST_LEVEL = 255
 
 
-def curve_from_list(pixel_to_depth_mm: Float[Array, " levels"]) -> DepthCurve:
+def _curve_from_depth_list(pixel_to_depth_mm: Float[Array, " levels"]) -> DepthCurve:
     """The list as a curve: zero at zero, rising, levels without a depth interpolated."""
     known = np.flatnonzero(pixel_to_depth_mm > 0)
     known = known[known > 0]
     rising = np.asarray(isotonic_regression(pixel_to_depth_mm[known]).x)
-    return anchored("difference", known.astype(float), rising, np.full(known.size, PUBLISHED_SCATTER_MM))
+    return anchor_depth_curve_at_zero(
+        "difference", known.astype(float), rising, np.full(known.size, PUBLISHED_SCATTER_MM)
+    )
 
 
-def list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
+def _depth_list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
     """Depth for every whole grey level up to the end of the sensor's curve.
 
     A ratio becomes grey levels at the mean brightness of the sensor's own untouched image; where the image is
     brighter or darker than that, the list's depths are off as they are with the original's own lists.
     """
     curve = sensor.record.depth.curve
-    brightness = 1.0 if curve.signal == "difference" else mean_brightness(sensor)
+    brightness = 1.0 if curve.signal == "difference" else _mean_reference_grey(sensor)
     last = min(int(np.ceil(curve.darkening[-1] * brightness)), LAST_LEVEL)
     return np.interp(np.arange(last + 1) / brightness, curve.darkening, curve.indentation_mm)
 
 
-def mean_brightness(sensor: SensorFolder) -> float:
+def _mean_reference_grey(sensor: SensorFolder) -> float:
     """Mean grey level of the untouched skin before the ball; raises `SensorFolderDamaged`."""
     rectify = sensor.rectification
     rectified = rectify(sensor.image("ball_reference", read_image))
@@ -89,16 +99,16 @@ def mean_brightness(sensor: SensorFolder) -> float:
 Index = Int32[Array, "raw_rows raw_cols"]
 
 
-class UpstreamCannotHold(NinedtactError):
+class OriginalExportImpossible(NinedtactError):
     """A sensor that the original project's layout has no room for, or a place where it may not be written."""
 
 
-def index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, int]]:
+def _build_index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, int]]:
     """Row and column of the raw pixel, (0, 0) where the camera sees nothing, and the row and column of the centre."""
     rectify, lens = sensor.rectification, sensor.record.lens
-    require_room(rectify)
-    start = grid_start(rectify)
-    x, y = np.rint(np.moveaxis(extended_px(rectify, lens, start), -1, 0))
+    _require_grid_fits(rectify)
+    start = _grid_start(rectify)
+    x, y = np.rint(np.moveaxis(_extend_source_px(rectify, lens, start), -1, 0))
     raw_rows, raw_cols = rectify.raw_shape
     seen = (x >= 0) & (x < raw_cols) & (y >= 0) & (y < raw_rows)
     rows, cols = rectify.source_px.shape[:2]
@@ -107,17 +117,17 @@ def index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, int]]:
     return np.where(seen, y, 0).astype(np.int32), np.where(seen, x, 0).astype(np.int32), centre
 
 
-def require_room(rectify: Rectification) -> None:
+def _require_grid_fits(rectify: Rectification) -> None:
     """Refuse a grid larger than the raw image, whose size the maps have."""
     (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
     if rows > raw_rows or cols > raw_cols:
-        raise UpstreamCannotHold(
+        raise OriginalExportImpossible(
             f"expected raw images of at least {cols} x {rows} pixels, the size of the rectified one, got "
             f"{raw_cols} x {raw_rows}; calibrate the sensor with larger images"
         )
 
 
-def grid_start(rectify: Rectification) -> tuple[int, int]:
+def _grid_start(rectify: Rectification) -> tuple[int, int]:
     """First row and column of the grid in the maps: where its middle lies as in the raw image, if there is room."""
     (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
     x, y = rectify.source_px[rows // 2, cols // 2]
@@ -126,16 +136,16 @@ def grid_start(rectify: Rectification) -> tuple[int, int]:
     return int(top), int(left)
 
 
-def extended_px(
-    rectify: Rectification, lens: LensTable | PinTable | MapTable, start: tuple[int, int]
+def _extend_source_px(
+    rectify: Rectification, lens: LensModelTable | PinMapTable | PixelMapTable, start: tuple[int, int]
 ) -> Float[Array, "raw_rows raw_cols 2"]:
     """Source pixels of the grid, and around it those of the lens; nothing around a grid given pixel by pixel."""
     (top, left), (rows, cols) = start, rectify.source_px.shape[:2]
     extended = np.full((*rectify.raw_shape, 2), OUT_OF_VIEW_PX)
-    if not isinstance(lens, MapTable):
+    if not isinstance(lens, PixelMapTable):
         y, x = np.indices(rectify.raw_shape) - np.array([top + (rows - 1) / 2, left + (cols - 1) / 2])[:, None, None]
         points_mm = np.column_stack([x.ravel(), y.ravel()]) * rectify.mm_per_px
-        extended = projection(lens, rectify.raw_shape).to_px(points_mm).reshape(extended.shape)
+        extended = build_projection(lens, rectify.raw_shape).to_px(points_mm).reshape(extended.shape)
     extended[top : top + rows, left : left + cols] = rectify.source_px
     return extended
 
@@ -148,54 +158,56 @@ CAMERA_NOISE = 0.5
 USUAL_GREY = 160
 
 
-def import_upstream(
+def import_original_calibration(
     folder: Path, out: Path, design: SensorDesign = SensorDesign(), sensor_id: str | None = None
 ) -> SensorFolder:
     """Write a sensor folder from `sensor_N`, or from a folder that holds one; pixels are rectified exactly as there.
 
     The crop is the design's field of view. There is no certificate, and no image to compare today's skin with; the
     noise is that of a usual camera through this sensor's list. An older sensor folder at `out` is replaced.
-    Raises `UpstreamFolderDamaged`, `SensorFolderRefused`, `FileNotWritten`, `OSError`.
+    Raises `OriginalFolderDamaged`, `SensorFolderRefused`, `FileNotWritten`, `OSError`.
     """
-    source = sensor_folder_in(folder, FILES)
-    calibration = read_upstream(source, design.field_of_view)
-    with new_sensor_folder(out) as partial:
-        write_numbers(partial / MAP, calibration.source_px(design.field_of_view))
-        for file in FILES:
+    source = find_original_sensor_folder(folder, ORIGINAL_FILES)
+    calibration = read_original_calibration(source, design.field_of_view)
+    with create_sensor_folder(out) as partial:
+        write_npy(partial / MAP, calibration.source_px(design.field_of_view))
+        for file in ORIGINAL_FILES:
             (partial / KEPT / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source / file, partial / KEPT / file)
         digest = sha256((partial / MAP).read_bytes()).hexdigest()
-        record = imported_record(calibration, design, sensor_id or source.resolve().name, digest)
-        write_file_atomically(partial / RECORD, record_toml(record))
+        record = _make_imported_record(calibration, design, sensor_id or source.resolve().name, digest)
+        write_file_atomically(partial / SENSOR_FILE, to_sensor_toml(record))
     return load_sensor(out)
 
 
-def imported_record(
-    calibration: UpstreamCalibration, design: SensorDesign, sensor_id: str, digest: str
+def _make_imported_record(
+    calibration: OriginalCalibration, design: SensorDesign, sensor_id: str, digest: str
 ) -> SensorRecord:
     """Everything that `sensor.toml` can say of an imported sensor."""
-    area, (rows, cols) = area_mm(calibration, design), calibration.row_index.shape
+    area, (rows, cols) = _calibrated_area_mm(calibration, design), calibration.row_index.shape
     rectify = Rectification(calibration.source_px(design.field_of_view), calibration.mm_per_px, (rows, cols), area)
-    curve = curve_from_list(calibration.pixel_to_depth_mm)
+    curve = _curve_from_depth_list(calibration.pixel_to_depth_mm)
     return SensorRecord(
-        format=FORMAT,
+        format=SENSOR_FORMAT,
         id=sensor_id,
         created=datetime.now(UTC).replace(microsecond=0),
         software=f"ninedtact {version('ninedtact')}, imported from the original project",
         design=design,
-        grid=Grid(calibration.mm_per_px, rows, cols, area),
-        lens=MapTable(MAP, digest),
-        depth=Depth("table", usual_noise_mm(curve, rectify), Smoothing(), curve),
+        grid=GridTable(calibration.mm_per_px, rows, cols, area),
+        lens=PixelMapTable(MAP, digest),
+        depth=DepthTable("table", _typical_noise_mm(curve, rectify), Smoothing(), curve),
     )
 
 
-def usual_noise_mm(curve: DepthCurve, rectify: Rectification) -> float:
+def _typical_noise_mm(curve: DepthCurve, rectify: Rectification) -> float:
     """What the noise of a usual camera does to the height."""
     even = np.full((*rectify.raw_shape, 3), USUAL_GREY, np.uint8)
-    return repeatability_mm(partial(DepthReader, curve, lens_coverage=rectify.coverage), rectify, even, CAMERA_NOISE)
+    return simulate_height_noise_mm(
+        partial(DepthReader, curve, lens_coverage=rectify.coverage), rectify, even, CAMERA_NOISE
+    )
 
 
-def area_mm(calibration: UpstreamCalibration, design: SensorDesign) -> Area:
+def _calibrated_area_mm(calibration: OriginalCalibration, design: SensorDesign) -> Area:
     """Where the pins were; the original's crop lies up to a pixel beside its central pin."""
     view = design.field_of_view
     start, half = np.array(calibration.start(view)), (np.array([view.rows, view.cols]) - 1) / 2
@@ -204,29 +216,29 @@ def area_mm(calibration: UpstreamCalibration, design: SensorDesign) -> Area:
     return float(left + x), float(right + x), float(top + y), float(bottom + y)
 
 
-def export_upstream(sensor: SensorFolder, out: Path) -> None:
+def export_original_calibration(sensor: SensorFolder, out: Path) -> None:
     """Write the original project's layout into the new folder `out` (`…/calibration/sensor_N`), all or nothing.
 
-    Index maps take the nearest raw pixel; for the list of grey levels see `list_from_curve`. Raises
-    `UpstreamCannotHold`, `UpstreamFolderDamaged`, `SensorFolderDamaged`, `FileNotWritten`, `OSError`.
+    Index maps take the nearest raw pixel; for the list of grey levels see `_depth_list_from_curve`. Raises
+    `OriginalExportImpossible`, `OriginalFolderDamaged`, `SensorFolderDamaged`, `FileNotWritten`, `OSError`.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise UpstreamCannotHold(
+        raise OriginalExportImpossible(
             f"expected {out} to be new or an empty folder, got one with content; choose another name"
         )
-    calibration = replace(exported_maps(sensor), pixel_to_depth_mm=list_from_curve(sensor))
-    with new_sensor_folder(out) as partial:
-        write_upstream(partial, calibration)
+    calibration = replace(_maps_to_export(sensor), pixel_to_depth_mm=_depth_list_from_curve(sensor))
+    with create_sensor_folder(out) as partial:
+        write_original_calibration(partial, calibration)
 
 
-def exported_maps(sensor: SensorFolder) -> UpstreamCalibration:
+def _maps_to_export(sensor: SensorFolder) -> OriginalCalibration:
     """The maps that were imported, or maps made from the sensor's lens."""
     view, kept = sensor.record.design.field_of_view, sensor.path / KEPT
-    if not (isinstance(sensor.record.lens, MapTable) and kept.is_dir()):
-        row_index, col_index, centre = index_maps(sensor)
+    if not (isinstance(sensor.record.lens, PixelMapTable) and kept.is_dir()):
+        row_index, col_index, centre = _build_index_maps(sensor)
         scale = np.array([*centre, sensor.record.grid.mm_per_px], float)
-        return UpstreamCalibration(row_index, col_index, scale, np.zeros(1))
-    calibration = read_upstream(kept, view)
+        return OriginalCalibration(row_index, col_index, scale, np.zeros(1))
+    calibration = read_original_calibration(kept, view)
     if not np.array_equal(calibration.source_px(view), sensor.rectification.source_px):
-        raise UpstreamFolderDamaged(f"expected {kept} as it was imported, got other maps; import the sensor again")
+        raise OriginalFolderDamaged(f"expected {kept} as it was imported, got other maps; import the sensor again")
     return calibration

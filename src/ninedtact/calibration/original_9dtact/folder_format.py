@@ -29,11 +29,11 @@ from ninedtact.errors import NinedtactError
 NAME = re.compile(r"sensor_\w+")
 
 
-class UpstreamFolderDamaged(NinedtactError):
+class OriginalFolderDamaged(NinedtactError):
     """The folder is not a calibration of the original project, or something in it is missing or wrong."""
 
 
-def sensor_folder_in(folder: Path, files: Sequence[str]) -> Path:
+def find_original_sensor_folder(folder: Path, files: Sequence[str]) -> Path:
     """The folder itself where it holds one of the files, or the only `sensor_N` in it."""
     if any((folder / file).exists() for file in files):
         return folder
@@ -41,44 +41,48 @@ def sensor_folder_in(folder: Path, files: Sequence[str]) -> Path:
     if len(inside) == 1:
         return inside[0]
     got = ", ".join(path.name for path in inside) if inside else "none" if folder.is_dir() else "no such folder"
-    raise UpstreamFolderDamaged(
+    raise OriginalFolderDamaged(
         f"expected {folder} to be a sensor_N folder of the original project, or to hold one, got {got}; "
         "name the folder that holds camera_calibration and depth_calibration"
     )
 
 
-def read_numbers(path: Path, dimensions: int) -> Float[Array, "..."]:
-    """The finite numbers of a .npy file with so many dimensions; raises `UpstreamFolderDamaged`."""
-    array = read_array(path)
+def read_finite_npy(path: Path, dimensions: int) -> Float[Array, "..."]:
+    """The finite numbers of a .npy file with so many dimensions; raises `OriginalFolderDamaged`."""
+    array = _load_npy(path)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iuf":
-        raise damaged(path, "an array of numbers", f"{getattr(array, 'dtype', 'an archive')}")
+        raise _make_damaged_file_error(path, "an array of numbers", f"{getattr(array, 'dtype', 'an archive')}")
     if array.ndim != dimensions or not array.size:
-        raise damaged(path, f"{dimensions} dimension{'s' if dimensions > 1 else ''}", f"shape {array.shape}")
+        raise _make_damaged_file_error(
+            path, f"{dimensions} dimension{'s' if dimensions > 1 else ''}", f"shape {array.shape}"
+        )
     numbers = np.array(array, float)
     if not np.isfinite(numbers).all():
-        raise damaged(path, "finite numbers", f"{int((~np.isfinite(numbers)).sum())} that are not")
+        raise _make_damaged_file_error(path, "finite numbers", f"{int((~np.isfinite(numbers)).sum())} that are not")
     return numbers
 
 
-def read_array(path: Path) -> object:
+def _load_npy(path: Path) -> object:
     """Whatever numpy finds in a file, mapped and not loaded, so that a damaged header cannot ask for all the memory."""
     if not path.is_file():
-        raise UpstreamFolderDamaged(
+        raise OriginalFolderDamaged(
             f"expected {path}, got no such file; copy the whole sensor_N folder of the original project"
         )
     try:
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError) as trouble:
-        raise damaged(path, "a whole .npy file without Python objects", first_line(trouble)) from trouble
+        raise _make_damaged_file_error(
+            path, "a whole .npy file without Python objects", _first_line(trouble)
+        ) from trouble
 
 
-def require_whole_numbers(path: Path, numbers: Float[Array, "..."]) -> None:
+def _require_whole_numbers(path: Path, numbers: Float[Array, "..."]) -> None:
     """Refuse fractions of a pixel."""
     if (numbers != np.rint(numbers)).any():
-        raise damaged(path, "whole numbers", "fractions")
+        raise _make_damaged_file_error(path, "whole numbers", "fractions")
 
 
-def write_numbers(path: Path, numbers: Shaped[Array, "..."]) -> None:
+def write_npy(path: Path, numbers: Shaped[Array, "..."]) -> None:
     """Write a .npy file; raises `FileNotWritten`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     content = BytesIO()
@@ -86,21 +90,21 @@ def write_numbers(path: Path, numbers: Shaped[Array, "..."]) -> None:
     write_file_atomically(path, content.getbuffer())
 
 
-def first_line(trouble: Exception) -> str:
+def _first_line(trouble: Exception) -> str:
     """What numpy said, short."""
     return (str(trouble).splitlines() or [type(trouble).__name__])[0]
 
 
-def damaged(path: Path, expected: str, got: str) -> UpstreamFolderDamaged:
+def _make_damaged_file_error(path: Path, expected: str, got: str) -> OriginalFolderDamaged:
     """The refusal of one file."""
-    return UpstreamFolderDamaged(f"expected {expected} in {path}, got {got}; copy the file again or calibrate again")
+    return OriginalFolderDamaged(f"expected {expected} in {path}, got {got}; copy the file again or calibrate again")
 
 
 ROW_INDEX = "camera_calibration/row_index.npy"
 COL_INDEX = "camera_calibration/col_index.npy"
 POSITION_SCALE = "camera_calibration/position_scale.npy"
 PIXEL_TO_DEPTH = "depth_calibration/Pixel_to_Depth.npy"
-FILES = (ROW_INDEX, COL_INDEX, POSITION_SCALE, PIXEL_TO_DEPTH)
+ORIGINAL_FILES = (ROW_INDEX, COL_INDEX, POSITION_SCALE, PIXEL_TO_DEPTH)
 
 GREY_LEVELS = 256
 OUT_OF_VIEW_PX = -1.0
@@ -110,7 +114,7 @@ COARSEST_MM_PER_PX = 1.0
 
 
 @dataclass(frozen=True)
-class UpstreamCalibration:
+class OriginalCalibration:
     """The numbers of one folder."""
 
     row_index: Int32[Array, "rows cols"]
@@ -137,82 +141,82 @@ class UpstreamCalibration:
         return source
 
 
-def read_upstream(folder: Path, view: FieldOfView) -> UpstreamCalibration:
-    """Read `sensor_N`, or the one `sensor_N` in a folder; raises `UpstreamFolderDamaged`."""
-    where = sensor_folder_in(folder, FILES)
-    row_index, col_index = read_index(where / ROW_INDEX, 0), read_index(where / COL_INDEX, 1)
-    require_one_size(where, row_index.shape, col_index.shape)
-    calibration = UpstreamCalibration(
+def read_original_calibration(folder: Path, view: FieldOfView) -> OriginalCalibration:
+    """Read `sensor_N`, or the one `sensor_N` in a folder; raises `OriginalFolderDamaged`."""
+    where = find_original_sensor_folder(folder, ORIGINAL_FILES)
+    row_index, col_index = _read_index_map(where / ROW_INDEX, 0), _read_index_map(where / COL_INDEX, 1)
+    _require_equal_shapes(where, row_index.shape, col_index.shape)
+    calibration = OriginalCalibration(
         row_index,
         col_index,
-        read_position_scale(where / POSITION_SCALE),
-        read_depth_list(where / PIXEL_TO_DEPTH),
+        _read_position_scale(where / POSITION_SCALE),
+        _read_depth_list(where / PIXEL_TO_DEPTH),
     )
-    require_crop(where, calibration, view)
+    _require_crop_inside(where, calibration, view)
     return calibration
 
 
-def write_upstream(folder: Path, calibration: UpstreamCalibration) -> None:
+def write_original_calibration(folder: Path, calibration: OriginalCalibration) -> None:
     """Write the four files into an existing folder; raises `FileNotWritten`."""
-    write_numbers(folder / ROW_INDEX, calibration.row_index)
-    write_numbers(folder / COL_INDEX, calibration.col_index)
-    write_numbers(folder / POSITION_SCALE, calibration.position_scale)
-    write_numbers(folder / PIXEL_TO_DEPTH, calibration.pixel_to_depth_mm)
+    write_npy(folder / ROW_INDEX, calibration.row_index)
+    write_npy(folder / COL_INDEX, calibration.col_index)
+    write_npy(folder / POSITION_SCALE, calibration.position_scale)
+    write_npy(folder / PIXEL_TO_DEPTH, calibration.pixel_to_depth_mm)
 
 
-def read_index(path: Path, axis: int) -> Int32[Array, "rows cols"]:
+def _read_index_map(path: Path, axis: int) -> Int32[Array, "rows cols"]:
     """An index map that stays inside the raw image, which has the map's own size."""
-    index = read_numbers(path, 2)
-    require_whole_numbers(path, index)
+    index = read_finite_npy(path, 2)
+    _require_whole_numbers(path, index)
     size = index.shape[axis]
     if index.min() < 0 or index.max() >= size:
-        raise UpstreamFolderDamaged(
+        raise OriginalFolderDamaged(
             f"expected pixels 0 to {size - 1} in {path}, got {index.min():g} to {index.max():g}; calibrate "
             "the camera again"
         )
     return index.astype(np.int32)
 
 
-def read_position_scale(path: Path) -> Float[Array, "3"]:
+def _read_position_scale(path: Path) -> Float[Array, "3"]:
     """Centre row, centre column, and a scale that can be one."""
-    numbers = read_numbers(path, 1)
+    numbers = read_finite_npy(path, 1)
     if numbers.size != 3:
-        raise UpstreamFolderDamaged(
+        raise OriginalFolderDamaged(
             f"expected row, column and mm per pixel in {path}, got {numbers.size} numbers; calibrate the camera again"
         )
     if not 0 < numbers[2] < COARSEST_MM_PER_PX:
-        raise UpstreamFolderDamaged(
+        raise OriginalFolderDamaged(
             f"expected mm per pixel (about 0.05) as the third number of {path}, got {numbers[2]:g}; if that is pixels "
             "per mm, store its inverse"
         )
     return numbers
 
 
-def read_depth_list(path: Path) -> Float[Array, " levels"]:
+def _read_depth_list(path: Path) -> Float[Array, " levels"]:
     """A list that knows a depth for at least one grey level."""
-    depth_mm = read_numbers(path, 1)
+    depth_mm = read_finite_npy(path, 1)
     if depth_mm.size > GREY_LEVELS or not (depth_mm[1:] > 0).any():
-        raise UpstreamFolderDamaged(
+        raise OriginalFolderDamaged(
             f"expected depths in mm for up to {GREY_LEVELS} grey levels in {path}, got {depth_mm.size} numbers of "
             f"which {int((depth_mm[1:] > 0).sum())} are depths; calibrate the depth again"
         )
     return depth_mm
 
 
-def require_one_size(folder: Path, shape: tuple[int, ...], other: tuple[int, ...]) -> None:
+def _require_equal_shapes(folder: Path, shape: tuple[int, ...], other: tuple[int, ...]) -> None:
     """Refuse maps that do not belong together."""
     if shape != other:
-        raise UpstreamFolderDamaged(
+        raise OriginalFolderDamaged(
             f"expected index maps of one size in {folder}, got {shape} and {other}; calibrate the camera again"
         )
 
 
-def require_crop(folder: Path, calibration: UpstreamCalibration, view: FieldOfView) -> None:
+def _require_crop_inside(folder: Path, calibration: OriginalCalibration, view: FieldOfView) -> None:
     """Refuse maps that do not contain the crop."""
     shape = calibration.row_index.shape
     row, col = calibration.position_scale[:2] - np.array([view.rows, view.cols]) / 2
     if row < 0 or col < 0 or row + view.rows > shape[0] or col + view.cols > shape[1]:
-        raise UpstreamFolderDamaged(
+        raise OriginalFolderDamaged(
             f"expected a crop of {view.rows} x {view.cols} (rows x columns) about the central pin inside the "
             f"{shape[0]} x {shape[1]} maps of {folder}, got one that reaches beyond them; give the crop_size of your "
             "shape_config.yaml"

@@ -18,14 +18,14 @@ from scipy.optimize import least_squares
 
 from ninedtact.calibration.ball.contact_circle import ContactCircle
 from ninedtact.calibration.twin.ball_press_model import (
-    NAMES,
-    Forward,
-    ObservedPress,
-    Vector,
-    bounds,
-    press_of,
-    scales,
-    stepped,
+    PARAMETER_NAMES,
+    BallPressModel,
+    ObservedBallPress,
+    ParameterVector,
+    ball_press_of,
+    parameter_bounds,
+    parameter_scales,
+    step_parameter,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact import Contact
@@ -35,7 +35,7 @@ from ninedtact.simulation.light import Light
 
 
 @dataclass(frozen=True)
-class Confidence:
+class ParameterUncertainty:
     """Standard deviations and correlations of the searched parameters."""
 
     points: float
@@ -45,22 +45,26 @@ class Confidence:
 
     def closest(self, name: str) -> tuple[str, float]:
         """The parameter that this one is hardest to tell from, and their correlation."""
-        row = self.correlation[NAMES.index(name)].copy()
-        row[NAMES.index(name)] = 0
+        row = self.correlation[PARAMETER_NAMES.index(name)].copy()
+        row[PARAMETER_NAMES.index(name)] = 0
         other = int(np.abs(row).argmax())
-        return NAMES[other], float(row[other])
+        return PARAMETER_NAMES[other], float(row[other])
 
 
-def confidence(slopes: Float[Array, "rows parameters"], rest: Float[Array, " n"], points: float) -> Confidence:
+def _estimate_uncertainty(
+    slopes: Float[Array, "rows parameters"], rest: Float[Array, " n"], points: float
+) -> ParameterUncertainty:
     """From the Jacobian and the rest, as of `points` independent observations (Gauss–Markov)."""
     variance = np.sum(rest**2) / max(points - slopes.shape[1], 1.0)
     covariance = np.linalg.pinv(slopes.T @ slopes, hermitian=True) * variance
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
     safe = np.where(deviation > 0, deviation, 1)
-    return Confidence(points, dict(zip(NAMES, deviation.tolist(), strict=True)), covariance / np.outer(safe, safe))
+    return ParameterUncertainty(
+        points, dict(zip(PARAMETER_NAMES, deviation.tolist(), strict=True)), covariance / np.outer(safe, safe)
+    )
 
 
-def independent_points(rest: Float[Array, "rows cols"]) -> float:
+def effective_observation_count(rest: Float[Array, "rows cols"]) -> float:
     """How many observations speak independently: their number over the sum of their mutual correlations.
 
     rest: what a fit leaves, as an image; not-a-number where nothing was observed.
@@ -68,17 +72,17 @@ def independent_points(rest: Float[Array, "rows cols"]) -> float:
     seen = np.isfinite(rest)
     known, values = seen.astype(float), rest[seen]
     field = np.where(seen, rest - values.mean(), 0.0)
-    correlation = lagged(field) / np.maximum(lagged(known), 1) / np.mean(values**2)
+    correlation = _autocorrelation_sums(field) / np.maximum(_autocorrelation_sums(known), 1) / np.mean(values**2)
     centre = correlation.shape[0] // 2, correlation.shape[1] // 2
     rows, cols = np.indices(correlation.shape)
     lag = np.hypot(rows - centre[0], cols - centre[1]).astype(int)
     ring = np.bincount(lag.ravel(), correlation.ravel()) / np.bincount(lag.ravel())
     first_zero = int(np.argmax(ring <= 0)) or len(ring)
     neighbours = float(correlation[lag < first_zero].sum())
-    return float(max(values.size / max(neighbours, 1.0), len(NAMES) + 1.0))
+    return float(max(values.size / max(neighbours, 1.0), len(PARAMETER_NAMES) + 1.0))
 
 
-def lagged(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
+def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
     """Autocorrelation sums at all lags, lag zero in the middle."""
     from scipy.signal import fftconvolve
 
@@ -101,12 +105,12 @@ TRIES = 40
 class TwinFit:
     """The best parameters, what they leave unexplained, and how certain they are."""
 
-    forward: Forward
-    vector: Vector
+    forward: BallPressModel
+    vector: ParameterVector
     slopes: Float[Array, "3"]
     rest_grey: Float[Array, " n"]
     """Observed minus predicted, grey levels, at the observed points."""
-    confidence: Confidence
+    confidence: ParameterUncertainty
     seconds: float
     evaluations: int
 
@@ -115,7 +119,7 @@ class TwinFit:
         """All parameters by name."""
         level, dark, bright = (float(slope) for slope in self.slopes)
         solved = {"loss": level - 1, "darkening_per_mm": dark / level, "brightening_per_mm": bright / level}
-        return {**dict(zip(NAMES, self.vector.tolist(), strict=True)), **solved}
+        return {**dict(zip(PARAMETER_NAMES, self.vector.tolist(), strict=True)), **solved}
 
     @property
     def drag_mm(self) -> tuple[float, float]:
@@ -125,7 +129,7 @@ class TwinFit:
     @property
     def contact(self) -> Contact:
         """The skin under the ball, pressures in shear moduli."""
-        return self.forward.contact(press_of(self.named))
+        return self.forward.contact(ball_press_of(self.named))
 
     @property
     def rmse_grey_image(self) -> float:
@@ -141,7 +145,8 @@ class TwinFit:
     def radial_rest(self) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
         """Radius and mean rest of rings of 0.05 mm."""
         x, y = (
-            axis.ravel() - self.named[name] for axis, name in zip(self.forward.observed.points_mm, NAMES, strict=False)
+            axis.ravel() - self.named[name]
+            for axis, name in zip(self.forward.observed.points_mm, PARAMETER_NAMES, strict=False)
         )
         radius = np.hypot(x, y)
         ring = (radius / 0.05).astype(int)
@@ -173,7 +178,7 @@ class TwinFit:
 
 
 @dataclass(frozen=True)
-class Belief:
+class ParameterPrior:
     """What is known of a parameter beside the image."""
 
     name: str
@@ -182,23 +187,23 @@ class Belief:
 
 
 @dataclass(frozen=True)
-class Prior:
+class _PriorTerms:
     """Beliefs as observations beside those of the image."""
 
-    beliefs: tuple[Belief, ...] = ()
+    beliefs: tuple[ParameterPrior, ...] = ()
     deviation_grey: float = 0.0
     """Grey levels that one standard deviation of a belief counts as: what an independent point is off."""
 
-    def miss(self, vector: Vector) -> Float[Array, " beliefs"]:
+    def miss(self, vector: ParameterVector) -> Float[Array, " beliefs"]:
         """How far the vector is from what is believed, grey levels."""
-        off = [(vector[NAMES.index(one.name)] - one.value) / one.deviation for one in self.beliefs]
+        off = [(vector[PARAMETER_NAMES.index(one.name)] - one.value) / one.deviation for one in self.beliefs]
         return self.deviation_grey * np.array(off, float)
 
     @property
     def slope(self) -> Float[Array, "beliefs parameters"]:
         """Derivative of `miss`."""
-        rows = [np.array([name == one.name for name in NAMES]) / one.deviation for one in self.beliefs]
-        return self.deviation_grey * np.array(rows, float).reshape(-1, len(NAMES))
+        rows = [np.array([name == one.name for name in PARAMETER_NAMES]) / one.deviation for one in self.beliefs]
+        return self.deviation_grey * np.array(rows, float).reshape(-1, len(PARAMETER_NAMES))
 
 
 def fit_twin(
@@ -206,26 +211,28 @@ def fit_twin(
     after: Rectified,
     circle: ContactCircle,
     design: SensorDesign,
-    beliefs: tuple[Belief, ...] = (),
-    near: Vector | None = None,
+    beliefs: tuple[ParameterPrior, ...] = (),
+    near: ParameterVector | None = None,
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball, found at `circle`.
 
     beliefs: what other images told. near: parameters to start from, where they are about known.
     """
     began = perf_counter()
-    middle_mm = skin_place_mm(before, circle.centre_px)
-    forward = Forward(ObservedPress(before, after, middle_mm), design)
-    free, searched = fitted(forward, first_guess(forward, circle), Prior()) if near is None else (near, 0)
-    points = independent_points(forward.observed.image(forward.solved(free)[1]))
-    prior = prior_of(forward, free, points, beliefs)
-    vector, again = fitted(forward, free, prior)
+    middle_mm = _pixel_to_skin_mm(before, circle.centre_px)
+    forward = BallPressModel(ObservedBallPress(before, after, middle_mm), design)
+    free, searched = (
+        _fit_least_squares(forward, _initial_guess(forward, circle), _PriorTerms()) if near is None else (near, 0)
+    )
+    points = effective_observation_count(forward.observed.image(forward.solved(free)[1]))
+    prior = _make_prior_terms(forward, free, points, beliefs)
+    vector, again = _fit_least_squares(forward, free, prior)
     slopes, rest = forward.solved(vector)
-    sure = confidence(slope_of(forward, vector, prior), rest, points)
+    sure = _estimate_uncertainty(_residual_jacobian(forward, vector, prior), rest, points)
     return TwinFit(forward, vector, slopes, rest, sure, perf_counter() - began, searched + again)
 
 
-def first_guess(forward: Forward, circle: ContactCircle) -> Vector:
+def _initial_guess(forward: BallPressModel, circle: ContactCircle) -> ParameterVector:
     """From the disc: its middle, the depth by the rule of its edge, the drag by its uneven bulge."""
     radius_mm, ball_mm = circle.radius_px * forward.observed.before.mm_per_px, forward.design.ball.radius_mm
     radius_mm = radius_mm if radius_mm < ball_mm else WIDEST_GUESS * ball_mm
@@ -234,46 +241,54 @@ def first_guess(forward: Forward, circle: ContactCircle) -> Vector:
     x, y = forward.observed.middle_mm
     guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, "drag_x_mm": drag[0], "drag_y_mm": drag[1], **START}
     guess["thickness_mm"] *= forward.design.gel.thickness_mm / SensorDesign().gel.thickness_mm
-    low, high = bounds()
-    return np.clip([guess[name] for name in NAMES], low + 1e-3, high - 1e-3)
+    low, high = parameter_bounds()
+    return np.clip([guess[name] for name in PARAMETER_NAMES], low + 1e-3, high - 1e-3)
 
 
-def fitted(forward: Forward, start: Vector, prior: Prior) -> tuple[Vector, int]:
+def _fit_least_squares(
+    forward: BallPressModel, start: ParameterVector, prior: _PriorTerms
+) -> tuple[ParameterVector, int]:
     """Least squares from a start; and how many images that took."""
 
-    def miss(vector: Vector) -> Float[Array, " n"]:
+    def miss(vector: ParameterVector) -> Float[Array, " n"]:
         return np.append(forward.solved(vector)[1], prior.miss(vector))
 
-    def slope(vector: Vector) -> Float[Array, "n parameters"]:
-        return slope_of(forward, vector, prior)
+    def slope(vector: ParameterVector) -> Float[Array, "n parameters"]:
+        return _residual_jacobian(forward, vector, prior)
 
-    found = least_squares(miss, start, slope, bounds(), x_scale=scales(), xtol=1e-5, ftol=1e-6, max_nfev=TRIES)
-    return found.x, found.nfev + int(found.njev or 0) * len(NAMES)
+    found = least_squares(
+        miss, start, slope, parameter_bounds(), x_scale=parameter_scales(), xtol=1e-5, ftol=1e-6, max_nfev=TRIES
+    )
+    return found.x, found.nfev + int(found.njev or 0) * len(PARAMETER_NAMES)
 
 
-def prior_of(forward: Forward, vector: Vector, points: float, beliefs: tuple[Belief, ...]) -> Prior:
+def _make_prior_terms(
+    forward: BallPressModel, vector: ParameterVector, points: float, beliefs: tuple[ParameterPrior, ...]
+) -> _PriorTerms:
     """The design's thickness and other beliefs, each an observation among this many independent points."""
     rest, design_mm = forward.solved(vector)[1], forward.design.gel.thickness_mm
-    mould = Belief("thickness_mm", design_mm, THICKNESS_SPREAD * design_mm)
-    return Prior((mould, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
+    mould = ParameterPrior("thickness_mm", design_mm, THICKNESS_SPREAD * design_mm)
+    return _PriorTerms((mould, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
 
 
-def slope_of(forward: Forward, vector: Vector, prior: Prior) -> Float[Array, "n parameters"]:
+def _residual_jacobian(
+    forward: BallPressModel, vector: ParameterVector, prior: _PriorTerms
+) -> Float[Array, "n parameters"]:
     """The Jacobian, with a row for every belief."""
-    return np.vstack([jacobian(forward, vector), prior.slope])
+    return np.vstack([_image_jacobian(forward, vector), prior.slope])
 
 
-def jacobian(forward: Forward, vector: Vector) -> Float[Array, "n parameters"]:
+def _image_jacobian(forward: BallPressModel, vector: ParameterVector) -> Float[Array, "n parameters"]:
     """How the rest changes with each searched parameter, level and slopes following."""
     here = forward.solved(vector)[1]
     columns = []
-    for index in range(len(NAMES)):
-        moved, step = stepped(vector, index)
+    for index in range(len(PARAMETER_NAMES)):
+        moved, step = step_parameter(vector, index)
         columns.append((forward.solved(moved)[1] - here) / step)
     return np.column_stack(columns)
 
 
-def skin_place_mm(image: Rectified, px: tuple[float, float]) -> tuple[float, float]:
+def _pixel_to_skin_mm(image: Rectified, px: tuple[float, float]) -> tuple[float, float]:
     """A place of a rectified image, (x, y) in pixels, in mm on the skin."""
     rows, cols = image.grey.shape
     return (px[0] - (cols - 1) / 2) * image.mm_per_px, (px[1] - (rows - 1) / 2) * image.mm_per_px

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness import smoothed
+from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact import Contact
@@ -29,7 +29,7 @@ from ninedtact.simulation.seeing import FINER, Sight, grid, sampled, scattered
 
 
 @dataclass(frozen=True)
-class Parameter:
+class _FitParameter:
     """One number to be found."""
 
     name: str
@@ -40,37 +40,37 @@ class Parameter:
     scale: float = 1.0
 
 
-SEARCHED = (
-    Parameter("x_mm", -12, 12, 0.02),
-    Parameter("y_mm", -9, 9, 0.02),
-    Parameter("depth_mm", 0.1, 3.0, 0.02),
-    Parameter("drag_x_mm", -4, 4, 0.03),
-    Parameter("drag_y_mm", -4, 4, 0.03),
-    Parameter("thickness_mm", 0.8, 6.0, 0.03),
-    Parameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
-    Parameter("saturation", 0.0, 5.0, 0.05, 0.5),
-    Parameter("nearness_per_mm", 0.0, 0.08, 0.004, 0.05),
+FIT_PARAMETERS = (
+    _FitParameter("x_mm", -12, 12, 0.02),
+    _FitParameter("y_mm", -9, 9, 0.02),
+    _FitParameter("depth_mm", 0.1, 3.0, 0.02),
+    _FitParameter("drag_x_mm", -4, 4, 0.03),
+    _FitParameter("drag_y_mm", -4, 4, 0.03),
+    _FitParameter("thickness_mm", 0.8, 6.0, 0.03),
+    _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
+    _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
+    _FitParameter("nearness_per_mm", 0.0, 0.08, 0.004, 0.05),
 )
 """Those that the image depends on in no simple way. Given them, three more are a linear problem: the level 1 + c, and
 (1 + c) times the slopes of dark and bright."""
-NAMES = tuple(parameter.name for parameter in SEARCHED)
+PARAMETER_NAMES = tuple(parameter.name for parameter in FIT_PARAMETERS)
 
-Vector = Float[Array, " parameters"]
+ParameterVector = Float[Array, " parameters"]
 
 
-def bounds() -> tuple[Vector, Vector]:
+def parameter_bounds() -> tuple[ParameterVector, ParameterVector]:
     """Lower and upper bounds of what is searched."""
-    return np.array([p.least for p in SEARCHED], float), np.array([p.most for p in SEARCHED], float)
+    return np.array([p.least for p in FIT_PARAMETERS], float), np.array([p.most for p in FIT_PARAMETERS], float)
 
 
-def scales() -> Vector:
+def parameter_scales() -> ParameterVector:
     """Of how much of each parameter matters."""
-    return np.array([p.scale for p in SEARCHED])
+    return np.array([p.scale for p in FIT_PARAMETERS])
 
 
-def stepped(vector: Vector, index: int) -> tuple[Vector, float]:
+def step_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVector, float]:
     """The vector with one parameter moved, inside its bounds, and by how much."""
-    parameter = SEARCHED[index]
+    parameter = FIT_PARAMETERS[index]
     step = parameter.step if vector[index] + parameter.step < parameter.most else -parameter.step
     moved = vector.copy()
     moved[index] += step
@@ -86,7 +86,7 @@ DIMMEST = 1.0
 
 
 @dataclass(frozen=True)
-class ObservedPress:
+class ObservedBallPress:
     """Two rectified images, before and after, around the contact."""
 
     before: Rectified
@@ -97,7 +97,7 @@ class ObservedPress:
     @cached_property
     def ratio(self) -> Float32[Array, "rows cols"]:
         """Brightness relative to untouched skin, calmed."""
-        return smoothed(self.after.grey / np.maximum(self.before.grey, DIMMEST), SMOOTHING_PX)
+        return smooth_gaussian(self.after.grey / np.maximum(self.before.grey, DIMMEST), SMOOTHING_PX)
 
     @cached_property
     def place_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
@@ -151,7 +151,7 @@ KEPT_CONTACTS = 64
 
 
 @dataclass(frozen=True)
-class Press:
+class _BallPress:
     """A ball pressed into gel and dragged; the unit of pressure is the gel's shear modulus."""
 
     depth_mm: float
@@ -168,29 +168,31 @@ class Press:
 
 
 @dataclass(frozen=True)
-class Forward:
+class BallPressModel:
     """The prediction for one observed press under a design."""
 
-    observed: ObservedPress
+    observed: ObservedBallPress
     design: SensorDesign
 
     @cached_property
-    def contacts(self) -> dict[Press, Contact]:
+    def contacts(self) -> dict[_BallPress, Contact]:
         """Those solved last."""
         return {}
 
-    def contact(self, press: Press) -> Contact:
+    def contact(self, press: _BallPress) -> Contact:
         """The skin under this press."""
         if press not in self.contacts:
             if len(self.contacts) >= KEPT_CONTACTS:
                 self.contacts.pop(next(iter(self.contacts)))
-            model = ContactModel(skin_of(press.thickness_mm, self.design.gel.poisson_ratio), FRICTION, EFFORT)
+            model = ContactModel(
+                _gel_of_unit_modulus(press.thickness_mm, self.design.gel.poisson_ratio), FRICTION, EFFORT
+            )
             *_, self.contacts[press] = model.follow(Ball(self.design.ball.radius_mm), press.poses())
         return self.contacts[press]
 
-    def columns(self, vector: Vector) -> Float[Array, "n 3"]:
+    def columns(self, vector: ParameterVector) -> Float[Array, "n 3"]:
         """What level, dark and bright slope are multiplied by to give the brightness at each observed point."""
-        named = dict(zip(NAMES, vector.tolist(), strict=True))
+        named = dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True))
         seen = self.seen_mm(named)
         diffuse = scattered(PATCH, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
         at = grid(PATCH, self.observed.middle_mm, *self.observed.points_mm, FINER)
@@ -199,7 +201,7 @@ class Forward:
 
     def seen_mm(self, named: dict[str, float]) -> Float32[Array, "rows cols"]:
         """Height of the skin as the plane shows it, on a grid around the middle of the observed press."""
-        height = np.asarray(self.contact(press_of(named)).height_mm, np.float32)
+        height = np.asarray(self.contact(ball_press_of(named)).height_mm, np.float32)
         x, y = (
             np.ascontiguousarray(axis + middle, np.float32)
             for axis, middle in zip(PATCH.place_mm, self.observed.middle_mm, strict=True)
@@ -214,20 +216,20 @@ class Forward:
         dark = saturating(np.clip(height_mm, -thickness, 0), saturation, thickness)
         return dark.astype(np.float32), np.maximum(height_mm, 0)
 
-    def solved(self, vector: Vector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
+    def solved(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
         """The best level and slopes for these parameters, and what they leave unexplained, in grey levels."""
         columns, seen = self.columns(vector), self.observed.seen
         slopes = np.linalg.solve(columns.T @ columns, columns.T @ seen)
         return slopes, (seen - columns @ slopes) * self.observed.mean_grey
 
 
-def press_of(named: dict[str, float]) -> Press:
+def ball_press_of(named: dict[str, float]) -> _BallPress:
     """The mechanical parameters."""
-    return Press(named["depth_mm"], (named["drag_x_mm"], named["drag_y_mm"]), named["thickness_mm"])
+    return _BallPress(named["depth_mm"], (named["drag_x_mm"], named["drag_y_mm"]), named["thickness_mm"])
 
 
 @lru_cache(maxsize=64)
-def skin_of(thickness_mm: float, poisson_ratio: float) -> Skin:
+def _gel_of_unit_modulus(thickness_mm: float, poisson_ratio: float) -> Skin:
     """Gel of this thickness with a shear modulus of one."""
     from ninedtact.design import Gel
 

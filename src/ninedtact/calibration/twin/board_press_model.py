@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.pin_imprints import IMPRINT_RADIUS, centred_mm
-from ninedtact.calibration.brightness import smoothed
+from ninedtact.calibration.board.pin_imprints import IMPRINT_RADIUS, locate_imprints_mm
+from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.ball_press_model import DIMMEST, FRICTION, SMOOTHING_PX
 from ninedtact.design import PinBoard
@@ -38,7 +38,7 @@ LEAST_SPREAD = 0.1
 
 
 @dataclass(frozen=True)
-class ObservedBoard:
+class ObservedBoardPress:
     """Two rectified images, before and under the board."""
 
     before: Rectified
@@ -75,7 +75,7 @@ class ObservedBoard:
     @cached_property
     def seen(self) -> Float[Array, " n"]:
         """Relative brightness of the chosen pixels."""
-        ratio: Float32[Array, "rows cols"] = smoothed(
+        ratio: Float32[Array, "rows cols"] = smooth_gaussian(
             self.after.grey / np.maximum(self.before.grey, DIMMEST), SMOOTHING_PX
         )
         return ratio[self.chosen].astype(float)
@@ -100,7 +100,7 @@ Field = Float32[Array, "rows cols"]
 
 
 @dataclass(frozen=True)
-class BoardPress:
+class BoardPressParameters:
     """One press of the board, and from how near it is seen."""
 
     depth_mm: float
@@ -114,7 +114,7 @@ class BoardPress:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class PredictedBoardImage:
     """Relative change of brightness on the untouched plane, finely sampled."""
 
     patch: PeriodicGrid
@@ -132,7 +132,7 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class BoardForward:
+class BoardPressModel:
     """The prediction for one board under a twin."""
 
     fit: TwinFit
@@ -151,11 +151,11 @@ class BoardForward:
         return padded_grid(width_mm, height_mm, pitch_mm / PINS_PER_CELL, MARGIN_MM)
 
     @cached_property
-    def heights(self) -> dict[BoardPress, Field]:
+    def heights(self) -> dict[BoardPressParameters, Field]:
         """The one solved last: how it is seen changes more often than how it is pressed."""
         return {}
 
-    def height_mm(self, press: BoardPress) -> Field:
+    def height_mm(self, press: BoardPressParameters) -> Field:
         """Of the skin under the board."""
         unseen = replace(press, nearness_per_mm=0.0, point_spread_mm=0.0)
         if unseen not in self.heights:
@@ -163,7 +163,7 @@ class BoardForward:
             self.heights[unseen] = self.solved_mm(unseen)
         return self.heights[unseen]
 
-    def solved_mm(self, press: BoardPress) -> Field:
+    def solved_mm(self, press: BoardPressParameters) -> Field:
         """The same, not yet solved."""
         gel = replace(
             self.fit.forward.design.gel,
@@ -176,13 +176,13 @@ class BoardForward:
         pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
         return np.asarray(model.step(model.untouched(), self.relief, pose).height_mm, np.float32)
 
-    def drawn(self, press: BoardPress) -> Drawn:
+    def drawn(self, press: BoardPressParameters) -> PredictedBoardImage:
         """The skin as the plane shows it, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.place_mm)
         seen = Sight(x, y, press.nearness_per_mm).height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
         (field,) = scattered(self.patch, press.point_spread_mm, self.fit.light.change(seen).astype(np.float32))
-        return Drawn(self.patch, field)
+        return PredictedBoardImage(self.patch, field)
 
-    def imprints_mm(self, drawn: Drawn, pins_mm: Points) -> Points:
+    def imprints_mm(self, drawn: PredictedBoardImage, pins_mm: Points) -> Points:
         """Where on the plane the imprints of these pins are seen, found as in an image."""
-        return centred_mm(drawn.field, drawn, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)
+        return locate_imprints_mm(drawn.field, drawn, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)

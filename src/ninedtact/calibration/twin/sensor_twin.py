@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from ninedtact.calibration.brightness import Image
+from ninedtact.calibration.brightness import BgrImage
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.image_file import read_image
 from ninedtact.design import Gel
@@ -24,7 +24,7 @@ class TwinMissing(NinedtactError):
     """A sensor that has no twin yet."""
 
 
-def twin_of(folder: SensorFolder) -> Twin:
+def build_sensor_twin(folder: SensorFolder) -> Twin:
     """The twin in a sensor's folder; raises `TwinMissing`, and `SensorFolderDamaged` where its images are gone."""
     table = folder.record.twin
     if table is None:
@@ -32,21 +32,24 @@ def twin_of(folder: SensorFolder) -> Twin:
             f"expected {folder.path} to hold a twin, got a sensor without one; run ninedtact simulate fit --sensor {folder.path}"
         )
     untouched = folder.image("ball_reference", read_image).image
-    return twin_from(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
+    return build_twin(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
 
 
-def twin_from(
-    name: str, gel: Gel, light: Light, rectify: Rectification, untouched: Image, noise_grey_levels: float
+def build_twin(
+    name: str, gel: Gel, light: Light, rectify: Rectification, untouched: BgrImage, noise_grey_levels: float
 ) -> Twin:
     """The twin of a sensor, on the untouched image that it was calibrated from."""
     noise = Noise(noise_grey_levels, rectify.raw_shape)
-    renderer = Renderer(view_of(rectify), untouched.astype(np.float32), light, noise)
+    renderer = Renderer(_invert_rectification(rectify), untouched.astype(np.float32), light, noise)
     return Twin(
-        name, lambda wave_number: bonded_layer_compliance(wave_number, gel), renderer, thickness_mm=gel.thickness_mm
+        name,
+        lambda wave_number: bonded_layer_compliance(wave_number, gel),
+        renderer,
+        thickness_mm=gel.thickness_mm,
     )
 
 
-def view_of(rectify: Rectification) -> View:
+def _invert_rectification(rectify: Rectification) -> View:
     """The rectification read backwards: where each raw pixel looks, continued smoothly beyond the rectified grid."""
     shape, every = rectify.source_px.shape[:2], np.s_[::EVERY_PX, ::EVERY_PX]
     place = np.column_stack([axis[every].ravel() for axis in skin_grid_mm(shape, rectify.mm_per_px)])

@@ -9,7 +9,7 @@ import tyro
 
 from ninedtact.cli.dataset.limits import Limits
 from ninedtact.cli.simulate.dataset import DatasetStopped
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 
 if TYPE_CHECKING:
     from ninedtact.dataset.build import Built
@@ -57,7 +57,7 @@ class Build:
             built = self.built()
         except KeyboardInterrupt:
             raise DatasetStopped(self.out) from None
-        answer(self.json, figures(built), lines(built))
+        print_result(self.json, figures(built), lines(built))
         if self.strict:
             require_nothing_listed(built.report, self.out / REPORT)
         return 0

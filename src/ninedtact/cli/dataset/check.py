@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from ninedtact.cli.dataset.limits import Limits
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Check:
             "report": str(path),
         }
         told = [*found.lines(), f"{path} lists each"] if found.listed else found.lines()
-        answer(self.json, figures, told)
+        print_result(self.json, figures, told)
         require_usable(found, path)
         if self.strict:
             require_nothing_listed(found, path)

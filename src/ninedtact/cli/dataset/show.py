@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 
 if TYPE_CHECKING:
     from ninedtact.dataset.card import Contents
@@ -45,7 +45,7 @@ class Show:
             "percentiles": list(contents.percentiles),
             "sheet": None if drawn is None else str(drawn),
         }
-        return answer(self.json, figures, lines(self.folder, contents, drawn))
+        return print_result(self.json, figures, lines(self.folder, contents, drawn))
 
     def draw(self) -> Path:
         """Write the image of some pairs; where it is."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from ninedtact.cli.force.estimators import BOTH
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Adapt:
             "presses": [asdict(one) for one in presses],
             "file": kept,
         }
-        return answer(self.json, figures, lines(presses, judged, kept))
+        return print_result(self.json, figures, lines(presses, judged, kept))
 
     def weighed(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[WeighedPress]":
         """Every press as the estimator reads it; raises `AdaptationImpossible`, naming the image."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.force.estimators import BOTH
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Estimate:
         if self.out is not None:
             write_csv(self.out, found)
         figures = {"estimator": estimator.name, "about_mm": self.about_mm, "wrenches": found}
-        return answer(self.json, figures, lines(found, self.out))
+        return print_result(self.json, figures, lines(found, self.out))
 
     def readings(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Every image read, with a name of its own."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.force.estimators import BOTH
 from ninedtact.cli.force.judged_data import Modulus
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Evaluate:
         files = {} if self.out is None else self.written(evaluation, self.out)
         figures = {**evaluation.to_json_dict(), "files": files}
         told = (*format_evaluation_report(evaluation), *(f"  {kind}: {path}" for kind, path in files.items()))
-        return answer(self.json, figures, told)
+        return print_result(self.json, figures, told)
 
     @property
     def judged(self) -> "WrenchPredictions":

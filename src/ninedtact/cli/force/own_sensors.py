@@ -95,7 +95,7 @@ def is_tried(folder: Path) -> bool:
 def calibrate_twin(member: "SensorMember", out: Path) -> None:
     """A sensor folder of it, or the reason why there can be none."""
     from ninedtact.calibration.procedure import CalibrationImages, calibrate
-    from ninedtact.calibration.save import write_sensor
+    from ninedtact.calibration.save import save_sensor
     from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images
 
     images = gauge_images(member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
@@ -105,14 +105,14 @@ def calibrate_twin(member: "SensorMember", out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
         write_file_atomically(out / REFUSED, str(refusal).encode())
     else:
-        write_sensor(out, made)
+        save_sensor(out, made)
 
 
 def read(folder: Path) -> "CalibratedSensor":
     """What heights are read by; raises `SensorFolderDamaged`."""
-    from ninedtact.calibration.sensor_folder import RECORD, load_sensor
+    from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
     from ninedtact.cli.force.estimators import gel_of
     from ninedtact.dataset.sensor_heights import CalibratedSensor
 
     sensor = load_sensor(folder)
-    return CalibratedSensor(sensor.shape, gel_of(sensor), sha256((folder / RECORD).read_bytes()).hexdigest())
+    return CalibratedSensor(sensor.shape, gel_of(sensor), sha256((folder / SENSOR_FILE).read_bytes()).hexdigest())

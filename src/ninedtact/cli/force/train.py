@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from ninedtact.cli.force.training_data import Division, HeldOut, TrainingData, designed_width_mm
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class Train:
         """Train, and say how good it is on what was held out."""
         require_libraries()
         trained = self.trained()
-        return 0 if trained is None else answer(self.json, figures(trained), lines(trained))
+        return 0 if trained is None else print_result(self.json, figures(trained), lines(trained))
 
     def trained(self) -> "TrainingResult | None":
         """The model; None on all processes but the first."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.cli.options import DesignFile, design_or_published
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.options import DesignFileOption, read_design_or_default
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Dataset:
     """Share of sensors whose gel lies on a base that yields."""
     finite_strain: float = 0.3
     """Share of sensors whose gel stiffens as it thins."""
-    design_file: DesignFile = None
+    design_file: DesignFileOption = None
     """Design file (TOML) that all sensors were meant to follow; the published one if not given."""
     pitch_mm: float = 0.2
     """Of the grid on which contacts are solved: coarser is quicker."""
@@ -72,7 +72,7 @@ class Dataset:
             made = self.made()
         except KeyboardInterrupt:
             raise DatasetStopped(self.out) from None
-        return answer(self.json, figures(made), lines(made))
+        return print_result(self.json, figures(made), lines(made))
 
     def made(self) -> "Made":
         """The data set, all of it."""
@@ -102,7 +102,7 @@ class Dataset:
             objects_seed=self.objects_seed,
             shares=Shares(self.no_contact, self.light_touch),
             kinds=Kinds(self.compliant_base, self.finite_strain),
-            design=design_or_published(self.design_file),
+            design=read_design_or_default(self.design_file),
             pitch_mm=self.pitch_mm,
         )
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.sensor_record import FitFigures, TwinTable
+    from ninedtact.calibration.sensor_record import TwinFitQuality, TwinTable
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,15 @@ class Fit:
 
     def run(self) -> int:
         """Fit, write, and say how well it explains the press."""
-        from ninedtact.calibration.procedure import calibrated_again
-        from ninedtact.calibration.save import write_sensor
+        from ninedtact.calibration.procedure import repeat_calibration
+        from ninedtact.calibration.save import save_sensor
         from ninedtact.calibration.sensor_folder import load_sensor
 
-        folder = write_sensor(self.sensor, calibrated_again(load_sensor(self.sensor), "physics"))
+        folder = save_sensor(self.sensor, repeat_calibration(load_sensor(self.sensor), "physics"))
         twin = folder.record.twin
         assert twin is not None, "the physics method makes a twin"
         found = {"sensor": str(self.sensor), **msgspec.to_builtins(twin)}
-        return answer(self.json, found, self.lines(twin))
+        return print_result(self.json, found, self.lines(twin))
 
     def lines(self, twin: "TwinTable") -> Iterator[str]:
         """The fit for a person."""
@@ -50,7 +50,7 @@ class Fit:
         yield f"  written to {self.sensor}; open {self.sensor / 'certificate.html'} in a browser"
 
 
-def parameter_lines(fit: "FitFigures") -> Iterator[str]:
+def parameter_lines(fit: "TwinFitQuality") -> Iterator[str]:
     """Every parameter with its standard deviation and what it is hardest to tell from."""
     for name, found in fit.parameters.items():
         sure = "" if found.deviation is None else f" ± {found.deviation:.3f}"

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Objects:
         solids = {kind: dimensions for kind, (dimensions, _) in SIMPLE.items()}
         generated = {kind: [family.__name__ for family in families] for kind, families in KINDS.items()}
         found = {"solids": solids, "generated": generated, "mesh_files": list(ENDINGS)}
-        return answer(self.json, found, lines(solids, generated, ENDINGS))
+        return print_result(self.json, found, lines(solids, generated, ENDINGS))
 
 
 def lines(solids: dict[str, str], generated: dict[str, list[str]], endings: tuple[str, ...]) -> Iterator[str]:

@@ -7,8 +7,8 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ninedtact.cli.options import DesignFile, design_or_published, require_one_sensor
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.options import DesignFileOption, read_design_or_default, require_sensor_or_design
+from ninedtact.cli.terminal import print_result
 from ninedtact.design import SensingArea
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Press:
     """Its tilts about x and y, from the beginning."""
     sensor: Path | None = None
     """Sensor folder whose twin is pressed; the twin of no sensor in particular if not given."""
-    design_file: DesignFile = None
+    design_file: DesignFileOption = None
     """Design file (TOML) of a sensor that is not built yet, whose twin is pressed."""
     seed: int = 0
     """Of generated objects, and of the skin where no sensor is given."""
@@ -59,7 +59,9 @@ class Press:
         indenter = object_for(self.object, self.seed)
         contact = press.on(twin, indenter)
         found = figures(indenter, contact, twin, self.grid[1])
-        return answer(self.json, {**found, "files": self.written(indenter, contact, found)}, lines(found, self.out))
+        return print_result(
+            self.json, {**found, "files": self.written(indenter, contact, found)}, lines(found, self.out)
+        )
 
     @property
     def press(self) -> "simulated.Press":
@@ -75,12 +77,12 @@ class Press:
         from ninedtact.simulation.designed import designed_twin
 
         if self.sensor is None:
-            return designed_twin(design_or_published(self.design_file), self.seed)
-        require_one_sensor(self.sensor, self.design_file)
+            return designed_twin(read_design_or_default(self.design_file), self.seed)
+        require_sensor_or_design(self.sensor, self.design_file)
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.calibration.twin.sensor_twin import twin_of
+        from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 
-        return twin_of(load_sensor(self.sensor))
+        return build_sensor_twin(load_sensor(self.sensor))
 
     def written(self, indenter: "Indenter", contact: "Contact", found: dict[str, Any]) -> dict[str, str]:
         """Write all files; name and path of each."""
@@ -118,7 +120,7 @@ class Press:
     @cached_property
     def grid(self) -> tuple[tuple[int, int], float]:
         """Shape and mm per pixel of heights and tractions: those of the published rectified image."""
-        design = design_or_published(self.design_file)
+        design = read_design_or_default(self.design_file)
         view, wider = design.field_of_view, design.sensing_area.width_mm / SensingArea().width_mm
         return (view.rows, view.cols), MM_PER_PX * wider
 

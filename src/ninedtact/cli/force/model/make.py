@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.force.model.recipe import RECIPES, Recipe
-from ninedtact.cli.options import DesignFile, design_or_published
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.options import DesignFileOption, read_design_or_default
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Make:
     """small: a few minutes, to see that it works; shipped: the model of the package."""
     name: str = "moments"
     """What the model is called."""
-    design_file: DesignFile = None
+    design_file: DesignFileOption = None
     """Design file (TOML) of the sensors that the model is for; the published sensor if not given."""
     workers: int = 2
     """Processes that simulate and calibrate."""
@@ -51,7 +51,7 @@ class Make:
 
         require_libraries()
         try:
-            recipe = replace(RECIPES[self.recipe], design=design_or_published(self.design_file))
+            recipe = replace(RECIPES[self.recipe], design=read_design_or_default(self.design_file))
             self.out.mkdir(parents=True, exist_ok=True)
             return self.made(recipe)
         except KeyboardInterrupt:
@@ -73,7 +73,7 @@ class Make:
         self.say("4 of 4: live on one more twin")
         shown = list(live(self.model, self.out / SENSOR, recipe.design))
         figures = {"model": str(self.model), "card": str(self.out / PAGE), "evaluation": card.evaluation}
-        return answer(self.json, figures, self.lines(card, shown))
+        return print_result(self.json, figures, self.lines(card, shown))
 
     def simulated(self, name: str, settings: "DatasetSettings") -> None:
         """One data set, whole."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 
 
 @dataclass(frozen=True)
@@ -24,4 +24,4 @@ class Show:
         from ninedtact.force.shipped import SHIPPED
 
         card = read_model(self.model or SHIPPED).card
-        return answer(self.json, msgspec.to_builtins(card), [page(card)])
+        return print_result(self.json, msgspec.to_builtins(card), [page(card)])
