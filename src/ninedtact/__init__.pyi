@@ -1,6 +1,6 @@
 from ._version import __version__
 from .calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
-from .calibration.save import write_sensor
+from .calibration.save import save_sensor
 from .calibration.sensor_folder import SensorFolder, load_sensor
 from .capture.frame_source import FIXED_EXPOSURE, CameraSettings, FrameSource, SourceEnded
 from .capture.image_file import read_image
@@ -88,5 +88,5 @@ __all__ = [
     "summarise",
     "surface_mesh",
     "touch",
-    "write_sensor",
+    "save_sensor",
 ]
