@@ -83,10 +83,10 @@ __all__ = [
     "point_cloud",
     "read_height_png",
     "read_image",
+    "save_sensor",
     "shaded_image",
     "source_for",
     "summarise",
     "surface_mesh",
     "touch",
-    "save_sensor",
 ]
