@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ninedtact.cli.terminal import answer
+from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class BomCommand:
 
         items = self.described.built().bill
         table = {"items": [asdict(item) for item in items], "sensor_usd_estimated": sensor_cost_usd(items)}
-        return answer(self.json, table, format_bill_of_materials(items))
+        return print_result(self.json, table, format_bill_of_materials(items))
 
 
 def format_bill_of_materials(items: "list[BillItem]") -> Iterator[str]:
@@ -116,10 +116,10 @@ class CheckCommand:
         from ninedtact.hardware.buildability.rule_check import find_broken_rules
 
         if broken := find_broken_rules(self.described.hardware()):
-            answer(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
+            print_result(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
             return 1
         sensor = self.described.built()
-        answer(self.json, {"broken": [], **sensor.as_table()}, sensor.lines())
+        print_result(self.json, {"broken": [], **sensor.as_table()}, sensor.lines())
         return 1 if sensor.interferences else 0
 
 
@@ -172,7 +172,7 @@ class ExploreCommand:
         looked = explore_designs(choices, self.calibrated)
         found = list(tqdm(looked, total=len(choices), unit="design", disable=None, leave=False))
         table: dict[str, Any] = {"designs": [each.as_table() for each in found], "files": self.written(found)}
-        return answer(self.json, table, format_comparison_table(found))
+        return print_result(self.json, table, format_comparison_table(found))
 
     @property
     def sweep(self) -> "DesignSweep":
@@ -235,7 +235,7 @@ class ExportCommand:
         began = time.monotonic()
         with tqdm(desc="writing parts", unit="file", disable=None, leave=False) as progress:
             manifest = export_parts(sensor, self.out, lambda _: progress.update() and None)
-        return answer(self.json, manifest, _format_export_report(self.out, manifest, time.monotonic() - began))
+        return print_result(self.json, manifest, _format_export_report(self.out, manifest, time.monotonic() - began))
 
 
 def format_export_warnings(manifest: dict[str, Any]) -> Iterator[str]:
@@ -282,7 +282,7 @@ class GuideCommand:
             write_fabrication_guide(sensor, self.out), desc="drawing", unit="file", disable=None, leave=False
         )
         files = [str(path) for path in progress]
-        return answer(self.json, {"files": files}, [f"{len(files)} files; read {files[-1]}"])
+        return print_result(self.json, {"files": files}, [f"{len(files)} files; read {files[-1]}"])
 
 
 HardwareCommand = (
