@@ -136,7 +136,7 @@ def test_an_estimator_is_judged_on_a_data_set_by_sensors_that_calibrate_themselv
     )
     asked(capsys, "simulate", "dataset", "--out", pairs, *of_twin.split(), "--finite-strain", "0")
     told = asked(capsys, "evaluate", "--data", pairs, "--workers", "1", "--out", tmp_path / "report")
-    assert told["pairs"] == 14 and told["skill"][2] > 0.6 and told["untouched"]["largest_force_n"] == 0
+    assert told["pairs"] == 14 and told["skill"][2] > 0.6 and told["no_contact"]["largest_force_n"] == 0
     again = asked(capsys, "evaluate", "--predictions", tmp_path / "report" / "predictions.csv", "--trust-units")
     assert again["skill"] == pytest.approx(told["skill"])
     assert main(["evaluate", "--data", str(pairs), "--predictions", "some.csv"]) == 1

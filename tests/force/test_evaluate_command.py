@@ -17,7 +17,7 @@ from ninedtact.force.evaluation import PredictionsUnusable, WrenchPredictions
 from ninedtact.force.evaluation.predictions_csv import read_predictions, write_predictions
 from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES, PUBLISHED_SCORES_AT_SKIN
 
-AT_SKIN = ("--given-about-mm", "0", "0", "-35", "--about-mm", "0", "0", "0")
+AT_SKIN = ("--predictions-about-mm", "0", "0", "-35", "--about-mm", "0", "0", "0")
 PLACES = {"mae": (4, 5), "std": (4, 5), "rmse": (4, 5), "r2": (3, 3), "slope": (3, 3), "skill": (3, 3)}
 """Decimals of forces and torques in what was published."""
 
@@ -57,7 +57,7 @@ def test_a_person_reads_the_row_beside_the_published_one(real_data, capsys) -> N
     out = capsys.readouterr().out
     assert re.search(r"^skill +0\.475 +0\.484 +0\.862 +0\.691 +0\.718 +0\.636$", out, re.M)
     assert re.search(r"^  published +0\.475 +0\.484 +0\.862 +0\.691 +0\.718 +0\.636$", out, re.M)
-    assert re.search(r"^MAE +0\.2956 +0\.3483 +0\.2778 +0\.00899 +0\.00784 +0\.00123 +0\.3073 +0\.00602$", out, re.M)
+    assert re.search(r"^MAE +0\.2956 +0\.3483 +0\.2778 +8\.99 +7\.84 +1\.23 +0\.3073 +6\.02$", out, re.M)
 
 
 def test_the_report_is_one_page_with_every_figure_in_it(tmp_path: Path, capsys) -> None:
@@ -81,7 +81,7 @@ def test_the_report_is_one_page_with_every_figure_in_it(tmp_path: Path, capsys) 
     assert f"{found['skill'][2]:.3f}" in page and "60 pairs" in page and "gear_" in page
     kept = json.loads((tmp_path / "out" / "evaluation.json").read_text(encoding="utf-8"))
     assert kept == {name: value for name, value in found.items() if name != "files"}
-    assert set(found["coverage"]) == {"50", "90"} and found["untouched"]["pairs"] == 3
+    assert set(found["coverage"]) == {"50", "90"} and found["no_contact"]["pairs"] == 3
 
 
 six_columns = arrays(float, (4, 6), elements=st.floats(-100, 100))
@@ -94,7 +94,7 @@ def test_predictions_are_read_as_they_were_written(tmp_path_factory, truth, pred
     write_predictions(path, WrenchPredictions(truth, predicted, error, objects=names))
     back = read_predictions(path)
     assert (back.truth == truth).all() and (back.predicted == predicted).all()
-    assert back.error is None if error is None else np.array_equal(back.error, error)
+    assert back.std is None if error is None else np.array_equal(back.std, error)
     assert (None if back.objects is None else [*back.objects]) == names
 
 
@@ -132,7 +132,7 @@ FILES: dict[str, tuple[Callable[[str], str], str]] = {
     "empty": (lambda text: "", "got an empty file"),
     "only blank lines": (lambda text: "\n \n,,\n", "got an empty file"),
     "header alone": (lambda text: text.splitlines()[0], "got a header alone"),
-    "one row": (lambda text: "\n".join(text.splitlines()[:2]), "at least 2 pairs to judge, got 1"),
+    "one row": (lambda text: "\n".join(text.splitlines()[:2]), "at least 2 pairs to evaluate, got 1"),
     "no prediction of Tz": (replaced("pTz", "tz"), r"got no pTz .*the columns there: Fx_N"),
     "other separator": (replaced(",", ";"), "separated by commas, got no Fx_N, Fy_N"),
     "a column twice": (replaced("pTz", "pTy"), "got no pTz"),

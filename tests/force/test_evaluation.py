@@ -123,9 +123,9 @@ def test_parts_make_up_the_whole_and_an_untouched_skin_is_apart() -> None:
     assert [part.name for part in found.by_object] == ["ball", "gear"] and found.by_load[0].name == "below 1 N"
     light = (np.abs(truth[:, 2]) < 1) & truth.any(1)
     assert found.by_load[0].bias == pytest.approx((predicted - truth)[light].mean(0))
-    assert found.untouched is not None
-    assert (found.untouched.pairs, found.untouched.largest_force_n) == (30, pytest.approx(0.5))
-    assert found.untouched.mean_force_n == pytest.approx(0.5 / 30)
+    assert found.no_contact is not None
+    assert (found.no_contact.pairs, found.no_contact.largest_force_n) == (30, pytest.approx(0.5))
+    assert found.no_contact.mean_force_n == pytest.approx(0.5 / 30)
 
 
 def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() -> None:
@@ -141,7 +141,7 @@ def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() 
     assert evaluate_predictions(given_about.about((0.0, 0.0, -35.0))).coverage[0].covered.tolist() == pytest.approx(
         evaluate_predictions(given_about).coverage[0].covered.tolist()
     )
-    with pytest.raises(PredictionsUnusable, match=r"name it .--given-about-mm"):
+    with pytest.raises(PredictionsUnusable, match=r"name it .--predictions-about-mm"):
         replace(given_about, about_mm=None).about((0.0, 0.0, 0.0))
     with pytest.raises(PredictionsUnusable, match=r"finite numbers, got .*nan"):
         given_about.about((0.0, float("nan"), 0.0))
@@ -150,17 +150,17 @@ def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"truth": wrenches(1), "predicted": wrenches(1)}, "at least 2 pairs to judge, got 1"),
+        ({"truth": wrenches(1), "predicted": wrenches(1)}, "at least 2 pairs to evaluate, got 1"),
         (
             {"predicted": np.where(np.eye(10, 6) > 0, np.nan, 0.0)},
             "finite numbers, got nan as predicted Fx of pair 1 .6 such",
         ),
         ({"truth": np.full((10, 6), np.inf)}, "finite numbers, got inf as truth Fx of pair 1 .10 such"),
-        ({"error": np.full((10, 6), -1.0)}, r"no error below zero, got -1\.0 as error Fx of pair 1"),
+        ({"std": np.full((10, 6), -1.0)}, r"no standard deviation below zero, got -1\.0 as std Fx of pair 1"),
         ({"objects": ["ball"] * 9}, "objects of 10 pairs, got 9"),
     ],
 )
 def test_what_cannot_be_judged_is_refused(change: dict, words: str) -> None:
-    whole = {"truth": wrenches(10), "predicted": wrenches(10), "error": None, "objects": None}
+    whole = {"truth": wrenches(10), "predicted": wrenches(10), "std": None, "objects": None}
     with pytest.raises(PredictionsUnusable, match=words):
         WrenchPredictions(**{**whole, **change})

@@ -84,7 +84,7 @@ def touches(table: Mapping[str, Any]) -> Iterator[str]:
     for name, part in table.get("by_load", {}).items():
         if name.startswith("below"):
             yield from ("", f"F_z {name}: MAE {part['mae'][2]:.3f} N ({part['pairs']} pairs).")
-    for words, key in (("", "untouched"), (", the network without its gate", "untouched_without_gate")):
+    for words, key in (("", "no_contact"), (", the network without contact detection", "no_contact_without_detection")):
         if (nothing := table.get(key)) is not None:
             yield (
                 f"Nothing touches ({nothing['pairs']} pairs){words}: |F| {nothing['mean_force_n']:.3f} N on average, "

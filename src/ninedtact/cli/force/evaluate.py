@@ -45,7 +45,7 @@ class Evaluate:
     """Folder for a page to read (evaluation.html), its figures and all numbers."""
     about_mm: Point | None = None
     """Point that torques are judged about; as given where nothing is said."""
-    given_about_mm: Point | None = None
+    predictions_about_mm: Point | None = None
     """Point that torques in the file are about: 0 0 0 is the skin's centre, 0 0 -35 the paper's force/torque sensor."""
     distribution: Literal["gaussian", "laplace"] = "gaussian"
     """What the claimed errors are distributed like."""
@@ -100,7 +100,7 @@ class Evaluate:
 
         if self.predictions is None:
             raise NothingToJudge("expected --predictions or --data, got neither; name a CSV file or a data set")
-        found = read_predictions(self.predictions, ErrorDistribution(self.distribution), self.given_about_mm)
+        found = read_predictions(self.predictions, ErrorDistribution(self.distribution), self.predictions_about_mm)
         if not self.trust_units:
             require_si_units(found)
         return found

@@ -1,13 +1,11 @@
-"""How good an estimate of force is, by the paper's protocol and beyond it.
+"""Evaluation of force estimates by the paper's protocol and beyond it.
 
-    CSV ──predictions_file──▶ Predictions ──evaluate──▶ Evaluation ──table, drawn, page──▶ lines, figures, one page
-    model and data ─────────▶ Predictions
-
-Whoever has wrenches and what was made of them makes `WrenchPredictions` and calls `evaluate_predictions`; the rest follows.
+True and predicted wrenches (`WrenchPredictions`) go in, read from a CSV file (`predictions_csv`) or made by an estimator on a data
+set (`ninedtact.workflows`). `evaluate_predictions` computes scores by axis, load, object and sensor and the coverage of claimed
+intervals (`WrenchEvaluation`). A terminal table or a folder with an HTML page, figures and JSON comes out (`report`).
 """
 
 from ninedtact.force.evaluation.evaluation import WrenchEvaluation, evaluate_predictions
 from ninedtact.force.evaluation.predictions import ErrorDistribution, PredictionsUnusable, WrenchPredictions
 
 __all__ = ["ErrorDistribution", "PredictionsUnusable", "WrenchEvaluation", "WrenchPredictions", "evaluate_predictions"]
-"""What other rooms use."""

@@ -1,9 +1,9 @@
-"""Predictions as a CSV file.
+"""Wrench predictions as a CSV file.
 
     object,sensor,Fx_N,…,Fz_N,Tx_Nm,…,Tz_Nm,pFx,…,pTz,eFx,…,eTz
 
-Six true numbers, six predicted (`p…`) and, if claimed, the six standard deviations of these (`e…`), N and N·m. `object` and
-`sensor` are optional; other columns are ignored, their order is free.
+Six true numbers, six predicted (`p…`) and, where claimed, the six standard deviations of these (`e…`), N and N·m. `object` and
+`sensor` are optional. Other columns are ignored, and the order is free.
 """
 
 import csv
@@ -24,10 +24,10 @@ from ninedtact.force.evaluation.predictions import (
     WrenchPredictions,
 )
 
-TRUTH = tuple(f"{axis}_{'N' if axis.startswith('F') else 'Nm'}" for axis in AXES)
-PREDICTED = tuple(f"p{axis}" for axis in AXES)
-ERROR = tuple(f"e{axis}" for axis in AXES)
-GROUPS = ("object", "sensor")
+_TRUTH = tuple(f"{axis}_{'N' if axis.startswith('F') else 'Nm'}" for axis in AXES)
+_PREDICTED = tuple(f"p{axis}" for axis in AXES)
+_STD = tuple(f"e{axis}" for axis in AXES)
+_GROUPS = ("object", "sensor")
 
 
 def read_predictions(
@@ -35,22 +35,22 @@ def read_predictions(
     distribution: ErrorDistribution = ErrorDistribution.GAUSSIAN,
     about_mm: tuple[float, float, float] | None = None,
 ) -> WrenchPredictions:
-    """Read and check; raises `PredictionsUnusable` with the line and column of what is wrong.
+    """Read and check a file; raises `PredictionsUnusable` with the line and column of what is wrong.
 
-    What a file does not hold is said beside it: what errors are distributed like, and the point that torques are about.
+    distribution: of the claimed errors. about_mm: the point of the torques. A file holds neither.
     """
     header, rows = _read_csv_rows(path)
     _require_columns(path, header)
     columns = dict(zip(header, zip(*(row for _, row in rows), strict=True), strict=True))
     lines = [line for line, _ in rows]
-    truth, predicted = (_parse_columns(path, columns, names, lines) for names in (TRUTH, PREDICTED))
-    error = _parse_columns(path, columns, ERROR, lines) if ERROR[0] in columns else None
-    objects, sensors = (columns.get(name) for name in GROUPS)
-    return WrenchPredictions(truth, predicted, error, distribution, objects, sensors, about_mm)
+    truth, predicted = (_parse_columns(path, columns, names, lines) for names in (_TRUTH, _PREDICTED))
+    std = _parse_columns(path, columns, _STD, lines) if _STD[0] in columns else None
+    objects, sensors = (columns.get(name) for name in _GROUPS)
+    return WrenchPredictions(truth, predicted, std, distribution, objects, sensors, about_mm)
 
 
 def _read_csv_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Header, and the rows with their line numbers; raises `PredictionsUnusable`."""
+    """Return the header, and the rows with their line numbers; raises `PredictionsUnusable`."""
     try:
         text = path.read_text(encoding="utf-8-sig")
         reader = csv.reader(StringIO(text, newline=""), strict=True)
@@ -72,14 +72,14 @@ def _read_csv_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 
 
 def _require_columns(path: Path, header: Sequence[str]) -> None:
-    """Refuse a header without what is needed, or with a name twice."""
-    wanted = (*TRUTH, *PREDICTED, *(ERROR if any(name in ERROR for name in header) else ()))
+    """Raise `PredictionsUnusable` for a header without a required column, or with a name twice."""
+    wanted = (*_TRUTH, *_PREDICTED, *(_STD if any(name in _STD for name in header) else ()))
     missing = [name for name in wanted if name not in header]
     repeated = sorted({name for name in header if header.count(name) > 1})
     if missing or repeated:
         fault = f"no {', '.join(missing)}" if missing else f"{', '.join(repeated)} more than once"
         raise PredictionsUnusable(
-            f"expected columns {' '.join(TRUTH)} {' '.join(PREDICTED)} in {path}, separated by commas, got {fault} (the columns "
+            f"expected columns {' '.join(_TRUTH)} {' '.join(_PREDICTED)} in {path}, separated by commas, got {fault} (the columns "
             f"there: {' '.join(header)[:200]}); name them so"
         )
 
@@ -87,7 +87,7 @@ def _require_columns(path: Path, header: Sequence[str]) -> None:
 def _parse_columns(
     path: Path, columns: dict[str, tuple[str, ...]], names: Sequence[str], lines: Sequence[int]
 ) -> Wrenches:
-    """Six columns as finite numbers; raises `PredictionsUnusable`."""
+    """Return six columns as finite numbers; raises `PredictionsUnusable`."""
     try:
         six = np.array([columns[name] for name in names]).astype(float).T
     except ValueError:
@@ -100,35 +100,35 @@ def _parse_columns(
 def _parse_cells(
     path: Path, columns: dict[str, tuple[str, ...]], names: Sequence[str], lines: Sequence[int]
 ) -> Iterator[float]:
-    """The same slowly, to say where it fails. An infinite error is one that knows nothing, and allowed."""
+    """Parse columns cell by cell, to name the line that is wrong. A standard deviation may be infinite."""
     for name in names:
         for line, cell in zip(lines, columns[name], strict=True):
             try:
                 value = float(cell)
             except ValueError:
                 _refuse_line(path, line, f"expected a number in column {name}, got {cell[:40]!r}")
-            if not (isfinite(value) or (name in ERROR and value == np.inf)):
+            if not (isfinite(value) or (name in _STD and value == np.inf)):
                 _refuse_line(path, line, f"expected a finite number in column {name}, got {cell}")
             yield value
 
 
 def _refuse_line(path: Path, line: int, fault: str) -> NoReturn:
-    """Say where."""
+    """Raise `PredictionsUnusable` with the line."""
     raise PredictionsUnusable(f"{fault}, in line {line} of {path}; correct it or leave the line out")
 
 
 def write_predictions(path: Path, predictions: WrenchPredictions) -> None:
-    """Whole or not at all (`FileNotWritten`); every number as it is, so that it is read back the same."""
+    """Write a file atomically with every number in full, so that it is read back unchanged; raises `FileNotWritten`."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     groups = {
         name: column
-        for name, column in zip(GROUPS, (predictions.objects, predictions.sensors), strict=True)
+        for name, column in zip(_GROUPS, (predictions.objects, predictions.sensors), strict=True)
         if column is not None
     }
-    blocks = {TRUTH: predictions.truth, PREDICTED: predictions.predicted}
-    if predictions.error is not None:
-        blocks[ERROR] = predictions.error
+    blocks = {_TRUTH: predictions.truth, _PREDICTED: predictions.predicted}
+    if predictions.std is not None:
+        blocks[_STD] = predictions.std
     writer.writerow([*groups, *(name for names in blocks for name in names)])
     writer.writerows(
         zip(*groups.values(), *(column.tolist() for six in blocks.values() for column in six.T), strict=True)

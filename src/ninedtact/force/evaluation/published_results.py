@@ -1,21 +1,21 @@
-"""What the published network reaches on its own sensor: the row that others are set beside (docs/references.md)."""
+"""Scores of the published network on its own sensor, for comparison (docs/references.md)."""
 
 from dataclasses import dataclass, replace
 
-SixNumbers = tuple[float, float, float, float, float, float]
+_SixNumbers = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
 class PublishedScores:
-    """Figures of one network, named as in `Scores`."""
+    """Scores of one network, N and N·m, named as in `AxisScores`, and what they are of."""
 
     what: str
-    mae: SixNumbers
-    std: SixNumbers
-    rmse: SixNumbers
-    r2: SixNumbers
-    slope: SixNumbers
-    skill: SixNumbers
+    mae: _SixNumbers
+    std: _SixNumbers
+    rmse: _SixNumbers
+    r2: _SixNumbers
+    slope: _SixNumbers
+    skill: _SixNumbers
 
 
 PUBLISHED_SCORES = PublishedScores(
@@ -27,7 +27,7 @@ PUBLISHED_SCORES = PublishedScores(
     slope=(0.758, 0.774, 1.003, 0.900, 0.917, 0.872),
     skill=(0.475, 0.484, 0.862, 0.691, 0.718, 0.636),
 )
-"""Computed by this program from the predictions that were published."""
+"""Computed by this program from the published predictions; torques about the paper's point."""
 PUBLISHED_SCORES_AT_SKIN = replace(
     PUBLISHED_SCORES,
     what="published: DenseNet-169, 10,000 pairs of its own sensor, standard split; torques moved up by 35 mm to the skin",
@@ -39,11 +39,11 @@ PUBLISHED_SCORES_AT_SKIN = replace(
     skill=(*PUBLISHED_SCORES.skill[:3], 0.677, 0.797, 0.636),
 )
 """The same predictions with their torques about the skin's centre, the force/torque sensor taken to be 35 mm below it."""
-PAPER_OBJECT_SPLIT_MAE = ("0.35", "0.40", "0.41", "0.011", "0.010", "0.002")
-PAPER_OBJECT_SPLIT_STD = ("0.31", "0.36", "0.44", "0.015", "0.014", "0.003")
-"""As the paper prints them for objects that the network had not seen; its single predictions of those were not published."""
+PAPER_OBJECT_SPLIT_MAE = ("0.35", "0.40", "0.41", "11", "10", "2")
+PAPER_OBJECT_SPLIT_STD = ("0.31", "0.36", "0.44", "15", "14", "3")
+"""N and N·mm as the paper prints them for held-out objects; its single predictions of those were not published."""
 
 
 def published_scores_about(point_mm: tuple[float, float, float] | None) -> PublishedScores:
-    """The row whose torques are about a point: the skin's centre, or else where the paper has them."""
+    """Return the published scores with torques about the skin's centre for (0, 0, 0), else about the paper's point."""
     return PUBLISHED_SCORES_AT_SKIN if point_mm == (0.0, 0.0, 0.0) else PUBLISHED_SCORES

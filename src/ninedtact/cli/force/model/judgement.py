@@ -13,16 +13,16 @@ if TYPE_CHECKING:
 
 PAPERS_POINT = (0.0, 0.0, -35.0)
 KINDS = {
-    "bonded": "rigid base, small strains (what the calibration assumes)",
-    "finite_strain": "rigid base, gel stiffens as it thins",
-    "compliant_base": "base yields",
+    "bonded": "rigid substrate, small strains (as the calibration assumes)",
+    "finite_strain": "rigid substrate, finite-strain (neo-Hookean) gel",
+    "compliant_base": "compliant substrate",
 }
 """Mechanics of the twins, in words."""
 LEFT_OUT = ("published", "by_object", "by_sensor", "axes", "units")
 """Of the tables that a card holds."""
 
 
-TOGETHER = ", network and physics together"
+TOGETHER = ", network and physics fused"
 """What is added to a table's name."""
 
 
@@ -45,7 +45,7 @@ class Judgement:
             for suffix, predictions in (("", self.network), (TOGETHER, self.together))
             for words, part in self.parts(predictions)
         }
-        told["all"]["untouched_without_gate"] = evaluate_predictions(self.ungated).to_json_dict()["untouched"]
+        told["all"]["no_contact_without_detection"] = evaluate_predictions(self.ungated).to_json_dict()["no_contact"]
         return told
 
     def parts(self, predictions: "WrenchPredictions") -> "Iterator[tuple[str, WrenchPredictions]]":
@@ -54,7 +54,7 @@ class Judgement:
         each = [self.kinds[name] for name in predictions.sensors]
         for kind, words in KINDS.items():
             if kind in each:
-                yield words, predictions.those([one == kind for one in each])
+                yield words, predictions.select([one == kind for one in each])
         yield "all", predictions
 
 
