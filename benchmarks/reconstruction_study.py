@@ -21,21 +21,20 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.shape.calibrated import mean_rectified
 from ninedtact.shape.depth import DepthReader, Smoothing
-from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images
-from ninedtact.simulation.population.member import SensorMember, member
-from ninedtact.simulation.population.parts import Kinds
-from ninedtact.simulation.press import Press
-from ninedtact.simulation.truth import heights_like
+from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
+from ninedtact.simulation.ground_truth import true_height_map_like
+from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
 
 READINGS = ("physics", "physics, fast", "ratio", "table")
 OTHER_BALL = Ball(5.0)
 DEEPER_THAN_MM = 0.05
 LIMIT_MM = 0.020
 PUBLISHED = {"MAE": 0.0462, "Std": 0.0304}
-KINDS: dict[str, Kinds] = {
-    "as the estimator assumes": Kinds(compliant_base=0.0, finite_strain=0.0),
-    "compliant base": Kinds(compliant_base=1.0, finite_strain=0.0),
-    "finite strain": Kinds(compliant_base=0.0, finite_strain=1.0),
+KINDS: dict[str, MechanicsShares] = {
+    "as the estimator assumes": MechanicsShares(compliant_base=0.0, finite_strain=0.0),
+    "compliant base": MechanicsShares(compliant_base=1.0, finite_strain=0.0),
+    "finite strain": MechanicsShares(compliant_base=0.0, finite_strain=1.0),
 }
 
 
@@ -55,7 +54,7 @@ def reconstruction_study(sensors: int = 10, presses: int = 20, seed: int = 0, js
     figures: list[Figure] = []
     for kind, kinds in KINDS.items():
         count = sensors if kind.startswith("as") else max(sensors // 3, 1)
-        found = [sensor_errors(member(number, seed, kinds), presses, seed + number) for number in range(count)]
+        found = [sensor_errors(sample_sensor(number, seed, kinds), presses, seed + number) for number in range(count)]
         figures += list(summary(kind, found))
     answer(f"Reconstruction of a ball of radius {OTHER_BALL.radius_mm:g} mm on twins", figures, json)
 
@@ -70,11 +69,13 @@ def summary(kind: str, found: list[dict[str, Errors]]) -> Iterator[Figure]:
             yield at_most(figure, middle, LIMIT_MM, "mm", peer) if required else Figure(figure, middle, peer=peer)
 
 
-def sensor_errors(who: SensorMember, presses: int, seed: int) -> dict[str, Errors]:
+def sensor_errors(who: SampledSensor, presses: int, seed: int) -> dict[str, Errors]:
     """One sensor, calibrated and pressed."""
     twin = who.twin()
     made = calibrate(
-        CalibrationImages(**vars(gauge_images(twin, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)))
+        CalibrationImages(
+            **vars(simulate_calibration_images(twin, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES))
+        )
     )
     untouched = mean_rectified([made.rectify(Frame(twin.renderer(None, 100 + number))) for number in range(10)])
     readers, rng = dict(readings(made, untouched)), np.random.default_rng(seed)
@@ -97,18 +98,18 @@ def readings(made: Calibration, untouched: Rectified) -> Iterator[tuple[str, Dep
 
 
 def press_errors(
-    who: SensorMember, made: Calibration, readers: dict[str, DepthReader], rng: np.random.Generator, number: int
+    who: SampledSensor, made: Calibration, readers: dict[str, DepthReader], rng: np.random.Generator, number: int
 ) -> dict[str, tuple[float, float, float]]:
     """One press somewhere: mean and scatter of the pixels' absolute errors, and that of the deepest point."""
     place = rng.uniform((-7, -4.5), (7, 4.5))
     drag = rng.uniform(-0.25, 0.25, 2)
-    press = Press(float(rng.uniform(0.5, 1.6)), at_mm=(place[0], place[1]), drag_mm=(drag[0], drag[1]))
+    press = ScriptedPress(float(rng.uniform(0.5, 1.6)), at_mm=(place[0], place[1]), drag_mm=(drag[0], drag[1]))
     contact = press.on(who.twin(), OTHER_BALL)
     image = made.rectify(Frame(who.twin().renderer(contact, number)))
     found = {}
     for name, reader in readers.items():
         read = reader(image)
-        true_mm = heights_like(contact, read, who.light.nearness_per_mm).indentation_mm
+        true_mm = true_height_map_like(contact, read, who.light.inverse_distance_per_mm).indentation_mm
         off_mm = np.abs(read.indentation_mm - true_mm)[true_mm > DEEPER_THAN_MM]
         deepest = abs(float(np.percentile(read.indentation_mm, 99.95)) - float(np.percentile(true_mm, 99.95)))
         found[name] = (float(off_mm.mean()), float(off_mm.std()), deepest)

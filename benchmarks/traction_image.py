@@ -18,16 +18,16 @@ from ninedtact.force.traction.explained import Effort
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter_primitives import Cylinder
 from ninedtact.quantities import Traction, WrenchEstimate
-from ninedtact.simulation.objects.generated import object_named
-from ninedtact.simulation.population.member import member
-from ninedtact.simulation.press import Press
+from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa
+from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.rectified import grey_eye
-from ninedtact.simulation.truth import pressure_mpa, shear_mpa
+from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.sensor_population import sample_sensor
 
 SIZE = (240, 180)
 PRESSES = (
-    (Cylinder(3.0, 8.0), Press(load_n=6.0, at_mm=(1.0, 0.5), drag_mm=(0.7, 0.3))),
-    (object_named("star_01"), Press(load_n=7.0, at_mm=(-1.0, -0.5), drag_mm=(-0.1, 0.6), twist_rad=0.1)),
+    (Cylinder(3.0, 8.0), ScriptedPress(load_n=6.0, at_mm=(1.0, 0.5), drag_mm=(0.7, 0.3))),
+    (generate_object("star_01"), ScriptedPress(load_n=7.0, at_mm=(-1.0, -0.5), drag_mm=(-0.1, 0.6), twist_rad=0.1)),
 )
 
 
@@ -38,7 +38,7 @@ def traction_image(
 ) -> None:
     """One row for each press: truth, then what was read."""
     cv2.setNumThreads(1)
-    who, rng = member(number, seed=1), np.random.default_rng(0)
+    who, rng = sample_sensor(number, seed=1), np.random.default_rng(0)
     eye = grey_eye(who, SIZE)
     set_up = bench(who, eye.image(None, rng), folders, 1.96, Effort())
     assert set_up is not None
@@ -58,8 +58,8 @@ def draw_row(row: np.ndarray, contact: Contact, estimate: WrenchEstimate, grey: 
     read = estimate.traction
     shape = read.pressure_mpa.shape
     true = Traction(
-        pressure_mpa(contact, shape, read.mm_per_px).astype(np.float32),
-        np.moveaxis(shear_mpa(contact, shape, read.mm_per_px), -1, 0).astype(np.float32),
+        true_pressure_map_mpa(contact, shape, read.mm_per_px).astype(np.float32),
+        np.moveaxis(true_shear_map_mpa(contact, shape, read.mm_per_px), -1, 0).astype(np.float32),
         read.mm_per_px,
     )
     row[0].imshow(grey, cmap="gray", extent=(-12, 12, 9, -9))

@@ -22,16 +22,26 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
 from ninedtact.quantities import Frame, HeightMap, Rectified
 from ninedtact.reading import Reading
-from ninedtact.simulation.objects.generated import object_named
-from ninedtact.simulation.population.mechanics import Kind, compliance_below, drawn_base, felt
-from ninedtact.simulation.press import Press
-from ninedtact.simulation.truth import heights
+from ninedtact.simulation.ground_truth import true_height_map
+from ninedtact.simulation.objects.catalogue import generate_object
+from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.sensor_population import (
+    MechanicsKind,
+    correct_for_mechanics_kind,
+    gel_compliance,
+    sample_substrate,
+)
 from ninedtact.simulation.twin import Twin, default_twin
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 SHAPE, PX_MM = (90, 120), 0.2
 GEL = Gel()
-OBJECTS: tuple[Indenter, ...] = (Ball(4.0), Cylinder(3.0, 8.0), object_named("star_01"), object_named("pebbles_01"))
+OBJECTS: tuple[Indenter, ...] = (
+    Ball(4.0),
+    Cylinder(3.0, 8.0),
+    generate_object("star_01"),
+    generate_object("pebbles_01"),
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +54,7 @@ class Case:
     """What the estimator believes."""
     seen: Callable[[np.ndarray], np.ndarray] = np.copy
     """What is done to the heights."""
-    kind: Kind = "bonded"
+    kind: MechanicsKind = "bonded"
     base: Gel | None = None
     """What the estimator believes to be below the gel."""
 
@@ -73,7 +83,7 @@ CASES = (
 
 
 def traction_mismatch(presses: int = 60, seed: int = 0) -> None:
-    """Press, spoil, read, compare."""
+    """ScriptedPress, spoil, read, compare."""
     cv2.setNumThreads(1)
     contacts = {kind: list(pressed(kind, presses, seed)) for kind in ("bonded", "compliant_base", "finite_strain")}
     print(f"{'':30s}" + "".join(f"{axis:>7s}" for axis in AXES) + "   slopes" + " " * 36 + "covered  ms")
@@ -81,7 +91,7 @@ def traction_mismatch(presses: int = 60, seed: int = 0) -> None:
         line(case, contacts[case.kind])
 
 
-def pressed(kind: Kind, presses: int, seed: int) -> Iterator[Contact]:
+def pressed(kind: MechanicsKind, presses: int, seed: int) -> Iterator[Contact]:
     """The same presses on gel of this kind."""
     twin = twin_of(kind)
     rng = np.random.default_rng(seed)
@@ -89,19 +99,19 @@ def pressed(kind: Kind, presses: int, seed: int) -> Iterator[Contact]:
         yield press(rng, number % len(OBJECTS) < 2).on(twin, OBJECTS[number % len(OBJECTS)], None)
 
 
-def twin_of(kind: Kind) -> Twin:
+def twin_of(kind: MechanicsKind) -> Twin:
     """The published gel, on a rigid base or not."""
-    base = drawn_base(np.random.default_rng(0), GEL) if kind == "compliant_base" else None
+    base = sample_substrate(np.random.default_rng(0), GEL) if kind == "compliant_base" else None
     yields = GEL.thickness_mm + (base.thickness_mm if base else 0.0)
     return replace(
         default_twin(),
-        compliance_of=compliance_below(GEL, base),
+        compliance_of=gel_compliance(GEL, base),
         thickness_mm=yields,
-        felt=lambda contact: felt(contact, kind, GEL),
+        felt=lambda contact: correct_for_mechanics_kind(contact, kind, GEL),
     )
 
 
-def press(rng: np.random.Generator, to_depth: bool) -> Press:
+def press(rng: np.random.Generator, to_depth: bool) -> ScriptedPress:
     """Somewhere, somehow."""
     along, angle = rng.uniform(0, 1.0), rng.uniform(0, 2 * np.pi)
     x, y = rng.uniform((-4, -2), (4, 2)).tolist()
@@ -109,7 +119,7 @@ def press(rng: np.random.Generator, to_depth: bool) -> Press:
     twist = float(np.radians(rng.uniform(-17, 17)))
     part = float(rng.uniform())
     how = {"depth_mm": 0.4 + 1.1 * part} if to_depth else {"load_n": 2 + 9 * part}
-    return Press(**how, at_mm=(x, y), drag_mm=drag, twist_rad=twist)
+    return ScriptedPress(**how, at_mm=(x, y), drag_mm=drag, twist_rad=twist)
 
 
 def line(case: Case, contacts: list[Contact]) -> None:
@@ -133,7 +143,7 @@ def line(case: Case, contacts: list[Contact]) -> None:
 
 def reading(case: Case, contact: Contact, rng: np.random.Generator) -> Reading:
     """Heights alone, spoilt."""
-    true: HeightMap = heights(contact, SHAPE, PX_MM)
+    true: HeightMap = true_height_map(contact, SHAPE, PX_MM)
     noise = rng.normal(0, case.noise_mm, SHAPE)
     z_mm = np.asarray(case.seen(true.z_mm) + noise, np.float32)
     grey = np.full(SHAPE, 150, np.float32)

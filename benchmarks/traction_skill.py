@@ -29,10 +29,10 @@ from ninedtact.quantities import Coverage, Doubt, Frame, Rectified, WrenchEstima
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
-from ninedtact.simulation.gauges import gauge_images
-from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
-from ninedtact.simulation.population.member import SensorMember, member_from
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
 from ninedtact.simulation.rectified import FULL_MM_PER_PX, grey_eye, mm_per_px
+from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
 
 FAMILIES = {
     "cells",
@@ -101,7 +101,7 @@ def traction_skill(
 def make_if_missing(dataset: Path) -> None:
     """4,000 pairs of 40 sensors and objects of 18 families."""
     if not (dataset / "README.md").is_file():
-        names = tuple(name for name in object_names(PAPER_COUNT) if name.rsplit("_", 1)[0] in FAMILIES)
+        names = tuple(name for name in generated_object_names(PAPER_COUNT) if name.rsplit("_", 1)[0] in FAMILIES)
         make_dataset(dataset, DatasetSettings(pairs=4000, sensors=40, seed=1, size=(240, 180), names=names), workers=2)
 
 
@@ -109,7 +109,10 @@ def judged(
     dataset: Path, folders: Path, sensors: tuple[int, int], every: int, weight_n: float, effort: Effort
 ) -> Iterator[Judged]:
     """All images of these sensors, in the data set's order."""
-    members = {one.name: one for one in map(member_from, json.loads((dataset / "members/sensors.json").read_text()))}
+    members = {
+        one.name: one
+        for one in map(sampled_sensor_from_json, json.loads((dataset / "members/sensors.json").read_text()))
+    }
     chosen = list(members)[sensors[0] : sensors[1]]
     references = {row["sensor"]: row for row in pq.read_table(dataset / "references.parquet").to_pylist()}
     benches: dict[str, Bench | None] = {}
@@ -142,12 +145,12 @@ class Bench:
         return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, self.reader(image), reference=self.reader.reference)
 
 
-def bench(who: SensorMember, reference: np.ndarray, folders: Path, weight_n: float, effort: Effort) -> Bench | None:
+def bench(who: SampledSensor, reference: np.ndarray, folders: Path, weight_n: float, effort: Effort) -> Bench | None:
     """Calibrated from its own images, weighed with one weight; none where the calibration is refused."""
     folder = folders / who.name
     if not (folder / "sensor.toml").is_file():
         try:
-            images = gauge_images(who.twin(), board_depth_mm=BOARD_MM, frames=GUIDED_FRAMES)
+            images = simulate_calibration_images(who.twin(), board_depth_mm=BOARD_MM, frames=GUIDED_FRAMES)
             save_sensor(folder, calibrate(CalibrationImages(**vars(images))))
         except NinedtactError as trouble:
             print(f"{who.name} left out: {trouble}")
@@ -181,7 +184,7 @@ def reader(shape: CalibratedShape, reference: np.ndarray) -> DepthReader:
     )
 
 
-def weighed(set_up: Bench, who: SensorMember, weight_n: float) -> Bench:
+def weighed(set_up: Bench, who: SampledSensor, weight_n: float) -> Bench:
     """With the modulus that makes the known weight read right, mean of three places."""
     twin, rng, ratios = who.twin(), np.random.default_rng(7), []
     eye = grey_eye(who, set_up.reader.reference.grey.shape[::-1])
@@ -195,7 +198,7 @@ def weighed(set_up: Bench, who: SensorMember, weight_n: float) -> Bench:
     return Bench(set_up.reader, replace(set_up.estimator, gel=told))
 
 
-def judge(row: dict, who: SensorMember, set_up: Bench) -> Judged:
+def judge(row: dict, who: SampledSensor, set_up: Bench) -> Judged:
     """One image, from a cold start: the data set's images do not follow on each other."""
     reading = set_up.reading(decoded(row))
     set_up.estimator.forget()

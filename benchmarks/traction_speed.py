@@ -24,7 +24,7 @@ from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import keep_freed_memory
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.loss import Loss
-from ninedtact.simulation.truth import heights
+from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.twin import default_twin
 
 SHAPE, PX_MM, SCATTERING_MM = (345, 460), 0.0522, 0.5
@@ -67,7 +67,7 @@ def stream(frames: int) -> Iterator[Reading]:
     for part in np.linspace(0.1, 1, frames):
         pose = Pose(2 * part, -part, float(1.1 * np.sin(np.pi * min(part, 0.75)) + 0.05))
         contact = twin.step(contact, Ball(4.0), pose)
-        true = heights(contact, SHAPE, PX_MM)
+        true = true_height_map(contact, SHAPE, PX_MM)
         change = np.where(true.z_mm < 0, 0.15 * true.z_mm, 0.4 * true.z_mm)
         sigma = SCATTERING_MM / PX_MM
         seen = cv2.GaussianBlur(change, (0, 0), sigma) + rng.normal(0, 0.005, SHAPE)

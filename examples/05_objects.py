@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, Indenter
-from ninedtact.simulation.objects.families import FAMILIES
-from ninedtact.simulation.objects.named import object_for
+from ninedtact.simulation.objects.catalogue import FAMILIES, indenter_from_name
 
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
 
@@ -38,7 +37,9 @@ def tile(pressed: Indenter) -> np.ndarray:
     return cv2.putText(image, name, (4, TILE_PX - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.34, (120, 220, 255), 1, cv2.LINE_AA)
 
 
-pressed = [object_for(name, options.seed) for name in options.objects or [f"{family}_02" for family in FAMILIES]]
+pressed = [
+    indenter_from_name(name, options.seed) for name in options.objects or [f"{family}_02" for family in FAMILIES]
+]
 tiles = [tile(each) for each in pressed]
 tiles += [np.full_like(tiles[0], 28)] * (-len(tiles) % options.columns)
 rows = [np.hstack(tiles[start : start + options.columns]) for start in range(0, len(tiles), options.columns)]

@@ -3,7 +3,16 @@
 import argparse
 from math import radians
 
-from ninedtact import Act, Pose, SimulatedCamera, SimulatedForceTorque, Stage, default_twin, object_for, touch
+from ninedtact import (
+    ObjectTrajectory,
+    Pose,
+    PressSimulation,
+    SimulatedCamera,
+    SimulatedForceTorque,
+    default_twin,
+    indenter_from_name,
+    press_trajectory,
+)
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--object", default="ball:4", help="ball:4, gear_07, part.stl@in; see ninedtact simulate objects")
@@ -11,8 +20,10 @@ parser.add_argument("--depth-mm", type=float, default=1.2)
 options = parser.parse_args()
 
 # Everything that takes a camera takes this one; twin_of(load_sensor(folder)) is the twin of a sensor that you have.
-motion = touch(Pose(depth_mm=options.depth_mm), drag_mm=(0.8, 0.0), twist_rad=radians(10))
-stage = Stage(default_twin(), [Act(object_for(options.object), motion)], hz=20.0, real_time=False, rounds=1)
+motion = press_trajectory(Pose(depth_mm=options.depth_mm), drag_mm=(0.8, 0.0), twist_rad=radians(10))
+stage = PressSimulation(
+    default_twin(), [ObjectTrajectory(indenter_from_name(options.object), motion)], hz=20.0, real_time=False, rounds=1
+)
 
 with SimulatedCamera(stage) as camera, SimulatedForceTorque(stage, hz=20.0) as force_torque:
     for frame, wrench in zip(camera, force_torque, strict=False):

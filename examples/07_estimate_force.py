@@ -5,25 +5,25 @@ import tempfile
 from pathlib import Path
 
 from ninedtact import (
-    Act,
     CalibrationImages,
     Frame,
+    ObjectTrajectory,
     Pose,
+    PressSimulation,
     Sensor,
     SimulatedCamera,
-    Stage,
     calibrate,
     default_twin,
+    indenter_from_name,
     load_sensor,
-    object_for,
+    press_trajectory,
     save_sensor,
-    touch,
 )
 from ninedtact.force.model_file import read_model
 from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.shipped import SHIPPED
 from ninedtact.force.traction.estimator import traction_force
-from ninedtact.simulation.gauges import gauge_images
+from ninedtact.simulation.calibration_images import simulate_calibration_images
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument(
@@ -35,13 +35,15 @@ options = parser.parse_args()
 
 # With a sensor of your own: `ninedtact calibrate`, then load_sensor(folder).
 twin = default_twin()
-save_sensor(options.sensor, calibrate(CalibrationImages(**vars(gauge_images(twin, frames=4)))))
+save_sensor(options.sensor, calibrate(CalibrationImages(**vars(simulate_calibration_images(twin, frames=4)))))
 folder = load_sensor(options.sensor)
 shape, gel = folder.shape, folder.record.twin.gel
 estimator = NetworkForce(read_model(SHIPPED), gel) if options.force == "network" else traction_force(shape, gel)
 
-motion = touch(Pose(depth_mm=1.2), drag_mm=(0.8, 0.0))
-stage = Stage(twin, [Act(object_for(options.object), motion)], hz=20.0, real_time=False, rounds=1)
+motion = press_trajectory(Pose(depth_mm=1.2), drag_mm=(0.8, 0.0))
+stage = PressSimulation(
+    twin, [ObjectTrajectory(indenter_from_name(options.object), motion)], hz=20.0, real_time=False, rounds=1
+)
 untouched = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-8, 0)))
 
 with Sensor(SimulatedCamera(stage), shape, depth_reader=untouched, estimator=estimator) as sensor:

@@ -14,7 +14,7 @@ from ninedtact.calibration.save import save_sensor  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
 from ninedtact.capture.image_file import read_image  # noqa: E402
 from ninedtact.capture.library_output import silence_video_libraries  # noqa: E402
-from ninedtact.simulation.gauges import gauge_images  # noqa: E402
+from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 
 # FFmpeg asks once, at its first video, how loud it may be: tests that write videos would ask for it before the sources do.
@@ -53,7 +53,7 @@ def calibrated_a(real_images: dict[str, CalibrationImages]) -> Calibration:
 @pytest.fixture(scope="session")
 def twin_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     """The default twin, calibrated from its own four images, by the method that is done soonest."""
-    images = CalibrationImages(**vars(gauge_images(default_twin())))
+    images = CalibrationImages(**vars(simulate_calibration_images(default_twin())))
     return save_sensor(
         tmp_path_factory.mktemp("twin") / "sensor",
         calibrate(images, settings=CalibrationSettings(method="ratio"), sensor_id="twin"),

@@ -13,8 +13,8 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.cli import main
 from ninedtact.force.adaptation import G_STANDARD
 from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.simulation.gauges import gauge_images
-from ninedtact.simulation.press import Press
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact.simulation.scripted_press import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 
 DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
@@ -24,9 +24,10 @@ DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A calibrated sensor, an image of its untouched skin, four of a ball pressed on it, and what they weigh."""
     desk, twin = tmp_path_factory.mktemp("desk"), default_twin()
-    save_sensor(desk / "sensor", calibrate(CalibrationImages(**vars(gauge_images(twin, frames=8))), sensor_id="twin"))
+    images = CalibrationImages(**vars(simulate_calibration_images(twin, frames=8)))
+    save_sensor(desk / "sensor", calibrate(images, sensor_id="twin"))
     cv2.imwrite(str(desk / "untouched.png"), twin.renderer(None, 50))
-    contacts = [Press(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).on(twin, Ball(5.0)) for depth in DEPTHS_MM]
+    contacts = [ScriptedPress(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).on(twin, Ball(5.0)) for depth in DEPTHS_MM]
     for number, contact in enumerate(contacts):
         cv2.imwrite(str(desk / f"press_{number}.png"), twin.renderer(contact, 60 + number))
     np.save(desk / "wrenches.npy", [contact.wrench().six for contact in contacts])

@@ -23,7 +23,7 @@ LAYERS = [
     {"cli"},
     {"__main__"},
 ]
-EXCEPTIONS = {("calibration", "simulation.light")}
+EXCEPTIONS = {("calibration", "simulation.illumination")}
 """The ball fit is the twin's forward model."""
 
 SHARED_WITHIN_A_LAYER = {("design", "errors"), ("atomic_write", "errors"), ("design_file", "design")}

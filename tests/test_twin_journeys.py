@@ -15,10 +15,10 @@ from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.height_png import read_height_png
-from ninedtact.simulation.motion import touch
-from ninedtact.simulation.press import Press
-from ninedtact.simulation.stage import Act
-from ninedtact.simulation.truth import heights_like
+from ninedtact.simulation.ground_truth import true_height_map_like
+from ninedtact.simulation.press_simulation import ObjectTrajectory
+from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import default_twin
 
 DRAGGED = "--object ball:4 --depth-mm 1.2 --drag-mm 0.5 -0.2 --twist-deg 10 --tilt-deg 1 0 --at-mm 1 1"
@@ -117,10 +117,10 @@ def test_a_twin_is_calibrated_from_its_own_images(twin_sensor: SensorFolder) -> 
 @pytest.mark.parametrize("at_mm", [(0.0, 0.0), (4.0, -3.0)])
 def test_a_calibrated_twin_sees_how_deep_it_is_pressed(twin_sensor: SensorFolder, at_mm: tuple[float, float]) -> None:
     twin, shape = default_twin(), twin_sensor.shape
-    contact = Press(1.3, at_mm=at_mm, drag_mm=(0.3, 0.1)).on(twin, Ball(5.0))
+    contact = ScriptedPress(1.3, at_mm=at_mm, drag_mm=(0.3, 0.1)).on(twin, Ball(5.0))
     reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(10, 20)))
     seen = reader(shape.rectify(Frame(twin.renderer(contact, 5))))
-    true = heights_like(contact, seen, twin.renderer.light.nearness_per_mm)
+    true = true_height_map_like(contact, seen, twin.renderer.light.inverse_distance_per_mm)
     error = (seen.z_mm - true.z_mm)[true.z_mm < -0.1]
     # By the rule of the ball's edge, which reads deep; the demo's twin is calibrated by physics.
     assert seen.z_mm.min() == pytest.approx(true.z_mm.min(), abs=0.3)
@@ -129,14 +129,14 @@ def test_a_calibrated_twin_sees_how_deep_it_is_pressed(twin_sensor: SensorFolder
     assert np.abs(np.subtract(*deepest)).max() * seen.mm_per_px < 0.5
 
 
-def one_short_act() -> list[Act]:
-    return [Act(Ball(4.0), touch(Pose(0.0, 0.0, 1.2), (0.6, 0.0), 0.2, pause_s=0.3, speed=2.0))]
+def one_short_act() -> list[ObjectTrajectory]:
+    return [ObjectTrajectory(Ball(4.0), press_trajectory(Pose(0.0, 0.0, 1.2), (0.6, 0.0), 0.2, pause_s=0.3, speed=2.0))]
 
 
 def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ninedtact.simulation.show.show", one_short_act)
+    monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_trajectories", one_short_act)
     assert main(["demo", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "open http://127.0.0.1:" in said and "stopped after" in said

@@ -32,17 +32,15 @@ from .shape.image import height_image, shaded_image
 from .shape.measures import summarise
 from .shape.mesh import surface_mesh
 from .shape.sightlines import from_straight_below
-from .simulation.camera import SimulatedCamera
-from .simulation.force_torque import SimulatedForceTorque
-from .simulation.motion import touch
-from .simulation.objects.named import object_for
-from .simulation.press import Press
-from .simulation.stage import Act, Stage
+from .simulation.objects.catalogue import indenter_from_name
+from .simulation.press_simulation import ObjectTrajectory, PressSimulation
+from .simulation.scripted_press import ScriptedPress
+from .simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
+from .simulation.trajectory import press_trajectory
 from .simulation.twin import Twin, default_twin
 
 __all__ = [
     "FIXED_EXPOSURE",
-    "Act",
     "CalibrationImages",
     "CalibrationSettings",
     "CameraSettings",
@@ -55,18 +53,19 @@ __all__ = [
     "LatestFrameSource",
     "Mesh",
     "NinedtactError",
+    "ObjectTrajectory",
     "PointCloud",
     "Pose",
-    "Press",
+    "PressSimulation",
     "Reading",
     "Rectified",
+    "ScriptedPress",
     "Sensor",
     "SensorDesign",
     "SensorFolder",
     "SimulatedCamera",
     "SimulatedForceTorque",
     "SourceEnded",
-    "Stage",
     "Traction",
     "Twin",
     "Wrench",
@@ -78,9 +77,10 @@ __all__ = [
     "export",
     "from_straight_below",
     "height_image",
+    "indenter_from_name",
     "load_sensor",
-    "object_for",
     "point_cloud",
+    "press_trajectory",
     "read_height_png",
     "read_image",
     "save_sensor",
@@ -88,5 +88,4 @@ __all__ = [
     "source_for",
     "summarise",
     "surface_mesh",
-    "touch",
 ]

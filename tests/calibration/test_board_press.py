@@ -12,20 +12,20 @@ from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.gauges import gauge_images
-from ninedtact.simulation.light import Light
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.rectified import looked_up
 from ninedtact.simulation.twin import Twin, default_twin
 
 DESIGN = SensorDesign()
 NEARNESS, IMPRINT_MM = 0.05, 0.85
-LIGHT = Light(
+LIGHT = BrightnessModel(
     darkening_per_mm=0.15,
     saturation=0.5,
     brightening_per_mm=0.35,
     point_spread_mm=0.5,
     global_dimming=0.8,
-    nearness_per_mm=NEARNESS,
+    inverse_distance_per_mm=NEARNESS,
 )
 
 
@@ -38,7 +38,7 @@ def twin() -> Twin:
 
 @pytest.fixture(scope="module")
 def images(twin: Twin) -> CalibrationImages:
-    return CalibrationImages(**vars(gauge_images(twin, board_depth_mm=IMPRINT_MM, frames=8)))
+    return CalibrationImages(**vars(simulate_calibration_images(twin, board_depth_mm=IMPRINT_MM, frames=8)))
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_the_depth_of_imprints_is_found(together: Calibration) -> None:
     told = together.record.twin.imprints
     assert told.believed
     assert told.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * told.depth_error_mm, 0.05))
-    assert told.nearness_per_mm == pytest.approx(NEARNESS, abs=0.01)
+    assert told.inverse_distance_per_mm == pytest.approx(NEARNESS, abs=0.01)
 
 
 def test_the_lens_is_not_magnified_by_imprints(together: Calibration, apart: Calibration, twin: Twin) -> None:

@@ -18,19 +18,19 @@ from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.light import Light
+from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.seeing import Sight
 from ninedtact.simulation.twin import Twin
 
 DESIGN = SensorDesign()
 GEL = replace(DESIGN.gel, thickness_mm=2.3)
-LIGHT = Light(
+LIGHT = BrightnessModel(
     darkening_per_mm=0.11,
     saturation=0.5,
     brightening_per_mm=0.33,
     point_spread_mm=0.5,
     global_dimming=0.8,
-    nearness_per_mm=0.05,
+    inverse_distance_per_mm=0.05,
 )
 NOISE = 0.7
 
@@ -66,7 +66,7 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
     assert fit.named["point_spread_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
     assert fit.named["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.rmse_grey_image < 0.3 and fit.rmse_grey_radial < 0.1
-    true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "nearness_per_mm": 0.05}
+    true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
     off = {name: abs(fit.named[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}
     assert max(off.values()) < 4, off
 
@@ -97,7 +97,9 @@ def test_a_real_sheared_press_tells_its_drag(fits: dict[str, TwinFit]) -> None:
 def seen_mm(contact: Contact, rectify_shape: tuple[int, int], mm_per_px: float) -> np.ndarray:
     x, y = skin_grid_mm(rectify_shape, mm_per_px)
     height = np.asarray(contact.height_mm, np.float32)
-    return Sight(x, y, LIGHT.nearness_per_mm).height_mm(contact.skin.patch, contact.centre_mm, height, fine=True)
+    return Sight(x, y, LIGHT.inverse_distance_per_mm).height_mm(
+        contact.skin.patch, contact.centre_mm, height, fine=True
+    )
 
 
 def test_physics_reads_another_ball_better_than_the_rule(

@@ -33,7 +33,7 @@ from ninedtact.quantities import Frame
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.recorded_source import RecordedSource
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.simulation.camera import SimulatedCamera
+from ninedtact.simulation.simulated_sources import SimulatedCamera
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
 from small_stage import TWIN, small_stage

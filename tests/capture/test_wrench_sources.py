@@ -15,7 +15,7 @@ from ninedtact.quantities import Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.recorded_source import RecordedWrenchSource
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.simulation.force_torque import SimulatedForceTorque
+from ninedtact.simulation.simulated_sources import SimulatedForceTorque
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
 from small_stage import small_stage

@@ -25,9 +25,8 @@ from ninedtact.dataset.generation.touch import Touch
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.batched.requests import alone
-from ninedtact.simulation.objects.generated import ObjectUnknown
-from ninedtact.simulation.population.member import member, member_from
-from ninedtact.simulation.population.parts import Kinds
+from ninedtact.simulation.objects.catalogue import UnknownObject
+from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor, sampled_sensor_from_json
 
 SMALL = DatasetSettings(
     pairs=24,
@@ -116,7 +115,7 @@ def test_everything_to_make_it_again_is_beside_it(made: Made) -> None:
     assert kept["seed"] == 0
     assert kept["names"] == list(SMALL.names)
     sensors = json.loads((made.folder / "members" / "sensors.json").read_text())
-    assert sensors[2] == json.loads(json.dumps(member(2).as_table()))
+    assert sensors[2] == json.loads(json.dumps(sample_sensor(2).as_table()))
     card = (made.folder / "README.md").read_text()
     assert "data/train-*.parquet" in card
     assert "2 no_contact" in card
@@ -217,7 +216,7 @@ def test_settings_that_make_no_data_set_are_refused(wrong: dict[str, object]) ->
 def test_shares_objects_and_workers_are_checked_before_work_begins(tmp_path: Path) -> None:
     with pytest.raises(DatasetImpossible, match="shares"):
         Shares(0.8, 0.3)
-    with pytest.raises(ObjectUnknown, match="expected"):
+    with pytest.raises(UnknownObject, match="expected"):
         make_dataset(tmp_path / "a", replace(SMALL, names=("unicorn_01",)))
     with pytest.raises(DatasetImpossible, match="worker"):
         make_dataset(tmp_path / "b", SMALL, workers=0)
@@ -233,7 +232,7 @@ def test_hopeless_hands_give_up(tmp_path: Path) -> None:
 
 
 def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
-    for kinds in (Kinds(0, 0), Kinds(1, 0), Kinds(0, 1)):
+    for kinds in (MechanicsShares(0, 0), MechanicsShares(1, 0), MechanicsShares(0, 1)):
         touch = Touch(set_up(6, replace(SMALL, pitch_mm=0.3, kinds=kinds)), Ball(), Hand(), np.random.default_rng(0))
         aim = Aim(6.0, np.array([1.0, -0.6]), 0.05, np.array([0.03, -0.04]))
         for _ in range(6):
@@ -243,7 +242,7 @@ def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
 
 
 def test_a_hand_stops_before_the_base() -> None:
-    sensor = set_up(6, replace(SMALL, pitch_mm=0.3, kinds=Kinds(0, 0)))
+    sensor = set_up(6, replace(SMALL, pitch_mm=0.3, kinds=MechanicsShares(0, 0)))
     felt = alone(Touch(sensor, Ball(1.5), Hand(), np.random.default_rng(0)).stepped(HARD))
     assert felt is not None
     assert 0.6 < -felt.seen.height_mm.min() / sensor.member.gel.thickness_mm < 0.76
@@ -269,7 +268,7 @@ def test_a_design_of_its_own_is_pressed_seen_and_written_down(tmp_path: Path) ->
     assert {round(row["mm_per_px"], 2) for row in rows} == {1.0}
     assert "36 mm across" in (tmp_path / "wide" / "README.md").read_text()
     (sensor,) = json.loads((tmp_path / "wide" / "members" / "sensors.json").read_text())
-    assert member_from(sensor).design.sensing_area.width_mm == 36
+    assert sampled_sensor_from_json(sensor).design.sensing_area.width_mm == 36
 
 
 def test_torques_move_to_the_paper_s_sensor() -> None:

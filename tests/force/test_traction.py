@@ -25,7 +25,7 @@ from ninedtact.shape.calibrated import CalibratedShape
 from ninedtact.shape.deblur import Deblurring
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.loss import Loss
-from ninedtact.simulation.truth import heights
+from ninedtact.simulation.ground_truth import true_height_map
 
 GEL = Gel()
 PX_MM = 0.2
@@ -51,7 +51,7 @@ def reading(z_mm: np.ndarray, coverage: np.ndarray | None = None) -> Reading:
 
 
 def noisy(shape: tuple[int, int] = WIDE, seed: int = 0, contact: Contact | None = None) -> np.ndarray:
-    z_mm = heights(contact or dragged(), shape, PX_MM).z_mm
+    z_mm = true_height_map(contact or dragged(), shape, PX_MM).z_mm
     return z_mm + np.random.default_rng(seed).normal(0, 0.005, shape)
 
 
@@ -165,7 +165,7 @@ def lit(contact: Contact) -> Reading:
     """Scattered light of this contact, and the heights that a reader who undoes nothing would have."""
     from scipy.ndimage import gaussian_filter
 
-    true = heights(contact, WIDE, PX_MM)
+    true = true_height_map(contact, WIDE, PX_MM)
     change = np.where(true.z_mm < 0, 0.15 * true.z_mm, 0.4 * true.z_mm)
     seen = gaussian_filter(change, 0.5 / PX_MM) + np.random.default_rng(0).normal(0, 0.003, WIDE)
     read_mm = CURVE.height_mm(seen).astype(np.float32)

@@ -32,10 +32,9 @@ from ninedtact.hardware.design import (
 )
 from ninedtact.hardware.led_board.board_design import LedBoard, led_board_for_design
 from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
-from ninedtact.simulation.designed import designed_light, designed_twin
-from ninedtact.simulation.gauges import GaugeImages, gauge_images
-from ninedtact.simulation.light import Light
-from ninedtact.simulation.twin import default_twin
+from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
+from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.twin import brightness_model_for_design, default_twin, twin_from_design
 
 OURS = SensorDesign(gel=Gel(2.0), sensing_area=SensingArea(20, 15))
 
@@ -124,27 +123,27 @@ def test_hardness() -> None:
 
 
 def test_the_published_design_has_the_default_twin() -> None:
-    ours, default = designed_twin(SensorDesign()), default_twin()
+    ours, default = twin_from_design(SensorDesign()), default_twin()
     assert (ours.renderer.untouched == default.renderer.untouched).all()
     assert ours.renderer.light == default.renderer.light
     assert (ours.area_mm, ours.gel_mm, ours.name) == (default.area_mm, default.gel_mm, default.name)
 
 
 def test_a_thinner_gel_darkens_sooner_and_scatters_less() -> None:
-    thin = designed_light(SensorDesign(gel=Gel(1.5)))
-    assert thin.darkening_per_mm > Light().darkening_per_mm
-    assert thin.point_spread_mm < Light().point_spread_mm
+    thin = brightness_model_for_design(SensorDesign(gel=Gel(1.5)))
+    assert thin.darkening_per_mm > BrightnessModel().darkening_per_mm
+    assert thin.point_spread_mm < BrightnessModel().point_spread_mm
     assert thin.change(np.array([-1.5])).item() > -1
 
 
 def test_a_thin_gel_is_calibrated_by_presses_that_it_bears() -> None:
     thin = SensorDesign(gel=Gel(1.2))
-    images = gauge_images(designed_twin(thin), thin)
+    images = simulate_calibration_images(twin_from_design(thin), thin)
     darkest = [(after.astype(float) - before).min() for before, after in pressed(images)]
     assert max(darkest) < -10, "both presses are seen"
 
 
-def pressed(images: GaugeImages) -> list[tuple[np.ndarray, np.ndarray]]:
+def pressed(images: SimulatedCalibrationImages) -> list[tuple[np.ndarray, np.ndarray]]:
     return [(images.board_reference, images.board), (images.ball_reference, images.ball)]
 
 

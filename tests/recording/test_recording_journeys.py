@@ -39,7 +39,7 @@ from ninedtact.recording.recorder import RecordedEstimates, Recorder
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.saved_pairs import read_saved_pairs
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.simulation.camera import SimulatedCamera
+from ninedtact.simulation.simulated_sources import SimulatedCamera
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
 from small_stage import small_stage

@@ -28,8 +28,8 @@ from ninedtact.simulation.batched.device import Device, DeviceMissing, device_na
 from ninedtact.simulation.batched.objects import Shelf
 from ninedtact.simulation.batched.requests import Felt, Look, Step
 from ninedtact.simulation.batched.room import Room
-from ninedtact.simulation.objects.generated import object_named
-from ninedtact.simulation.population.parts import Kinds
+from ninedtact.simulation.objects.catalogue import generate_object
+from ninedtact.simulation.sensor_population import MechanicsShares
 from ninedtact.simulation.twin import PoseOutOfView
 
 SMALL = DatasetSettings(
@@ -38,13 +38,13 @@ SMALL = DatasetSettings(
     sensors=3,
     names=("ball:3", "gear_07", "cylinder:2,5", "screw_02"),
     shares=Shares(0.1, 0.15),
-    kinds=Kinds(0.34, 0.33),
+    kinds=MechanicsShares(0.34, 0.33),
     pitch_mm=0.5,
     session_pairs=3,
     sessions_per_file=2,
 )
 """Six sessions in three files; one sensor of each kind."""
-OBJECTS = (Ball(3.0), object_named("gear_07"), object_named("screw_02"), Ball(3.0), FlatPunch(2.0))
+OBJECTS = (Ball(3.0), generate_object("gear_07"), generate_object("screw_02"), Ball(3.0), FlatPunch(2.0))
 TILTED = [Pose(0.5 * k, -0.2, 0.3 + 0.1 * k, 0.4 * k, 0.03 + 0.04 * k, -0.02 * k) for k in range(5)]
 
 

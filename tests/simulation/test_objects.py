@@ -16,17 +16,23 @@ from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, Indenter, TiltTooSteep
 from ninedtact.mechanics.indenter_primitives import Ball, Cone, Cylinder, Ellipsoid, FlatPunch
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.objects.families import FAMILIES
-from ninedtact.simulation.objects.generated import PAPER_COUNT, SHEET, object_named, object_names, objects
-from ninedtact.simulation.objects.mesh import KEPT_MM, MeshUnusable, Placing
-from ninedtact.simulation.objects.mesh_file import load_mesh
-from ninedtact.simulation.objects.named import MeshNotClosed, object_for
-from ninedtact.simulation.objects.sheet import Draw
+from ninedtact.simulation.objects.catalogue import (
+    FAMILIES,
+    OBJECT_GRID,
+    PAPER_COUNT,
+    MeshNotClosed,
+    generate_object,
+    generate_objects,
+    generated_object_names,
+    indenter_from_name,
+)
+from ninedtact.simulation.objects.height_grid import DimensionSampler
+from ninedtact.simulation.objects.mesh_objects import KEPT_MM, MeshPlacement, MeshUnusable, load_mesh_object
 
 CLOSED_FORMS = [Ball(3.0), Ellipsoid(), Cylinder(), Cone(), FlatPunch()]
 MEMBERS: dict[str, Indenter] = {
     **{indenter.name: indenter for indenter in CLOSED_FORMS},
-    **{family: object_named(f"{family}_01") for family in FAMILIES},
+    **{family: generate_object(f"{family}_01") for family in FAMILIES},
 }
 every_member = pytest.mark.parametrize("name", MEMBERS)
 STEP = 0.1003
@@ -118,8 +124,10 @@ def test_a_tilted_punch_is_the_hull_of_its_faces() -> None:
 
 
 def test_as_many_distinct_shapes_as_the_paper() -> None:
-    made = list(objects())
-    assert [each.name for each in made] == object_names() and len(set(object_names())) == PAPER_COUNT
+    made = list(generate_objects())
+    assert [each.name for each in made] == generated_object_names() and len(
+        set(generated_object_names())
+    ) == PAPER_COUNT
     coarse = np.meshgrid(*2 * [np.arange(-11, 11.01, 0.3)])
     fields = np.stack([np.minimum(each.underside_mm(*coarse), 2.0).ravel() for each in made]).astype(np.float32)
     touched = fields < 2
@@ -131,16 +139,18 @@ def test_as_many_distinct_shapes_as_the_paper() -> None:
 
 
 def test_an_object_is_its_seed_family_and_number_alone() -> None:
-    assert object_names(10) == object_names(300)[:10]
+    assert generated_object_names(10) == generated_object_names(300)[:10]
     for name in ("gear_03", "fractal_02", "key_07"):
         family, number = name.rsplit("_", 1)
         again = indenter_from_heights(
-            name, SHEET.smooth(FAMILIES[family](Draw(0, family, int(number)), SHEET)), SHEET.pitch_mm
+            name,
+            OBJECT_GRID.smooth(FAMILIES[family](DimensionSampler(0, family, int(number)), OBJECT_GRID)),
+            OBJECT_GRID.pitch_mm,
         )
-        assert (object_named(name).table_mm == again.table_mm).all()
-        other = object_named(name, seed=1).table_mm
+        assert (generate_object(name).table_mm == again.table_mm).all()
+        other = generate_object(name, seed=1).table_mm
         assert other.shape != again.table_mm.shape or abs(other - again.table_mm).max() > 0.1
-    assert object_named("gear_7").name == object_for("gear_07").name == "gear_07"
+    assert generate_object("gear_7").name == indenter_from_name("gear_07").name == "gear_07"
 
 
 @pytest.fixture
@@ -165,29 +175,30 @@ def folder(tmp_path: Path) -> Path:
     "name", ["ball.stl", "metres.stl@m", "inches.stl@in", "giant.stl@fit:8", "wide.stl@0.16666667@+x"]
 )
 def test_a_ball_as_a_mesh_is_a_ball(folder: Path, name: str) -> None:
-    found, near = object_for(str(folder / name)).underside_mm(X, Y), np.hypot(X, Y) < 3.5
+    found, near = indenter_from_name(str(folder / name)).underside_mm(X, Y), np.hypot(X, Y) < 3.5
     assert abs(found - Ball(4.0).underside_mm(X, Y))[near].max() < 0.02
     assert (found[np.hypot(X, Y) > 4.15] == NO_OBJECT_MM).all()
 
 
 def test_the_side_that_faces_the_skin_is_chosen(folder: Path) -> None:
     sizes = {
-        side: load_mesh(folder / "box.obj", Placing(side=side)).relief.size_mm for side in ("-z", "+z", "-x", "+y")
+        side: load_mesh_object(folder / "box.obj", MeshPlacement(side=side)).relief.size_mm
+        for side in ("-z", "+z", "-x", "+y")
     }
     assert sizes["-z"] == sizes["+z"] == pytest.approx((10, 6), abs=0.15)
     assert sizes["-x"] == pytest.approx((4, 6), abs=0.15) and sizes["+y"] == pytest.approx((10, 4), abs=0.15)
-    ring = load_mesh(folder / "ring.ply").relief
+    ring = load_mesh_object(folder / "ring.ply").relief
     origin = np.zeros((1, 1))
     assert ring.underside_mm(origin, origin) == NO_OBJECT_MM and ring.underside_mm(origin + 3.5, origin) == 0
 
 
 def test_holes_and_crops_are_told(folder: Path) -> None:
-    opened = load_mesh(folder / "open.stl", Placing(side="+z"))
-    assert not opened.closed and load_mesh(folder / "ball.stl").closed
+    opened = load_mesh_object(folder / "open.stl", MeshPlacement(side="+z"))
+    assert not opened.closed and load_mesh_object(folder / "ball.stl").closed
     assert opened.relief.underside_mm(np.zeros((1, 1)), np.zeros((1, 1))) == pytest.approx(7, abs=0.05), "its inside"
     with pytest.warns(MeshNotClosed, match="not closed"):
-        object_for(str(folder / "open.stl"))
-    wide = load_mesh(folder / "wide.stl")
+        indenter_from_name(str(folder / "open.stl"))
+    wide = load_mesh_object(folder / "wide.stl")
     assert (
         wide.cropped
         and wide.size_mm == pytest.approx((48, 48, 48))
@@ -211,20 +222,20 @@ def test_holes_and_crops_are_told(folder: Path) -> None:
 )
 def test_bad_meshes_are_refused_in_one_sentence(folder: Path, name: str, said: str) -> None:
     with pytest.raises(MeshUnusable, match=said) as refusal:
-        object_for(str(folder / name))
+        indenter_from_name(str(folder / name))
     assert str(refusal.value).startswith("expected ") and ", got " in str(refusal.value)
 
 
 def test_solids_by_name_and_a_list_of_what_is_accepted() -> None:
-    assert object_for("ball:4") == Ball(4.0) and object_for("cylinder:3,12") == Cylinder(3.0, 12.0)
-    assert object_for("cone:30") == Cone(np.radians(30))
+    assert indenter_from_name("ball:4") == Ball(4.0) and indenter_from_name("cylinder:3,12") == Cylinder(3.0, 12.0)
+    assert indenter_from_name("cone:30") == Cone(np.radians(30))
     for text in ("gaer_07", "", "gear", "gear_00", "ball:-1", "ball:1,2", "ball:x", "part.step", "thingi10k:many"):
         with pytest.raises(NinedtactError, match=r"expected .*gear_07|expected ball:RADIUS"):
-            object_for(text)
+            indenter_from_name(text)
 
 
 def test_thingi10k_offline_is_one_sentence(tmp_path: Path) -> None:
-    ask = "from ninedtact.simulation.objects.named import object_for; object_for('thingi10k:32770')"
+    ask = "from ninedtact.simulation.objects.catalogue import object_for; object_for('thingi10k:32770')"
     environment = {**os.environ, "HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1"}
     ran = subprocess.run([sys.executable, "-c", ask], env=environment, capture_output=True, text=True, timeout=60)
     assert (

@@ -11,45 +11,52 @@ import pytest
 from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.population.mechanics import finite_strain
-from ninedtact.simulation.population.member import SensorMember, member, member_from, population
-from ninedtact.simulation.population.parts import Kinds, Misreading, PopulationImpossible
-from ninedtact.simulation.population.spread import FITTED
 from ninedtact.simulation.rectified import grey_eye, mm_per_px, raw_places, read_places
+from ninedtact.simulation.sensor_population import (
+    FITTED_LIGHT_PARAMETERS,
+    CalibrationMisalignment,
+    InvalidPopulation,
+    MechanicsShares,
+    SampledSensor,
+    apply_finite_strain,
+    sample_sensor,
+    sample_sensors,
+    sampled_sensor_from_json,
+)
 
 MANY = 300
-ALL_BONDED, ALL_BASED = Kinds(0, 0), Kinds(1, 0)
+ALL_BONDED, ALL_BASED = MechanicsShares(0, 0), MechanicsShares(1, 0)
 
 
 @pytest.fixture(scope="module")
-def members() -> list[SensorMember]:
-    return list(islice(population(), MANY))
+def members() -> list[SampledSensor]:
+    return list(islice(sample_sensors(), MANY))
 
 
-def test_a_member_does_not_depend_on_who_else_is_asked_for(members: list[SensorMember]) -> None:
-    assert member(17) == members[17]
-    assert member(17, seed=1) != members[17]
+def test_a_member_does_not_depend_on_who_else_is_asked_for(members: list[SampledSensor]) -> None:
+    assert sample_sensor(17) == members[17]
+    assert sample_sensor(17, seed=1) != members[17]
     assert len({one.name for one in members}) == MANY
 
 
-def test_a_member_survives_being_written_down(members: list[SensorMember]) -> None:
+def test_a_member_survives_being_written_down(members: list[SampledSensor]) -> None:
     for one in members[:6]:
-        assert member_from(json.loads(json.dumps(one.as_table()))) == one
+        assert sampled_sensor_from_json(json.loads(json.dumps(one.as_table()))) == one
 
 
-def test_light_spreads_and_correlates_as_in_real_sensors(members: list[SensorMember]) -> None:
+def test_light_spreads_and_correlates_as_in_real_sensors(members: list[SampledSensor]) -> None:
     lights = [one.light for one in members]
     secants = np.array([-light.change(np.array([-2.0]))[0] / 2 for light in lights])
     logs = np.log(
         [secants, [light.brightening_per_mm for light in lights], [light.point_spread_mm for light in lights]]
     )
-    real = np.log(FITTED[:, :3].T)
+    real = np.log(FITTED_LIGHT_PARAMETERS[:, :3].T)
     assert logs.mean(axis=1) == pytest.approx(real.mean(axis=1), abs=0.04)
     assert logs.std(axis=1) == pytest.approx(real.std(axis=1, ddof=1), rel=0.15)
     assert np.corrcoef(logs)[0, 1] == pytest.approx(np.corrcoef(real)[0, 1], abs=0.15)
 
 
-def test_gel_lens_and_camera_stay_within_what_is_made(members: list[SensorMember]) -> None:
+def test_gel_lens_and_camera_stay_within_what_is_made(members: list[SampledSensor]) -> None:
     gels = [one.gel for one in members]
     thickness = np.array([gel.thickness_mm for gel in gels])
     assert thickness.mean() == pytest.approx(2.5, abs=0.04)
@@ -61,7 +68,7 @@ def test_gel_lens_and_camera_stay_within_what_is_made(members: list[SensorMember
 
 
 @pytest.mark.parametrize("count", [10, 40, MANY])
-def test_kinds_have_their_shares_among_few_members_too(count: int, members: list[SensorMember]) -> None:
+def test_kinds_have_their_shares_among_few_members_too(count: int, members: list[SampledSensor]) -> None:
     kinds = [one.kind for one in members[:count]]
     assert kinds.count("compliant_base") == pytest.approx(0.2 * count, abs=2)
     assert kinds.count("finite_strain") == pytest.approx(0.3 * count, abs=2)
@@ -69,7 +76,7 @@ def test_kinds_have_their_shares_among_few_members_too(count: int, members: list
 
 
 def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
-    based = member(3, kinds=ALL_BASED)
+    based = sample_sensor(3, kinds=ALL_BASED)
     rigid = replace(based, kind="bonded", base=None)
     depths = []
     for one in (rigid, based):
@@ -79,7 +86,7 @@ def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
 
 
 def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
-    bonded = member(3, kinds=ALL_BONDED)
+    bonded = sample_sensor(3, kinds=ALL_BONDED)
     stiffens = replace(bonded, kind="finite_strain")
     twin = bonded.twin(0.3)
     solved = twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=1.5))
@@ -89,13 +96,13 @@ def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
     assert felt.height_mm.max() > 1.05 * solved.height_mm.max()
     assert felt.height_mm.min() == solved.height_mm.min()
     light = twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=0.05))
-    assert finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
+    assert apply_finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
 
 
-def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(members: list[SensorMember]) -> None:
+def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(members: list[SampledSensor]) -> None:
     wide = SensorDesign(gel=Gel(1.25, 0.2), sensing_area=SensingArea(36, 27))
     for number, usual in enumerate(members[:6]):
-        ours = member(number, design=wide)
+        ours = sample_sensor(number, design=wide)
         assert ours.gel.thickness_mm == pytest.approx(usual.gel.thickness_mm / 2)
         assert ours.gel.shear_modulus_mpa / wide.gel.shear_modulus_mpa == pytest.approx(
             usual.gel.shear_modulus_mpa / Gel().shear_modulus_mpa
@@ -110,12 +117,12 @@ def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(
 
 
 def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
-    one = replace(member(2, kinds=ALL_BONDED), misreading=Misreading(), noise_grey_levels=1e-6)
+    one = replace(sample_sensor(2, kinds=ALL_BONDED), misreading=CalibrationMisalignment(), noise_grey_levels=1e-6)
     twin, eye = one.twin(), grey_eye(one, (460, 345))
     contact = twin.step(twin.model.untouched(), Ball(), Pose(2.0, -1.0, 1.2))
     seen = eye.image(contact, np.random.default_rng(0)).astype(float)
     raw = cv2.cvtColor(twin.renderer.shone_on(contact), cv2.COLOR_BGR2GRAY)
-    at = raw_places(one.view, read_places((460, 345), mm_per_px((460, 345)), Misreading()))
+    at = raw_places(one.view, read_places((460, 345), mm_per_px((460, 345)), CalibrationMisalignment()))
     rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
     assert np.ptp(seen - eye.untouched) > 12
     assert np.abs(seen - rectified).mean() < 0.4
@@ -123,14 +130,17 @@ def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
 
 
 def test_a_view_read_backwards_finds_its_pixels() -> None:
-    view, wanted = member(4).view, read_places((92, 69), mm_per_px((92, 69)), Misreading(1.01, 0.01, (0.2, -0.1)))
+    view, wanted = (
+        sample_sensor(4).view,
+        read_places((92, 69), mm_per_px((92, 69)), CalibrationMisalignment(1.01, 0.01, (0.2, -0.1))),
+    )
     px = raw_places(view, wanted)
     place = cv2.remap(view.plane_mm, px[..., 0].copy(), px[..., 1].copy(), cv2.INTER_LINEAR)
     assert np.abs(place - wanted).max() < 3e-3, "OpenCV looks up to a 32nd of a pixel"
 
 
 def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None:
-    one = member(5)
+    one = sample_sensor(5)
     eye, rng = grey_eye(one, (460, 345)), np.random.default_rng(0)
     first, second = (eye.image(None, rng).astype(float) for _ in range(2))
     rounding = 1 / 6
@@ -138,8 +148,14 @@ def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None
 
 
 @pytest.mark.parametrize(
-    "wrong", [lambda: member(-1), lambda: member(0, -1), lambda: Kinds(0.7, 0.6), lambda: Kinds(-0.1)]
+    "wrong",
+    [
+        lambda: sample_sensor(-1),
+        lambda: sample_sensor(0, -1),
+        lambda: MechanicsShares(0.7, 0.6),
+        lambda: MechanicsShares(-0.1),
+    ],
 )
 def test_members_that_cannot_be_drawn_are_refused(wrong: object) -> None:
-    with pytest.raises(PopulationImpossible, match="expected"):
+    with pytest.raises(InvalidPopulation, match="expected"):
         wrong()  # type: ignore[operator]

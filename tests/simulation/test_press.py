@@ -10,14 +10,19 @@ from small_stage import TWIN
 from ninedtact.design import PinBoard
 from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.simulation.gauges import gauge_images, pin_board
-from ninedtact.simulation.press import Press, PressImpossible
-from ninedtact.simulation.truth import heights, heights_like, pressure_mpa, shear_mpa
+from ninedtact.simulation.calibration_images import pin_board_indenter, simulate_calibration_images
+from ninedtact.simulation.ground_truth import (
+    true_height_map,
+    true_height_map_like,
+    true_pressure_map_mpa,
+    true_shear_map_mpa,
+)
+from ninedtact.simulation.scripted_press import InvalidPress, ScriptedPress
 from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 
 
 def test_it_ends_where_it_was_sent() -> None:
-    contact = Press(1.0, at_mm=(1.0, -2.0), drag_mm=(0.5, 0.5), twist_rad=radians(12)).on(TWIN, Ball(4.0))
+    contact = ScriptedPress(1.0, at_mm=(1.0, -2.0), drag_mm=(0.5, 0.5), twist_rad=radians(12)).on(TWIN, Ball(4.0))
     pose = contact.pose
     assert (pose.x_mm, pose.y_mm, pose.depth_mm, np.degrees(pose.twist_rad)) == pytest.approx((1.5, -1.5, 1.0, 12))
     force, torque = contact.wrench().force_n, contact.wrench(np.array([1.5, -1.5, 0.0])).torque_nm
@@ -25,52 +30,52 @@ def test_it_ends_where_it_was_sent() -> None:
 
 
 def test_a_load_is_held_all_the_way() -> None:
-    contact = Press(load_n=4.0, drag_mm=(0.6, 0.0)).on(TWIN, Ball(4.0))
+    contact = ScriptedPress(load_n=4.0, drag_mm=(0.6, 0.0)).on(TWIN, Ball(4.0))
     assert contact.wrench().force_n[2] == pytest.approx(-4.0, rel=1e-3) and 0.5 < contact.pose.depth_mm < 1.5
 
 
 @pytest.mark.parametrize(
     ("press", "said"),
     [
-        (lambda: Press(), "expected a depth or a load, got neither"),
-        (lambda: Press(1.0, 2.0), "expected a depth or a load, got both"),
-        (lambda: Press(-1.0), "above zero, got -1 mm deep"),
-        (lambda: Press(load_n=-3.0), "above zero, got -3 N"),
-        (lambda: Press(float("nan")), "above zero, got nan"),
+        (lambda: ScriptedPress(), "expected a depth or a load, got neither"),
+        (lambda: ScriptedPress(1.0, 2.0), "expected a depth or a load, got both"),
+        (lambda: ScriptedPress(-1.0), "above zero, got -1 mm deep"),
+        (lambda: ScriptedPress(load_n=-3.0), "above zero, got -3 N"),
+        (lambda: ScriptedPress(float("nan")), "above zero, got nan"),
     ],
 )
-def test_a_press_that_is_none_is_refused(press: type[Press], said: str) -> None:
-    with pytest.raises(PressImpossible, match=said):
+def test_a_press_that_is_none_is_refused(press: type[ScriptedPress], said: str) -> None:
+    with pytest.raises(InvalidPress, match=said):
         press()
 
 
 def test_what_a_twin_cannot_answer_for_is_refused() -> None:
     for beside in ((15.0, 0.0), (0.0, -11.0)):
         with pytest.raises(PoseOutOfView, match=r"expected the object over the skin .*; press nearer to the middle"):
-            Press(1.0, at_mm=beside).on(TWIN, Ball(4.0))
-    with pytest.raises(PressImpossible, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
-        Press(2.7).on(TWIN, Ball(4.0))
+            ScriptedPress(1.0, at_mm=beside).on(TWIN, Ball(4.0))
+    with pytest.raises(InvalidPress, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
+        ScriptedPress(2.7).on(TWIN, Ball(4.0))
     with pytest.raises(InvalidPose, match=r"its base, 2.5 mm, got 2.59"):
         TWIN.step(TWIN.model.untouched(), Ball(4.0), Pose(depth_mm=2.6))
     for large, at in ((FlatPunch(18.0), (0.0, 0.0)), (FlatPunch(13.0), (0.0, 0.0)), (Ball(4.0), (13.5, 0.0))):
         with pytest.raises(ObjectTooLarge, match=r"touch no more than the gel of 29.5 x 22.5 mm, .* smaller object"):
-            Press(1.0, at_mm=at).on(TWIN, large)
+            ScriptedPress(1.0, at_mm=at).on(TWIN, large)
 
 
 def test_the_truth_is_given_on_the_grids_on_which_a_sensor_answers() -> None:
-    contact = Press(1.0, at_mm=(2.0, 1.0), drag_mm=(0.5, 0.0)).on(TWIN, Ball(4.0))
-    place = heights(contact, (345, 460), 0.05)
-    pressure, shear = pressure_mpa(contact, (345, 460), 0.05), shear_mpa(contact, (345, 460), 0.05)
+    contact = ScriptedPress(1.0, at_mm=(2.0, 1.0), drag_mm=(0.5, 0.0)).on(TWIN, Ball(4.0))
+    place = true_height_map(contact, (345, 460), 0.05)
+    pressure, shear = true_pressure_map_mpa(contact, (345, 460), 0.05), true_shear_map_mpa(contact, (345, 460), 0.05)
     deepest = np.unravel_index(place.z_mm.argmin(), place.z_mm.shape)
     assert (place.axes_mm[0][deepest[1]], place.axes_mm[1][deepest[0]]) == pytest.approx((2.5, 1.0), abs=0.11)
     force = contact.wrench().force_n
     assert [shear[..., 0].sum(), -pressure.sum()] == pytest.approx([force[0] / 0.05**2, force[2] / 0.05**2], rel=0.01)
     stamped = replace(place, stamp_ns=7)
-    assert heights_like(contact, stamped, 0.0).stamp_ns == 7
+    assert true_height_map_like(contact, stamped, 0.0).stamp_ns == 7
 
 
 def test_the_board_is_the_designed_one() -> None:
-    board = pin_board(PinBoard())
+    board = pin_board_indenter(PinBoard())
     tips = np.array([[x * 2.5, y * 2.5] for x in range(-4, 5) for y in range(-3, 4)], float)
     assert board.underside_mm(*tips.T[:, None]) == pytest.approx(0, abs=1e-3)
     side = board.underside_mm(tips[:, :1].T + 0.5, tips[:, 1:].T)
@@ -79,7 +84,7 @@ def test_the_board_is_the_designed_one() -> None:
 
 
 def test_gauge_images_are_those_that_a_calibration_asks_for() -> None:
-    images = gauge_images(TWIN)
+    images = simulate_calibration_images(TWIN)
     assert np.abs(images.board_reference.astype(int) - images.ball_reference).max() < 8
     assert not np.array_equal(images.board_reference, images.ball_reference)  # each with its own noise
     ball, board = (

@@ -9,19 +9,17 @@ from small_stage import PRESSED, TWIN, small_stage
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.simulation.camera import SimulatedCamera
-from ninedtact.simulation.force_torque import EXACT, SimulatedForceTorque
-from ninedtact.simulation.image import Renderer
-from ninedtact.simulation.light import Light
-from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.press import Press
-from ninedtact.simulation.truth import heights
+from ninedtact.simulation.ground_truth import true_height_map
+from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.pixel_map import WideAngleLens
+from ninedtact.simulation.renderer import CameraNoise, Renderer
+from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.simulated_sources import NO_FORCE_TORQUE_ERRORS, SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.twin import default_twin
-from ninedtact.simulation.view import WideLens
 
-QUIET = Noise(0.0)
+QUIET = CameraNoise(0.0)
 EVEN = np.full((480, 640, 3), 160, np.float32)
-EVENLY_LIT = Renderer(WideLens().view(), EVEN, Light(), QUIET)
+EVENLY_LIT = Renderer(WideAngleLens().view(), EVEN, BrightnessModel(), QUIET)
 
 
 def factor(contact: Contact) -> np.ndarray:
@@ -71,7 +69,7 @@ def test_a_camera_ends_with_its_stage() -> None:
 
 def test_camera_and_force_torque_sensor_see_one_motion() -> None:
     stage = small_stage()
-    camera, sensor = SimulatedCamera(stage), SimulatedForceTorque(stage, hz=10.0, errors=EXACT)
+    camera, sensor = SimulatedCamera(stage), SimulatedForceTorque(stage, hz=10.0, errors=NO_FORCE_TORQUE_ERRORS)
     with camera, sensor:
         pairs = [(camera.read(), sensor.read()) for _ in range(int(stage.seconds * 10))]
     untouched = TWIN.renderer.untouched[..., 1]
@@ -83,22 +81,22 @@ def test_camera_and_force_torque_sensor_see_one_motion() -> None:
 
 
 def test_the_front_of_a_drag_is_brighter_than_its_back() -> None:
-    dragged = factor(Press(1.2, drag_mm=(1.0, 0.0)).on(TWIN, Ball(4.0)))
+    dragged = factor(ScriptedPress(1.2, drag_mm=(1.0, 0.0)).on(TWIN, Ball(4.0)))
     row, middle = 240, 640 // 2 + 24
     back, front = dragged[row, middle - 200 : middle].max(), dragged[row, middle : middle + 200].max()
     assert front > back + 0.03
 
 
 def test_a_mirrored_press_gives_the_mirrored_image() -> None:
-    press = Press(1.0, at_mm=(2.0, -1.0), drag_mm=(0.6, 0.3))
+    press = ScriptedPress(1.0, at_mm=(2.0, -1.0), drag_mm=(0.6, 0.3))
     mirrored = replace(press, at_mm=(-2.0, -1.0), drag_mm=(-0.6, 0.3))
     one, other = (factor(each.on(TWIN, Ball(4.0))) for each in (press, mirrored))
     assert one == pytest.approx(other[:, ::-1], abs=2e-3)
 
 
 def test_pressed_skin_is_seen_displaced_outwards() -> None:
-    contact = Press(1.5, at_mm=(7.0, 0.0)).on(TWIN, Ball(4.0))
-    place, seen = (heights(contact, (1, 401), 0.05, nearness) for nearness in (0.0, 0.05))
+    contact = ScriptedPress(1.5, at_mm=(7.0, 0.0)).on(TWIN, Ball(4.0))
+    place, seen = (true_height_map(contact, (1, 401), 0.05, nearness) for nearness in (0.0, 0.05))
     x_place, x_seen = (float(height.axes_mm[0][height.z_mm[0].argmin()]) for height in (place, seen))
     assert x_place == pytest.approx(7.0, abs=0.06)
     # The line of sight through P meets the skin at P(1 + z/D): what is 1.5 mm deep at 7 mm is seen at 7/(1 − 1.5 · 0.05).
@@ -108,8 +106,8 @@ def test_pressed_skin_is_seen_displaced_outwards() -> None:
 
 
 def test_a_lens_read_backwards_is_smooth_and_right_way_round() -> None:
-    plane = WideLens().view().plane_mm
+    plane = WideAngleLens().view().plane_mm
     assert (np.diff(plane[..., 0], axis=1) > 0).all() and (np.diff(plane[..., 1], axis=0) > 0).all()
     assert plane[240, 320] == pytest.approx([0, 0], abs=0.05)
-    turned = WideLens(turn_rad=np.pi / 2, offset_mm=(0.5, 0.0)).view((480, 480)).plane_mm
+    turned = WideAngleLens(turn_rad=np.pi / 2, offset_mm=(0.5, 0.0)).view((480, 480)).plane_mm
     assert turned[240, -1, 1] > 10 and turned[-1, 240, 0] < -10

@@ -4,14 +4,19 @@ import numpy as np
 import pytest
 from small_stage import small_stage
 
-from ninedtact.simulation.force_torque import EXACT, NONE, Errors, SimulatedForceTorque
+from ninedtact.simulation.simulated_sources import (
+    NO_FORCE_TORQUE_ERRORS,
+    NO_OFFSET,
+    ForceTorqueErrors,
+    SimulatedForceTorque,
+)
 
 BIAS = (0.3, -0.2, 1.0, 0.01, -0.02, 0.005)
 
 
 def test_without_errors_it_tells_the_truth_about_its_own_origin() -> None:
     stage = small_stage()
-    with SimulatedForceTorque(stage, hz=10.0, errors=EXACT) as sensor:
+    with SimulatedForceTorque(stage, hz=10.0, errors=NO_FORCE_TORQUE_ERRORS) as sensor:
         told = [sensor.read() for _ in range(14)]
     true = stage.contact(13).wrench()
     assert told[13].about_mm == pytest.approx([0, 0, -35])
@@ -22,24 +27,26 @@ def test_without_errors_it_tells_the_truth_about_its_own_origin() -> None:
 
 def test_between_steps_it_goes_straight() -> None:
     stage = small_stage()
-    with SimulatedForceTorque(stage, hz=100.0, errors=EXACT) as sensor:
+    with SimulatedForceTorque(stage, hz=100.0, errors=NO_FORCE_TORQUE_ERRORS) as sensor:
         force = np.array([sensor.read().force_n for _ in range(151)])
     assert force[75:81] == pytest.approx(np.linspace(force[70], force[80], 11)[5:], abs=1e-6)
     assert np.abs(np.diff(force, axis=0)).max() < np.abs(np.diff(force[::10], axis=0)).max() / 5
 
 
 def test_noise_and_bias_are_as_asked_and_a_tare_takes_the_bias_off() -> None:
-    with SimulatedForceTorque(small_stage(), hz=20_000.0, errors=Errors(bias=BIAS)) as sensor:
+    with SimulatedForceTorque(small_stage(), hz=20_000.0, errors=ForceTorqueErrors(bias=BIAS)) as sensor:
         untouched = np.array([sensor.read().six for _ in range(4000)])
-    assert np.allclose(untouched.std(axis=0), Errors().noise, rtol=0.06)
+    assert np.allclose(untouched.std(axis=0), ForceTorqueErrors().noise, rtol=0.06)
     tare = untouched.mean(axis=0)
-    assert (np.abs(tare - BIAS) < 4 * np.array(Errors().noise) / np.sqrt(4000)).all()
+    assert (np.abs(tare - BIAS) < 4 * np.array(ForceTorqueErrors().noise) / np.sqrt(4000)).all()
     assert np.abs(np.corrcoef(untouched.T) - np.eye(6)).max() < 0.07
 
 
 def test_the_same_seed_gives_the_same_samples() -> None:
     def samples(seed: int) -> list[list[float]]:
-        with SimulatedForceTorque(small_stage(), hz=50.0, errors=Errors(bias=NONE), seed=seed) as sensor:
+        with SimulatedForceTorque(
+            small_stage(), hz=50.0, errors=ForceTorqueErrors(bias=NO_OFFSET), seed=seed
+        ) as sensor:
             return [sensor.read().six.tolist() for _ in range(20)]
 
     assert samples(1) == samples(1) != samples(2)

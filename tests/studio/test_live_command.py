@@ -14,7 +14,7 @@ from small_sensor import sensor_folder, skin
 
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged
 from ninedtact.capture.frame_source import SourceUnknown
-from ninedtact.cli.live import Live, LiveImpossible, StudioMissing
+from ninedtact.cli.live import InvalidLiveOption, Live, PageLibraryMissing
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
 
@@ -55,8 +55,8 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
         Live(str(images), tmp_path / "none").run()
     with pytest.raises(SourceUnknown, match="which is none of these"):
         Live("nothing", folder).run()
-    with pytest.raises(LiveImpossible, match="above 0 and at most 120, got 0;"):
+    with pytest.raises(InvalidLiveOption, match="above 0 and at most 120, got 0;"):
         Live(str(images), folder, display_hz=0).run()
     monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None)
-    with pytest.raises(StudioMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
+    with pytest.raises(PageLibraryMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
         Live(str(images), folder).run()

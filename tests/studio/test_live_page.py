@@ -10,11 +10,10 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.loop import SensorLoop
-from ninedtact.studio.page import Page
-from ninedtact.studio.ruler import block_under
-from ninedtact.studio.server import PortRefused, serving
-from ninedtact.studio.studio import Studio
+from ninedtact.studio.page import PortRefused, SensorPage, page_server
+from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_poller import SensorPoller
 
 PATIENCE_S = 90.0
 
@@ -26,9 +25,9 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
     tab.on("pageerror", lambda error: errors.append(str(error)))
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
-    with serving("127.0.0.1", 0) as server, SensorLoop(sensor) as loop:
-        studio = Studio(loop, tmp_path)
-        page = Page(server, studio, block_under(SHAPE, Gel()), "small")
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
+        studio = PageController(loop, tmp_path)
+        page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         address = f"127.0.0.1:{server.get_port()}"
 
         def until_shown(*texts: str) -> None:
@@ -69,12 +68,12 @@ def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as other,
         pytest.raises(PortRefused, match=r"free for the page, got it in use .*choose another with --port"),
-        serving("127.0.0.1", other.getsockname()[1]),
+        page_server("127.0.0.1", other.getsockname()[1]),
     ):
         pass
 
 
 @pytest.mark.parametrize(("host", "port"), [("no.such.host.invalid", 0), ("127.0.0.1", 70_000), ("127.0.0.1", -1)])
 def test_a_place_that_does_not_exist_is_refused(host: str, port: int) -> None:
-    with pytest.raises(PortRefused, match=r"expected port .*, got .*; choose another"), serving(host, port):
+    with pytest.raises(PortRefused, match=r"expected port .*, got .*; choose another"), page_server(host, port):
         pass

@@ -13,17 +13,15 @@ from small_stage import PRESSED, TWIN
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
-from ninedtact.cli.live import on_page
-from ninedtact.cli.twin_on_show import TRUE_WRENCH, on_show
+from ninedtact.cli.live import page_sources_of_twin
 from ninedtact.quantities import Wrench
-from ninedtact.studio.arrows import arc_deg, arc_mm, centre_mm
-from ninedtact.studio.loop import Phase, SensorLoop
-from ninedtact.studio.page import Page
-from ninedtact.studio.ruler import block_under
-from ninedtact.studio.server import serving
-from ninedtact.studio.studio import Studio
-from ninedtact.studio.wrench_card import card
-from ninedtact.studio.wrench_loop import WrenchLoop
+from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME, demo_sources
+from ninedtact.studio.page import SensorPage, page_server
+from ninedtact.studio.page_cards import wrench_html
+from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
+from ninedtact.studio.wrench_poller import WrenchPoller
 
 PATIENCE_S = 90.0
 
@@ -59,7 +57,7 @@ class FallingWeight(WrenchSource):
 
 def test_a_wrench_loop_gives_the_wrench_of_the_asked_moment() -> None:
     weight = FallingWeight()
-    with WrenchLoop(weight, "weight") as loop:
+    with WrenchPoller(weight, "weight") as loop:
         wait_until(lambda: loop.moment(None, 0).history.shape[1] > 8)
         now_ns = time.monotonic_ns()
         moment = loop.moment(None, now_ns)
@@ -69,38 +67,40 @@ def test_a_wrench_loop_gives_the_wrench_of_the_asked_moment() -> None:
         assert earlier is not None and earlier.force_n[2] == fell[3] and (earlier.about_mm == 0).all()
         weight.plugged_in = False
         wait_until(lambda: loop.moment(None, 0).trouble is not None)
-        assert "plug it in" in card(loop.moment(None, 0), is_past=False)
+        assert "plug it in" in wrench_html(loop.moment(None, 0), is_past=False)
     assert not weight.is_open
 
 
 def test_an_arrow_stands_where_the_force_goes_through_the_skin() -> None:
-    assert centre_mm(pushed((0.4, 0.2, -2.0), (3.0, -1.5))) == pytest.approx([3.0, -1.5, 0])
-    assert centre_mm(pushed((0.0, 0.0, -0.01), (3.0, -1.5))) is None
+    assert centre_of_pressure_mm(pushed((0.4, 0.2, -2.0), (3.0, -1.5))) == pytest.approx([3.0, -1.5, 0])
+    assert centre_of_pressure_mm(pushed((0.0, 0.0, -0.01), (3.0, -1.5))) is None
     around = pushed((0.0, 0.0, -2.0), (3.0, -1.5), twist_nm=0.01)
     assert around.about(np.array([3.0, -1.5, 0.0])).torque_nm[2] == pytest.approx(0.01)
-    arc = arc_mm(np.zeros(3), arc_deg(0.01))
+    arc = torque_arc_points_mm(np.zeros(3), torque_arc_deg(0.01))
     first, second = arc[0, :2], arc[1, :2]
     assert first[0] * second[1] - first[1] * second[0] > 0  # a positive torque turns x towards y
-    assert abs(arc_deg(5.0)) < 360 and arc_deg(-0.01) == -arc_deg(0.01)
+    assert abs(torque_arc_deg(5.0)) < 360 and torque_arc_deg(-0.01) == -torque_arc_deg(0.01)
 
 
 def test_the_card_has_six_numbers_with_units() -> None:
-    with WrenchLoop(FallingWeight(), "weight") as loop:
+    with WrenchPoller(FallingWeight(), "weight") as loop:
         wait_until(lambda: loop.moment(None, 0).wrench is not None)
-        said = card(loop.moment(None, 0), is_past=False)
+        said = wrench_html(loop.moment(None, 0), is_past=False)
     assert said.count("mN·m</span>") == 3 and said.count(">N</span>") == 3 and "weight" in said
 
 
 def test_a_browser_shows_the_twin_move_and_its_true_wrench(
     browser: Browser, tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ninedtact.simulation.show.show", lambda: [PRESSED])
-    sensor, wrenches = on_page(twin_sensor.shape, on_show(TWIN, rounds=12))
+    monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_trajectories", lambda: [PRESSED])
+    sensor, wrenches = page_sources_of_twin(twin_sensor.shape, demo_sources(TWIN, rounds=12))
     tab, errors, seen, pushes = browser.new_page(viewport={"width": 1200, "height": 800}), [], set(), set()
     tab.on("pageerror", lambda error: errors.append(str(error)))
-    with serving("127.0.0.1", 0) as server, SensorLoop(sensor) as loop, wrenches[0]:
-        studio = Studio(loop, tmp_path, wrenches)
-        page = Page(server, studio, block_under(twin_sensor.shape, twin_sensor.record.design.gel), "twin")
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop, wrenches[0]:
+        studio = PageController(loop, tmp_path, wrenches)
+        page = SensorPage(
+            server, studio, gel_block_under_skin(twin_sensor.shape, twin_sensor.record.design.gel), "twin"
+        )
         tab.goto(f"http://127.0.0.1:{server.get_port()}")
 
         def moved() -> bool:
@@ -110,7 +110,11 @@ def test_a_browser_shows_the_twin_move_and_its_true_wrench(
             pushes.update(line for line in said.splitlines() if line.startswith("F") and "N" in line)
             shown, wrench = studio.shown, wrenches[0].moment(None, 0).wrench
             return (
-                TRUE_WRENCH in said and len(seen) > 5 and len(pushes) > 5 and shown is not None and wrench is not None
+                TRUE_WRENCH_NAME in said
+                and len(seen) > 5
+                and len(pushes) > 5
+                and shown is not None
+                and wrench is not None
             )
 
         wait_until(moved, PATIENCE_S, pause_s=0.05)
@@ -119,7 +123,7 @@ def test_a_browser_shows_the_twin_move_and_its_true_wrench(
         tab.screenshot(path=pressed)
         assert pressed.stat().st_size > 10_000
         reading = studio.shown
-        assert reading is not None and loop.moment(0).phase in (Phase.READING, Phase.ENDED)
+        assert reading is not None and loop.moment(0).phase in (SensorPhase.READING, SensorPhase.ENDED)
         at_reading = wrenches[0].moment(reading.frame.stamp_ns, time.monotonic_ns()).wrench
         assert at_reading is not None and abs(at_reading.stamp_ns - reading.frame.stamp_ns) < 0.2e9
     assert errors == []

@@ -47,7 +47,7 @@ LEAST = BoardPressParameters(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
 MOST_THICKNESS = 0.9
 """Of the gel, to which a board can be pressed."""
 MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM = 0.1, 0.5, 0.1, 1.5
-STEPS = {"nearness_per_mm": 0.004, "point_spread_mm": 0.02, "depth_mm": 0.02, "poisson_ratio": -0.003}
+STEPS = {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02, "depth_mm": 0.02, "poisson_ratio": -0.003}
 """Of difference quotients, those first for which the skin need not be solved; the tilt's follow from that of the depth."""
 LARGEST = np.array([0.2, 0.02, 0.02, 0.01, 0.03, 0.2])
 """Of one round's change."""
@@ -86,7 +86,9 @@ class BoardPressFit:
     @property
     def beliefs(self) -> tuple[ParameterPrior, ...]:
         """For the fit of the ball."""
-        told = ParameterPrior("nearness_per_mm", self.press.nearness_per_mm, self.deviation.nearness_per_mm)
+        told = ParameterPrior(
+            "inverse_distance_per_mm", self.press.inverse_distance_per_mm, self.deviation.inverse_distance_per_mm
+        )
         return (told,) if self.believed else ()
 
 

@@ -72,7 +72,7 @@ class SensorFolder:
         """From where the skin is looked at: as the physics of its ball press has it, else as designed."""
         if self.record.depth.method != "physics" or self.record.twin is None:
             return self.record.design.camera.distance_mm
-        nearness = self.record.twin.light.nearness_per_mm
+        nearness = self.record.twin.light.inverse_distance_per_mm
         return 1 / nearness if nearness > FARTHEST_PER_MM else float("inf")
 
     @cached_property

@@ -10,7 +10,7 @@ from ninedtact.design import Gel, SensorDesign
 from ninedtact.shape.deblur import Deblurring
 from ninedtact.shape.depth import DepthCurve, Smoothing
 from ninedtact.shape.loss import Loss
-from ninedtact.simulation.light import Light
+from ninedtact.simulation.illumination import BrightnessModel
 
 SENSOR_FORMAT = 3
 """Rises when an older program could no longer read the file."""
@@ -149,8 +149,8 @@ class BoardPressTable(Struct, frozen=True, forbid_unknown_fields=True):
     depth_mm: float
     """Of the imprints."""
     depth_error_mm: float
-    nearness_per_mm: float
-    nearness_error_per_mm: float
+    inverse_distance_per_mm: float
+    inverse_distance_error_per_mm: float
     point_spread_mm: float
     """Under the pins; the ball's is in the light."""
     unexplained_grey: float
@@ -164,7 +164,7 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
 
     gel: Gel
     """With the thickness that the image of the press shows."""
-    light: Light
+    light: BrightnessModel
     noise_grey_levels: float
     fit: TwinFitQuality
     imprints: BoardPressTable | None = None

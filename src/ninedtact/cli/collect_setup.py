@@ -22,10 +22,9 @@ if TYPE_CHECKING:
     from ninedtact.mechanics.indenter import Indenter
     from ninedtact.quantities import Frame
     from ninedtact.recording.merge_streams import MergedArrival
-    from ninedtact.simulation.camera import SimulatedCamera
-    from ninedtact.simulation.force_torque import SimulatedForceTorque
-    from ninedtact.simulation.motion import Motion
-    from ninedtact.simulation.stage import Stage
+    from ninedtact.simulation.press_simulation import PressSimulation
+    from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
+    from ninedtact.simulation.trajectory import Trajectory
     from ninedtact.simulation.twin import Twin
 
 
@@ -43,15 +42,14 @@ PLACE_MM, DRAG_MM, TWIST_DEG, TILT_DEG = 3.0, 0.9, 15.0, 4.0
 class ScriptedHand:
     """A twin on a stage, and which object is in the hand."""
 
-    stage: "Stage"
+    stage: "PressSimulation"
     names: tuple[str, ...]
     """Of the object of each act."""
 
     @property
     def sources(self) -> "tuple[SimulatedCamera, SimulatedForceTorque]":
         """What watches the stage, not yet opened."""
-        from ninedtact.simulation.camera import SimulatedCamera
-        from ninedtact.simulation.force_torque import SimulatedForceTorque
+        from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 
         return SimulatedCamera(self.stage), SimulatedForceTorque(self.stage, SAMPLES_HZ)
 
@@ -65,43 +63,43 @@ def scripted_hand(twin: "Twin", names: Sequence[str], touches: int, seed: int) -
     """The hand with these objects, each touching so many times; steps follow each other as fast as they are solved."""
     import numpy as np
 
-    from ninedtact.simulation.motion import in_turn
-    from ninedtact.simulation.objects.named import object_for
-    from ninedtact.simulation.stage import Act, Stage
+    from ninedtact.simulation.objects.catalogue import indenter_from_name
+    from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
+    from ninedtact.simulation.trajectory import concatenate_trajectories
 
     rng = np.random.default_rng(seed)
-    acts: list[Act] = []
+    acts: list[ObjectTrajectory] = []
     for name in names or OBJECTS:
-        indenter = object_for(name)
+        indenter = indenter_from_name(name)
         motions = [touched(twin, indenter, rng, pause_s=0.3) for _ in range(touches)]
         if not acts:
             motions.insert(0, waiting(UNTOUCHED_S))
-        acts.append(Act(indenter, in_turn(motions)))
-    return ScriptedHand(Stage(twin, acts, HZ, real_time=False, rounds=1), tuple(names or OBJECTS))
+        acts.append(ObjectTrajectory(indenter, concatenate_trajectories(motions)))
+    return ScriptedHand(PressSimulation(twin, acts, HZ, real_time=False, rounds=1), tuple(names or OBJECTS))
 
 
-def waiting(seconds: float) -> "Motion":
+def waiting(seconds: float) -> "Trajectory":
     """Above the skin."""
     from ninedtact.mechanics.pose import Pose
-    from ninedtact.simulation.motion import HOVER_MM, Motion, Move
+    from ninedtact.simulation.trajectory import HOVER_MM, Trajectory, TrajectorySegment
 
     above = Pose(depth_mm=-HOVER_MM)
-    return Motion(above, (Move(above, seconds),))
+    return Trajectory(above, (TrajectorySegment(above, seconds),))
 
 
-def touched(twin: "Twin", indenter: "Indenter", rng: "np.random.Generator", pause_s: float) -> "Motion":
+def touched(twin: "Twin", indenter: "Indenter", rng: "np.random.Generator", pause_s: float) -> "Trajectory":
     """One touch, as hard as a hand presses."""
     from ninedtact.mechanics.pose import Pose
-    from ninedtact.simulation.motion import touch
-    from ninedtact.simulation.press import Press
+    from ninedtact.simulation.scripted_press import ScriptedPress
+    from ninedtact.simulation.trajectory import press_trajectory
 
     load_n = float(rng.uniform(*LOADS_N))
-    depth_mm = Press(load_n=load_n).on(twin, indenter, effort=None).pose.depth_mm
+    depth_mm = ScriptedPress(load_n=load_n).on(twin, indenter, effort=None).pose.depth_mm
     x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) * (1, 0.7)
     drag_x, drag_y = rng.uniform(-DRAG_MM, DRAG_MM, 2)
     tilt = radians(rng.uniform(-TILT_DEG, TILT_DEG)), radians(rng.uniform(-TILT_DEG, TILT_DEG))
     place = Pose(float(x), float(y), depth_mm, radians(rng.uniform(-180, 180)))
-    return touch(
+    return press_trajectory(
         place, (float(drag_x), float(drag_y)), radians(rng.uniform(-TWIST_DEG, TWIST_DEG)), tilt, pause_s, SPEED
     )
 

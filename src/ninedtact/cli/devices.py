@@ -4,7 +4,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.cli.twin_on_show import SIM
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
@@ -15,6 +14,10 @@ if TYPE_CHECKING:
     from ninedtact.capture.wrench_source import WrenchSource
 
 RECORDING = ".mcap"
+
+
+SIM = "sim"
+"""The name of the twin as a source."""
 
 
 class DevicesApart(NinedtactError):

@@ -11,28 +11,27 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.devices import live_source, sensor_of
+from ninedtact.cli.devices import SIM, live_source, sensor_of
 from ninedtact.cli.force.estimators import NONE
-from ninedtact.cli.twin_on_show import SIM
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
-    from ninedtact.cli.twin_on_show import TwinOnShow
     from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated import CalibratedShape
-    from ninedtact.studio.wrench_loop import WrenchLoop
+    from ninedtact.simulation.simulated_sources import DemoSources
+    from ninedtact.studio.wrench_poller import WrenchPoller
 
 FASTEST_SCREEN_HZ = 120.0
 
 
-class StudioMissing(NinedtactError):
+class PageLibraryMissing(NinedtactError):
     """The library that serves the page is not installed."""
 
 
-class LiveImpossible(NinedtactError):
+class InvalidLiveOption(NinedtactError):
     """An option with a value that no page can have."""
 
 
@@ -65,24 +64,24 @@ class Live:
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
-        require_studio()
-        require_rate(self.display_hz)
+        require_page_library()
+        require_display_rate(self.display_hz)
         with sensor_of(self.sensor, self.source) as folder:
             sensor, wrenches = self.sensor_and_wrenches(folder)
-            wrenches += estimated(sensor, self.force, folder)
-            place = Place(self.out, self.display_hz, self.host, self.port)
+            wrenches += _estimate_pollers(sensor, self.force, folder)
+            place = PageSettings(self.out, self.display_hz, self.host, self.port)
             with suppress(KeyboardInterrupt):
-                serve(folder, sensor, wrenches, place, ends=self.source == SIM)
+                serve_sensor_page(folder, sensor, wrenches, place, ends=self.source == SIM)
         print(f"stopped after {sensor.frames_read} images")
         return 0
 
-    def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchLoop]]":
+    def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchPoller]]":
         """The sensor on its source, not yet opened; of a twin, the true wrench too."""
         if self.source == SIM:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-            from ninedtact.cli.twin_on_show import on_show
+            from ninedtact.simulation.simulated_sources import demo_sources
 
-            return on_page(folder.shape, on_show(build_sensor_twin(folder)), self.references)
+            return page_sources_of_twin(folder.shape, demo_sources(build_sensor_twin(folder)), self.references)
         return self.sensor_at_source(folder.shape), []
 
     @property
@@ -102,8 +101,8 @@ class Live:
         references = self.references
         source = ReconnectingFrameSource(
             self.named_source(),
-            on_lost=lambda loss: say(f"{loss}; waiting for it"),
-            on_back=lambda: say("it is back"),
+            on_lost=lambda loss: print_notice(f"{loss}; waiting for it"),
+            on_back=lambda: print_notice("it is back"),
         )
         return Sensor(
             LatestFrameSource(source), shape, depth_reader=shape.depth_reader(*references) if references else None
@@ -112,14 +111,14 @@ class Live:
     def named_source(self) -> "FrameSource":
         """The source that was named, over and over if so wished."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-        from ninedtact.studio.repeating import Repeating
+        from ninedtact.studio.page_sources import RepeatingSource
 
         source = live_source(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
-        return Repeating(source) if self.loop else source
+        return RepeatingSource(source) if self.loop else source
 
 
 @dataclass(frozen=True)
-class Place:
+class PageSettings:
     """Where a page is served, and what leaves it."""
 
     out: Path
@@ -129,73 +128,72 @@ class Place:
     port: int
 
 
-def serve(
-    folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchLoop]", place: Place, ends: bool = True
+def serve_sensor_page(
+    folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchPoller]", place: PageSettings, ends: bool = True
 ) -> None:
     """Serve the page of a sensor until Ctrl-C, or, where nothing repeats it, until its twin's last round ends."""
-    from ninedtact.studio.loop import Phase, SensorLoop
-    from ninedtact.studio.page import Page
-    from ninedtact.studio.ruler import block_under
-    from ninedtact.studio.server import serving
-    from ninedtact.studio.studio import Studio
+    from ninedtact.studio.page import SensorPage, page_server
+    from ninedtact.studio.page_controller import PageController
+    from ninedtact.studio.scene_3d import gel_block_under_skin
+    from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 
     with ExitStack() as opened:
-        server = opened.enter_context(serving(place.host, place.port))
-        loop = opened.enter_context(SensorLoop(sensor))
+        server = opened.enter_context(page_server(place.host, place.port))
+        loop = opened.enter_context(SensorPoller(sensor))
         for wrench in wrenches:
             opened.enter_context(wrench)
-        studio = Studio(loop, place.out, wrenches)
-        page = Page(server, studio, block_under(folder.shape, folder.record.design.gel), folder.id)
+        studio = PageController(loop, place.out, wrenches)
+        page = SensorPage(server, studio, gel_block_under_skin(folder.shape, folder.record.design.gel), folder.id)
         address = f"http://{place.host}:{server.get_port()}"
         print(f"{sensor.source.name}: open {address} in a browser; Ctrl-C ends", flush=True)
-        is_over = lambda: ends and loop.moment(monotonic_ns()).phase is Phase.ENDED  # noqa: E731
+        is_over = lambda: ends and loop.moment(monotonic_ns()).phase is SensorPhase.ENDED  # noqa: E731
         studio.run(page, place.display_hz, is_over)
 
 
-def on_page(
-    shape: "CalibratedShape", shown: "TwinOnShow", references: "Sequence[Frame]" = ()
-) -> "tuple[Sensor, list[WrenchLoop]]":
+def page_sources_of_twin(
+    shape: "CalibratedShape", shown: "DemoSources", references: "Sequence[Frame]" = ()
+) -> "tuple[Sensor, list[WrenchPoller]]":
     """A twin on show as a page wants it."""
     from ninedtact.capture.latest_frame import LatestFrameSource
-    from ninedtact.cli.twin_on_show import TRUE_WRENCH
     from ninedtact.sensor import Sensor
-    from ninedtact.studio.wrench_loop import WrenchLoop
+    from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME
+    from ninedtact.studio.wrench_poller import WrenchPoller
 
     depth = shape.depth_reader(*(references or shown.untouched))
     return Sensor(LatestFrameSource(shown.camera), shape, depth_reader=depth), [
-        WrenchLoop(shown.force_torque, TRUE_WRENCH)
+        WrenchPoller(shown.force_torque, TRUE_WRENCH_NAME)
     ]
 
 
-def estimated(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchLoop]":
+def _estimate_pollers(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchPoller]":
     """Let the sensor estimate the force too, and show it; nothing where none was asked for."""
     if force == NONE:
         return []
     from ninedtact.cli.force.estimators import estimator_for
-    from ninedtact.studio.estimated import Overheard
-    from ninedtact.studio.wrench_loop import WrenchLoop
+    from ninedtact.studio.page_sources import PublishingEstimator
+    from ninedtact.studio.wrench_poller import WrenchPoller
 
-    estimator = Overheard(estimator_for(force, folder))
+    estimator = PublishingEstimator(estimator_for(force, folder))
     sensor.estimator = estimator
-    return [WrenchLoop(estimator.wrenches, f"estimated, {estimator.name}")]
+    return [WrenchPoller(estimator.wrenches, f"estimated, {estimator.name}")]
 
 
-def require_rate(display_hz: float) -> None:
+def require_display_rate(display_hz: float) -> None:
     """Refuse a rate that shows nothing, or more than a screen can."""
     if not 0 < display_hz <= FASTEST_SCREEN_HZ:
-        raise LiveImpossible(
+        raise InvalidLiveOption(
             f"expected --display-hz above 0 and at most {FASTEST_SCREEN_HZ:g}, got {display_hz:g}; drop it"
         )
 
 
-def require_studio() -> None:
-    """Refuse at once where the page cannot be served; raises `StudioMissing`."""
+def require_page_library() -> None:
+    """Refuse at once where the page cannot be served; raises `PageLibraryMissing`."""
     if find_spec("viser") is None:
-        raise StudioMissing(
+        raise PageLibraryMissing(
             "expected viser, which serves the live page, got no such package; run pip install 'ninedtact[studio]'"
         )
 
 
-def say(sentence: str) -> None:
+def print_notice(sentence: str) -> None:
     """One line about how it goes."""
     print(f"ninedtact: {sentence}", file=sys.stderr, flush=True)

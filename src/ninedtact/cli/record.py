@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ninedtact.cli.devices import RECORDING, device, is_sim, live_source, require_alike, sensor_of
-from ninedtact.cli.live import say
+from ninedtact.cli.live import print_notice
 from ninedtact.cli.terminal import print_result, stop_on_signal
 from ninedtact.errors import NinedtactError
 
@@ -54,7 +54,7 @@ class Record:
     """Print the figures as one JSON object."""
 
     def run(self) -> int:
-        """Record, and say what there is; raises what a lost device raises, the file kept."""
+        """Record, and print_notice what there is; raises what a lost device raises, the file kept."""
         from ninedtact.recording.errors import require_recording_libraries
 
         require_recording_libraries()
@@ -78,9 +78,13 @@ class Record:
         topics = {Topic.IMAGES, *(meaning.topics if meaning else ()), *([Topic.MEASURED] if force_torque else ())}
         session = self.session(folder, camera, force_torque, meaning)
         episode = RecordingWriter(self.out, session, topics, sensor_folder_attachments(folder.path))
-        with stop_on_signal(self.seconds) as until, episode, progress(self.seconds, quiet=self.json) as show:
+        with (
+            stop_on_signal(self.seconds) as until,
+            episode,
+            progress(self.seconds, quiet=self.json) as demo_trajectories,
+        ):
             Recorder(episode, camera, force_torque, meaning).run(
-                lambda: until.now, lambda: show(until.elapsed_s, episode)
+                lambda: until.now, lambda: demo_trajectories(until.elapsed_s, episode)
             )
         return episode
 
@@ -128,12 +132,10 @@ class Record:
 def twin_on_show(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":
     """The sensor's twin, pressed by several objects in turn."""
     from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-    from ninedtact.simulation.camera import SimulatedCamera
-    from ninedtact.simulation.force_torque import SimulatedForceTorque
-    from ninedtact.simulation.show import show
-    from ninedtact.simulation.stage import Stage
+    from ninedtact.simulation.press_simulation import PressSimulation
+    from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_trajectories
 
-    stage = Stage(build_sensor_twin(folder), show())
+    stage = PressSimulation(build_sensor_twin(folder), demo_trajectories())
     return SimulatedCamera(stage), SimulatedForceTorque(stage) if force_torque else None
 
 
@@ -142,8 +144,10 @@ def measured(text: str, folder: "SensorFolder") -> "WrenchSource":
     from ninedtact.capture.force_torque.pipeline import MountedWrenchSource
     from ninedtact.capture.force_torque.sample_checks import SkippingWrenchSource
 
-    opened = device(text, on_lost=lambda loss: say(f"{loss}; waiting for it"), on_back=lambda: say("it is back"))
-    told = SkippingWrenchSource(opened, on_skip=lambda reason: say(f"{reason}; left out"))
+    opened = device(
+        text, on_lost=lambda loss: print_notice(f"{loss}; waiting for it"), on_back=lambda: print_notice("it is back")
+    )
+    told = SkippingWrenchSource(opened, on_skip=lambda reason: print_notice(f"{reason}; left out"))
     return MountedWrenchSource(told, folder.record.design.force_torque)
 
 
@@ -181,8 +185,8 @@ def progress(seconds: float | None, quiet: bool) -> Iterator[Callable[[float, "R
     total, form = seconds and round(seconds, 1), BAR if seconds else BAR_WITHOUT_END
     with tqdm(total=total, disable=quiet, bar_format=form, delay=FIRST_SHOWN_S) as bar:
 
-        def show(elapsed_s: float, episode: "RecordingWriter") -> None:
+        def demo_trajectories(elapsed_s: float, episode: "RecordingWriter") -> None:
             bar.set_postfix_str(f"{episode.written.total()} messages, {episode.dropped} dropped", refresh=False)
             bar.update(round(min(elapsed_s, seconds or elapsed_s), 1) - bar.n)
 
-        yield show
+        yield demo_trajectories

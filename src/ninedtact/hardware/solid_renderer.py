@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from ninedtact.hardware.export.solid_files import Triangles
 from ninedtact.hardware.materials import Colour
-from ninedtact.simulation.objects.raster import draw_lowest, portions
+from ninedtact.simulation.objects.mesh_raster import lower_to_triangles, split_into_batches
 
 SUPERSAMPLING = 2
 """Pixels are drawn so many times finer and averaged."""
@@ -107,8 +107,8 @@ class _ProjectedMesh:
         placed = self.places.copy()
         placed[..., :2] = placed[..., :2] * self.scale + self.shift - (cols.start, rows.start)
         table = np.full((rows.stop - rows.start, cols.stop - cols.start), np.inf)
-        for portion in portions(placed):
-            draw_lowest(table, portion)
+        for portion in split_into_batches(placed):
+            lower_to_triangles(table, portion)
         return table
 
 

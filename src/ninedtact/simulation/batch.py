@@ -15,7 +15,7 @@ from jaxtyping import Float
 from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.batching import expand_over_grid
 from ninedtact.mechanics.contact import Contact
-from ninedtact.simulation.image import Renderer
+from ninedtact.simulation.renderer import Renderer
 from ninedtact.simulation.seeing import FINER, STEPS
 
 Fields = Float[Any, "batch rows cols"]
@@ -44,7 +44,7 @@ class BatchRenderer:
 
     def seen_mm(self, contacts: Contact) -> Fields:
         """Height of the skin as the plane's points show it."""
-        height, nearness = contacts.height_mm, self.renderer.light.nearness_per_mm
+        height, nearness = contacts.height_mm, self.renderer.light.inverse_distance_per_mm
         x, y = (axis + 0 * height[:, :1, :1] for axis in self.plane_mm)
         seen = self.looked_up(contacts, x, y)
         for _ in range(STEPS if nearness else 0):

@@ -11,11 +11,9 @@ from numpy import ndarray as Array
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.mechanics.contact import Contact
 from ninedtact.quantities import centred_axis_mm
-from ninedtact.simulation.image import Renderer
-from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.population.member import SensorMember
-from ninedtact.simulation.population.parts import Misreading
-from ninedtact.simulation.view import View
+from ninedtact.simulation.pixel_map import PixelMap
+from ninedtact.simulation.renderer import CameraNoise, Renderer
+from ninedtact.simulation.sensor_population import CalibrationMisalignment, SampledSensor
 
 FULL_COLS, FULL_MM_PER_PX = 460, 0.0522
 """The published rectified image of 24 mm; smaller ones show the same skin with larger pixels, wider skin has larger ones too."""
@@ -58,18 +56,18 @@ def mm_per_px(size: tuple[int, int], design: SensorDesign = SensorDesign()) -> f
     return FULL_MM_PER_PX * FULL_COLS / size[0] * (design.sensing_area.width_mm / SensingArea().width_mm)
 
 
-def grey_eye(member: SensorMember, size: tuple[int, int]) -> GreyEye:
+def grey_eye(member: SampledSensor, size: tuple[int, int]) -> GreyEye:
     """The eye of a member, for images of (cols, rows). Small images are means over pixels, with less noise."""
     raw = member.renderer()
     plane = read_places(size, mm_per_px(size, member.design), member.misreading)
     untouched = looked_up(raw.untouched, raw_places(raw.view, plane))
     calmer = member.noise_grey_levels * min(1.0, size[0] / FULL_COLS)
     rows, cols = plane.shape[:2]
-    noise = Noise(calmer, (rows, cols))
-    return GreyEye(Renderer(View(plane), untouched, raw.light, noise))
+    noise = CameraNoise(calmer, (rows, cols))
+    return GreyEye(Renderer(PixelMap(plane), untouched, raw.light, noise))
 
 
-def read_places(size: tuple[int, int], mm_per_px: float, misreading: Misreading) -> Plane:
+def read_places(size: tuple[int, int], mm_per_px: float, misreading: CalibrationMisalignment) -> Plane:
     """Where on the skin the pixels of the rectified image truly lie."""
     x, y = np.meshgrid(*(centred_axis_mm(side, mm_per_px) for side in size))
     cos, sin = np.cos(misreading.turn_rad), np.sin(misreading.turn_rad)
@@ -77,7 +75,7 @@ def read_places(size: tuple[int, int], mm_per_px: float, misreading: Misreading)
     return (misreading.scale * turned + misreading.offset_mm).astype(np.float32)
 
 
-def raw_places(view: View, plane_mm: Plane) -> Plane:
+def raw_places(view: PixelMap, plane_mm: Plane) -> Plane:
     """Pixels (x, y) of the raw image that see these places: the view read backwards, step by step."""
     rows, cols = view.raw_shape
     across = (view.plane_mm[rows // 2, -1, 0] - view.plane_mm[rows // 2, 0, 0]) / (cols - 1)

@@ -29,14 +29,14 @@ class Sight:
 
     x_mm: Float32[Array, "a b"]
     y_mm: Float32[Array, "a b"]
-    nearness_per_mm: float
+    inverse_distance_per_mm: float
 
     def away(self, patch: PeriodicGrid, centre_mm: tuple[float, float], height: Field) -> Float32[Array, "a b"]:
         """How many times farther from the middle than on the plane each line meets the skin."""
         away = np.ones_like(self.x_mm)
-        for _ in range(STEPS if self.nearness_per_mm else 0):
+        for _ in range(STEPS if self.inverse_distance_per_mm else 0):
             at = grid(patch, centre_mm, self.x_mm * away, self.y_mm * away)
-            away = 1 + np.float32(self.nearness_per_mm) * sampled(height, *at)
+            away = 1 + np.float32(self.inverse_distance_per_mm) * sampled(height, *at)
         return away
 
     def height_mm(

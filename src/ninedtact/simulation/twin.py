@@ -1,12 +1,20 @@
-"""A sensor that is not there: gel, light, lens, image and noise of one that is, or of one that could be."""
+"""A sensor that is not there: gel, light, lens, image and noise of one that is, or of one that could be.
+
+The twin of a sensor that is designed but not built: what changes from the average sensor when the design does.
+
+The gel's thickness t changes the light as the reflectance St/(1 + St) of its layer does (Kubelka and Munk 1931,
+docs/references.md): slope and saturation of the brightness law; scattering spreads light over a part of the thickness that
+stays the same. The camera's distance and the way light is bent into acrylic and silicone change the scale of the image.
+The exposure is taken to be set so that untouched skin is as bright as ever.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from ninedtact.design import Gel
+from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, Gel, SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.array_namespace import to_numpy
@@ -17,16 +25,14 @@ from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_laye
 from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
-from ninedtact.simulation.image import Renderer
-from ninedtact.simulation.light import Light
-from ninedtact.simulation.noise import Noise
-from ninedtact.simulation.untouched import untouched_image
-from ninedtact.simulation.view import WideLens
+from ninedtact.simulation.illumination import BrightnessModel, synthetic_reference_image
+from ninedtact.simulation.pixel_map import PixelMap, WideAngleLens
+from ninedtact.simulation.renderer import CameraNoise, Renderer
 
 PITCH_MM = 0.2
 MARGIN_MM = 4.0
 """Skin beyond the sensing area; see docs/mechanics.md for the error it leaves."""
-LIVE = SolverSettings(tolerance=1e-2, must_converge=False)
+LIVE_SOLVER_SETTINGS = SolverSettings(tolerance=1e-2, must_converge=False)
 """A hundredth of the depth: less than the noise of an image shows."""
 
 
@@ -38,7 +44,7 @@ class ObjectTooLarge(NinedtactError):
     """An object that would touch more than the gel."""
 
 
-def as_solved(contact: Contact) -> Contact:
+def _uncorrected(contact: Contact) -> Contact:
     """No correction: what the linear layer says."""
     return contact
 
@@ -53,12 +59,12 @@ class Twin:
     friction: float = 1.0
     pitch_mm: float = PITCH_MM
     area_mm: tuple[float, float] = (24.0, 18.0)
-    effort: SolverSettings = field(default_factory=lambda: LIVE)
+    effort: SolverSettings = field(default_factory=lambda: LIVE_SOLVER_SETTINGS)
     thickness_mm: float = np.inf
     """Of all that yields."""
     gel_mm: tuple[float, float] = (29.5, 22.5)
     """Width and height of the gel as the published mould makes it; the camera sees the middle."""
-    felt: Callable[[Contact], Contact] = as_solved
+    felt: Callable[[Contact], Contact] = _uncorrected
     """From a contact as it is solved, and gone on from, to what is seen and weighed: for gels that are not linear."""
 
     @cached_property
@@ -113,6 +119,90 @@ class Twin:
 
 def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
     """The twin of no sensor in particular: the published gel, an average light and lens; the seed is that of its skin."""
-    view = WideLens().view()
-    renderer = Renderer(view, untouched_image(view, seed=seed), Light(), Noise(shape=view.raw_shape, seed=seed))
+    view = WideAngleLens().view()
+    renderer = Renderer(
+        view,
+        synthetic_reference_image(view, seed=seed),
+        BrightnessModel(),
+        CameraNoise(shape=view.raw_shape, seed=seed),
+    )
     return Twin("default", partial(bonded_layer_compliance, gel=gel), renderer, thickness_mm=gel.thickness_mm)
+
+
+PUBLISHED_DESIGN = SensorDesign()
+"""The design of the sensors that the defaults of light and lens come from."""
+AIR_MM, ACRYLIC_MM = 0.35, 2.0
+"""Between lens front and gel in the published sensor; the rest is silicone."""
+
+
+def twin_from_design(design: SensorDesign, seed: int = 0) -> Twin:
+    """The twin that a sensor of this design would have; that of the published design is `default_twin`."""
+    view = lens_for_design(design).view()
+    noise = CameraNoise(shape=view.raw_shape, seed=seed)
+    renderer = Renderer(
+        view,
+        synthetic_reference_image(illumination_pixel_map(view, design), seed=seed),
+        brightness_model_for_design(design),
+        noise,
+    )
+    area = design.sensing_area
+    return Twin(
+        "default" if design == PUBLISHED_DESIGN else "designed",
+        partial(bonded_layer_compliance, gel=design.gel),
+        renderer,
+        area_mm=area.size_mm,
+        thickness_mm=design.gel.thickness_mm,
+        gel_mm=area.gel_mm,
+    )
+
+
+def brightness_model_for_design(design: SensorDesign) -> BrightnessModel:
+    """The average light, carried to this design."""
+    return scale_brightness_to_design(BrightnessModel(), design)
+
+
+def scale_brightness_to_design(light: BrightnessModel, design: SensorDesign) -> BrightnessModel:
+    """The light of a sensor of the published design → that through the gel of another, seen from its distance."""
+    thicker = design.gel.thickness_mm / PUBLISHED_DESIGN.gel.thickness_mm
+    steeper = _reflectance_slope_per_mm(design.gel.thickness_mm, light) / _reflectance_slope_per_mm(
+        PUBLISHED_DESIGN.gel.thickness_mm, light
+    )
+    return replace(
+        light,
+        darkening_per_mm=light.darkening_per_mm * steeper,
+        brightening_per_mm=light.brightening_per_mm * steeper,
+        saturation=light.saturation * thicker,
+        point_spread_mm=light.point_spread_mm * thicker,
+        inverse_distance_per_mm=light.inverse_distance_per_mm
+        * (PUBLISHED_DESIGN.camera.distance_mm / design.camera.distance_mm),
+        thickness_mm=light.thickness_mm * thicker,
+    )
+
+
+def _reflectance_slope_per_mm(thickness_mm: float, light: BrightnessModel) -> float:
+    """Relative change of the reflectance St/(1 + St) with t."""
+    scattered = light.saturation / light.thickness_mm * thickness_mm
+    return 1 / (thickness_mm * (1 + scattered))
+
+
+def lens_for_design(design: SensorDesign) -> WideAngleLens:
+    """The average lens, looking from this distance; a narrower lens spreads its image over less skin."""
+    lens = WideAngleLens()
+    nearer = radius_mm_per_rad(design) / radius_mm_per_rad(PUBLISHED_DESIGN)
+    narrower = design.camera.lens_angle_deg / PUBLISHED_DESIGN.camera.lens_angle_deg
+    return replace(lens, mm_per_unit=lens.mm_per_unit * nearer * narrower)
+
+
+def radius_mm_per_rad(design: SensorDesign) -> float:
+    """Radius gained per radian near the axis, on the way through air, acrylic and silicone."""
+    silicone = max(design.camera.distance_mm - AIR_MM - ACRYLIC_MM, 0.0)
+    return AIR_MM + ACRYLIC_MM / ACRYLIC_REFRACTIVE_INDEX + silicone / SILICONE_REFRACTIVE_INDEX
+
+
+def illumination_pixel_map(view: PixelMap, design: SensorDesign) -> PixelMap:
+    """The view on the average sensor that shows the light of this one: LEDs stand round the area, however large it is."""
+    area, average = design.sensing_area, PUBLISHED_DESIGN.sensing_area
+    if area == average:
+        return view
+    smaller = np.array([average.width_mm / area.width_mm, average.height_mm / area.height_mm], np.float32)
+    return PixelMap(view.plane_mm * smaller)

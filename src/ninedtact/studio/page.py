@@ -1,20 +1,82 @@
-"""Where everything stands: images left, the skin in the middle; state, figures, buttons and costs right."""
+"""The web server of the page: on the port that a person asked for, or not at all.
 
+Where everything stands: images left, the skin in the middle; state, figures, buttons and costs right.
+"""
+
+import errno
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from io import StringIO
 from typing import Any, Literal
 
 import numpy as np
 from viser import GuiEvent, GuiUplotHandle, Icon, ViserServer, uplot
 
 from ninedtact.errors import NinedtactError
-from ninedtact.studio.cards import figures_card, legend_card, rows_card, status_card
-from ninedtact.studio.history import HISTORY_S
-from ninedtact.studio.loop import Phase
-from ninedtact.studio.ruler import Block
-from ninedtact.studio.scene import Scene
-from ninedtact.studio.status import WAITING
-from ninedtact.studio.studio import Look, Report, Studio
-from ninedtact.studio.view import View
-from ninedtact.studio.wrench_card import WrenchCard
+from ninedtact.studio.page_cards import (
+    WrenchCard,
+    colour_legend_html,
+    name_value_table_html,
+    shape_summary_html,
+    status_html,
+)
+from ninedtact.studio.page_controller import WAITING_STATUS, DisplayOptions, PageController, PageReport
+from ninedtact.studio.reading_view import ReadingView
+from ninedtact.studio.scene_3d import GelBlock, SkinScene
+from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
+
+LAST_WORDS_S = 0.1
+"""For what was shown last to leave: viser drops what is still under way when it stops."""
+IN_USE = "it in use (another 'ninedtact live'?)"
+
+
+class PortRefused(NinedtactError):
+    """The page cannot be served there."""
+
+
+@contextmanager
+def page_server(host: str, port: int) -> Iterator[ViserServer]:
+    """A server that is gone when the block ends; port 0 takes any free one. Raises `PortRefused`."""
+    _require_port_free(host, port)
+    server = _start_without_banner(host, port)
+    try:
+        # viser tries the next ports where one is taken; a page that is elsewhere than it was told to be is not found.
+        if port not in (0, server.get_port()):
+            raise _port_refusal(host, port, IN_USE)
+        yield server
+    finally:
+        server.flush()
+        time.sleep(LAST_WORDS_S)
+        with redirect_stdout(StringIO()):
+            server.stop()
+
+
+def _start_without_banner(host: str, port: int) -> ViserServer:
+    """Start viser without the banner that it prints: only the command line speaks to a person."""
+    with redirect_stdout(StringIO()):
+        return ViserServer(host=host, port=port, label="9DTact", verbose=False)
+
+
+def _require_port_free(host: str, port: int) -> None:
+    """Try the port, because viser neither refuses one that is taken nor survives a host that does not exist."""
+    if not 0 <= port <= 65535:
+        raise _port_refusal(host, port, "a number that is not a port")
+    try:
+        socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError as trouble:
+        taken = trouble.errno == errno.EADDRINUSE
+        raise _port_refusal(host, port, IN_USE if taken else f"'{trouble.strerror}'") from trouble
+
+
+def _port_refusal(host: str, port: int, got: str) -> PortRefused:
+    """Say what to do about it."""
+    return PortRefused(
+        f"expected port {port} on {host} to be free for the page, got {got}; choose another with --port, or a host of "
+        "this machine with --host"
+    )
+
 
 LEFT_PX, RIGHT_PX = 330, 330
 BACKGROUND = np.full((2, 2, 3), (236, 239, 242), np.uint8)
@@ -29,12 +91,12 @@ SKINS = ("coloured points", "shaded surface")
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply"
 
 
-class Page:
+class SensorPage:
     """A `Display` made of viser's panels; any number of browsers see the same."""
 
-    def __init__(self, server: ViserServer, studio: Studio, block: Block, title: str) -> None:
+    def __init__(self, server: ViserServer, studio: PageController, block: GelBlock, title: str) -> None:
         self._server, self._studio = server, studio
-        self._scene = Scene(server, block)
+        self._scene = SkinScene(server, block)
         self._reports = 0
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(title)
@@ -47,31 +109,31 @@ class Page:
         """Whether a browser is connected."""
         return bool(self._server.get_clients())
 
-    def look(self) -> Look:
+    def look(self) -> DisplayOptions:
         """What the controls say."""
-        return Look(self._as.value == SKINS[0], float(self._times.value))
+        return DisplayOptions(self._as.value == SKINS[0], float(self._times.value))
 
-    def show(self, view: View, look: Look) -> None:
+    def show(self, view: ReadingView, look: DisplayOptions) -> None:
         """Draw one reading, all parts of it together."""
         with self._server.atomic():
             self._image.image = view.image[..., ::-1]
             self._heights.image = view.heights[..., ::-1]
-            self._figures.content = figures_card(view.summary, view.is_past)
+            self._figures.content = shape_summary_html(view.summary, view.is_past)
             self._scene.show(view.surface, look, view.is_past)
 
-    def tell(self, report: Report) -> None:
+    def tell(self, report: PageReport) -> None:
         """State, rates and costs, wrenches; the curves now and then."""
-        self._status.content = status_card(report.status)
+        self._status.content = status_html(report.status)
         self._tell_wrenches(report)
-        self._costs.content = rows_card(rates(report) | costs(report))
-        self._reference.disabled = report.moment.phase is not Phase.READING
+        self._costs.content = name_value_table_html(_format_rates(report) | _format_stage_costs(report))
+        self._reference.disabled = report.moment.phase is not SensorPhase.READING
         self._reports += 1
         if self._reports % PLOT_EVERY == 0:
             self._plot.data = tuple(report.moment.history)
             for card, moment in zip(self._wrenches, report.wrenches, strict=True):
                 card.draw(moment)
 
-    def _tell_wrenches(self, report: Report) -> None:
+    def _tell_wrenches(self, report: PageReport) -> None:
         with self._server.atomic():
             for card, moment in zip(self._wrenches, report.wrenches, strict=True):
                 card.tell(moment, report.status.is_past)
@@ -83,7 +145,7 @@ class Page:
         with panel.add_tab("Seen from inside"):
             self._image = self._server.gui.add_image(BLANK, label="camera", format="jpeg", jpeg_quality=85)
             self._heights = self._server.gui.add_image(BLANK, label="height of the skin", format="jpeg")
-            self._server.gui.add_html(legend_card(self._studio.scale))
+            self._server.gui.add_html(colour_legend_html(self._studio.scale))
         panel.dock_left()
         panel.set_width(LEFT_PX)
 
@@ -91,7 +153,7 @@ class Page:
         gui = self._server.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
-        self._status = gui.add_html(status_card(WAITING))
+        self._status = gui.add_html(status_html(WAITING_STATUS))
         self._figures = gui.add_html("")
         self._plot = self._curve()
         self._wrenches = [WrenchCard(self._server) for _ in self._studio.wrenches]
@@ -133,18 +195,18 @@ class Page:
         try:
             paths = self._studio.save()
         except (NinedtactError, OSError) as trouble:
-            notify(event, "Not saved", str(trouble), "red")
+            _notify(event, "Not saved", str(trouble), "red")
         else:
-            notify(event, "Saved", f"{len(paths)} files in {paths[0].parent}", "green")
+            _notify(event, "Saved", f"{len(paths)} files in {paths[0].parent}", "green")
 
 
-def notify(event: GuiEvent[Any], title: str, body: str, colour: Literal["red", "green"]) -> None:
+def _notify(event: GuiEvent[Any], title: str, body: str, colour: Literal["red", "green"]) -> None:
     """Tell the person who clicked."""
     if event.client is not None:
         event.client.add_notification(title, body, color=colour, auto_close_seconds=SHOWN_S)
 
 
-def rates(report: Report) -> dict[str, str]:
+def _format_rates(report: PageReport) -> dict[str, str]:
     """How fast it goes, from camera to browser."""
     dropped = report.shown.dropped if report.shown else 0
     return {
@@ -154,7 +216,7 @@ def rates(report: Report) -> dict[str, str]:
     }
 
 
-def costs(report: Report) -> dict[str, str]:
+def _format_stage_costs(report: PageReport) -> dict[str, str]:
     """What each stage of a reading cost, and drawing it; waiting for the camera is no cost."""
     stages = {} if report.shown is None else report.shown.stage_ms | report.page_ms
     return {name: f"{ms:.1f} ms" for name, ms in stages.items() if name != "capture"}

@@ -34,7 +34,7 @@ from ninedtact.capture.wrench_source import (
     WrenchSource,
 )
 from ninedtact.design import ForceTorqueMount
-from ninedtact.simulation.force_torque import SimulatedForceTorque
+from ninedtact.simulation.simulated_sources import SimulatedForceTorque
 
 sys.path.append(str(Path(__file__).parents[2] / "simulation"))
 from small_stage import small_stage

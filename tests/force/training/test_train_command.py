@@ -23,7 +23,7 @@ from ninedtact.force.deformation import grey_of
 from ninedtact.force.inputs import Channels, InputSettings, NetworkInput, height_channels
 from ninedtact.force.model_file import read_model
 from ninedtact.force.traits import Traits
-from ninedtact.simulation.population.member import member
+from ninedtact.simulation.sensor_population import sample_sensor
 
 MM_PER_PX = 0.0522
 GRID = InputSettings(Channels.HEIGHTS_AND_GEL, 16, 24, 1.0)
@@ -178,7 +178,7 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
         raise NinedtactError("expected a ball, got none; press one")
 
     monkeypatch.setattr("ninedtact.calibration.procedure.calibrate", refuse)
-    twins = {"one": replace(member(0), name="one")}
+    twins = {"one": replace(sample_sensor(0), name="one")}
     for _ in range(2):
         refused = calibrate_twins(twins, tmp_path, workers=1, progress=False)
     assert tried == ["one"] and refused == {"one": "expected a ball, got none; press one"}

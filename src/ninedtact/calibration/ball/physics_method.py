@@ -19,7 +19,7 @@ from ninedtact.quantities import Coverage
 from ninedtact.shape.deblur import Deblurring
 from ninedtact.shape.depth import FINE_SMOOTHING, STEPS, DepthCurve, DepthReader
 from ninedtact.shape.loss import Loss
-from ninedtact.simulation.light import Light
+from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.seeing import Sight
 
 KNOTS = 25
@@ -45,7 +45,7 @@ class PhysicsDepthFit:
         x, y = self.fit.forward.observed.place_mm
         height = np.asarray(self.fit.contact.height_mm, np.float32)
         middle = self.fit.named["x_mm"], self.fit.named["y_mm"]
-        return Sight(x, y, self.fit.light.nearness_per_mm).height_mm(PATCH, middle, height, fine=True)
+        return Sight(x, y, self.fit.light.inverse_distance_per_mm).height_mm(PATCH, middle, height, fine=True)
 
     @property
     def centre_px(self) -> Float[Array, "2"]:
@@ -97,7 +97,7 @@ class PhysicsDepthFit:
         index = reader.index(self.fit.forward.observed.after.grey)
         return FINE_SMOOTHING(1 - index.astype(np.float32) / np.float32(STEPS["ratio"]))
 
-    def law(self, light: Light) -> DepthCurve:
+    def law(self, light: BrightnessModel) -> DepthCurve:
         """The law of light as a depth curve."""
         depth_mm = np.linspace(0, min(self.fit.named["depth_mm"], 0.95 * light.thickness_mm), KNOTS)
         darkening = np.abs(light.change(-depth_mm))

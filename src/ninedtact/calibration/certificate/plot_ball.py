@@ -248,6 +248,6 @@ def _board_press_table_rows(told: BoardPressTable) -> list[tuple[str, str]]:
     taken = "taken into the lens" if told.believed else "not taken: the board is not as drawn"
     return [
         ("board: imprints' depth", f"{told.depth_mm:.2f} mm ± {told.depth_error_mm:.2f}, {taken}"),
-        ("board: nearness per mm", f"{told.nearness_per_mm:.3f} ± {told.nearness_error_per_mm:.3f}"),
+        ("board: nearness per mm", f"{told.inverse_distance_per_mm:.3f} ± {told.inverse_distance_error_per_mm:.3f}"),
         ("board: unexplained", f"{told.unexplained_grey:.2f} of {told.contrast_grey:.1f} grey levels"),
     ]

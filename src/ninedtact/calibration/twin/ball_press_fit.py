@@ -31,7 +31,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact import Contact
 from ninedtact.quantities import Rectified
 from ninedtact.shape.loss import mean_darkening
-from ninedtact.simulation.light import Light
+from ninedtact.simulation.illumination import BrightnessModel
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lag
 
 THICKNESS_SPREAD = 0.1
 """Standard deviation of a moulded gel's thickness, relative."""
-START = {"thickness_mm": 2.0, "point_spread_mm": 0.45, "saturation": 0.4, "nearness_per_mm": 0.04}
+START = {"thickness_mm": 2.0, "point_spread_mm": 0.45, "saturation": 0.4, "inverse_distance_per_mm": 0.04}
 RULE_BIAS_MM = 0.1
 """By how much the rule of the disc's edge is usually too deep."""
 WIDEST_GUESS = 0.95
@@ -157,16 +157,16 @@ class TwinFit:
         return middle[kept], mean[kept]
 
     @cached_property
-    def light(self) -> Light:
+    def light(self) -> BrightnessModel:
         """The sensor's light."""
         named, darkening = self.named, self.mean_darkening
-        return Light(
+        return BrightnessModel(
             darkening_per_mm=max(named["darkening_per_mm"], 0.0),
             saturation=named["saturation"],
             brightening_per_mm=max(named["brightening_per_mm"], 0.0),
             point_spread_mm=named["point_spread_mm"],
             global_dimming=max(-named["loss"], 0.0) / darkening if darkening > 0 else 0.0,
-            nearness_per_mm=named["nearness_per_mm"],
+            inverse_distance_per_mm=named["inverse_distance_per_mm"],
             thickness_mm=self.forward.design.gel.thickness_mm,
         )
 

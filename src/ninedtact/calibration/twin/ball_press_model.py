@@ -24,7 +24,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.light import saturating
+from ninedtact.simulation.illumination import saturating_response_mm
 from ninedtact.simulation.seeing import FINER, Sight, grid, sampled, scattered
 
 
@@ -49,7 +49,7 @@ FIT_PARAMETERS = (
     _FitParameter("thickness_mm", 0.8, 6.0, 0.03),
     _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
     _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
-    _FitParameter("nearness_per_mm", 0.0, 0.08, 0.004, 0.05),
+    _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
 )
 """Those that the image depends on in no simple way. Given them, three more are a linear problem: the level 1 + c, and
 (1 + c) times the slopes of dark and bright."""
@@ -206,14 +206,14 @@ class BallPressModel:
             np.ascontiguousarray(axis + middle, np.float32)
             for axis, middle in zip(PATCH.place_mm, self.observed.middle_mm, strict=True)
         )
-        return Sight(x, y, named["nearness_per_mm"]).height_mm(PATCH, (named["x_mm"], named["y_mm"]), height)
+        return Sight(x, y, named["inverse_distance_per_mm"]).height_mm(PATCH, (named["x_mm"], named["y_mm"]), height)
 
     def laws(
         self, height_mm: Float32[Array, "rows cols"], saturation: float
     ) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
         """Brightness by indentation and by bulge, for slopes of one."""
         thickness = self.design.gel.thickness_mm
-        dark = saturating(np.clip(height_mm, -thickness, 0), saturation, thickness)
+        dark = saturating_response_mm(np.clip(height_mm, -thickness, 0), saturation, thickness)
         return dark.astype(np.float32), np.maximum(height_mm, 0)
 
     def solved(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:

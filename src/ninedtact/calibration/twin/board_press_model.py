@@ -26,7 +26,7 @@ from ninedtact.mechanics.skin import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.lens import Points
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.gauges import PINS_PER_CELL, pin_board
+from ninedtact.simulation.calibration_images import GRID_POINTS_PER_PIN_PITCH, pin_board_indenter
 from ninedtact.simulation.seeing import FINER, Sight, grid, sampled, scattered
 
 AROUND = 0.6
@@ -108,7 +108,7 @@ class BoardPressParameters:
     tilt_y_rad: float
     poisson_ratio: float
     """A board loads all the gel at once, so the little by which it yields in volume shows, as it does not under a ball."""
-    nearness_per_mm: float
+    inverse_distance_per_mm: float
     point_spread_mm: float
     """Standard deviation of the point-spread. The ball's image has told it: another one says that the board is not as drawn."""
 
@@ -141,14 +141,14 @@ class BoardPressModel:
     @cached_property
     def relief(self) -> HeightGridIndenter:
         """The board's underside."""
-        return pin_board(self.board)
+        return pin_board_indenter(self.board)
 
     @cached_property
     def patch(self) -> PeriodicGrid:
         """Pins, the floor around them, and skin beyond."""
         pitch_mm = self.board.pitch_mm
         width_mm, height_mm = (count * pitch_mm for count in (self.board.cols, self.board.rows))
-        return padded_grid(width_mm, height_mm, pitch_mm / PINS_PER_CELL, MARGIN_MM)
+        return padded_grid(width_mm, height_mm, pitch_mm / GRID_POINTS_PER_PIN_PITCH, MARGIN_MM)
 
     @cached_property
     def heights(self) -> dict[BoardPressParameters, Field]:
@@ -157,7 +157,7 @@ class BoardPressModel:
 
     def height_mm(self, press: BoardPressParameters) -> Field:
         """Of the skin under the board."""
-        unseen = replace(press, nearness_per_mm=0.0, point_spread_mm=0.0)
+        unseen = replace(press, inverse_distance_per_mm=0.0, point_spread_mm=0.0)
         if unseen not in self.heights:
             self.heights.clear()
             self.heights[unseen] = self.solved_mm(unseen)
@@ -179,7 +179,7 @@ class BoardPressModel:
     def drawn(self, press: BoardPressParameters) -> PredictedBoardImage:
         """The skin as the plane shows it, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.place_mm)
-        seen = Sight(x, y, press.nearness_per_mm).height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
+        seen = Sight(x, y, press.inverse_distance_per_mm).height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
         (field,) = scattered(self.patch, press.point_spread_mm, self.fit.light.change(seen).astype(np.float32))
         return PredictedBoardImage(self.patch, field)
 

@@ -10,11 +10,10 @@ from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.shape.rectification import Rectification, skin_grid_mm
-from ninedtact.simulation.image import Renderer
-from ninedtact.simulation.light import Light
-from ninedtact.simulation.noise import Noise
+from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.pixel_map import PixelMap, coarse_pixel_grid, interpolate_pixel_map
+from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import Twin
-from ninedtact.simulation.view import View, coarse_pixels, spread_out
 
 EVERY_PX = 23
 """Of the rectified grid, to read it backwards: lenses are smooth."""
@@ -36,10 +35,10 @@ def build_sensor_twin(folder: SensorFolder) -> Twin:
 
 
 def build_twin(
-    name: str, gel: Gel, light: Light, rectify: Rectification, untouched: BgrImage, noise_grey_levels: float
+    name: str, gel: Gel, light: BrightnessModel, rectify: Rectification, untouched: BgrImage, noise_grey_levels: float
 ) -> Twin:
     """The twin of a sensor, on the untouched image that it was calibrated from."""
-    noise = Noise(noise_grey_levels, rectify.raw_shape)
+    noise = CameraNoise(noise_grey_levels, rectify.raw_shape)
     renderer = Renderer(_invert_rectification(rectify), untouched.astype(np.float32), light, noise)
     return Twin(
         name,
@@ -49,11 +48,11 @@ def build_twin(
     )
 
 
-def _invert_rectification(rectify: Rectification) -> View:
+def _invert_rectification(rectify: Rectification) -> PixelMap:
     """The rectification read backwards: where each raw pixel looks, continued smoothly beyond the rectified grid."""
     shape, every = rectify.source_px.shape[:2], np.s_[::EVERY_PX, ::EVERY_PX]
     place = np.column_stack([axis[every].ravel() for axis in skin_grid_mm(shape, rectify.mm_per_px)])
     source = rectify.source_px[every].reshape(-1, 2).astype(float)
     unit_px = max(rectify.raw_shape) / 2
     backwards = RBFInterpolator(source / unit_px, place, kernel="cubic", degree=2)
-    return spread_out(backwards(coarse_pixels(rectify.raw_shape) / unit_px), rectify.raw_shape)
+    return interpolate_pixel_map(backwards(coarse_pixel_grid(rectify.raw_shape) / unit_px), rectify.raw_shape)

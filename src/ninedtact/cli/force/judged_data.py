@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from ninedtact.dataset.sensor_heights import CalibratedSensor
     from ninedtact.force.estimator import ForceEstimator
     from ninedtact.force.evaluation import WrenchPredictions
-    from ninedtact.simulation.population.member import SensorMember
+    from ninedtact.simulation.sensor_population import SampledSensor
 
 Modulus = Literal["true", "design", "weighed"]
 
@@ -76,7 +76,7 @@ class JudgedData:
         }
         return sensors, known.refused
 
-    def estimator(self, sensor: "CalibratedSensor", member: "SensorMember | None") -> "ForceEstimator":
+    def estimator(self, sensor: "CalibratedSensor", member: "SampledSensor | None") -> "ForceEstimator":
         """The one that was named, on this sensor."""
         from ninedtact.cli.force.estimators import on_sensor, ungated
         from ninedtact.cli.force.weighing import weighed

@@ -13,7 +13,7 @@ from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.dataset.sensor_heights import CalibratedSensor
-    from ninedtact.simulation.population.member import SensorMember
+    from ninedtact.simulation.sensor_population import SampledSensor
 
 REFUSED = "refused.txt"
 OWN = "sensors"
@@ -24,15 +24,15 @@ class SensorsNotKnown(NinedtactError):
     """A data set whose sensors have no calibration."""
 
 
-def members_of(data: Path) -> dict[str, "SensorMember"]:
+def members_of(data: Path) -> dict[str, "SampledSensor"]:
     """The twins of a data set that was simulated, by name; none of another."""
     from ninedtact.dataset.generation.folder import MEMBERS
-    from ninedtact.simulation.population.member import member_from
+    from ninedtact.simulation.sensor_population import sampled_sensor_from_json
 
     if not (data / MEMBERS).is_file():
         return {}
     tables: list[dict[str, Any]] = json.loads((data / MEMBERS).read_text())
-    return {table["name"]: member_from(table) for table in tables}
+    return {table["name"]: sampled_sensor_from_json(table) for table in tables}
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def sensors_for(data: Path, given: Path | None, workers: int, progress: bool) ->
 
 
 def calibrate_twins(
-    members: Mapping[str, "SensorMember"], folder: Path, workers: int, progress: bool
+    members: Mapping[str, "SampledSensor"], folder: Path, workers: int, progress: bool
 ) -> dict[str, str]:
     """Each from its own board and ball, as a person would, those that are there already apart; why some could not be."""
     from tqdm import tqdm
@@ -92,13 +92,15 @@ def is_tried(folder: Path) -> bool:
     return any((folder / name).is_file() for name in ("sensor.toml", REFUSED))
 
 
-def calibrate_twin(member: "SensorMember", out: Path) -> None:
+def calibrate_twin(member: "SampledSensor", out: Path) -> None:
     """A sensor folder of it, or the reason why there can be none."""
     from ninedtact.calibration.procedure import CalibrationImages, calibrate
     from ninedtact.calibration.save import save_sensor
-    from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images
+    from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
 
-    images = gauge_images(member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
+    images = simulate_calibration_images(
+        member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES
+    )
     try:
         made = calibrate(CalibrationImages(**vars(images)), member.design, sensor_id=member.name)
     except NinedtactError as refusal:

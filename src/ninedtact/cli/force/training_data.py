@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ninedtact.force.inputs import InputSettings
     from ninedtact.force.splits import Rows, SplitSettings
     from ninedtact.force.training.examples import TrainingExamples
-    from ninedtact.simulation.population.member import SensorMember
+    from ninedtact.simulation.sensor_population import SampledSensor
 
 HeldOut = Literal["sensor_and_object", "object", "sensor", "standard"]
 
@@ -74,7 +74,7 @@ def designed_width_mm(data: Path) -> float | None:
     return max(widths, default=None)
 
 
-def at_one_modulus(examples: "TrainingExamples", members: Mapping[str, "SensorMember"]) -> "TrainingExamples":
+def at_one_modulus(examples: "TrainingExamples", members: Mapping[str, "SampledSensor"]) -> "TrainingExamples":
     """Wrenches of twins as gels of the design's modulus would have given them; real ones as they were measured."""
     import numpy as np
 

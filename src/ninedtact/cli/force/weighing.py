@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from ninedtact.force.estimator import ForceEstimator
     from ninedtact.reading import Reading
     from ninedtact.shape.calibrated import CalibratedShape
-    from ninedtact.simulation.population.member import SensorMember
+    from ninedtact.simulation.sensor_population import SampledSensor
 
 RADIUS_MM, DEPTH_MM = 5.0, 0.8
 """Of the ball; where the search for its weight begins."""
@@ -20,7 +20,7 @@ UNTOUCHED = 8
 """Images averaged."""
 
 
-def weighed(estimator: "ForceEstimator", member: "SensorMember", shape: "CalibratedShape") -> "ForceEstimator":
+def weighed(estimator: "ForceEstimator", member: "SampledSensor", shape: "CalibratedShape") -> "ForceEstimator":
     """The estimator adapted by these presses, as `ninedtact adapt` does it; as it is where it reads one of them as no press."""
     from ninedtact.force.adaptation import AdaptationImpossible, Adapted, adapted
 
@@ -30,7 +30,7 @@ def weighed(estimator: "ForceEstimator", member: "SensorMember", shape: "Calibra
         return estimator
 
 
-def presses(estimator: "ForceEstimator", member: "SensorMember", shape: "CalibratedShape") -> "Iterator[WeighedPress]":
+def presses(estimator: "ForceEstimator", member: "SampledSensor", shape: "CalibratedShape") -> "Iterator[WeighedPress]":
     """What the estimator reads, and what the scale shows."""
     from ninedtact.force.adaptation import WeighedPress
 
@@ -39,7 +39,7 @@ def presses(estimator: "ForceEstimator", member: "SensorMember", shape: "Calibra
         yield WeighedPress(max(0.0, -float(estimator.estimate(reading).wrench.force_n[2])), load_n)
 
 
-def readings(member: "SensorMember", shape: "CalibratedShape") -> "Iterator[tuple[Reading, float]]":
+def readings(member: "SampledSensor", shape: "CalibratedShape") -> "Iterator[tuple[Reading, float]]":
     """Every press as the sensor reads it, and its load."""
     from ninedtact.mechanics.indenter_primitives import Ball
     from ninedtact.mechanics.pose import Pose

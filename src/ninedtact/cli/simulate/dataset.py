@@ -90,7 +90,7 @@ class Dataset:
     def settings(self) -> "DatasetSettings":
         """As the simulation names it; raises `DatasetImpossible`, `PopulationImpossible`, and what `read_design_file` raises."""
         from ninedtact.dataset.generation.settings import DatasetSettings, Shares
-        from ninedtact.simulation.population.parts import Kinds
+        from ninedtact.simulation.sensor_population import MechanicsShares
 
         return DatasetSettings(
             pairs=self.pairs,
@@ -101,7 +101,7 @@ class Dataset:
             seed=self.seed,
             objects_seed=self.objects_seed,
             shares=Shares(self.no_contact, self.light_touch),
-            kinds=Kinds(self.compliant_base, self.finite_strain),
+            kinds=MechanicsShares(self.compliant_base, self.finite_strain),
             design=read_design_or_default(self.design_file),
             pitch_mm=self.pitch_mm,
         )

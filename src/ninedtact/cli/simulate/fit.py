@@ -46,11 +46,11 @@ class Fit:
             "radial profile"
         )
         yield f"  press        {fit.depth_mm:.2f} mm deep, dragged by ({fit.drag_mm[0]:+.2f}, {fit.drag_mm[1]:+.2f}) mm"
-        yield from parameter_lines(fit)
+        yield from _format_parameters(fit)
         yield f"  written to {self.sensor}; open {self.sensor / 'certificate.html'} in a browser"
 
 
-def parameter_lines(fit: "TwinFitQuality") -> Iterator[str]:
+def _format_parameters(fit: "TwinFitQuality") -> Iterator[str]:
     """Every parameter with its standard deviation and what it is hardest to tell from."""
     for name, found in fit.parameters.items():
         sure = "" if found.deviation is None else f" ± {found.deviation:.3f}"

@@ -15,17 +15,18 @@ class Objects:
 
     def run(self) -> int:
         """Say it."""
-        from ninedtact.simulation.objects.families import KINDS
-        from ninedtact.simulation.objects.mesh_file import ENDINGS
-        from ninedtact.simulation.objects.named import SIMPLE
+        from ninedtact.simulation.objects.catalogue import FAMILIES_BY_KIND, PRIMITIVES
+        from ninedtact.simulation.objects.mesh_objects import MESH_FILE_SUFFIXES
 
-        solids = {kind: dimensions for kind, (dimensions, _) in SIMPLE.items()}
-        generated = {kind: [family.__name__ for family in families] for kind, families in KINDS.items()}
-        found = {"solids": solids, "generated": generated, "mesh_files": list(ENDINGS)}
-        return print_result(self.json, found, lines(solids, generated, ENDINGS))
+        solids = {kind: dimensions for kind, (dimensions, _) in PRIMITIVES.items()}
+        generated = {kind: list(families) for kind, families in FAMILIES_BY_KIND.items()}
+        found = {"solids": solids, "generated": generated, "mesh_files": list(MESH_FILE_SUFFIXES)}
+        return print_result(self.json, found, _format_object_list(solids, generated, MESH_FILE_SUFFIXES))
 
 
-def lines(solids: dict[str, str], generated: dict[str, list[str]], endings: tuple[str, ...]) -> Iterator[str]:
+def _format_object_list(
+    solids: dict[str, str], generated: dict[str, list[str]], endings: tuple[str, ...]
+) -> Iterator[str]:
     """The list for a person."""
     yield "solids, dimensions in mm and degrees; those left out have a default:"
     yield from (f"  {kind}:{dimensions}" for kind, dimensions in solids.items())

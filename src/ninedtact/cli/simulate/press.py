@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from ninedtact.mechanics.contact import Contact
     from ninedtact.mechanics.indenter import Indenter
-    from ninedtact.simulation import press as simulated
+    from ninedtact.simulation import scripted_press as simulated
     from ninedtact.simulation.twin import Twin
 
 Pair = tuple[float, float]
@@ -49,35 +49,37 @@ class Press:
     seed: int = 0
     """Of generated objects, and of the skin where no sensor is given."""
     json: bool = False
-    """Print the figures as one JSON object."""
+    """Print the _press_to_json_dict as one JSON object."""
 
     def run(self) -> int:
         """Press, write, and say what came of it."""
-        from ninedtact.simulation.objects.named import object_for
+        from ninedtact.simulation.objects.catalogue import indenter_from_name
 
         press, twin = self.press, self.twin
-        indenter = object_for(self.object, self.seed)
+        indenter = indenter_from_name(self.object, self.seed)
         contact = press.on(twin, indenter)
-        found = figures(indenter, contact, twin, self.grid[1])
+        found = _press_to_json_dict(indenter, contact, twin, self.grid[1])
         return print_result(
-            self.json, {**found, "files": self.written(indenter, contact, found)}, lines(found, self.out)
+            self.json, {**found, "files": self.written(indenter, contact, found)}, _format_press(found, self.out)
         )
 
     @property
     def press(self) -> "simulated.Press":
         """The same in radians; raises `PressImpossible`."""
-        from ninedtact.simulation import press as simulated
+        from ninedtact.simulation import scripted_press as simulated
 
         tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
-        return simulated.Press(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, radians(self.twist_deg), tilt)
+        return simulated.ScriptedPress(
+            self.depth_mm, self.load_n, self.at_mm, self.drag_mm, radians(self.twist_deg), tilt
+        )
 
     @cached_property
     def twin(self) -> "Twin":
         """Of the sensor that was named."""
-        from ninedtact.simulation.designed import designed_twin
+        from ninedtact.simulation.twin import twin_from_design
 
         if self.sensor is None:
-            return designed_twin(read_design_or_default(self.design_file), self.seed)
+            return twin_from_design(read_design_or_default(self.design_file), self.seed)
         require_sensor_or_design(self.sensor, self.design_file)
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
@@ -90,30 +92,30 @@ class Press:
 
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.shape.export import export
-        from ninedtact.simulation.truth import heights
+        from ninedtact.simulation.ground_truth import true_height_map
 
         self.out.mkdir(parents=True, exist_ok=True)
         contents = self.contents(indenter, contact)
         contents["wrench.json"] = json.dumps(found, indent=2, ensure_ascii=False).encode()
         for name, content in contents.items():
             write_file_atomically(self.out / name, content)
-        height = heights(contact, *self.grid)
+        height = true_height_map(contact, *self.grid)
         for ending in ("npy", "png"):
             export(height, self.out / f"height.{ending}")
         return {name: str(self.out / name) for name in (*contents, "height.npy", "height.png")}
 
     def contents(self, indenter: "Indenter", contact: "Contact") -> dict[str, bytes]:
         """Every file but the heights, by name."""
-        from ninedtact.simulation.drawn_press import DrawnPress
-        from ninedtact.simulation.truth import pressure_mpa, shear_mpa
+        from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa
+        from ninedtact.simulation.press_figures import PressFigure
 
         image = self.twin.renderer(contact, 1)
-        drawn = DrawnPress(contact, indenter, image, self.twin.renderer.view.reach_mm, self.cut)
+        drawn = PressFigure(contact, indenter, image, self.twin.renderer.view.reach_mm, self.cut)
         return {
-            "image.png": encoded(image),
-            "untouched.png": encoded(self.twin.renderer(None, 0)),
-            "pressure.npy": saved(pressure_mpa(contact, *self.grid)),
-            "shear.npy": saved(shear_mpa(contact, *self.grid)),
+            "image.png": _encode_png(image),
+            "untouched.png": _encode_png(self.twin.renderer(None, 0)),
+            "pressure.npy": _encode_npy(true_pressure_map_mpa(contact, *self.grid)),
+            "shear.npy": _encode_npy(true_shear_map_mpa(contact, *self.grid)),
             "figure.png": drawn.png(),
         }
 
@@ -136,7 +138,7 @@ MM_PER_PX = 0.0522
 """Of the published sensor: 24 mm over 460 pixels."""
 
 
-def figures(indenter: "Indenter", contact: "Contact", twin: "Twin", mm_per_px: float) -> dict[str, Any]:
+def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", mm_per_px: float) -> dict[str, Any]:
     """What a script wants to know."""
     from dataclasses import asdict
 
@@ -164,7 +166,7 @@ def figures(indenter: "Indenter", contact: "Contact", twin: "Twin", mm_per_px: f
     }
 
 
-def lines(found: dict[str, Any], out: Path) -> Iterator[str]:
+def _format_press(found: dict[str, Any], out: Path) -> Iterator[str]:
     """The same for a person."""
     force, torque = found["wrench"]["force_n"], found["wrench"]["torque_nm"]
     area = found["contact_area_mm2"]
@@ -177,14 +179,14 @@ def lines(found: dict[str, Any], out: Path) -> Iterator[str]:
     yield f"  open {out / 'figure.png'}"
 
 
-def encoded(image: "np.ndarray") -> bytes:
+def _encode_png(image: "np.ndarray") -> bytes:
     """An image as .png."""
     import cv2
 
     return cv2.imencode(".png", image)[1].tobytes()
 
 
-def saved(field: "np.ndarray") -> bytes:
+def _encode_npy(field: "np.ndarray") -> bytes:
     """An array as .npy."""
     from io import BytesIO
 

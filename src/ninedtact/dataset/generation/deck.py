@@ -7,7 +7,7 @@ import numpy as np
 
 from ninedtact.dataset.generation.settings import DatasetSettings
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.simulation.objects.named import object_for
+from ninedtact.simulation.objects.catalogue import indenter_from_name
 
 APART = 7
 """How far on each session begins in the shuffled deck: about as many touches as it makes."""
@@ -16,7 +16,7 @@ APART = 7
 @lru_cache(maxsize=64)
 def object_of(name: str, seed: int) -> Indenter:
     """An object, made once; raises `ObjectUnknown`."""
-    return object_for(name, seed)
+    return indenter_from_name(name, seed)
 
 
 def dealt(settings: DatasetSettings, session: int) -> Iterator[str]:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.simulation.force_torque import BELOW_SKIN_MM
+from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 RANKS = (5, 50, 95)
@@ -28,7 +28,7 @@ Percentiles = Float[Array, "6 3"]
 
 def about_sensor(six: Wrenches) -> Wrenches:
     """Wrenches about the skin's centre, moved to where the paper's force/torque sensor sits."""
-    arm_m = np.array([0.0, 0.0, BELOW_SKIN_MM / 1e3])
+    arm_m = np.array([0.0, 0.0, FORCE_TORQUE_BELOW_SKIN_MM / 1e3])
     return np.concatenate([six[:, :3], six[:, 3:] + np.cross(arm_m, six[:, :3])], axis=1)
 
 
@@ -50,7 +50,7 @@ def by_axis(values: Percentiles) -> dict[str, list[float]]:
 def lines(six: Wrenches) -> Iterator[str]:
     """A table for a person."""
     found = percentiles(six)
-    yield f"{len(six)} pairs by the rule, N and N·m about {BELOW_SKIN_MM:g} mm below the skin; percentiles 5, 50, 95:"
+    yield f"{len(six)} pairs by the rule, N and N·m about {FORCE_TORQUE_BELOW_SKIN_MM:g} mm below the skin; percentiles 5, 50, 95:"
     yield f"    {'this data set':28}{'real':28}off, % of the real span"
     for axis, ours, real, part in zip(AXES, found, REAL, 100 * off(found), strict=True):
         places = 2 if axis.startswith("F") else 4

@@ -7,9 +7,8 @@ from ninedtact.capture.sampling_rule import SamplingRuleSettings
 from ninedtact.dataset.generation.hand import Hand
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
-from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
-from ninedtact.simulation.population.member import SensorMember, member
-from ninedtact.simulation.population.parts import Kinds
+from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
+from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
 from ninedtact.simulation.twin import PITCH_MM
 
 FEWEST_PX = 16
@@ -53,7 +52,7 @@ class DatasetSettings:
     objects_seed: int = 0
     """Of generated objects: one name and one such seed, one shape, whatever the data set."""
     shares: Shares = Shares()
-    kinds: Kinds = Kinds()
+    kinds: MechanicsShares = MechanicsShares()
     light_below_n: float = 0.3
     pitch_mm: float = PITCH_MM
     """Of the grid on which contacts are solved."""
@@ -85,7 +84,7 @@ class DatasetSettings:
     @property
     def object_names(self) -> tuple[str, ...]:
         """All of them."""
-        return self.names or tuple(object_names(self.objects))
+        return self.names or tuple(generated_object_names(self.objects))
 
     @property
     def pairs_per_session(self) -> int:
@@ -107,9 +106,9 @@ class DatasetSettings:
         """How many, the last one perhaps shorter."""
         return -(-self.pairs // self.pairs_per_session)
 
-    def member(self, number: int) -> SensorMember:
+    def member(self, number: int) -> SampledSensor:
         """The sensor of this number."""
-        return member(number, self.seed, self.kinds, self.design)
+        return sample_sensor(number, self.seed, self.kinds, self.design)
 
     def sessions_of(self, file: int) -> range:
         """Numbers of the sessions whose pairs are in this file."""

@@ -17,12 +17,12 @@ from ninedtact.capture.image_and_video_files import IMAGE_SUFFIXES, natural_sort
 from ninedtact.dataset.rows import Fault, Item, LeftOut, UntouchedImage
 from ninedtact.dataset.sources.pair_files import PairFiles, reference_in
 from ninedtact.dataset.sources.source import Part, Source, SourceUnknown, Statements
-from ninedtact.simulation.force_torque import BELOW_SKIN_MM
+from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 
 IMAGE, MIXED, WRENCH = "image", "mixed_image", "wrench"
 NORM = "_norm"
 PAIRS_PER_PART = 500
-USUAL_ORIGIN_MM = (0.0, 0.0, -BELOW_SKIN_MM)
+USUAL_ORIGIN_MM = (0.0, 0.0, -FORCE_TORQUE_BELOW_SKIN_MM)
 
 
 def tree_in(path: Path) -> Path | None:

@@ -25,11 +25,10 @@ from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated import CalibratedShape
-from ninedtact.simulation.designed import designed_twin
-from ninedtact.simulation.gauges import GUIDED_BOARD_MM, GUIDED_FRAMES, gauge_images
-from ninedtact.simulation.press import Press
-from ninedtact.simulation.truth import heights_like, mean_error_mm
-from ninedtact.simulation.twin import Twin
+from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
+from ninedtact.simulation.ground_truth import mean_height_error_mm, true_height_map_like
+from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.twin import Twin, twin_from_design
 
 MAX_INDENTATION_FRACTION = 0.75
 """Of the gel's thickness: deeper, the linear layer's loads mean nothing, and thin silicone tears off its ground."""
@@ -74,10 +73,10 @@ class PerformancePrediction:
 
 def predict_performance(design: HardwareDesign) -> PerformancePrediction:
     """Build its parts, press its twin; raises `RulesBroken`, `BoardImpossible`."""
-    sensor, twin = BuiltSensor(design), designed_twin(design.sensor)
+    sensor, twin = BuiltSensor(design), twin_from_design(design.sensor)
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
-    at_load = Press(load_n=LOAD_N).on(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
-    at_depth = Press(deepest).on(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
+    at_load = ScriptedPress(load_n=LOAD_N).on(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
+    at_depth = ScriptedPress(deepest).on(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
     factor = twin.renderer.factor(at_load)
     return PerformancePrediction(
         depth_range_mm=deepest,
@@ -131,23 +130,23 @@ class SimulatedCalibrationErrors:
 
 def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErrors:
     """Some ten seconds; raises `BoardNotFound`, `BallRefused` where the design cannot be calibrated, and what pressing raises."""
-    twin = designed_twin(design)
-    images = gauge_images(twin, design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
+    twin = twin_from_design(design)
+    images = simulate_calibration_images(twin, design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
     made = calibrate(CalibrationImages(**vars(images)), design)
     shape, gel = SensorFolder(Path(), made.record).shape, made.record.twin.gel if made.record.twin else design.gel
     contact = _validation_press(design).on(twin, VALIDATION_BALL)
     reading = _read_contact(shape, twin, contact)
-    true = heights_like(contact, reading.height, twin.renderer.light.nearness_per_mm)
+    true = true_height_map_like(contact, reading.height, twin.renderer.light.inverse_distance_per_mm)
     load_n, read_n = (
         -wrench.force_n[2] for wrench in (contact.wrench(), traction_force(shape, gel).estimate(reading).wrench)
     )
-    return SimulatedCalibrationErrors(mean_error_mm(true, reading.height), float(abs(read_n - load_n) / load_n))
+    return SimulatedCalibrationErrors(mean_height_error_mm(true, reading.height), float(abs(read_n - load_n) / load_n))
 
 
-def _validation_press(design: SensorDesign) -> Press:
+def _validation_press(design: SensorDesign) -> ScriptedPress:
     """Off the middle, less deep than the gel bears."""
     x, y = (PLACE_PART * side for side in design.sensing_area.size_mm)
-    return Press(DEPTH_PART * design.gel.thickness_mm, at_mm=(x, -y))
+    return ScriptedPress(DEPTH_PART * design.gel.thickness_mm, at_mm=(x, -y))
 
 
 def _read_contact(shape: CalibratedShape, twin: Twin, contact: Contact) -> Reading:

@@ -8,7 +8,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.hardware.bill_of_materials import clamp_screw_length_mm
 from ninedtact.hardware.built_sensor import BuiltSensor
 from ninedtact.hardware.materials import BLACK_GEL_SILICONE, TRANSLUCENT_SILICONE, TRANSPARENT_SILICONE, Silicone
-from ninedtact.simulation.designed import optical_mm
+from ninedtact.simulation.twin import radius_mm_per_rad
 
 AssemblyState = Literal[
     "inserts",
@@ -121,13 +121,14 @@ def _assembly_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
     """Camera, light, screws."""
     design = sensor.design
     own = "" if design.sensor == SensorDesign() else OWN_DESIGN
+    nearest_mm, farthest_mm = radius_mm_per_rad(design.sensor), design.sensor.camera.distance_mm + FOCUS_BEYOND_MM
     yield GuideStep(
         "camera",
         "Lay in the camera",
         "Put the camera into the base's pocket, lens up, its cable up the ramp and out at the side. A drop of glue at two "
         "corners holds it; keep glue off the lens.",
         "`ninedtact doctor` lists the camera and its true rate. Turn the lens until print "
-        f"{optical_mm(design.sensor):.0f} to {design.sensor.camera.distance_mm + FOCUS_BEYOND_MM:.0f} mm above it is sharp: so far "
+        f"{nearest_mm:.0f} to {farthest_mm:.0f} mm above it is sharp: so far "
         "away is the skin through acrylic and silicone, and so far the original's authors lay the print.",
     )
     yield GuideStep(

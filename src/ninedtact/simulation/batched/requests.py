@@ -19,8 +19,8 @@ from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Wrench
-from ninedtact.simulation.population.member import SensorMember
 from ninedtact.simulation.rectified import GreyEye
+from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.simulation.twin import Twin
 
 Factor = Float32[Array, "rows cols"]
@@ -31,7 +31,7 @@ Factor = Float32[Array, "rows cols"]
 class Bench:
     """A simulated sensor that is ready for contact steps and renders. Instances compare by identity."""
 
-    member: SensorMember
+    member: SampledSensor
     twin: Twin
     eye: GreyEye
 

@@ -4,8 +4,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from ninedtact.simulation.objects.outline import box, folded, line, prism, raised, stroke, sunk
-from ninedtact.simulation.objects.sheet import Draw, Heights, Sheet
+from ninedtact.simulation.objects.height_grid import DimensionSampler, Heightfield, HeightfieldFunction, HeightGrid
+from ninedtact.simulation.objects.signed_distance import (
+    box_sdf,
+    flat_face,
+    polyline_sdf,
+    raise_outside,
+    recess,
+    segment_sdf,
+    wrap_to_pitch,
+)
 
 STROKES = """
 A:06 20 46|14 34 ; B:06 00 30 41 42 33 03|33 44 45 36 06 ; C:41 30 10 01 05 16 36 45 ; D:06 00 20 42 44 26 06 ;
@@ -24,12 +32,12 @@ GLYPHS = dict(glyph.strip().split(":") for glyph in STROKES.split(";"))
 
 
 @lru_cache(maxsize=8)
-def alphabet() -> tuple[str, ...]:
+def _alphabet() -> tuple[str, ...]:
     """All signs, letters first."""
     return tuple(sorted(GLYPHS, key=lambda sign: (sign.isdigit(), sign)))
 
 
-def written(x: Heights, y: Heights, text: str, height_mm: float) -> Heights:
+def _written(x: Heightfield, y: Heightfield, text: str, height_mm: float) -> Heightfield:
     """Distance to the strokes of a line of text in the middle, never negative."""
     unit = height_mm / 6
     strokes = []
@@ -37,86 +45,96 @@ def written(x: Heights, y: Heights, text: str, height_mm: float) -> Heights:
         offset = (6 * (place - (len(text) - 1) / 2) - 2) * unit
         for path in GLYPHS[sign].split("|"):
             points = np.array([[int(pair[0]), int(pair[1]) - 3] for pair in path.split()]) * unit
-            strokes.append(line(x, y, points + np.array([offset, 0.0])))
+            strokes.append(polyline_sdf(x, y, points + np.array([offset, 0.0])))
     return np.minimum.reduce(strokes)
 
 
-def signs(draw: Draw, count: int) -> str:
+def _signs(sample: DimensionSampler, count: int) -> str:
     """Random letters and digits."""
-    return "".join(draw.random.choice(alphabet(), count).tolist())
+    return "".join(sample.random.choice(_alphabet(), count).tolist())
 
 
-def letter(draw: Draw, sheet: Sheet) -> Heights:
+def _letter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """One large letter or digit."""
-    sign = alphabet()[draw.whole(0, len(GLYPHS) - 1)]
-    return prism(written(sheet.x, sheet.y, sign, draw.between(8, 14)) - draw.between(0.6, 1.1), 0.3)
+    sign = _alphabet()[sample.integer(0, len(GLYPHS) - 1)]
+    return flat_face(_written(grid.x, grid.y, sign, sample.between(8, 14)) - sample.between(0.6, 1.1), 0.3)
 
 
-def text(draw: Draw, sheet: Sheet) -> Heights:
+def _text(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """A word on a plate."""
-    count, height, relief = draw.whole(2, 5), draw.between(3, 7), draw.between(0.4, 1)
+    count, height, relief = sample.integer(2, 5), sample.between(3, 7), sample.between(0.4, 1)
     height = min(height, 18 / count)
-    letters = written(sheet.x, sheet.y, signs(draw, count), height) - height * 0.08
-    plate = box(sheet.x, sheet.y, height * count + 2, height + 3, 0.6)
-    return raised(letters, relief, 0.25) + prism(plate)
+    letters = _written(grid.x, grid.y, _signs(sample, count), height) - height * 0.08
+    plate = box_sdf(grid.x, grid.y, height * count + 2, height + 3, 0.6)
+    return raise_outside(letters, relief, 0.25) + flat_face(plate)
 
 
-def stamp(draw: Draw, sheet: Sheet) -> Heights:
+def _stamp(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Two lines of text, sunk into a plate."""
-    height, depth = draw.between(3, 4.5), draw.between(0.4, 0.9)
+    height, depth = sample.between(3, 4.5), sample.between(0.4, 0.9)
     count = 3 if height > 3.8 else 4
-    rows = [written(sheet.x, sheet.y + shift * height * 0.75, signs(draw, count), height) for shift in (-1, 1)]
-    plate = box(sheet.x, sheet.y, height * count + 1.5, 3 * height, 1)
-    return sunk(np.minimum(*rows) - height * 0.11, depth, 0.25) + prism(plate)
+    rows = [_written(grid.x, grid.y + shift * height * 0.75, _signs(sample, count), height) for shift in (-1, 1)]
+    plate = box_sdf(grid.x, grid.y, height * count + 1.5, 3 * height, 1)
+    return recess(np.minimum(*rows) - height * 0.11, depth, 0.25) + flat_face(plate)
 
 
-def coin(draw: Draw, sheet: Sheet) -> Heights:
+def _coin(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """A rim, beads or notches within it, and a sign in the middle."""
-    radius, beads, relief = draw.between(5, 9), draw.whole(16, 40), draw.between(0.25, 0.5)
-    rim = np.abs(sheet.r - radius + 0.5) - 0.35
-    around_bead = folded(sheet.angle, 2 * np.pi / beads) * sheet.r
-    bead = np.hypot(around_bead, sheet.r - radius * 0.8) - radius * 0.8 * np.pi / beads * 0.55
-    sign = written(sheet.x, sheet.y, signs(draw, 1), radius * 0.85) - radius * 0.07
-    return raised(np.minimum(np.minimum(rim, bead), sign), relief, 0.25) + prism(sheet.r - radius)
+    radius, beads, relief = sample.between(5, 9), sample.integer(16, 40), sample.between(0.25, 0.5)
+    rim = np.abs(grid.r - radius + 0.5) - 0.35
+    around_bead = wrap_to_pitch(grid.angle, 2 * np.pi / beads) * grid.r
+    bead = np.hypot(around_bead, grid.r - radius * 0.8) - radius * 0.8 * np.pi / beads * 0.55
+    sign = _written(grid.x, grid.y, _signs(sample, 1), radius * 0.85) - radius * 0.07
+    return raise_outside(np.minimum(np.minimum(rim, bead), sign), relief, 0.25) + flat_face(grid.r - radius)
 
 
-def braille(draw: Draw, sheet: Sheet) -> Heights:
+def _braille(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Cells of up to six dots."""
-    scale, height = draw.between(0.9, 1.4), draw.between(0.4, 0.8)
+    scale, height = sample.between(0.9, 1.4), sample.between(0.4, 0.8)
     cells = int(15 / (6 * scale)) + 1
-    dots = draw.random.random((cells, 2, 3)) < 0.55
+    dots = sample.random.random((cells, 2, 3)) < 0.55
     dots[:, 0, 0] = True
     places = [
         (6 * (cell - (cells - 1) / 2) + 2.5 * col - 1.25, 2.5 * row - 2.5) for cell, col, row in np.argwhere(dots)
     ]
-    nearest = np.minimum.reduce([np.hypot(sheet.x - scale * x, sheet.y - scale * y) for x, y in places])
-    plate = box(sheet.x, sheet.y, min(6 * cells * scale, 20), 9 * scale, 0.5)
-    return height * np.clip(nearest / (0.9 * scale), 0, 1) ** 2 + prism(plate)
+    nearest = np.minimum.reduce([np.hypot(grid.x - scale * x, grid.y - scale * y) for x, y in places])
+    plate = box_sdf(grid.x, grid.y, min(6 * cells * scale, 20), 9 * scale, 0.5)
+    return height * np.clip(nearest / (0.9 * scale), 0, 1) ** 2 + flat_face(plate)
 
 
-def barcode(draw: Draw, sheet: Sheet) -> Heights:
+def _barcode(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Bars of four widths."""
-    module, relief, tall = draw.between(0.5, 0.8), draw.between(0.4, 0.9), draw.between(6, 11)
-    widths = draw.random.integers(1, 4, 2 * int(4 / module) + 1) * module
+    module, relief, tall = sample.between(0.5, 0.8), sample.between(0.4, 0.9), sample.between(6, 11)
+    widths = sample.random.integers(1, 4, 2 * int(4 / module) + 1) * module
     ends = np.cumsum(widths) - widths.sum() / 2
-    bars = [np.abs(sheet.x - end + width / 2) - width / 2 for end, width in zip(ends[::2], widths[::2], strict=True)]
-    outline = np.maximum(np.minimum.reduce(bars), np.abs(sheet.y) - tall / 2)
-    return raised(outline, relief, 0.3) + prism(box(sheet.x, sheet.y, widths.sum() + 1.5, tall + 1.5, 0.3))
+    bars = [np.abs(grid.x - end + width / 2) - width / 2 for end, width in zip(ends[::2], widths[::2], strict=True)]
+    outline = np.maximum(np.minimum.reduce(bars), np.abs(grid.y) - tall / 2)
+    return raise_outside(outline, relief, 0.3) + flat_face(box_sdf(grid.x, grid.y, widths.sum() + 1.5, tall + 1.5, 0.3))
 
 
-def dial(draw: Draw, sheet: Sheet) -> Heights:
+def _dial(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """A clock face: marks and two hands."""
-    marks, radius, relief = draw.whole(6, 14), draw.between(6, 9), draw.between(0.4, 0.8)
+    marks, radius, relief = sample.integer(6, 14), sample.between(6, 9), sample.between(0.4, 0.8)
     ticks = np.maximum(
-        np.abs(folded(sheet.angle, 2 * np.pi / marks) * sheet.r) - 0.3, np.abs(sheet.r - 0.82 * radius) - 0.8
+        np.abs(wrap_to_pitch(grid.angle, 2 * np.pi / marks) * grid.r) - 0.3, np.abs(grid.r - 0.82 * radius) - 0.8
     )
-    angles = (draw.between(0, 2 * np.pi), draw.between(0, 2 * np.pi))
+    angles = (sample.between(0, 2 * np.pi), sample.between(0, 2 * np.pi))
     hands = [
-        stroke(sheet.x, sheet.y, (0.0, 0.0), (size * radius * np.cos(angle), size * radius * np.sin(angle)))
+        segment_sdf(grid.x, grid.y, (0.0, 0.0), (size * radius * np.cos(angle), size * radius * np.sin(angle)))
         for size, angle in zip((0.45, 0.62), angles, strict=True)
     ]
-    rim = np.abs(sheet.r - radius + 0.25) - 0.25
-    return raised(np.minimum(np.minimum(np.minimum(*hands) - 0.4, ticks), rim), relief) + prism(sheet.r - radius)
+    rim = np.abs(grid.r - radius + 0.25) - 0.25
+    return raise_outside(np.minimum(np.minimum(np.minimum(*hands) - 0.4, ticks), rim), relief) + flat_face(
+        grid.r - radius
+    )
 
 
-LETTERING = (letter, text, stamp, coin, braille, barcode, dial)
+LETTERING: dict[str, HeightfieldFunction] = {
+    "letter": _letter,
+    "text": _text,
+    "stamp": _stamp,
+    "coin": _coin,
+    "braille": _braille,
+    "barcode": _barcode,
+    "dial": _dial,
+}

@@ -12,7 +12,7 @@ from ninedtact.cli.force.model.recipe import SHOW_SEED
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:
-    from ninedtact.simulation.stage import Stage
+    from ninedtact.simulation.press_simulation import PressSimulation
     from ninedtact.simulation.twin import Twin
 
 OBJECT, DEPTH_MM, DRAG_MM, TWIST_DEG = "ball:5", 1.1, (0.8, 0.3), 8.0
@@ -47,10 +47,10 @@ def live(model: Path, sensor_folder: Path, design: SensorDesign = SensorDesign()
     from ninedtact.cli.force.own_sensors import calibrate_twin
     from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
-    from ninedtact.simulation.camera import SimulatedCamera
-    from ninedtact.simulation.population.member import member
+    from ninedtact.simulation.sensor_population import sample_sensor
+    from ninedtact.simulation.simulated_sources import SimulatedCamera
 
-    twin_of = member(0, SHOW_SEED, design=design)
+    twin_of = sample_sensor(0, SHOW_SEED, design=design)
     calibrate_twin(twin_of, sensor_folder)
     folder, twin = load_sensor(sensor_folder), twin_of.twin()
     gel = replace(gel_of(folder), shear_modulus_mpa=twin_of.gel.shear_modulus_mpa)
@@ -64,12 +64,14 @@ def live(model: Path, sensor_folder: Path, design: SensorDesign = SensorDesign()
                 yield Shown(reading.frame.index / HZ, true, reading.force.wrench.six)
 
 
-def touched(twin: "Twin", depth_mm: float) -> "Stage":
+def touched(twin: "Twin", depth_mm: float) -> "PressSimulation":
     """One touch, no step of which is skipped."""
     from ninedtact.mechanics.pose import Pose
-    from ninedtact.simulation.motion import touch
-    from ninedtact.simulation.objects.named import object_for
-    from ninedtact.simulation.stage import Act, Stage
+    from ninedtact.simulation.objects.catalogue import indenter_from_name
+    from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
+    from ninedtact.simulation.trajectory import press_trajectory
 
-    motion = touch(Pose(depth_mm=depth_mm), drag_mm=DRAG_MM, twist_rad=radians(TWIST_DEG))
-    return Stage(twin, [Act(object_for(OBJECT), motion)], hz=HZ, real_time=False, rounds=1)
+    motion = press_trajectory(Pose(depth_mm=depth_mm), drag_mm=DRAG_MM, twist_rad=radians(TWIST_DEG))
+    return PressSimulation(
+        twin, [ObjectTrajectory(indenter_from_name(OBJECT), motion)], hz=HZ, real_time=False, rounds=1
+    )

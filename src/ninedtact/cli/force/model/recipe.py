@@ -57,14 +57,14 @@ class Recipe:
     def to_judge(self) -> "DatasetSettings":
         """Other sensors, most of them with the mechanics that estimators assume, and the objects held out."""
         from ninedtact.dataset.generation.settings import DatasetSettings
-        from ninedtact.simulation.population.parts import Kinds
+        from ninedtact.simulation.sensor_population import MechanicsShares
 
         return DatasetSettings(
             self.judged_pairs,
             sensors=self.judged_sensors,
             names=objects(held_out=True),
             seed=JUDGE_SEED,
-            kinds=Kinds(compliant_base=0.15, finite_strain=0.15),
+            kinds=MechanicsShares(compliant_base=0.15, finite_strain=0.15),
             pitch_mm=self.judged_pitch_mm,
             design=self.design,
         )
@@ -72,9 +72,11 @@ class Recipe:
 
 def objects(held_out: bool) -> tuple[str, ...]:
     """Names of as many generated objects as the paper has, those held out or all others."""
-    from ninedtact.simulation.objects.generated import PAPER_COUNT, object_names
+    from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
 
-    return tuple(name for name in object_names(PAPER_COUNT) if (name.rsplit("_", 1)[0] in HELD_OUT) == held_out)
+    return tuple(
+        name for name in generated_object_names(PAPER_COUNT) if (name.rsplit("_", 1)[0] in HELD_OUT) == held_out
+    )
 
 
 RECIPES = {

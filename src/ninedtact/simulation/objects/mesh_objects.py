@@ -1,0 +1,245 @@
+"""Meshes as undersides: their unit, the side that faces the skin, their size.
+
+The footprint's middle becomes the object's origin. A mesh need not be closed: what counts is what is seen from below, and
+where nothing is seen, nothing is there. Of an object wider than `KEPT_MM` the middle is kept.
+
+Mesh files, read by trimesh.
+
+Models of Thingi10K by number (docs/objects.md), through the package `thingi10k`.
+
+The first model downloads the whole set into the cache of Hugging Face; from then on it is read from there. The models are of
+all sizes, so each is made to fit unless it is told otherwise. Their licences differ: see the entry of a model.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
+from ninedtact.simulation.objects.height_grid import Heightfield
+from ninedtact.simulation.objects.mesh_raster import rasterize_lowest_mm
+
+Vertices = Float[Array, "vertices 3"]
+Faces = Int[Array, "faces 3"]
+
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+SIDES = {
+    "-z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "+z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "-x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    "+x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+    "-y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "+y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+}
+"""The turn that brings this side of the mesh to face the skin."""
+PITCH_MM = 0.1
+LEAST_MM, LARGEST_MM = 1.0, 60.0
+KEPT_MM = 36.0
+"""The sensing area's diagonal is 30 mm; the rest is for drags."""
+MOST_TRIANGLES = 5_000_000
+
+
+class MeshUnusable(NinedtactError):
+    """A file from which no object can be made as it is."""
+
+
+@dataclass(frozen=True)
+class MeshPlacement:
+    """How a mesh is to be taken."""
+
+    unit: str = "mm"
+    side: str = "-z"
+    """Which side faces the skin."""
+    scale: float = 1.0
+    fit_mm: float | None = None
+    """If given, the longer side of the footprint is made this long, whatever the unit."""
+
+    def __post_init__(self) -> None:
+        if self.unit not in MM_PER_UNIT or self.side not in SIDES:
+            raise MeshUnusable(
+                f"expected a unit of {', '.join(MM_PER_UNIT)} and a side of {', '.join(SIDES)}, got {self.unit} and "
+                f"{self.side}; correct them"
+            )
+        if not all(0 < size < np.inf for size in (self.scale, self.fit_mm or 1.0)):
+            raise MeshUnusable(
+                f"expected a scale and a size to fit above zero, got {self.scale} and {self.fit_mm}; correct it"
+            )
+
+
+@dataclass(frozen=True)
+class MeshObject:
+    """The underside of a mesh, and what to know of the mesh."""
+
+    relief: HeightGridIndenter
+    size_mm: tuple[float, float, float]
+    triangles: int
+    closed: bool
+    """Whether the mesh bounds a solid; through a hole that looks down, its inside shows."""
+    cropped: bool
+    """Whether only the middle was kept."""
+
+
+def _object_from_triangles(
+    name: str, vertices: Vertices, faces: Faces, placing: MeshPlacement = MeshPlacement()
+) -> MeshObject:
+    """The object that a mesh is; raises `MeshUnusable`."""
+    _require_valid_triangles(name, vertices, faces)
+    used = np.unique(faces)
+    turned = vertices @ np.array(SIDES[placing.side], float).T * placing.scale * MM_PER_UNIT[placing.unit]
+    if placing.fit_mm is not None:
+        turned = turned * (placing.fit_mm / max(np.ptp(turned[used, :2], axis=0).max(), 1e-12))
+    size = np.ptp(turned[used], axis=0)
+    _require_plausible_size(name, size)
+    heights, cropped = _crop_to_middle(rasterize_lowest_mm(turned[faces], PITCH_MM))
+    x, y, z = size.tolist()
+    return MeshObject(
+        indenter_from_heights(name, heights, PITCH_MM), (x, y, z), len(faces), _is_closed(vertices, faces), cropped
+    )
+
+
+def _crop_to_middle(heights: Heightfield) -> tuple[Float[Array, "kept_rows kept_cols"], bool]:
+    """The middle of a table, and whether anything was left out."""
+    most = round(KEPT_MM / PITCH_MM)
+    starts = [max(samples - most, 0) // 2 for samples in heights.shape]
+    rows, cols = (slice(start, start + most) for start in starts)
+    return heights[rows, cols], any(start > 0 for start in starts)
+
+
+def _require_valid_triangles(name: str, vertices: Vertices, faces: Faces) -> None:
+    """Refuse what has no triangles, or corners nowhere."""
+    if not 0 < len(faces) <= MOST_TRIANGLES:
+        raise MeshUnusable(
+            f"expected triangles in {name}, 1 to {MOST_TRIANGLES} of them, got {len(faces)}; export a surface mesh, or simplify it"
+        )
+    there = faces.min() >= 0 and faces.max() < len(vertices)
+    if not there or not np.isfinite(vertices[faces]).all():
+        raise MeshUnusable(
+            f"expected every corner of {name} at a finite place, got corners that are missing, infinite or not a number; "
+            "repair or export it again"
+        )
+
+
+def _require_plausible_size(name: str, size_mm: Float[Array, "3"]) -> None:
+    """Refuse what is in another unit, flat, or far beyond the sensor."""
+    got = " x ".join(f"{side:.3g}" for side in size_mm)
+    if size_mm.max() < LEAST_MM:
+        metres, inches = (" x ".join(f"{side * MM_PER_UNIT[unit]:.3g}" for side in size_mm) for unit in ("m", "in"))
+        raise MeshUnusable(
+            f"expected {name} in millimetres, larger than {LEAST_MM:g} mm, got {got} mm; in metres it would be {metres} mm "
+            f"(give unit m), in inches {inches} mm (give unit in)"
+        )
+    if size_mm[:2].max() > LARGEST_MM:
+        raise MeshUnusable(
+            f"expected {name} at most {LARGEST_MM:g} mm across, got {got} mm; give a scale, a size to fit (fit:16), another "
+            "side, or cut out the part that touches"
+        )
+    if size_mm[:2].min() < PITCH_MM:
+        raise MeshUnusable(f"expected {name} to have a face towards the skin, got {got} mm; give another side")
+
+
+def _is_closed(vertices: Vertices, faces: Faces) -> bool:
+    """Whether every edge belongs to two triangles; corners in the same place are one."""
+    _, same = np.unique(vertices, axis=0, return_inverse=True)
+    corners = same.reshape(-1)[faces]
+    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, count = np.unique(edges[:, 0].astype(np.int64) * len(vertices) + edges[:, 1], return_counts=True)
+    return bool((count % 2 == 0).all())
+
+
+MESH_FILE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
+MOST_MB = 500
+
+
+class _ObjectLibraryMissing(NinedtactError):
+    """A library that reads objects is missing."""
+
+
+def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
+    """The object in a file; raises `MeshUnusable` and `_ObjectLibraryMissing`."""
+    vertices, faces = _read_mesh(path)
+    return _object_from_triangles(path.stem, vertices, faces, placing)
+
+
+def _read_mesh(path: Path) -> tuple[Vertices, Faces]:
+    """Corners and triangles as the file has them, several bodies as one."""
+    if not path.is_file() or path.suffix.lower() not in MESH_FILE_SUFFIXES or path.stat().st_size > MOST_MB * 1e6:
+        raise MeshUnusable(
+            f"expected a file of at most {MOST_MB} MB ending in {', '.join(MESH_FILE_SUFFIXES)}, got {path}"
+            f"{'' if path.exists() else ', which is not there'}; check the path, or convert or simplify the mesh"
+        )
+    trimesh = _import_trimesh()
+    try:
+        # Nothing is merged or mended here, so that broken corners are seen and refused.
+        mesh = trimesh.load_mesh(path, process=False)
+    except Exception as failure:
+        raise MeshUnusable(
+            f"expected a mesh in {path}, got a file that cannot be read ({failure}); export it again"
+        ) from failure
+    if not hasattr(mesh, "faces"):
+        raise MeshUnusable(f"expected triangles in {path}, got only points or lines; export a surface mesh")
+    return np.asarray(mesh.vertices, float).reshape(-1, 3), np.asarray(mesh.faces, np.int64).reshape(-1, 3)
+
+
+def _import_trimesh() -> Any:
+    """The library, or how to get it."""
+    try:
+        import trimesh
+    except ImportError as absence:
+        raise _ObjectLibraryMissing(
+            "expected the library trimesh, got an environment without it; run: pip install 'ninedtact[objects]'"
+        ) from absence
+    return trimesh
+
+
+FITTING = MeshPlacement(fit_mm=16.0)
+
+
+class _MeshNotFound(NinedtactError):
+    """A model that is not in the set, or a set that cannot be had."""
+
+
+def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> MeshObject:
+    """The model with this file number; raises `_MeshNotFound`, `_ObjectLibraryMissing` and `MeshUnusable`."""
+    entry, library = _find_model(number)
+    vertices, faces = library.load_file(entry["file_path"])
+    corners, triangles = np.asarray(vertices, float), np.asarray(faces, np.int64)
+    return _object_from_triangles(f"thingi10k_{number}", corners, triangles, placing)
+
+
+def _find_model(number: int) -> tuple[Any, Any]:
+    """The entry of a model, and the library that reads it."""
+    library = _import_thingi10k()
+    try:
+        library.init()
+    except Exception as failure:
+        raise _MeshNotFound(
+            f"expected Thingi10K on this machine or the network to download it, got {_first_line(failure)!r}; connect once, "
+            "or give a mesh file of your own"
+        ) from failure
+    entries = list(library.dataset(file_id=number))
+    if not entries:
+        raise _MeshNotFound(
+            f"expected a file number of Thingi10K, got {number}, which is not in it; take another, as 32770"
+        )
+    return entries[0], library
+
+
+def _first_line(failure: Exception) -> str:
+    """What went wrong, briefly."""
+    return (str(failure).splitlines() or [type(failure).__name__])[0][:120]
+
+
+def _import_thingi10k() -> Any:
+    """The library, or how to get it."""
+    try:
+        import thingi10k
+    except ImportError as absence:
+        raise _ObjectLibraryMissing(
+            "expected the library thingi10k, got an environment without it; run: pip install 'ninedtact[objects]'"
+        ) from absence
+    return thingi10k

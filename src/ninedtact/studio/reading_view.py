@@ -1,0 +1,103 @@
+"""The skin as the browser draws it: points in mm in the sensor frame, coloured and lit, and triangles between them.
+
+All that the page draws of one reading.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float32, Int32, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.quantities import HeightMap
+from ninedtact.reading import Reading
+from ninedtact.shape.cloud import point_cloud
+from ninedtact.shape.depth import DepthCurve
+from ninedtact.shape.image.palette import ColourScale, colourise
+from ninedtact.shape.measures import ShapeSummary, summarise
+from ninedtact.shape.mesh import faces_between
+
+MAX_SURFACE_POINTS = 40_000
+"""What a browser draws smoothly even without a graphics card; figures are measured on the full map, never on this."""
+LIGHT_DIRECTION = np.array([-0.5, 0.35, 0.79], np.float32)
+"""Direction towards the light: grazing, from the upper left of the first view, so that shallow relief shows."""
+SHADE = 0.45
+"""Brightness of skin that faces away from the light; level skin keeps its colour."""
+
+
+@dataclass(frozen=True)
+class SkinSurface:
+    """Points on the skin, and triangles between neighbouring ones."""
+
+    points_mm: Float32[Array, "n 3"]
+    colours: UInt8[Array, "n 3"]
+    """Red, green, blue: the colour of the height, lit from a side, since points have no shading of their own."""
+    faces: Int32[Array, "m 3"]
+    spacing_mm: float
+    """Between neighbouring points on untouched skin."""
+
+
+def skin_surface(height: HeightMap, colours_bgr: UInt8[Array, "rows cols 3"]) -> SkinSurface:
+    """Every so-manieth point of a height map, with its colour in an image of the same size."""
+    every = _row_step(height)
+    cloud, seen = point_cloud(height, every), height.in_view[::every, ::every]
+    colours = colours_bgr[::every, ::every][seen][:, ::-1]
+    return SkinSurface(
+        cloud.points_mm, _shade_colours(colours, cloud.normals), faces_between(seen), every * height.mm_per_px
+    )
+
+
+def _row_step(height: HeightMap) -> int:
+    """Each how-manieth row and column to keep."""
+    return int(np.ceil(np.sqrt(height.z_mm.size / MAX_SURFACE_POINTS)))
+
+
+def _shade_colours(colours: UInt8[Array, "n 3"], normals: Float32[Array, "n 3"]) -> UInt8[Array, "n 3"]:
+    """Colours under a light from a side."""
+    towards = np.maximum(normals @ (LIGHT_DIRECTION / LIGHT_DIRECTION[2]), 0)
+    brightness = SHADE + (1 - SHADE) * towards
+    return np.clip(colours * brightness[:, None], 0, 255).astype(np.uint8)
+
+
+FADED = 0.35
+"""Brightness left to images of the past."""
+
+
+@dataclass(frozen=True)
+class ReadingView:
+    """One reading, drawn."""
+
+    reading: Reading
+    image: UInt8[Array, "raw_rows raw_cols 3"]
+    """BGR, as the camera gave it."""
+    heights: UInt8[Array, "rows cols 3"]
+    """BGR, false colours."""
+    surface: SkinSurface
+    summary: ShapeSummary
+    is_past: bool = False
+    """Faded, so that nobody takes it for the present."""
+
+    def faded(self) -> "ReadingView":
+        """The same as a thing of the past."""
+        if self.is_past:
+            return self
+        surface = replace(self.surface, colours=_darken(self.surface.colours))
+        return replace(self, image=_darken(self.image), heights=_darken(self.heights), surface=surface, is_past=True)
+
+
+def render_reading(reading: Reading, scale: ColourScale) -> ReadingView:
+    """Draw a reading, heights in the colours of `scale`."""
+    heights = colourise(reading.height, scale)
+    surface, summary = skin_surface(reading.height, heights), summarise(reading.height)
+    return ReadingView(reading, reading.frame.image, heights, surface, summary)
+
+
+def session_colour_scale(curve: DepthCurve) -> ColourScale:
+    """Colours that stay the same all session: the whole calibrated range."""
+    deepest_mm = max(round(curve.max_indentation_mm, 1), 0.1)
+    return ColourScale(deepest_mm, max(curve.bulge_mm[-1], deepest_mm / 4))
+
+
+def _darken(colours: UInt8[Array, "*shape 3"]) -> UInt8[Array, "*shape 3"]:
+    """The same image, dim."""
+    return (colours * np.float32(FADED)).astype(np.uint8)

@@ -1,0 +1,243 @@
+"""The block of gel under the skin as thin lines, with millimetres along its edges.
+
+A wrench in the 3D part of the page: an arrow where its force goes through the skin, an arc for what twists there.
+
+The 3D part of the page: the skin true to scale on its block of gel, and what presses it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray as Array
+from viser import ArrowsHandle, LabelHandle, LineSegmentsHandle, MeshHandle, PointCloudHandle, ViserServer
+
+from ninedtact.design import Gel
+from ninedtact.quantities import Wrench
+from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.studio.page_controller import DisplayOptions
+from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
+
+Point = tuple[float, float, float]
+LINES_EVERY_MM = 5.0
+DEPTHS_EVERY_MM = 1.0
+AWAY_MM = 0.9
+"""Of the numbers from their edge."""
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """A text at a place, mm in the sensor frame."""
+
+    text: str
+    at_mm: Point
+
+
+@dataclass(frozen=True)
+class GelBlock:
+    """Gel of this size, the untouched skin on top at z = 0."""
+
+    width_mm: float
+    """Along x."""
+    length_mm: float
+    """Along y."""
+    gel_mm: float
+
+    @property
+    def edges_mm(self) -> Float32[Array, "n 2 3"]:
+        """The twelve edges, as pairs of ends."""
+        x, y, z = self.width_mm / 2, self.length_mm / 2, self.gel_mm
+        along_x = [((-x, v, w), (x, v, w)) for v in (-y, y) for w in (-z, 0)]
+        along_y = [((u, -y, w), (u, y, w)) for u in (-x, x) for w in (-z, 0)]
+        along_z = [((u, v, -z), (u, v, 0)) for u in (-x, x) for v in (-y, y)]
+        return np.array([*along_x, *along_y, *along_z], np.float32)
+
+    @property
+    def floor_mm(self) -> Float32[Array, "n 2 3"]:
+        """Lines every 5 mm on the window under the gel."""
+        x, y, z = self.width_mm / 2, self.length_mm / 2, self.gel_mm
+        along_y = [((u, -y, -z), (u, y, -z)) for u in _multiples_within(x, LINES_EVERY_MM)]
+        along_x = [((-x, v, -z), (x, v, -z)) for v in _multiples_within(y, LINES_EVERY_MM)]
+        return np.array([*along_y, *along_x], np.float32).reshape(-1, 2, 3)
+
+    def marks(self) -> Iterator[_Mark]:
+        """Numbers along the front (x), the right (y) and the corner between them (z)."""
+        x, y, z = self.width_mm / 2, self.length_mm / 2, self.gel_mm
+        for place in _multiples_within(x, LINES_EVERY_MM):
+            yield _Mark(format_signed_tenths(place), (place, -y - AWAY_MM, -z))
+        for place in _multiples_within(y, LINES_EVERY_MM):
+            yield _Mark(format_signed_tenths(place), (x + AWAY_MM, place, -z))
+        for depth in np.arange(0, z, DEPTHS_EVERY_MM):
+            yield _Mark(format_signed_tenths(-float(depth)), (-x - AWAY_MM, -y, -float(depth)))
+        yield _Mark("x (mm)", (0.0, -y - 3 * AWAY_MM, -z))
+        yield _Mark("y (mm)", (x + 3 * AWAY_MM, 0.0, -z))
+        yield _Mark("z (mm)", (-x - 3 * AWAY_MM, -y, -z / 2))
+
+
+def gel_block_under_skin(shape: CalibratedShape, gel: Gel) -> GelBlock:
+    """The gel under all the skin that a sensor sees."""
+    rows, cols, _ = shape.rectify.source_px.shape
+    return GelBlock(cols * shape.rectify.mm_per_px, rows * shape.rectify.mm_per_px, gel.thickness_mm)
+
+
+def _multiples_within(half_mm: float, every_mm: float) -> list[float]:
+    """Multiples of `every_mm` between −`half_mm` and `half_mm`."""
+    count = int(half_mm / every_mm)
+    return [float(number * every_mm) for number in range(-count, count + 1)]
+
+
+def format_signed_tenths(number: float) -> str:
+    """A number of tenths, with a true minus sign, which zero has not."""
+    return f"{round(number, 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
+
+
+MM_PER_N = 0.5
+ARC_DEG_PER_MNM = 4.0
+MOST_ARC_DEG = 330.0
+ARC_RADIUS_MM = 4.5
+LIFT_MM = 0.6
+"""Of the arc over the skin, which bulges."""
+LEAST_N = 0.1
+"""Less presses nothing that would have a place."""
+ARC_PIECES = 48
+LEAST_ARC_DEG = 8.0
+"""Shorter than its head."""
+FORCE, TWIST = (201, 42, 42), (95, 61, 196)
+SHAFT_MM, HEAD_MM, HEAD_LONG_MM = 0.22, 0.55, 1.2
+
+
+class _WrenchArrows:
+    """One wrench in the scene; an arrow's head is on the untouched skin where the force goes through it."""
+
+    def __init__(self, server: ViserServer, name: str) -> None:
+        self._force = _add_arrow(server, f"/{name}/force", FORCE)
+        self._twist = _add_arrow(server, f"/{name}/twist", TWIST)
+        whole = np.zeros((ARC_PIECES, 2, 3), np.float32)
+        self._arc = server.scene.add_line_segments(
+            f"/{name}/arc", whole, TWIST, thickness=4.0, thickness_units="screen", visible=False
+        )
+
+    def show(self, wrench: Wrench | None) -> None:
+        """Draw it; nothing where nothing presses."""
+        place = None if wrench is None else centre_of_pressure_mm(wrench)
+        if wrench is None or place is None:
+            self._force.visible = self._twist.visible = self._arc.visible = False
+            return
+        turn_deg = torque_arc_deg(float(wrench.about(place).torque_nm[2]))
+        arc = torque_arc_points_mm(place, turn_deg)
+        self._force.points = np.array([[place - wrench.force_n * MM_PER_N, place]], np.float32)
+        self._arc.points, self._twist.points = np.stack([arc[:-1], arc[1:]], axis=1), arc[None, [-3, -1]]
+        # Shown only now, so that no browser draws them where they were.
+        self._force.visible = True
+        self._arc.visible = self._twist.visible = abs(turn_deg) > LEAST_ARC_DEG
+
+
+def _add_arrow(server: ViserServer, name: str, colour: tuple[int, int, int]) -> ArrowsHandle:
+    """One arrow, hidden."""
+    return server.scene.add_arrows(
+        name,
+        np.zeros((1, 2, 3), np.float32),
+        colour,
+        shaft_radius=SHAFT_MM,
+        head_radius=HEAD_MM,
+        head_length=HEAD_LONG_MM,
+        visible=False,
+    )
+
+
+def centre_of_pressure_mm(wrench: Wrench) -> Float64[Array, "3"] | None:
+    """Where on the untouched skin the force has no torque but about z; None for a force too faint to have a place."""
+    force_z = float(wrench.force_n[2])
+    if abs(force_z) < LEAST_N:
+        return None
+    about = wrench.about(np.zeros(3)).torque_nm * 1e3
+    return np.array([-about[1] / force_z, about[0] / force_z, 0.0])
+
+
+def torque_arc_deg(torque_nm: float) -> float:
+    """How far the arc of a torque about z goes round, in its direction."""
+    return float(np.clip(1e3 * torque_nm * ARC_DEG_PER_MNM, -MOST_ARC_DEG, MOST_ARC_DEG))
+
+
+def torque_arc_points_mm(place_mm: Float64[Array, "3"], turn_deg: float) -> Float32[Array, "n 3"]:
+    """Points of an arc about a place, from its front."""
+    angle = np.linspace(0, np.radians(turn_deg), ARC_PIECES + 1) - np.pi / 2
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1) * ARC_RADIUS_MM
+    return (place_mm + circle + [0, 0, LIFT_MM]).astype(np.float32)
+
+
+GEL, PAST = (150, 172, 196), (110, 114, 118)
+"""Colours of the skin as a surface: silicone, and silicone that was."""
+EDGES, FLOOR = (120, 128, 138), (205, 210, 216)
+FIELD_OF_VIEW_RAD = 0.72
+POINT_OVERLAP = 1.3
+"""Points are drawn this much larger than their spacing, so that the skin has no gaps where it is steep."""
+
+
+class SkinScene:
+    """Draws the skin in a viser server."""
+
+    def __init__(self, server: ViserServer, block: GelBlock) -> None:
+        _place_camera(server, block)
+        _add_lights(server)
+        empty, level = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint32)
+        self._mesh: MeshHandle = server.scene.add_mesh_simple("/skin/surface", empty, level, color=GEL, side="double")
+        self._points: PointCloudHandle = server.scene.add_point_cloud(
+            "/skin/points", empty, GEL, point_shape="square", point_shading="flat"
+        )
+        self._lines = [
+            server.scene.add_line_segments(f"/gel/{name}", lines, colour, thickness=1.5, thickness_units="screen")
+            for name, lines, colour in (("floor", block.floor_mm, FLOOR), ("edges", block.edges_mm, EDGES))
+        ]
+        self._marks = [(mark, _add_label(server, number, mark.text)) for number, mark in enumerate(block.marks())]
+        self._arrows = _WrenchArrows(server, "wrench")
+        self._stretch(1.0)
+
+    def push(self, wrench: Wrench | None) -> None:
+        """Draw what presses the skin; heights may be stretched, forces are not."""
+        self._arrows.show(wrench)
+
+    def show(self, surface: SkinSurface, look: DisplayOptions, is_past: bool) -> None:
+        """Draw one surface."""
+        if look.as_points:
+            self._points.points, self._points.colors = surface.points_mm, surface.colours
+            self._points.point_size = surface.spacing_mm * POINT_OVERLAP / np.cbrt(look.exaggeration)
+        else:
+            self._mesh.vertices, self._mesh.faces = surface.points_mm, surface.faces.astype(np.uint32)
+            self._mesh.color = PAST if is_past else GEL
+        self._points.visible, self._mesh.visible = look.as_points, not look.as_points
+        self._stretch(look.exaggeration)
+
+    def _stretch(self, exaggeration: float) -> None:
+        stretched: list[MeshHandle | PointCloudHandle | LineSegmentsHandle] = [self._mesh, self._points, *self._lines]
+        for node in stretched:
+            node.scale = (1.0, 1.0, exaggeration)
+        for mark, label in self._marks:
+            x, y, z = mark.at_mm
+            label.position = (x, y, z * exaggeration)
+
+
+def _place_camera(server: ViserServer, block: GelBlock) -> None:
+    """DisplayOptions at the skin from the front and above, x to the right."""
+    far = max(block.width_mm, block.length_mm)
+    server.scene.set_up_direction("+z")
+    server.initial_camera.position = (0.0, -1.7 * far, 1.4 * far)
+    server.initial_camera.look_at = (0.0, -0.05 * far, -block.gel_mm)
+    server.initial_camera.fov = FIELD_OF_VIEW_RAD
+    server.initial_camera.near, server.initial_camera.far = 0.1, 100 * far
+
+
+def _add_lights(server: ViserServer) -> None:
+    """One light from where the points are lit from; the rest is soft, without cast shadows."""
+    server.scene.configure_default_lights(enabled=False, cast_shadow=False)
+    server.scene.configure_environment_map(hdri=None)
+    server.scene.add_light_ambient("/light/soft", intensity=1.1)
+    server.scene.add_light_directional(
+        "/light/grazing", position=tuple(20 * LIGHT_DIRECTION.astype(float)), intensity=2.2
+    )
+
+
+def _add_label(server: ViserServer, number: int, text: str) -> LabelHandle:
+    """One text at an edge."""
+    return server.scene.add_label(f"/gel/mark_{number}", text, font_screen_scale=0.8, anchor="center-center")

@@ -1,0 +1,212 @@
+"""The last seconds: how deep it was, at every reading, and how fast images came.
+
+The sensor thread: reads as fast as images come and keeps the newest; whoever looks never holds it up.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from threading import Event, Lock, Thread
+from types import TracebackType
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray as Array
+
+from ninedtact.capture.frame_source import SourceEnded
+from ninedtact.capture.latest_frame import NoRecentFrame
+from ninedtact.errors import NinedtactError
+from ninedtact.reading import Reading
+from ninedtact.sensor import Sensor
+from ninedtact.shape.calibrated import ReferenceUnusable
+from ninedtact.shape.measures import max_indentation_mm
+
+NS_PER_S = 1e9
+HISTORY_S = 20.0
+RATE_OVER_S = 2.0
+"""Long enough for a steady figure, short enough to show a camera that slows down."""
+
+
+class _Tick(NamedTuple):
+    """One event of several, `number` counting them all from the first."""
+
+    at_ns: int
+    number: int
+
+
+class RateMeter:
+    """Events per second over the last two seconds."""
+
+    def __init__(self) -> None:
+        self._ticks: deque[_Tick] = deque()
+
+    def tick(self, at_ns: int, number: int) -> None:
+        """Event `number` happened; numbers may skip what was not seen."""
+        self._ticks.append(_Tick(at_ns, number))
+        self._forget(at_ns)
+
+    def hz(self, now_ns: int) -> float:
+        """The rate, 0 where fewer than two events are that young."""
+        self._forget(now_ns)
+        if len(self._ticks) < 2:
+            return 0.0
+        first, last = self._ticks[0], self._ticks[-1]
+        return (last.number - first.number) / max((last.at_ns - first.at_ns) / NS_PER_S, 1e-9)
+
+    def _forget(self, now_ns: int) -> None:
+        while self._ticks and now_ns - self._ticks[0].at_ns > RATE_OVER_S * NS_PER_S:
+            self._ticks.popleft()
+
+
+class _IndentationHistory:
+    """Deepest indentation of every reading of the last `span_s` seconds, also of those that no page showed."""
+
+    def __init__(self, span_s: float = HISTORY_S) -> None:
+        self.span_s = span_s
+        self._depths: deque[tuple[int, float]] = deque()
+
+    def add(self, at_ns: int, deepest_mm: float) -> None:
+        """Append one reading."""
+        self._depths.append((at_ns, deepest_mm))
+        while at_ns - self._depths[0][0] > self.span_s * NS_PER_S:
+            self._depths.popleft()
+
+    def until(self, now_ns: int) -> Float64[Array, "2 n"]:
+        """Seconds before now (negative), and mm."""
+        depths = np.array(self._depths, np.float64).reshape(-1, 2)
+        return np.stack([(depths[:, 0] - now_ns) / NS_PER_S, depths[:, 1]])
+
+
+class RecordingTooShort(NinedtactError):
+    """A recording ended before the untouched skin was known."""
+
+
+class SensorPhase(Enum):
+    """What the sensor thread is at."""
+
+    REFERENCE = "taking the untouched skin"
+    READING = "reading"
+    ENDED = "at the end of a recording"
+    FAILED = "given up"
+
+
+@dataclass(frozen=True)
+class SensorSnapshot:
+    """What the sensor thread knows at one moment."""
+
+    phase: SensorPhase
+    reading: Reading | None
+    """The newest; None before the first."""
+    heard_ns: int
+    """Stamp of the newest reading; while a reference is taken, of the newest image; before any, of the opening."""
+    delivered_hz: float
+    """Images per second that the source delivered, read or not."""
+    read_hz: float
+    history: Float64[Array, "2 n"]
+    """Seconds before now (before the end of a recording that has ended), and the deepest indentation in mm then."""
+    trouble: BaseException | None = None
+    """Why the sensor thread has given up, or refused the untouched skin."""
+
+
+class SensorPoller:
+    """Reads a sensor in a thread of its own while it is open (`with`); its source should be a `Freshest`.
+
+    Without a depth reader in the sensor, the first images are the untouched skin.
+    """
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+        self._phase = SensorPhase.READING
+        self._trouble: BaseException | None = None
+        self._reading: Reading | None = None
+        self._history, self._delivered, self._read = _IndentationHistory(), RateMeter(), RateMeter()
+        self._lock = Lock()
+        self._closing, self._reference_wanted = Event(), Event()
+        self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
+
+    def moment(self, now_ns: int) -> SensorSnapshot:
+        """The newest of everything; never waits for the sensor."""
+        with self._lock:
+            until_ns = self._heard_ns if self._phase is SensorPhase.ENDED else now_ns
+            return SensorSnapshot(
+                self._phase,
+                self._reading,
+                self._heard_ns,
+                self._delivered.hz(now_ns),
+                self._read.hz(now_ns),
+                self._history.until(until_ns),
+                self._trouble,
+            )
+
+    def take_reference(self) -> None:
+        """Take the skin of the next images for untouched. Returns at once; it is tried until it succeeds."""
+        self._reference_wanted.set()
+
+    def __enter__(self) -> "SensorPoller":
+        """Open the sensor, raising what its source raises, and start reading."""
+        self.sensor.open(take_reference=False)
+        if self.sensor.depth_reader is None:
+            self.take_reference()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._closing.set()
+        self.sensor.close()
+        self._thread.join()
+
+    @property
+    def _heard_ns(self) -> int:
+        # An image that has come but is not yet a reading must not make the reading before it look new.
+        if self._reading is None or self._phase is SensorPhase.REFERENCE:
+            return self.sensor.last_frame_ns
+        return self._reading.frame.stamp_ns
+
+    def _run(self) -> None:
+        try:
+            while not self._closing.is_set():
+                self._step()
+        except SourceEnded as end:
+            self._note(*self._after(end))
+        except BaseException as trouble:  # whoever asks for a moment is who can tell a person
+            if not self._closing.is_set():
+                self._note(SensorPhase.FAILED, trouble)
+
+    def _step(self) -> None:
+        try:
+            if self._reference_wanted.is_set():
+                self._take_reference()
+            self._keep(self.sensor.read())
+        except NoRecentFrame:
+            pass  # `heard_ns` says since when
+        except ReferenceUnusable as refusal:
+            self._note(SensorPhase.REFERENCE, refusal)
+
+    def _take_reference(self) -> None:
+        self._note(SensorPhase.REFERENCE, self._trouble)
+        self.sensor.take_reference()
+        self._reference_wanted.clear()
+
+    def _keep(self, reading: Reading) -> None:
+        deepest_mm, arrived_ns = max_indentation_mm(reading.height), reading.frame.stamp_ns
+        with self._lock:
+            self._phase, self._trouble, self._reading = SensorPhase.READING, None, reading
+            self._delivered.tick(arrived_ns, reading.frame.index)
+            self._read.tick(arrived_ns, self.sensor.frames_read)
+            self._history.add(arrived_ns, deepest_mm)
+
+    def _after(self, end: SourceEnded) -> tuple[SensorPhase, BaseException | None]:
+        if self._reading is not None:
+            return SensorPhase.ENDED, None
+        source, wanted = self.sensor.source.name, self.sensor.reference_frames
+        return SensorPhase.FAILED, RecordingTooShort(
+            f"expected {source} to begin with {wanted} images of the untouched skin and go on, got "
+            f"{self.sensor.frames_read} images in all; give images of the untouched skin with --reference"
+        )
+
+    def _note(self, phase: SensorPhase, trouble: BaseException | None) -> None:
+        with self._lock:
+            self._phase, self._trouble = phase, trouble

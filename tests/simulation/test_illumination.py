@@ -1,0 +1,62 @@
+"""The law of light: no height, no change; deeper is darker, higher is brighter; what is lost is lost because something is dark."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.simulation.illumination import BrightnessModel, InvalidBrightnessModel
+from ninedtact.simulation.seeing import FINER, Sight, refined, scattered
+
+lights = st.builds(
+    BrightnessModel,
+    darkening_per_mm=st.floats(0.01, 0.5),
+    saturation=st.floats(0, 5),
+    brightening_per_mm=st.floats(0.01, 2),
+    thickness_mm=st.floats(1, 5),
+)
+
+
+@given(lights)
+def test_deeper_is_darker_and_higher_is_brighter(light: BrightnessModel) -> None:
+    change = light.change(np.linspace(-light.thickness_mm, 1.0, 301))
+    assert (np.diff(change) > 0).all()
+    assert light.change(np.zeros(1)) == 0
+    step = 1e-6
+    assert light.change(np.array([-step]))[0] == pytest.approx(-light.darkening_per_mm * step, rel=1e-4)
+    assert light.change(np.array([step]))[0] == pytest.approx(light.brightening_per_mm * step, rel=1e-9)
+
+
+@given(lights)
+def test_nothing_is_lost_where_nothing_is_dark(light: BrightnessModel) -> None:
+    assert light.loss(np.array([0.0, 0.1])) == 0
+    assert light.loss(np.array([-0.2, 0.2])) == pytest.approx(-light.global_dimming * 0.1)
+
+
+@pytest.mark.parametrize(
+    "name", ["darkening_per_mm", "saturation", "point_spread_mm", "global_dimming", "inverse_distance_per_mm"]
+)
+def test_a_negative_light_is_refused(name: str) -> None:
+    with pytest.raises(InvalidBrightnessModel, match=f"light.{name} of zero or more"):
+        BrightnessModel(**{name: -0.1})
+
+
+@pytest.mark.parametrize("shape", [(40, 48), (41, 49)], ids=["even", "odd"])
+def test_a_finer_grid_goes_through_the_same_points(shape: tuple[int, int]) -> None:
+    patch = PeriodicGrid(*shape, 0.2)
+    field = np.random.default_rng(0).normal(size=shape).astype(np.float32)
+    (calm,) = scattered(patch, 0.4, field)
+    (fine,) = refined(patch, np.ascontiguousarray(calm[::FINER, ::FINER]))
+    assert np.abs(fine - calm).max() < 1e-4 * np.abs(calm).max() + 1e-5
+    assert calm.mean() == pytest.approx(field.mean(), abs=1e-5)
+
+
+def test_a_line_of_sight_meets_the_skin_where_it_is() -> None:
+    patch, nearness = PeriodicGrid(100, 120, 0.2), 0.06
+    x, y = (axis.astype(np.float32) for axis in patch.place_mm)
+    height = -1.5 * np.exp(-((x - 4) ** 2 + (y + 2) ** 2) / 8)
+    through = np.array([[4.2, 3.0, 5.5]], np.float32), np.array([[-2.1, -1.0, -3.0]], np.float32)
+    seen = Sight(*through, nearness).height_mm(patch, (0.0, 0.0), height.astype(np.float32), fine=True)
+    met = [place * (1 + nearness * seen) for place in through]
+    assert seen == pytest.approx(-1.5 * np.exp(-((met[0] - 4) ** 2 + (met[1] + 2) ** 2) / 8), abs=0.01)

@@ -1,0 +1,102 @@
+"""One motion for everybody who watches: solved once, in order, the same every time, and never late."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from small_stage import PRESSED, TWIN, small_stage
+
+from ninedtact.capture.frame_source import SourceEnded
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.press_simulation import (
+    KEPT_CONTACTS,
+    EmptyPressSimulation,
+    ObjectTrajectory,
+    PressSimulation,
+    SimulationStepExpired,
+)
+from ninedtact.simulation.trajectory import (
+    InvalidTrajectory,
+    Trajectory,
+    TrajectorySegment,
+    concatenate_trajectories,
+    press_trajectory,
+)
+
+
+def test_every_step_is_solved_once_and_the_same_every_time() -> None:
+    one, other = small_stage(), small_stage()
+    first = [one.contact(number) for number in range(12)]
+    assert all(one.contact(number) is contact for number, contact in enumerate(first))
+    assert np.array_equal(other.contact(11).shear_mpa, first[11].shear_mpa)  # asked for at once, the way is the same
+
+
+def test_many_threads_see_the_same() -> None:
+    stage = small_stage()
+    with ThreadPoolExecutor(4) as pool:
+        contacts = list(pool.map(lambda _: stage.contact(9), range(8)))
+    assert all(contact is contacts[0] for contact in contacts) and list(stage.contacts) == list(range(10))
+
+
+def test_what_is_long_ago_is_refused_and_not_made_up() -> None:
+    stage = small_stage(hz=30.0)
+    stage.contact(KEPT_CONTACTS + 3)
+    with pytest.raises(SimulationStepExpired, match=r"from 4 on, got 3, .* open all sources together"):
+        stage.contact(3)
+    assert np.isfinite(stage.six(0.0)).all()  # wrenches are small and are kept for longer
+
+
+def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
+    stage = small_stage(real_time=True)
+    stage.contact(0)
+    late = stage.contact(12)
+    assert list(stage.contacts) == [0, 12] and late.touches
+    assert stage.contact(11) is late and stage.contact(2) is stage.contact(0)  # the nearest that there is
+    between = stage.six(0.6)
+    assert between == pytest.approx((stage.wrenches[0] + stage.wrenches[12]) / 2)
+
+
+def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
+    stage = small_stage(acts=2)
+    length = PRESSED.motion.seconds
+    assert stage.seconds == pytest.approx(2 * length)
+    assert [stage.act_at(at)[0] for at in (0, 0.9 * length, 1.1 * length, 2.1 * length)] == [0, 0, 1, 2]
+    one, again = (stage.contact(round(start * 10) + 9) for start in (0, 2 * stage.seconds))
+    assert np.allclose(one.wrench().six, again.wrench().six, atol=0.05)
+
+
+def test_rounds_end() -> None:
+    stage = small_stage(rounds=2)
+    stage.require_time(1.9 * stage.seconds)
+    with pytest.raises(SourceEnded, match="expected a time in 2 rounds"):
+        stage.require_time(2 * stage.seconds)
+    for acts in ([], [ObjectTrajectory(Ball(4.0), Trajectory(Pose(), ()))]):
+        with pytest.raises(EmptyPressSimulation, match="add some"):
+            PressSimulation(TWIN, acts)
+
+
+def test_a_touch_comes_down_drags_twists_and_lifts() -> None:
+    motion = PRESSED.motion
+    pressed = motion.pose(motion.lifted_s)
+    assert (pressed.x_mm, pressed.depth_mm) == pytest.approx((1.5, 1.0))
+    assert np.degrees(pressed.twist_rad) == pytest.approx(10)
+    assert motion.pose(0).depth_mm < 0 and motion.pose(motion.seconds + 1).depth_mm < 0
+    depths = np.array([pose.depth_mm for pose in motion.poses(100.0)])
+    assert np.abs(np.diff(depths)).max() < 0.06  # nothing jumps
+    assert Trajectory(Pose(), ()).lifted_s == 0 and Trajectory(Pose(), ()).pose(1) == Pose()
+
+
+def test_motions_in_turn_go_from_one_to_the_next() -> None:
+    there, back = press_trajectory(Pose(2.0, 0.0, 0.5)), press_trajectory(Pose(-2.0, 0.0, 0.5))
+    both = concatenate_trajectories([there, back], between_s=0.5)
+    assert both.seconds == pytest.approx(there.seconds + back.seconds + 0.5)
+    way = both.pose(there.seconds + 0.25)
+    assert (way.x_mm, way.depth_mm < 0) == (pytest.approx(0, abs=1e-9), True)
+    for bad in (
+        lambda: concatenate_trajectories([]),
+        lambda: TrajectorySegment(Pose(), 0.0),
+        lambda: press_trajectory(Pose(), speed=-1.0),
+    ):
+        with pytest.raises(InvalidTrajectory, match="expected"):
+            bad()

@@ -1,0 +1,66 @@
+"""What the browser draws is the skin: in mm, true to scale, in the colours of the map, and not too much of it."""
+
+import numpy as np
+import pytest
+from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane, skin, with_hole
+
+from ninedtact.design import Gel
+from ninedtact.shape.image.palette import ColourScale, colourise
+from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, session_colour_scale, skin_surface
+from ninedtact.studio.scene_3d import gel_block_under_skin
+
+SCALE = ColourScale(2.0, 0.5)
+
+
+def test_points_are_where_the_skin_is_and_few_enough() -> None:
+    height = ball_print(at=(1.0, -2.0), camera_mm=14.05)
+    surface = skin_surface(height, colourise(height, SCALE))
+    points = surface.points_mm
+    assert len(points) <= MAX_SURFACE_POINTS < 4 * len(points)
+    assert surface.spacing_mm == pytest.approx(2 * MM_PER_PX)
+    deepest = points[points[:, 2].argmin()]
+    assert deepest == pytest.approx([1.0, -2.0, -DEPTH_MM], abs=0.1)
+    assert deepest[2] == pytest.approx(height.z_mm.min(), abs=0.002)
+    on_ball = points[points[:, 2] < -0.1]
+    distance = np.linalg.norm(on_ball - [1.0, -2.0, RADIUS_MM - DEPTH_MM], axis=1)
+    assert np.abs(distance - RADIUS_MM).max() < 1e-3
+
+
+def test_triangles_face_outwards_and_join_neighbours() -> None:
+    height = plane(120, 160, slope_x=0.2, slope_y=-0.1)
+    surface = skin_surface(height, colourise(height, SCALE))
+    corners = surface.points_mm[surface.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert normals == pytest.approx(np.tile([-0.2, 0.1, 1] / np.sqrt(1.05), (len(normals), 1)), abs=1e-3)
+    assert np.linalg.norm(np.diff(corners, axis=1), axis=2).max() < 1.6 * surface.spacing_mm
+
+
+def test_level_skin_has_the_colour_of_the_map_and_slopes_are_lit_from_the_upper_left() -> None:
+    pressed = skin(np.full((30, 40), -1.0))
+    colours = colourise(pressed, SCALE)
+    assert (skin_surface(pressed, colours).colours == colours[0, 0, ::-1]).all()
+    left, right = plane(30, 40, slope_x=0.5, slope_y=0), plane(30, 40, slope_x=-0.5, slope_y=0)
+    grey = np.full((30, 40, 3), 100, np.uint8)
+    assert skin_surface(left, grey).colours.min() > 100 > skin_surface(right, grey).colours.max()
+
+
+def test_what_is_out_of_view_is_left_out() -> None:
+    height = with_hole(ball_print(40, 60))
+    surface = skin_surface(height, colourise(height, SCALE))
+    assert len(surface.points_mm) == len(surface.colours) == height.in_view.sum()
+    assert np.isfinite(surface.points_mm).all() and surface.faces.max() < len(surface.points_mm)
+
+
+def test_the_block_of_gel_is_as_large_as_what_the_camera_sees() -> None:
+    from small_sensor import SHAPE
+
+    block = gel_block_under_skin(SHAPE, Gel())
+    corners = block.edges_mm.reshape(-1, 3)
+    assert corners.min(axis=0) == pytest.approx([-10, -7.5, -2.5]) and corners.max(axis=0) == pytest.approx(
+        [10, 7.5, 0]
+    )
+    texts = {mark.text: mark.at_mm for mark in block.marks()}
+    assert {"\N{MINUS SIGN}10", "0", "5", "\N{MINUS SIGN}2", "x (mm)", "z (mm)"} <= set(texts)
+    assert texts["\N{MINUS SIGN}2"][2] == -2
+    assert session_colour_scale(SHAPE.curve) == ColourScale(2.0, 0.5)

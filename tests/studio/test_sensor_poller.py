@@ -1,0 +1,135 @@
+"""The sensor thread: the newest reading, how the source is doing, and nothing left running."""
+
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hand_fed import HandFed
+from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
+
+from ninedtact.capture.image_and_video_files import ImageFolder
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.quantities import Frame
+from ninedtact.sensor import Sensor
+from ninedtact.studio.page_controller import sensor_status
+from ninedtact.studio.page_sources import RepeatingSource
+from ninedtact.studio.sensor_poller import RecordingTooShort, SensorPhase, SensorPoller, SensorSnapshot
+
+
+def now_in(loop: SensorPoller) -> SensorSnapshot:
+    return loop.moment(time.monotonic_ns())
+
+
+def deepest_mm(loop: SensorPoller) -> float:
+    reading = now_in(loop).reading
+    return -1.0 if reading is None else float(reading.height.indentation_mm.max())
+
+
+def sentence(loop: SensorPoller) -> str:
+    moment = now_in(loop)
+    return sensor_status(moment, moment.reading, False, time.monotonic_ns()).sentence
+
+
+def test_the_newest_reading_wins_and_the_rest_is_counted() -> None:
+    fed = HandFed()
+    sensor = sensor_on(fed, reference_frames=1)
+    sensor.depth_reader = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
+
+    def feed(*levels: int) -> None:
+        for level in levels:
+            fed.queue.put(Frame(skin(level), time.monotonic_ns(), fed.fed))
+            fed.fed += 1
+
+    feed(100, 90, 80)
+    with SensorPoller(sensor) as loop:
+        wait_until(lambda: (reading := now_in(loop).reading) is not None and reading.frame.index == 2)
+        feed(75)
+        wait_until(lambda: deepest_mm(loop) == pytest.approx(1.0, abs=0.01))
+        reading = now_in(loop).reading
+        assert reading is not None
+        assert reading.dropped == 4 - sensor.frames_read
+        assert set(reading.stage_ms) == {"capture", "rectify", "depth"}
+
+
+def test_nobody_looking_holds_nothing_up() -> None:
+    with SensorPoller(sensor_on(SkinCamera())) as loop:
+        wait_until(lambda: loop.sensor.frames_read > 100)
+        moment = now_in(loop)
+    assert moment.read_hz > 5 and moment.delivered_hz >= 0.9 * moment.read_hz
+    seconds, depths_mm = moment.history
+    assert len(seconds) > 50 and (np.diff(seconds) > 0).all() and seconds[-1] <= 0 and np.abs(depths_mm).max() < 0.01
+
+
+def test_the_untouched_skin_is_the_first_images_until_another_is_taken() -> None:
+    camera = SkinCamera()
+    with SensorPoller(sensor_on(camera)) as loop:
+        wait_until(lambda: deepest_mm(loop) == pytest.approx(0.0, abs=0.01))
+        camera.level = 75
+        wait_until(lambda: deepest_mm(loop) == pytest.approx(1.0, abs=0.01))
+        loop.take_reference()
+        wait_until(lambda: deepest_mm(loop) == pytest.approx(0.0, abs=0.01))
+
+
+def test_a_dark_reference_is_refused_in_words_and_tried_again() -> None:
+    camera = SkinCamera()
+    camera.level = 3
+    with SensorPoller(sensor_on(camera)) as loop:
+        wait_until(lambda: "expected a lit image of the untouched skin" in sentence(loop))
+        assert now_in(loop).phase is SensorPhase.REFERENCE and now_in(loop).reading is None
+        camera.level = UNTOUCHED
+        wait_until(lambda: sentence(loop).startswith("live"))
+
+
+def test_a_lost_camera_is_said_and_found_again() -> None:
+    camera = SkinCamera()
+    with SensorPoller(sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))) as loop:
+        wait_until(lambda: sentence(loop).startswith("live"))
+        camera.plugged_in = False
+        wait_until(lambda: sentence(loop).startswith("no image for"))
+        assert "unplugged? reconnecting" in sentence(loop)
+        last = now_in(loop).reading
+        wait_until(lambda: now_in(loop).delivered_hz == 0)
+        assert now_in(loop).reading is last
+        camera.level, camera.plugged_in = 50, True
+        wait_until(lambda: sentence(loop).startswith("live"))
+        assert deepest_mm(loop) == pytest.approx(2.0, abs=0.01)
+
+
+def recording(folder: Path, *levels: int) -> ImageFolder:
+    for number, level in enumerate(levels):
+        cv2.imwrite(str(folder / f"{number}.png"), skin(level))
+    return ImageFolder(folder)
+
+
+def test_a_recording_ends_with_its_last_image(tmp_path: Path) -> None:
+    with SensorPoller(Sensor(recording(tmp_path, 100, 100, 100, 75), SHAPE, reference_frames=2)) as loop:
+        wait_until(lambda: now_in(loop).phase is SensorPhase.ENDED)
+        assert deepest_mm(loop) == pytest.approx(1.0, abs=0.01)
+        assert sentence(loop).startswith("recording ended, its last image is shown")
+
+
+def test_a_recording_can_go_on_and_on(tmp_path: Path) -> None:
+    with SensorPoller(Sensor(RepeatingSource(recording(tmp_path, 100, 100, 100)), SHAPE, reference_frames=2)) as loop:
+        wait_until(lambda: (reading := now_in(loop).reading) is not None and reading.frame.index > 7)
+        reading = now_in(loop).reading
+        assert reading is not None and reading.dropped == 0
+
+
+def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> None:
+    with SensorPoller(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
+        wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
+        assert isinstance(now_in(loop).trouble, RecordingTooShort)
+        assert "begin with 3 images of the untouched skin and go on, got 1 images" in sentence(loop)
+
+
+@pytest.mark.parametrize("is_silent", [False, True])
+def test_closing_leaves_nothing_running(is_silent: bool) -> None:
+    before = set(threading.enumerate())
+    with SensorPoller(sensor_on(HandFed() if is_silent else SkinCamera())) as loop:
+        if not is_silent:
+            wait_until(lambda: now_in(loop).reading is not None)
+    assert set(threading.enumerate()) == before
+    assert now_in(loop).phase is not SensorPhase.FAILED
