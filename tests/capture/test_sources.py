@@ -36,7 +36,7 @@ from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
-from small_stage import TWIN, small_stage
+from small_press_simulation import TWIN, small_press_simulation
 
 IMAGES = 8
 
@@ -80,7 +80,7 @@ class Bench:
 
     def twin_source(self) -> FrameSource:
         TWIN.renderer(TWIN.model.untouched())  # what is made once is made before the clock runs
-        return SimulatedCamera(small_stage(hz=6.0, real_time=True))
+        return SimulatedCamera(small_press_simulation(hz=6.0, real_time=True))
 
 
 RECORDED = {"folder": Bench.folder_source, "video": Bench.video_source, "replay": Bench.replay_source}

@@ -18,11 +18,11 @@ from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedForceTorque
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
-from small_stage import small_stage
+from small_press_simulation import small_press_simulation
 
 FAMILY: dict[str, Callable[[], WrenchSource]] = {
-    "twin": lambda: SimulatedForceTorque(small_stage(real_time=True), hz=100.0),
-    "twin that ends": lambda: SimulatedForceTorque(small_stage(real_time=True, rounds=1), hz=100.0),
+    "twin": lambda: SimulatedForceTorque(small_press_simulation(real_time=True), hz=100.0),
+    "twin that ends": lambda: SimulatedForceTorque(small_press_simulation(real_time=True, rounds=1), hz=100.0),
 }
 
 
@@ -56,6 +56,6 @@ def test_every_source_keeps_the_contract(member: str, tmp_path: Path) -> None:
 
 
 def test_a_source_ends_as_it_says() -> None:
-    with SimulatedForceTorque(small_stage(rounds=1), hz=10.0) as source, pytest.raises(SourceEnded, match="it is over"):
+    with SimulatedForceTorque(small_press_simulation(rounds=1), hz=10.0) as source, pytest.raises(SourceEnded, match="it is over"):
         for wrench in source:
             assert np.isfinite(wrench.six).all()

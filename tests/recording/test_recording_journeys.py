@@ -42,7 +42,7 @@ from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
-from small_stage import small_stage
+from small_press_simulation import small_press_simulation
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +197,7 @@ class Guessing(ForceEstimator):
 
 
 def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_path: Path) -> None:
-    camera, shape = SimulatedCamera(small_stage(rounds=1)), load_sensor(sensor).shape
+    camera, shape = SimulatedCamera(small_press_simulation(rounds=1)), load_sensor(sensor).shape
     with RecordingWriter(tmp_path / "meant.mcap", RecordingMetadata("x")) as episode:
         Recorder(episode, camera, interpretation=RecordedEstimates(shape, Guessing())).run(lambda: False)
     with Recording(tmp_path / "meant.mcap") as read:

@@ -14,7 +14,7 @@ PRESSED = ObjectTrajectory(
 )
 
 
-def small_stage(
+def small_press_simulation(
     *, hz: float = 10.0, real_time: bool = False, rounds: int | None = None, acts: int = 1
 ) -> PressSimulation:
     """Two and a half seconds for each act."""

@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 import pytest
-from small_stage import TWIN
+from small_press_simulation import TWIN
 
 from ninedtact.design import PinBoard
 from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from small_stage import PRESSED, TWIN, small_stage
+from small_press_simulation import PRESSED, TWIN, small_press_simulation
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.indenter_primitives import Ball
@@ -26,21 +26,21 @@ from ninedtact.simulation.trajectory import (
 
 
 def test_every_step_is_solved_once_and_the_same_every_time() -> None:
-    one, other = small_stage(), small_stage()
+    one, other = small_press_simulation(), small_press_simulation()
     first = [one.contact(number) for number in range(12)]
     assert all(one.contact(number) is contact for number, contact in enumerate(first))
     assert np.array_equal(other.contact(11).shear_mpa, first[11].shear_mpa)  # asked for at once, the way is the same
 
 
 def test_many_threads_see_the_same() -> None:
-    stage = small_stage()
+    stage = small_press_simulation()
     with ThreadPoolExecutor(4) as pool:
         contacts = list(pool.map(lambda _: stage.contact(9), range(8)))
     assert all(contact is contacts[0] for contact in contacts) and list(stage.contacts) == list(range(10))
 
 
 def test_what_is_long_ago_is_refused_and_not_made_up() -> None:
-    stage = small_stage(hz=30.0)
+    stage = small_press_simulation(hz=30.0)
     stage.contact(KEPT_CONTACTS + 3)
     with pytest.raises(SimulationStepExpired, match=r"from 4 on, got 3, .* open all sources together"):
         stage.contact(3)
@@ -48,7 +48,7 @@ def test_what_is_long_ago_is_refused_and_not_made_up() -> None:
 
 
 def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
-    stage = small_stage(real_time=True)
+    stage = small_press_simulation(real_time=True)
     stage.contact(0)
     late = stage.contact(12)
     assert list(stage.contacts) == [0, 12] and late.touches
@@ -58,7 +58,7 @@ def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
 
 
 def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
-    stage = small_stage(acts=2)
+    stage = small_press_simulation(acts=2)
     length = PRESSED.motion.seconds
     assert stage.seconds == pytest.approx(2 * length)
     assert [stage.act_at(at)[0] for at in (0, 0.9 * length, 1.1 * length, 2.1 * length)] == [0, 0, 1, 2]
@@ -67,7 +67,7 @@ def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
 
 
 def test_rounds_end() -> None:
-    stage = small_stage(rounds=2)
+    stage = small_press_simulation(rounds=2)
     stage.require_time(1.9 * stage.seconds)
     with pytest.raises(SourceEnded, match="expected a time in 2 rounds"):
         stage.require_time(2 * stage.seconds)

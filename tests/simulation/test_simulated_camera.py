@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_stage import PRESSED, TWIN, small_stage
+from small_press_simulation import PRESSED, TWIN, small_press_simulation
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.contact import Contact
@@ -38,7 +38,7 @@ def test_an_untouched_twin_gives_its_untouched_image_and_noise() -> None:
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
     def first_images(seed: int) -> list[bytes]:
-        stage = small_stage()
+        stage = small_press_simulation()
         stage.twin = default_twin(seed)
         with SimulatedCamera(stage) as camera:
             return [camera.read().image.tobytes() for _ in range(8)]
@@ -48,7 +48,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
 
 
 def test_opened_again_it_begins_again() -> None:
-    stage = small_stage()
+    stage = small_press_simulation()
     camera = SimulatedCamera(stage)
     runs = []
     for _ in range(2):
@@ -61,14 +61,14 @@ def test_opened_again_it_begins_again() -> None:
 
 
 def test_a_camera_ends_with_its_stage() -> None:
-    with SimulatedCamera(small_stage(rounds=1)) as camera:
+    with SimulatedCamera(small_press_simulation(rounds=1)) as camera:
         assert len(list(camera)) == int(np.ceil(PRESSED.motion.seconds * 10))
         with pytest.raises(SourceEnded):
             camera.read()
 
 
 def test_camera_and_force_torque_sensor_see_one_motion() -> None:
-    stage = small_stage()
+    stage = small_press_simulation()
     camera, sensor = SimulatedCamera(stage), SimulatedForceTorque(stage, hz=10.0, errors=NO_FORCE_TORQUE_ERRORS)
     with camera, sensor:
         pairs = [(camera.read(), sensor.read()) for _ in range(int(stage.seconds * 10))]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from small_stage import small_stage
+from small_press_simulation import small_press_simulation
 
 from ninedtact.simulation.simulated_sources import (
     NO_FORCE_TORQUE_ERRORS,
@@ -15,7 +15,7 @@ BIAS = (0.3, -0.2, 1.0, 0.01, -0.02, 0.005)
 
 
 def test_without_errors_it_tells_the_truth_about_its_own_origin() -> None:
-    stage = small_stage()
+    stage = small_press_simulation()
     with SimulatedForceTorque(stage, hz=10.0, errors=NO_FORCE_TORQUE_ERRORS) as sensor:
         told = [sensor.read() for _ in range(14)]
     true = stage.contact(13).wrench()
@@ -26,7 +26,7 @@ def test_without_errors_it_tells_the_truth_about_its_own_origin() -> None:
 
 
 def test_between_steps_it_goes_straight() -> None:
-    stage = small_stage()
+    stage = small_press_simulation()
     with SimulatedForceTorque(stage, hz=100.0, errors=NO_FORCE_TORQUE_ERRORS) as sensor:
         force = np.array([sensor.read().force_n for _ in range(151)])
     assert force[75:81] == pytest.approx(np.linspace(force[70], force[80], 11)[5:], abs=1e-6)
@@ -34,7 +34,7 @@ def test_between_steps_it_goes_straight() -> None:
 
 
 def test_noise_and_bias_are_as_asked_and_a_tare_takes_the_bias_off() -> None:
-    with SimulatedForceTorque(small_stage(), hz=20_000.0, errors=ForceTorqueErrors(bias=BIAS)) as sensor:
+    with SimulatedForceTorque(small_press_simulation(), hz=20_000.0, errors=ForceTorqueErrors(bias=BIAS)) as sensor:
         untouched = np.array([sensor.read().six for _ in range(4000)])
     assert np.allclose(untouched.std(axis=0), ForceTorqueErrors().noise, rtol=0.06)
     tare = untouched.mean(axis=0)
@@ -45,7 +45,7 @@ def test_noise_and_bias_are_as_asked_and_a_tare_takes_the_bias_off() -> None:
 def test_the_same_seed_gives_the_same_samples() -> None:
     def samples(seed: int) -> list[list[float]]:
         with SimulatedForceTorque(
-            small_stage(), hz=50.0, errors=ForceTorqueErrors(bias=NO_OFFSET), seed=seed
+            small_press_simulation(), hz=50.0, errors=ForceTorqueErrors(bias=NO_OFFSET), seed=seed
         ) as sensor:
             return [sensor.read().six.tolist() for _ in range(20)]
 

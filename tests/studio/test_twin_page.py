@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
+from small_press_simulation import PRESSED, TWIN
 from small_sensor import wait_until
-from small_stage import PRESSED, TWIN
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceNotOpen

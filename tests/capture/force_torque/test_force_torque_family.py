@@ -37,7 +37,7 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.simulation.simulated_sources import SimulatedForceTorque
 
 sys.path.append(str(Path(__file__).parents[2] / "simulation"))
-from small_stage import small_stage
+from small_press_simulation import small_press_simulation
 
 QUICK = TareSettings(seconds=0.05)
 DUMMY = {
@@ -80,7 +80,7 @@ class Bench:
         return force_torque_sensor_for(f"bota:{config}")
 
     def twin(self) -> WrenchSource:
-        return SimulatedForceTorque(small_stage(real_time=True), hz=100.0)
+        return SimulatedForceTorque(small_press_simulation(real_time=True), hz=100.0)
 
     def reopening(self) -> WrenchSource:
         return ReconnectingWrenchSource(self.onrobot(), on_lost=lambda loss: pytest.fail(str(loss)))
