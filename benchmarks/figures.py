@@ -48,7 +48,7 @@ def verdict(met: bool) -> str:
 def answer(title: str, figures: Sequence[Figure], json: bool) -> None:
     """Print the figures, as JSON or as a table."""
     if json:
-        whole = {"benchmark": title, "machine": machine(), "figures": [asdict(figure) for figure in figures]}
+        whole = {"benchmark": title, "machine": machine(), "specification": [asdict(figure) for figure in figures]}
         print(json_text.dumps(whole, indent=2, ensure_ascii=False, default=float))
         return
     print(f"{title}\n{machine()}\n")

@@ -46,7 +46,7 @@ def gpu_contacts(
     device: str = "auto", at_once: tuple[int, ...] = (), batches: int = 3, threads: int = 1, json: bool = False
 ) -> None:
     """Measure; device: as `ninedtact simulate dataset` takes it; batches: timed ones; threads: for hands, noise and PNG."""
-    figures = list(run(lambda benches: one_by_one, 1, 40, 1).figures("one at a time, processor"))
+    figures = list(run(lambda benches: one_by_one, 1, 40, 1).specification("one at a time, processor"))
     if find_spec("torch") is None:
         figures.append(Figure("many at a time", "not measured: torch is not installed; pip install 'ninedtact[train]'"))
     else:
@@ -69,7 +69,7 @@ def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, thread
     yield Figure("device", f"{name}; torch {torch.__version__}")
     for many in at_once or (ON_GPU if gpu else ON_CPU):
         clock = run(lambda benches, many=many: room(benches, on, many).answers, many, batches, threads)
-        yield from clock.figures(f"{many} at a time", gpu)
+        yield from clock.specification(f"{many} at a time", gpu)
     if not gpu:
         yield from extrapolated(on, max(at_once or ON_CPU))
 
@@ -97,7 +97,7 @@ class Clock:
 
     def answers(self, asked: Sequence[Asked]) -> list[Any]:
         kind, start = type(asked[0]), perf_counter()
-        told = self.way(asked)
+        told = self.method(asked)
         self.seconds[kind] += perf_counter() - start
         self.answered[kind] += sum(kind is Look or isinstance(one, Felt) for one in told)
         self.batches += kind is Step
@@ -106,7 +106,7 @@ class Clock:
     def each_s(self, kind: type) -> float:
         return self.seconds[kind] / max(1, self.answered[kind])
 
-    def figures(self, name: str, judged: bool = False) -> Iterator[Figure]:
+    def specification(self, name: str, judged: bool = False) -> Iterator[Figure]:
         """Per second: solved; solved and drawn; with all else that a data set needs."""
         drawn_s = self.each_s(Step) + self.each_s(Look)
         yield Figure(f"{name}, solved per s", 1 / self.each_s(Step))

@@ -107,7 +107,7 @@ class SensingArea:
             )
 
     @property
-    def mm2(self) -> float:
+    def area_mm2(self) -> float:
         """Its content."""
         return self.width_mm * self.height_mm
 

@@ -19,9 +19,9 @@ LED_AND_RING = ("led_board", "isolation_ring", "LED, isolation ring")
 
 def require_agreement(sensor: BuiltSensor, pairs: tuple[tuple[str, str, str], ...] = NEAREST) -> None:
     bodies = {body.name: body for body in sensor.bodies}
-    told = {room.between: room.mm for room in sensor.clearances}
+    told = {clearance.faces: clearance.clearance_mm for clearance in sensor.clearances}
     for first, second, between in pairs:
         # Bodies may be nearest elsewhere, a cable beside a rim: never farther than told, and about as near.
-        assert measure_body_pair(bodies[first], bodies[second]).apart_mm == pytest.approx(told[between], abs=0.02), (
+        assert measure_body_pair(bodies[first], bodies[second]).distance_mm == pytest.approx(told[between], abs=0.02), (
             between
         )

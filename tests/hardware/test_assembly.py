@@ -41,12 +41,12 @@ LEVELS = {
 
 @pytest.mark.parametrize(("name", "z_mm"), LEVELS.items())
 def test_levels(original: BuiltSensor, name: str, z_mm: float) -> None:
-    assert getattr(original.design.levels, name) == pytest.approx(z_mm, abs=1e-9)
+    assert getattr(original.design.heights, name) == pytest.approx(z_mm, abs=1e-9)
 
 
 def test_bodies_lie_at_their_levels(original: BuiltSensor) -> None:
     boxes = {body.name: body.solid.bounding_box() for body in original.bodies}
-    levels = original.design.levels
+    levels = original.design.heights
     assert float(boxes["sensor_shell"].min.Z) == pytest.approx(levels.plate_top)
     assert float(boxes["led_board"].max.Z) == pytest.approx(levels.led_top)
     assert float(boxes["camera"].max.Z) == pytest.approx(levels.lens_front)
@@ -56,12 +56,12 @@ def test_bodies_lie_at_their_levels(original: BuiltSensor) -> None:
 def test_nothing_interferes_in_the_default(default: BuiltSensor) -> None:
     assert len(default.bodies) == 21
     assert default.interferences == []
-    assert [room for room in default.clearances if room.tight] == []
+    assert [clearance for clearance in default.clearances if clearance.is_tight] == []
 
 
 def test_the_original_overlaps_where_its_files_do(original: BuiltSensor) -> None:
     assert [(pair.first, pair.second) for pair in original.interferences] == [("sensor_base", "camera")]
-    assert {room.between for room in original.clearances if room.tight} == TIGHT_IN_THE_ORIGINAL
+    assert {clearance.faces for clearance in original.clearances if clearance.is_tight} == TIGHT_IN_THE_ORIGINAL
 
 
 def test_clearances_told_are_clearances_of_the_solids(default: BuiltSensor) -> None:
@@ -87,14 +87,14 @@ def test_clearances_told_are_clearances_of_the_solids(default: BuiltSensor) -> N
     ],
 )
 def test_what_overlaps_is_told_and_refused(design: HardwareDesign, between: str, mm: float) -> None:
-    (room,) = (room for room in list_clearances(design) if room.between == between)
-    assert room.mm == pytest.approx(mm, abs=1e-9)
-    assert room.impossible == (mm < 0) and room.tight
-    assert any(between in broken.sentence for broken in find_broken_rules(design)) == (mm < 0)
+    (clearance,) = (clearance for clearance in list_clearances(design) if clearance.faces == between)
+    assert clearance.clearance_mm == pytest.approx(mm, abs=1e-9)
+    assert clearance.is_impossible == (mm < 0) and clearance.is_tight
+    assert any(between in broken.message for broken in find_broken_rules(design)) == (mm < 0)
 
 
 def test_figures_beside_the_paper(default: BuiltSensor) -> None:
-    figures = default.figures
+    figures = default.specification
     assert figures.size_mm == pytest.approx((32.5, 25.5, 25.3))
     assert figures.ratio_mm == pytest.approx(PUBLISHED_9DTACT.ratio_mm, abs=0.5)
     assert round(PUBLISHED_9DTACT.ratio_mm) == 49
@@ -103,7 +103,7 @@ def test_figures_beside_the_paper(default: BuiltSensor) -> None:
 
 
 def test_the_report_says_all(default: BuiltSensor) -> None:
-    text = "\n".join(default.lines())
+    text = "\n".join(default.check_report_lines())
     for each in (
         "0 pairs interfere",
         "the LED board breaks 0 of its own rules",

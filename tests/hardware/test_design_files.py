@@ -171,15 +171,15 @@ def test_the_circuit_board_is_that_of_the_design(tmp_path: Path, variant: Design
     for width, height in ((24, 18), (36, 27)):
         design = hardware_design_of_variant(SensorDesign(sensing_area=SensingArea(width, height)), variant)
         outline = led_board_for_design(design).outline
-        assert (outline.width_mm, outline.height_mm) == pytest.approx(design.plan.circuit)
+        assert (outline.width_mm, outline.height_mm) == pytest.approx(design.plan_view.led_board)
         assert outline.lens_hole_mm == design.board.lens_hole_mm
-        leds = led_board_for_design(design).leds.places
+        leds = led_board_for_design(design).leds.positions
         for ours, theirs, within_mm in (
-            (design.plan.mount_inserts, outline.bosses, 1e-9),
-            (design.plan.mount_inserts, LedBoard.for_size(*design.plan.circuit).outline.bosses, 1e-9),
-            (design.plan.posts, outline.locating_holes, 1e-9),
-            (design.plan.shell_screws, outline.notches, 1e-9),
-            (design.plan.leds, leds, 0.15),
+            (design.plan_view.mount_inserts, outline.bosses, 1e-9),
+            (design.plan_view.mount_inserts, LedBoard.for_size(*design.plan_view.led_board).outline.bosses, 1e-9),
+            (design.plan_view.posts, outline.locating_holes, 1e-9),
+            (design.plan_view.shell_screws, outline.notches, 1e-9),
+            (design.plan_view.leds, leds, 0.15),
         ):
             assert np.abs(np.array(sorted(ours)) - np.array(sorted(theirs))).max() <= within_mm
 
@@ -197,7 +197,7 @@ def test_the_circuit_board_takes_what_the_design_says_of_it(variant: DesignVaria
     )
     made = led_board_for_design(replace(design, board=board))
     assert made.outline.thickness_mm == 1.0
-    assert np.array(made.leds.places) == pytest.approx(np.array([*replace(design, board=board).plan.leds]))
+    assert np.array(made.leds.positions) == pytest.approx(np.array([*replace(design, board=board).plan_view.leds]))
     assert (made.driver_x_mm, made.driver_inset_mm) == (3.6, 2.7)
     assert made.usb_inset_mm == pytest.approx(3.2 + 0.14)
     assert led_board_for_design(design).usb_inset_mm == pytest.approx(LedBoard().usb_inset_mm)

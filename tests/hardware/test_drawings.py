@@ -34,11 +34,11 @@ def test_a_cut_lays_bare_what_the_plane_meets(original: BuiltSensor, name: str) 
 def test_so_it_does_in_every_size(width: float, height: float, gel: float) -> None:
     design = default_hardware_design(SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height)))
     for build, window, thick_mm in (
-        (build_first_mould, design.plan.translucent, gel),
-        (build_second_mould, design.plan.black, gel + 0.3),
+        (build_first_mould, design.plan_view.translucent, gel),
+        (build_second_mould, design.plan_view.black, gel + 0.3),
     ):
         cut = project_section(build(design)).cut
-        assert sum(map(area_mm2, cut)) == pytest.approx((design.plan.plate[1] - window[1]) * thick_mm, abs=0.01)
+        assert sum(map(area_mm2, cut)) == pytest.approx((design.plan_view.plate[1] - window[1]) * thick_mm, abs=0.01)
 
 
 def area_mm2(face: tuple[Polyline, ...]) -> float:
@@ -62,7 +62,7 @@ def test_cutting_the_shell_shows_its_window_hole_and_its_usb_slot(default: Built
 
 def test_a_sheet_says_how_exact_a_part_must_be(default: BuiltSensor) -> None:
     part = default.parts["isolation_ring"]
-    svg = dict(DrawingSheet(part, build_drawing_notes(default.design, part)).files())["svg"].decode()
+    svg = dict(DrawingSheet(part, build_drawing_notes(default.design, part)).to_svg_and_pdf())["svg"].decode()
     for text in (
         "A–A",
         "tolerance ± 0.15",
@@ -75,7 +75,7 @@ def test_a_sheet_says_how_exact_a_part_must_be(default: BuiltSensor) -> None:
 
 def test_the_table_stays_on_the_sheet_however_long_it_is(default: BuiltSensor) -> None:
     rows = [DrawingNote(f"row {number}") for number in range(90)]
-    (axes,) = DrawingSheet(default.parts["acrylic_window"], rows).drawn().axes
+    (axes,) = DrawingSheet(default.parts["acrylic_window"], rows).draw_figure().axes
     heights = [text.get_position()[1] for text in axes.texts if text.get_text().startswith("row ")]
     assert len(heights) == 90 and min(heights) >= 15
 
@@ -108,12 +108,12 @@ def test_a_sheet_tells_nothing_else(default: BuiltSensor) -> None:
 
 def sheet_svg(sensor: BuiltSensor, name: str) -> str:
     part = sensor.parts[name]
-    return dict(DrawingSheet(part, build_drawing_notes(sensor.design, part)).files())["svg"].decode()
+    return dict(DrawingSheet(part, build_drawing_notes(sensor.design, part)).to_svg_and_pdf())["svg"].decode()
 
 
 def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: BuiltSensor) -> None:
     part = default.parts["first_mould"]
-    (axes,) = DrawingSheet(part, build_drawing_notes(default.design, part)).drawn().axes
+    (axes,) = DrawingSheet(part, build_drawing_notes(default.design, part)).draw_figure().axes
     looks = [text for text in axes.texts if isinstance(text, Annotation) and text.xy[1] == text.xyann[1]]
     looks = [each for each in looks if each.arrow_patch.get_edgecolor()[:3] == to_rgb(INK)]
     assert len(looks) == 2 and all(each.xyann[0] > each.xy[0] for each in looks), "from +x towards -x"

@@ -51,10 +51,10 @@ def test_everything_is_there(folder: Path) -> None:
     assert sorted(manifest["files"]) == found
     for name, part in manifest["parts"].items():
         assert f"{part['way']}/{name}.step" in found and f"images/{name}.png" in found
-        assert (f"printed/{name}.stl" in found) == (part["way"] == "printed")
+        assert (f"printed/{name}.stl" in found) == (part["method"] == "printed")
         plate = f"cut/{name}_{part['box_mm'][2]:.2f}mm.dxf"
-        assert (plate in found) == (part["way"] == "cut")
-        assert (f"drawings/{name}.pdf" in found) == (part["way"] in ("printed", "cut"))
+        assert (plate in found) == (part["method"] == "cut")
+        assert (f"drawings/{name}.pdf" in found) == (part["method"] in ("printed", "cut"))
     assert {
         "bom.csv",
         "cut/README.txt",
@@ -71,7 +71,7 @@ def test_step_read_back_equals_the_model(folder: Path, default: BuiltSensor) -> 
     manifest = json.loads((folder / "manifest.json").read_text())
     assert len(import_step(folder / "assembly" / "sensor.step").solids()) == 21
     for name, told in manifest["parts"].items():
-        read = import_step(folder / told["way"] / f"{name}.step")
+        read = import_step(folder / told["method"] / f"{name}.step")
         size = read.bounding_box().size
         assert len(read.solids()) == 1
         assert read.volume == pytest.approx(default.parts[name].volume_mm3, rel=1e-6)
@@ -96,9 +96,9 @@ def test_dxf_is_closed_at_scale_and_without_duplicates(original: BuiltSensor, tm
 
 
 def test_a_design_that_should_not_be_made_is_not_announced_as_one(original: BuiltSensor, default: BuiltSensor) -> None:
-    said = "\n".join(format_export_warnings(original.as_table()))
+    said = "\n".join(format_export_warnings(original.to_json_dict()))
     assert "DO NOT ORDER led_board/" in said and "sensor_base and camera" in said
-    assert not [*format_export_warnings(default.as_table())]
+    assert not [*format_export_warnings(default.to_json_dict())]
 
 
 def test_shops_are_told_what_files_cannot_say(folder: Path) -> None:
@@ -109,7 +109,7 @@ def test_shops_are_told_what_files_cannot_say(folder: Path) -> None:
         assert told in printed
 
 
-@pytest.mark.parametrize("name", [made.name for made in PART_CATALOGUE if made.way == "printed"])
+@pytest.mark.parametrize("name", [made.name for made in PART_CATALOGUE if made.method == "printed"])
 @pytest.mark.parametrize("variant", ["default", "original"])
 def test_stl_is_watertight_and_as_large_as_the_solid(variant: str, name: str, request: pytest.FixtureRequest) -> None:
     part = request.getfixturevalue(variant).parts[name]
@@ -135,7 +135,7 @@ from ninedtact.hardware.parts.cut_and_cast_parts import first_mould
 
 design = default_hardware()
 part = BuiltPart("first_mould", "cut", first_mould(design))
-drawn = [content for _, content in Sheet(part, table(design, part)).files()]
+drawn = [content for _, content in Sheet(part, table(design, part)).to_svg_and_pdf()]
 print([sha256(content).hexdigest() for content in (dxf(part.solid), step(part.name, part.solid), *drawn)])
 """
 

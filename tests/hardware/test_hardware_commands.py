@@ -71,8 +71,8 @@ def test_a_design_proves_itself_before_it_is_printed(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "ninedtact", "hardware", "explore", "--calibrated", "--gel-mm", "2", "5"]
     done = subprocess.run([*command, "--json", "--out", str(tmp_path)], capture_output=True, text=True, check=True)
     thin, thick = json.loads(done.stdout)["designs"]
-    assert thin["depth_error_mm"] < 0.02 and thin["load_error_part"] < 0.1
-    assert "63 pins" in thick["uncalibrated"] and "depth_error_mm" not in thick
+    assert thin["depth_error_mm"] < 0.02 and thin["load_error_fraction"] < 0.1
+    assert "63 pins" in thick["calibration_failure"] and "depth_error_mm" not in thick
     assert read_hardware_design(tmp_path / "design_01.toml", "default").sensor.gel.thickness_mm == 2
 
 

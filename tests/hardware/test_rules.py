@@ -111,7 +111,7 @@ def test_the_remedy_for_a_lens_that_sees_too_little_works() -> None:
 def test_what_the_lens_reaches() -> None:
     """By hand: 0.35 of air, 2 of acrylic, 9.2 and 11.7 of silicone at 80° in air."""
     design = default_hardware_design()
-    assert lens_reach_mm(design, design.levels.rim) == pytest.approx(12.7, abs=0.05)
+    assert lens_reach_mm(design, design.heights.rim) == pytest.approx(12.7, abs=0.05)
     assert lens_reach_mm(design) == pytest.approx(15.2, abs=0.05)
 
 
@@ -148,7 +148,7 @@ swept = st.builds(
 def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
     hardware = DesignChoice(default_hardware_design(design)).hardware if far else default_hardware_design(design)
     for broken in find_broken_rules(hardware):
-        assert broken.rule and broken.sentence.startswith("expected") and "got" in broken.sentence
+        assert broken.rule and broken.message.startswith("expected") and "got" in broken.message
     if far:
         assert not names(hardware) - {"pins_out_of_view", "mould_too_thin_for_the_screws"}
 
@@ -170,7 +170,7 @@ def built_or_refused(design: HardwareDesign) -> None:
         return
     assert all(len(part.solid.solids()) == 1 and part.solid.is_valid for part in sensor.parts.values())
     assert sensor.interferences == []
-    assert find_violations(sensor.circuit) == ()
+    assert find_violations(sensor.led_board_layout) == ()
     require_agreement(sensor)
 
 

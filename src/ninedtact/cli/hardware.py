@@ -46,15 +46,15 @@ class DesignOptions:
     variant: Literal["default", "original"] = "default"
     """Ours, with the improvements that docs/hardware.md lists, or the original's dimensions."""
 
-    def hardware(self) -> "HardwareDesign":
+    def read_hardware(self) -> "HardwareDesign":
         """All dimensions; raises `DesignFileUnreadable`, `DesignImpossible`."""
         from ninedtact.hardware.design import read_hardware_design
 
         return read_hardware_design(self.design, self.variant)
 
-    def built(self) -> "BuiltSensor":
+    def build_sensor(self) -> "BuiltSensor":
         """Ready to be measured; raises `RulesBroken`, `BoardImpossible`, `Build123dMissing`."""
-        design = self.hardware()
+        design = self.read_hardware()
         _require_build123d()
         from ninedtact.hardware.built_sensor import BuiltSensor
 
@@ -73,7 +73,7 @@ def _require_build123d() -> None:
 class BomCommand:
     """List what one sensor is made of, and the tools that it takes, with estimated prices."""
 
-    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     json: bool = False
     """Print the list as one JSON object."""
 
@@ -81,7 +81,7 @@ class BomCommand:
         """Measure the parts, and list."""
         from ninedtact.hardware.bill_of_materials import sensor_cost_usd
 
-        items = self.described.built().bill
+        items = self.design_options.build_sensor().bill
         table = {"items": [asdict(item) for item in items], "sensor_usd_estimated": sensor_cost_usd(items)}
         return print_result(self.json, table, format_bill_of_materials(items))
 
@@ -107,7 +107,7 @@ class CheckCommand:
     Exits with 1 where a rule is broken or two parts claim the same room.
     """
 
-    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     json: bool = False
     """Print everything as one JSON object."""
 
@@ -115,18 +115,18 @@ class CheckCommand:
         """Rules first; what keeps them is built and measured."""
         from ninedtact.hardware.buildability.rule_check import find_broken_rules
 
-        if broken := find_broken_rules(self.described.hardware()):
+        if broken := find_broken_rules(self.design_options.read_hardware()):
             print_result(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
             return 1
-        sensor = self.described.built()
-        print_result(self.json, {"broken": [], **sensor.as_table()}, sensor.lines())
+        sensor = self.design_options.build_sensor()
+        print_result(self.json, {"broken": [], **sensor.to_json_dict()}, sensor.check_report_lines())
         return 1 if sensor.interferences else 0
 
 
 def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
     """For a person."""
     yield f"{'1 rule' if len(broken) == 1 else f'{len(broken)} rules'} broken; nothing was built:"
-    yield from (f"  {each.rule}: {each.sentence}" for each in broken)
+    yield from (f"  {each.rule}: {each.message}" for each in broken)
 
 
 class SensingAreaUnreadable(NinedtactError):
@@ -149,7 +149,7 @@ class ExploreCommand:
     """Sensing areas: 24x18 30x22."""
     lens_deg: tuple[float, ...] = ()
     """Angles that the lens sees in air."""
-    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     calibrated: bool = False
     """Let each twin calibrate itself by its board and ball, and read a press of another ball: the error of depth and of load that
     the sensor would have. Half a minute for each."""
@@ -166,27 +166,27 @@ class ExploreCommand:
         from ninedtact.hardware.explore.design_comparison import format_comparison_table
         from ninedtact.hardware.explore.design_sweep import explore_designs
 
-        basis = self.described.hardware()
-        choices = [*self.sweep.designs(basis)]
-        self.begin()
+        basis = self.design_options.read_hardware()
+        choices = [*self.design_sweep.designs(basis)]
+        self._create_folder()
         looked = explore_designs(choices, self.calibrated)
         found = list(tqdm(looked, total=len(choices), unit="design", disable=None, leave=False))
-        table: dict[str, Any] = {"designs": [each.as_table() for each in found], "files": self.written(found)}
+        table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
         return print_result(self.json, table, format_comparison_table(found))
 
     @property
-    def sweep(self) -> "DesignSweep":
+    def design_sweep(self) -> "DesignSweep":
         """As the hardware room names it; raises `SensingAreaUnreadable`."""
         from ninedtact.hardware.explore.design_sweep import DesignSweep
 
         return DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
 
-    def begin(self) -> None:
+    def _create_folder(self) -> None:
         """See that there is a folder before work begins; raises `OSError`."""
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)
 
-    def written(self, found: "list[ExploredDesign]") -> list[str]:
+    def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
         """Table and plot, if a folder was named."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.hardware.design import hardware_design_to_toml
@@ -194,7 +194,7 @@ class ExploreCommand:
 
         if self.out is None:
             return []
-        designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.predicted}
+        designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.prediction}
         contents = {name: hardware_design_to_toml(design).encode() for name, design in designs.items()}
         contents |= {"explore.csv": comparison_to_csv(found), "explore.png": plot_comparison(found)}
         for name, content in contents.items():
@@ -219,7 +219,7 @@ class ExportCommand:
 
     out: Path
     """Folder to write, whole or not at all; one that this command wrote before is replaced."""
-    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     json: bool = False
     """Print the manifest as one JSON object."""
 
@@ -231,7 +231,7 @@ class ExportCommand:
         from ninedtact.hardware.export.parts_folder import export_parts, require_replaceable_folder
 
         require_replaceable_folder(self.out)
-        sensor = self.described.built()
+        sensor = self.design_options.build_sensor()
         began = time.monotonic()
         with tqdm(desc="writing parts", unit="file", disable=None, leave=False) as progress:
             manifest = export_parts(sensor, self.out, lambda _: progress.update() and None)
@@ -243,7 +243,7 @@ def format_export_warnings(manifest: dict[str, Any]) -> Iterator[str]:
     if faults := manifest["led_board_faults"]:
         yield f"  DO NOT ORDER led_board/: it breaks {len(faults)} rules, the first {faults[0]}; its notes name them"
     for pair in manifest["interferences"]:
-        what = f"{pair['first']} and {pair['second']} claim the same {pair['shared_mm3']:.2f} mm³"
+        what = f"{pair['first']} and {pair['second']} claim the same {pair['overlap_mm3']:.2f} mm³"
         yield f"  DO NOT MAKE these parts as they are: {what}"
 
 
@@ -267,7 +267,7 @@ class GuideCommand:
 
     out: Path
     """Folder for fabrication.md and images/; other files there stay."""
-    described: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
+    design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     json: bool = False
     """Print the files as one JSON object."""
 
@@ -275,7 +275,7 @@ class GuideCommand:
         """Build, draw, write."""
         from tqdm import tqdm
 
-        sensor = self.described.built()
+        sensor = self.design_options.build_sensor()
         from ninedtact.hardware.guide.fabrication_guide import write_fabrication_guide
 
         progress = tqdm(

@@ -6,17 +6,10 @@ The z levels of the assembly, from the base's outer face up, and the thicknesses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
-from ninedtact.design import SensorDesign
-from ninedtact.hardware.dimensions.bought_parts import CameraDimensions, LedBoardDimensions
-from ninedtact.hardware.dimensions.gels_and_moulds import GelLayerDimensions, MouldDimensions
-from ninedtact.hardware.dimensions.printed_parts import (
-    BaseDimensions,
-    CalibrationBoardDimensions,
-    IsolationRingDimensions,
-    ShellDimensions,
-    WindowDimensions,
-)
+if TYPE_CHECKING:
+    from ninedtact.hardware.design import HardwareDesign
 
 XY = tuple[float, float]
 FRAME_ROOM_MM = 1.0
@@ -30,93 +23,85 @@ grow with the shell where that is wider still."""
 class PlanView:
     """How wide everything is and where it stands."""
 
-    sensor: SensorDesign
-    base: BaseDimensions
-    shell: ShellDimensions
-    ring: IsolationRingDimensions
-    window: WindowDimensions
-    board: LedBoardDimensions
-    gels: GelLayerDimensions
-    moulds: MouldDimensions
-    pin_frame: CalibrationBoardDimensions
+    design: "HardwareDesign"
 
     @property
     def frame_inside(self) -> float:
         """Side of the square seat of the window."""
-        return self.window.side_mm + 2 * self.shell.frame_gap_mm
+        return self.design.window.side_mm + 2 * self.design.shell.frame_gap_mm
 
     @property
     def frame_outside(self) -> float:
         """Side of the frame round it."""
-        return self.frame_inside + 2 * self.shell.frame_wall_mm
+        return self.frame_inside + 2 * self.design.shell.frame_wall_mm
 
     @property
     def ring_side(self) -> float:
         """Of the square isolation ring, in the shell's hole."""
-        return self.shell.hole_mm - 2 * self.ring.gap_mm
+        return self.design.shell.hole_mm - 2 * self.design.ring.gap_mm
 
     @property
     def opening(self) -> XY:
         """Of the shell towards the gel."""
         least = self.frame_outside + 2 * FRAME_ROOM_MM
-        x, y = self.sensor.sensing_area.opening_mm
+        x, y = self.design.sensor.sensing_area.opening_mm
         return max(x, least), max(y, least)
 
     @property
     def cavity(self) -> XY:
         """Of the shell round the circuit board."""
-        (x, y), (least_x, least_y) = self.opening, self.shell.smallest_cavity_mm
+        (x, y), (least_x, least_y) = self.opening, self.design.shell.smallest_cavity_mm
         return max(x, least_x), max(y, least_y)
 
     @property
     def outer(self) -> XY:
         """Of base and shell."""
-        return _enlarge(self.cavity, self.shell.wall_mm)
+        return _enlarge(self.cavity, self.design.shell.wall_mm)
 
     @property
     def translucent(self) -> XY:
         """Of the translucent gel: it overlaps the shell's rim."""
-        return _enlarge(self.opening, self.sensor.sensing_area.overlap_mm)
+        return _enlarge(self.opening, self.design.sensor.sensing_area.overlap_mm)
 
     @property
     def black(self) -> XY:
         """Of the black gel round it."""
-        return _enlarge(self.translucent, self.gels.black_side_mm)
+        return _enlarge(self.translucent, self.design.gels.black_side_mm)
 
     @property
-    def circuit(self) -> XY:
+    def led_board(self) -> XY:
         """Of the LED board."""
-        return _enlarge(self.cavity, -self.board.gap_mm)
+        return _enlarge(self.cavity, -self.design.board.gap_mm)
 
     @property
     def shell_screws(self) -> Iterator[XY]:
         """Bosses of the shell, screws through the base, notches of the LED board."""
-        inset = self.shell.boss_inset_mm
+        inset = self.design.shell.boss_inset_mm
         return _mirrored_corners(self.cavity[0] / 2 - inset, self.cavity[1] / 2 - inset)
 
     @property
     def mount_inserts(self) -> Iterator[XY]:
         """Inserts of the base, to which a robot is bolted."""
-        x, y = self.base.mount_inset_mm
+        x, y = self.design.base.mount_inset_mm
         return _mirrored_corners(self.cavity[0] / 2 - x, self.cavity[1] / 2 - y)
 
     @property
     def posts(self) -> Iterator[XY]:
         """Of the base, which carry the LED board."""
-        x, y = self.board.locating_inset_mm
-        return _mirrored_corners(self.circuit[0] / 2 - x, self.circuit[1] / 2 - y)
+        x, y = self.design.board.locating_inset_mm
+        return _mirrored_corners(self.led_board[0] / 2 - x, self.led_board[1] / 2 - y)
 
     @property
     def led_columns(self) -> tuple[float, float, float]:
         """x of the LEDs."""
-        left, middle, right = self.board.led_shift_mm
-        x = self.circuit[0] / 2 - self.board.led_inset_mm[0]
+        left, middle, right = self.design.board.led_shift_mm
+        x = self.led_board[0] / 2 - self.design.board.led_inset_mm[0]
         return -x + left, middle, x + right
 
     @property
     def led_rows(self) -> tuple[float, float, float]:
         """y of the LEDs."""
-        y = self.circuit[1] / 2 - self.board.led_inset_mm[1]
+        y = self.led_board[1] / 2 - self.design.board.led_inset_mm[1]
         return y, 0.0, -y
 
     @property
@@ -128,36 +113,36 @@ class PlanView:
     @property
     def usb_mouth(self) -> float:
         """Of the micro-USB receptacle: from the middle along -y."""
-        return self.circuit[1] / 2 + self.board.usb_beyond_mm
+        return self.led_board[1] / 2 + self.design.board.usb_beyond_mm
 
     @property
     def plate(self) -> XY:
         """Of the moulds."""
-        (x, y), (more_x, more_y) = self.translucent, self.moulds.beyond_mm
+        (x, y), (more_x, more_y) = self.translucent, self.design.moulds.beyond_mm
         return max(x, self.outer[0] - RIM_BESIDE_GEL_MM) + more_x, max(y, self.outer[1] - RIM_BESIDE_GEL_MM) + more_y
 
     @property
     def clamps(self) -> Iterator[XY]:
         """M3 screws through the moulds."""
-        (x, y), inset = self.plate, self.moulds.hole_inset_mm
-        yield from _mirrored_corners(self.moulds.pairs_mm[0], y / 2 - inset)
-        yield from _mirrored_corners(x / 2 - inset, self.moulds.pairs_mm[1])
+        (x, y), inset = self.plate, self.design.moulds.hole_inset_mm
+        yield from _mirrored_corners(self.design.moulds.pairs_mm[0], y / 2 - inset)
+        yield from _mirrored_corners(x / 2 - inset, self.design.moulds.pairs_mm[1])
 
     @property
     def tray(self) -> XY:
         """Inside of the calibration board."""
-        return _enlarge(self.outer, self.pin_frame.gap_mm)
+        return _enlarge(self.outer, self.design.pin_frame.gap_mm)
 
     @property
     def tray_tall(self) -> float:
         """Of the calibration board: floor, pins, the gel above the shell's rim, and its guide."""
-        frame, above_rim = self.pin_frame, self.sensor.gel.thickness_mm + self.gels.black_top_mm
+        frame, above_rim = self.design.pin_frame, self.design.sensor.gel.thickness_mm + self.design.gels.black_top_mm
         return frame.floor_mm + frame.pin_tall_mm + above_rim + frame.guided_mm
 
     @property
     def pins(self) -> Iterator[XY]:
         """Of the calibration board."""
-        board = self.sensor.pin_board
+        board = self.design.sensor.pin_board
         for row in range(board.rows):
             for col in range(board.cols):
                 yield (
@@ -180,96 +165,89 @@ def _mirrored_corners(x: float, y: float) -> Iterator[XY]:
 class StackHeights:
     """Where each face lies. The camera's distance to the skin, less the gel, gives the height of the shell."""
 
-    sensor: SensorDesign
-    base: BaseDimensions
-    shell: ShellDimensions
-    ring: IsolationRingDimensions
-    window: WindowDimensions
-    board: LedBoardDimensions
-    camera: CameraDimensions
-    gels: GelLayerDimensions
+    design: "HardwareDesign"
 
     @property
     def plate_top(self) -> float:
         """Of the base; the shell stands on it."""
-        return self.base.plate_mm
+        return self.design.base.plate_mm
 
     @property
     def boss_top(self) -> float:
         """Of the base's insert bosses."""
-        return self.plate_top + self.base.boss_tall_mm
+        return self.plate_top + self.design.base.boss_tall_mm
 
     @property
     def board_bottom(self) -> float:
         """Of the circuit board, on the base's posts."""
-        return self.plate_top + self.base.post_tall_mm
+        return self.plate_top + self.design.base.post_tall_mm
 
     @property
     def board_top(self) -> float:
         """Of the circuit board; LEDs stand on it."""
-        return self.board_bottom + self.board.thick_mm
+        return self.board_bottom + self.design.board.thick_mm
 
     @property
     def led_top(self) -> float:
         """Of the LEDs."""
-        return self.board_top + self.board.led_mm[2]
+        return self.board_top + self.design.board.led_mm[2]
 
     @property
     def usb_bottom(self) -> float:
         """Of the micro-USB receptacle."""
-        return self.board_bottom - self.board.usb_mm[2]
+        return self.board_bottom - self.design.board.usb_mm[2]
 
     @property
     def ceiling(self) -> float:
         """Underside of the shell's floor."""
-        return self.plate_top + self.shell.led_cavity_mm
+        return self.plate_top + self.design.shell.led_cavity_mm
 
     @property
     def floor_top(self) -> float:
         """Upper side of the shell's floor: the window's seat."""
-        return self.ceiling + self.shell.floor_mm
+        return self.ceiling + self.design.shell.floor_mm
 
     @property
     def ring_bottom(self) -> float:
         """Lower face of the isolation ring; its mouth is at the window."""
-        return self.board_top + self.ring.above_board_mm
+        return self.board_top + self.design.ring.above_board_mm
 
     @property
     def frame_top(self) -> float:
         """Of the frame round the window."""
-        return self.floor_top + self.shell.frame_tall_mm
+        return self.floor_top + self.design.shell.frame_tall_mm
 
     @property
     def window_top(self) -> float:
         """Of the acrylic window."""
-        return self.floor_top + self.window.thick_mm
+        return self.floor_top + self.design.window.thick_mm
 
     @property
     def lens_front(self) -> float:
         """From where the camera looks."""
-        return self.base.floor_mm + self.camera.head_mm[1]
+        return self.design.base.floor_mm + self.design.camera.head_mm[1]
 
     @property
     def skin(self) -> float:
         """Upper face of the translucent gel, which the camera sees."""
-        return self.lens_front + self.sensor.camera.distance_mm
+        return self.lens_front + self.design.sensor.camera.distance_mm
 
     @property
     def rim(self) -> float:
         """Of the shell; the translucent gel lies on it."""
-        return self.skin - self.sensor.gel.thickness_mm
+        return self.skin - self.design.sensor.gel.thickness_mm
 
     @property
     def first_mould(self) -> float:
         """Thickness of the first mould: the translucent gel's."""
-        return self.sensor.gel.thickness_mm
+        return self.design.sensor.gel.thickness_mm
 
     @property
     def second_mould(self) -> float:
         """Thickness of the second: of both layers above the rim."""
-        return self.first_mould + self.gels.black_top_mm
+        return self.first_mould + self.design.gels.black_top_mm
 
     @property
     def top(self) -> float:
         """Of the black gel: the sensor's height."""
-        return self.skin + self.gels.black_top_mm
+        return self.skin + self.design.gels.black_top_mm

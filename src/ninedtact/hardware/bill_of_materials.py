@@ -83,7 +83,7 @@ def _gel_items(volumes_mm3: Mapping[str, float]) -> Iterator[BillItem]:
 
 def _bought_items(design: HardwareDesign) -> Iterator[BillItem]:
     """From shops."""
-    wide, deep = design.plan.circuit
+    wide, deep = design.plan_view.led_board
     diameter, long = design.fasteners.insert_mm
     yield BillItem("sensor", "camera", 1, "Frank-S15-V1.0-160 (OV5647, 160°), with its flat cable", CAMERA_USD)
     outline = f"{wide:g} x {deep:g} mm, FR4 {design.board.thick_mm:.2f} mm thick, two layers; see led_board/"
@@ -98,8 +98,8 @@ def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Bi
     """Needed once, for many sensors."""
     for name, thick in (
         ("base_board", design.moulds.base_mm),
-        ("first_mould", design.levels.first_mould),
-        ("second_mould", design.levels.second_mould),
+        ("first_mould", design.heights.first_mould),
+        ("second_mould", design.heights.second_mould),
     ):
         price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3[name]
         yield BillItem("tool", name, 1, f"clear acrylic, {thick:.2f} mm, laser-cut", price)
@@ -124,8 +124,8 @@ def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Bi
 
 def clamp_screw_length_mm(design: HardwareDesign) -> int:
     """Length of the M3 screws: through base board, shell and the thicker mould, and a nut; sold every 5 mm."""
-    shell = design.levels.rim - design.levels.plate_top
-    stack = design.moulds.base_mm + shell + design.levels.second_mould
+    shell = design.heights.rim - design.heights.plate_top
+    stack = design.moulds.base_mm + shell + design.heights.second_mould
     return 5 * ceil((stack + NUT_MM) / 5)
 
 

@@ -36,7 +36,7 @@ class BuiltSensor:
 
     def __post_init__(self) -> None:
         require_buildable_design(self.design)
-        _ = self.circuit
+        _ = self.led_board_layout
 
     @cached_property
     def parts(self) -> dict[str, BuiltPart]:
@@ -49,14 +49,14 @@ class BuiltSensor:
         return place_assembly_bodies(self.design, self.parts)
 
     @cached_property
-    def meetings(self) -> list[BodyPair]:
+    def adjacent_bodies(self) -> list[BodyPair]:
         """Pairs of bodies that are near each other."""
         return [*find_adjacent_bodies(self.bodies)]
 
     @property
     def interferences(self) -> list[BodyPair]:
-        """Pairs that claim the same room."""
-        return [meeting for meeting in self.meetings if meeting.interferes]
+        """Pairs that claim the same clearance."""
+        return [pair for pair in self.adjacent_bodies if pair.interferes]
 
     @cached_property
     def clearances(self) -> list[Clearance]:
@@ -64,7 +64,7 @@ class BuiltSensor:
         return [*list_clearances(self.design)]
 
     @cached_property
-    def circuit(self) -> BoardLayout:
+    def led_board_layout(self) -> BoardLayout:
         """The LED board that fits."""
         return lay_out_checked_board(led_board_for_design(self.design))
 
@@ -74,41 +74,41 @@ class BuiltSensor:
         return build_bill_of_materials(self.design, {name: part.volume_mm3 for name, part in self.parts.items()})
 
     @cached_property
-    def figures(self) -> SensorSpecification:
+    def specification(self) -> SensorSpecification:
         """As a row of the paper's table."""
         return specification_of_design(self.design, (body.mass_g for body in self.bodies), sensor_cost_usd(self.bill))
 
-    def as_table(self) -> dict[str, Any]:
+    def to_json_dict(self) -> dict[str, Any]:
         """For scripts."""
         return {
             "variant": self.design.variant,
-            "figures": {**asdict(self.figures), "ratio_mm": self.figures.ratio_mm},
+            "specification": {**asdict(self.specification), "ratio_mm": self.specification.ratio_mm},
             "paper": {**asdict(PUBLISHED_9DTACT), "ratio_mm": PUBLISHED_9DTACT.ratio_mm},
             "others": [{**asdict(PUBLISHED_DIGIT), "ratio_mm": PUBLISHED_DIGIT.ratio_mm}],
             "lens_reach_mm": lens_reach_mm(self.design),
             "corner_mm": sensing_corner_radius_mm(self.design),
-            "interferences": [asdict(meeting) for meeting in self.interferences],
-            "meetings": [asdict(meeting) for meeting in self.meetings],
-            "led_board_faults": [*map(str, find_violations(self.circuit))],
-            "clearances": [{**asdict(room), "tight": room.tight} for room in self.clearances],
+            "interferences": [asdict(pair) for pair in self.interferences],
+            "adjacent_bodies": [asdict(pair) for pair in self.adjacent_bodies],
+            "led_board_faults": [*map(str, find_violations(self.led_board_layout))],
+            "clearances": [{**asdict(clearance), "tight": clearance.is_tight} for clearance in self.clearances],
             "masses_g": {body.name: body.mass_g for body in self.bodies},
             "disagreements": [asdict(each) for each in PUBLICATION_DISCREPANCIES],
         }
 
-    def lines(self) -> Iterator[str]:
+    def check_report_lines(self) -> Iterator[str]:
         """For a person."""
-        tight = sum(room.tight for room in self.clearances)
+        tight = sum(clearance.is_tight for clearance in self.clearances)
         kept = f"no rule broken, but {tight} clearances are tight" if tight else "all rules kept"
         yield f"design {self.design.variant}: {kept}; {len(self.bodies)} bodies"
         yield from _format_interferences(self)
-        faults = find_violations(self.circuit)
+        faults = find_violations(self.led_board_layout)
         yield f"  the LED board breaks {len(faults)} of its own rules{f', the first {faults[0]}' if faults else ''}"
         yield from _format_clearances(self.clearances)
         reach, corner = lens_reach_mm(self.design), sensing_corner_radius_mm(self.design)
         yield f"the lens reaches {reach:.2f} mm, the sensing area's corner is at {corner:.2f} mm"
         yield "beside the paper and others (masses of this design by assumed densities, its cost by estimated prices):"
         yield from (
-            "  " + line for line in format_specification_table((PUBLISHED_9DTACT, self.figures, PUBLISHED_DIGIT))
+            "  " + line for line in format_specification_table((PUBLISHED_9DTACT, self.specification, PUBLISHED_DIGIT))
         )
         yield "where the paper and its files disagree (here: the published size):"
         for each in PUBLICATION_DISCREPANCIES:
@@ -118,14 +118,15 @@ class BuiltSensor:
 def _format_interferences(sensor: BuiltSensor) -> Iterator[str]:
     """Pairs that overlap, and those that are meant to."""
     for pair in sensor.interferences:
-        yield f"  INTERFERES: {pair.first} and {pair.second} share {pair.shared_mm3:.3f} mm³"
-    meant = sum(pair.shared_mm3 > 0 and pair.meant for pair in sensor.meetings)
+        yield f"  INTERFERES: {pair.first} and {pair.second} share {pair.overlap_mm3:.3f} mm³"
+    meant = sum(pair.overlap_mm3 > 0 and pair.is_intended for pair in sensor.adjacent_bodies)
     many = len(sensor.interferences)
     yield f"  {'1 pair interferes' if many == 1 else f'{many} pairs interfere'}; {meant} inserts are meant to melt into their bores"
 
 
-def _format_clearances(rooms: list[Clearance]) -> Iterator[str]:
+def _format_clearances(clearances: list[Clearance]) -> Iterator[str]:
     """The table."""
     yield "clearances, mm (needed):"
-    for room in rooms:
-        yield f"  {room.mm:7.3f} ({room.least_mm:.2f}) {room.between}{'   TIGHT' if room.tight else ''}"
+    for clearance in clearances:
+        tight = "   TIGHT" if clearance.is_tight else ""
+        yield f"  {clearance.clearance_mm:7.3f} ({clearance.required_mm:.2f}) {clearance.faces}{tight}"

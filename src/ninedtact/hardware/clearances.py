@@ -22,18 +22,18 @@ def _lens_diameter_mm(design: HardwareDesign, above_mm: float, below_mm: float =
 
 def _lens_to_parts_below_mm(design: HardwareDesign) -> float:
     """Receptacle and LED driver below the board to the lens between them."""
-    board, levels = design.board, design.levels
+    board, levels = design.board, design.heights
     (wide, deep, tall), (x, from_edge) = board.driver_mm, board.driver_at_mm
-    y = design.plan.circuit[1] / 2 + from_edge
+    y = design.plan_view.led_board[1] / 2 + from_edge
     driver = _rectangle_distance_mm(abs(x) - wide / 2, abs(y) - deep / 2)
-    receptacle = design.plan.usb_mouth - board.usb_mm[1]
+    receptacle = design.plan_view.usb_mouth - board.usb_mm[1]
     lowest = min(levels.usb_bottom, levels.board_bottom - tall)
     return min(driver, receptacle) - _lens_diameter_mm(design, lowest, levels.board_bottom) / 2
 
 
 def _board_to_ceiling_mm(design: HardwareDesign) -> float:
     """The board's upper edge to the fillet between wall or boss and ceiling; to the wall where the fillet begins above it."""
-    radius, levels = design.shell.fillet_mm, design.levels
+    radius, levels = design.shell.fillet_mm, design.heights
     beside = min(design.board.gap_mm, design.board.notch_mm - design.shell.boss_mm / 2)
     above_start = levels.board_top - (levels.ceiling - radius)
     return radius - hypot(max(radius - beside, 0.0), above_start) if above_start > 0 else beside
@@ -41,14 +41,16 @@ def _board_to_ceiling_mm(design: HardwareDesign) -> float:
 
 def _led_to_ring_mm(design: HardwareDesign) -> float:
     """Nearest LED edge to the ring's square, seen from above."""
-    half, (wide, deep, _) = design.plan.ring_side / 2, design.board.led_mm
-    return min(_rectangle_distance_mm(abs(x) - wide / 2 - half, abs(y) - deep / 2 - half) for x, y in design.plan.leds)
+    half, (wide, deep, _) = design.plan_view.ring_side / 2, design.board.led_mm
+    return min(
+        _rectangle_distance_mm(abs(x) - wide / 2 - half, abs(y) - deep / 2 - half) for x, y in design.plan_view.leds
+    )
 
 
 def _led_to_cavity_wall_mm(design: HardwareDesign) -> float:
     """LEDs to the walls and screw bosses beside them, less what the ceiling's fillet takes at the LEDs' tops."""
-    plan, radius, (wide, deep, _) = design.plan, design.shell.fillet_mm, design.board.led_mm
-    up = max(design.levels.led_top - (design.levels.ceiling - radius), 0.0)
+    plan, radius, (wide, deep, _) = design.plan_view, design.shell.fillet_mm, design.board.led_mm
+    up = max(design.heights.led_top - (design.heights.ceiling - radius), 0.0)
     fillet = radius - sqrt(max(radius**2 - up**2, 0.0))
     walls = [min(plan.cavity[0] / 2 - abs(x) - wide / 2, plan.cavity[1] / 2 - abs(y) - deep / 2) for x, y in plan.leds]
     bosses = [
@@ -65,7 +67,7 @@ def _rectangle_distance_mm(along_x: float, along_y: float) -> float:
 
 def _plug_stop_distance_mm(design: HardwareDesign) -> float:
     """How far behind the face that stops a plug's overmould the receptacle's mouth is."""
-    return design.plan.outer[1] / 2 - design.shell.relief_deep_mm - design.plan.usb_mouth
+    return design.plan_view.outer[1] / 2 - design.shell.relief_deep_mm - design.plan_view.usb_mouth
 
 
 BASE, SHELL, RING, WINDOW, TRAY = (
@@ -83,13 +85,13 @@ ROUNDING_MM = 1e-9
 class Clearance:
     """One pair of faces that pass or face each other."""
 
-    between: str
-    mended_by: str
+    faces: str
+    adjusted_by: str
     """Dimensions that change it."""
-    mm: float
-    least_mm: float
+    clearance_mm: float
+    required_mm: float
     """What printing, cutting or moulding needs."""
-    held_by: tuple[str, ...] = ()
+    critical_parts: tuple[str, ...] = ()
     """Parts to be made on whose accuracy it rests, where that matters; their drawings list it."""
     impossible_below_mm: float | None = 0.0
     """With less than that no sensor can be built; none: it can, whatever this is."""
@@ -97,14 +99,14 @@ class Clearance:
     """Broken by less than that."""
 
     @property
-    def tight(self) -> bool:
+    def is_tight(self) -> bool:
         """Less than is needed."""
-        return self.mm < self.least_mm - ROUNDING_MM
+        return self.clearance_mm < self.required_mm - ROUNDING_MM
 
     @property
-    def impossible(self) -> bool:
+    def is_impossible(self) -> bool:
         """No sensor can be built so."""
-        return self.impossible_below_mm is not None and self.mm < self.impossible_below_mm - ROUNDING_MM
+        return self.impossible_below_mm is not None and self.clearance_mm < self.impossible_below_mm - ROUNDING_MM
 
 
 def list_clearances(design: HardwareDesign) -> Iterator[Clearance]:
@@ -116,9 +118,14 @@ def list_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     yield from _outer_clearances(design)
 
 
+def fits_of_part(design: HardwareDesign, part: str) -> list[Clearance]:
+    """Return the clearances that rest on how exactly this part is made."""
+    return [clearance for clearance in list_clearances(design) if part in clearance.critical_parts]
+
+
 def _led_board_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """LED board in the shell and on the base."""
-    board, shell, base, levels = design.board, design.shell, design.base, design.levels
+    board, shell, base, levels = design.board, design.shell, design.base, design.heights
     yield Clearance("LED board, shell cavity", "board.gap_mm", board.gap_mm, 0.15, SHELL)
     yield Clearance(
         "notch of the LED board, screw boss of the shell",
@@ -165,7 +172,7 @@ def _led_board_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 def _window_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Window and ring in the shell."""
-    shell, ring, levels = design.shell, design.ring, design.levels
+    shell, ring, levels = design.shell, design.ring, design.heights
     yield Clearance("isolation ring, window hole of the shell", "ring.gap_mm", ring.gap_mm, 0.03, (*RING, *SHELL))
     yield Clearance("isolation ring, LED board", "ring.above_board_mm", ring.above_board_mm, 0.0, RING)
     yield Clearance("window, frame of the shell", "shell.frame_gap_mm", shell.frame_gap_mm, 0.05, (*WINDOW, *SHELL))
@@ -182,7 +189,7 @@ def _window_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 def _camera_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Camera in base, board and ring."""
-    camera, base, levels = design.camera, design.base, design.levels
+    camera, base, levels = design.camera, design.base, design.heights
     yield Clearance(
         "lens, parts below the LED board",
         "board.driver_at_mm or board.usb_beyond_mm",
@@ -260,12 +267,12 @@ def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 def _outer_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """What is slid over the sensor, or into it."""
-    slot_bottom = design.levels.plate_top + design.shell.slot_from_mm
+    slot_bottom = design.heights.plate_top + design.shell.slot_from_mm
     yield Clearance("calibration board, shell", "pin_frame.gap_mm", design.pin_frame.gap_mm, 0.1, (*TRAY, *SHELL))
     yield Clearance(
         "micro-USB receptacle, slot of the shell",
         "shell.slot_from_mm",
-        design.levels.usb_bottom - slot_bottom,
+        design.heights.usb_bottom - slot_bottom,
         0.0,
         SHELL,
     )

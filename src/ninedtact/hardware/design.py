@@ -8,7 +8,6 @@ A design file read with its hardware: `[hardware.shell]` and so on change the pa
 
 import tomllib
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -63,17 +62,15 @@ class HardwareDesign:
     pin_frame: CalibrationBoardDimensions = CalibrationBoardDimensions()
     fasteners: FastenerDimensions = FastenerDimensions()
 
-    @cached_property
-    def plan(self) -> PlanView:
-        """Widths and places in x and y."""
-        around = self.base, self.shell, self.ring, self.window, self.board
-        return PlanView(self.sensor, *around, self.gels, self.moulds, self.pin_frame)
+    @property
+    def plan_view(self) -> PlanView:
+        """Widths and positions in x and y."""
+        return PlanView(self)
 
-    @cached_property
-    def levels(self) -> StackHeights:
-        """Heights."""
-        around = self.base, self.shell, self.ring, self.window, self.board
-        return StackHeights(self.sensor, *around, self.camera, self.gels)
+    @property
+    def heights(self) -> StackHeights:
+        """Heights of the faces above the base's outer face, z."""
+        return StackHeights(self)
 
 
 def default_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:

@@ -11,7 +11,7 @@ def lens_reach_mm(design: HardwareDesign, height_mm: float | None = None) -> flo
 
     The pupil is taken to be at the lens front, where wide lenses have it nearly.
     """
-    levels, angle = design.levels, _lens_half_angle_rad(design)
+    levels, angle = design.heights, _lens_half_angle_rad(design)
     height = levels.skin if height_mm is None else height_mm
     air = levels.floor_top - levels.lens_front
     acrylic = min(max(height - levels.floor_top, 0.0), design.window.thick_mm)

@@ -38,7 +38,7 @@ OTHER_SENSING_AREAS_MM2 = {"GelSight Mini": 18.6 * 14.3, "GelSlim 3.0": 675.0, "
 
 def _sensor_size_mm(design: HardwareDesign) -> BoxSize:
     """Of the finished sensor, without cable and plug."""
-    return *design.plan.outer, design.levels.top
+    return *design.plan_view.outer, design.heights.top
 
 
 def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], cost_usd: float) -> SensorSpecification:

@@ -51,7 +51,7 @@ def place_assembly_bodies(design: HardwareDesign, parts: Mapping[str, BuiltPart]
 
 def _place_fasteners(design: HardwareDesign) -> Iterator[AssemblyBody]:
     """Inserts and screws, each a body of its own."""
-    plan, levels = design.plan, design.levels
+    plan, levels = design.plan_view, design.heights
     long = design.fasteners.insert_mm[1]
     inserts = [build_insert(design, place, levels.boss_top) for place in plan.mount_inserts]
     inserts += [build_insert(design, place, levels.plate_top + long) for place in plan.shell_screws]
@@ -77,13 +77,13 @@ class BodyPair:
 
     first: str
     second: str
-    shared_mm3: float
+    overlap_mm3: float
     """Volume that both claim."""
-    apart_mm: float
+    distance_mm: float
     """Least distance; zero where they touch."""
 
     @property
-    def meant(self) -> bool:
+    def is_intended(self) -> bool:
         """A heat-set insert melts its knurl into the bore."""
         names = self.first.split("_")[0], self.second.split("_")[0]
         return "insert" in names and "sensor" in names
@@ -91,7 +91,7 @@ class BodyPair:
     @property
     def interferes(self) -> bool:
         """Both cannot be there."""
-        return self.shared_mm3 > MIN_OVERLAP_MM3 and not self.meant
+        return self.overlap_mm3 > MIN_OVERLAP_MM3 and not self.is_intended
 
 
 def find_adjacent_bodies(bodies: Sequence[AssemblyBody]) -> Iterator[BodyPair]:
@@ -99,9 +99,9 @@ def find_adjacent_bodies(bodies: Sequence[AssemblyBody]) -> Iterator[BodyPair]:
     boxes = {body.name: body.solid.bounding_box() for body in bodies}
     for first, second in combinations(bodies, 2):
         if _box_distance_mm(boxes[first.name], boxes[second.name]) <= ADJACENT_MM:
-            meeting = measure_body_pair(first, second)
-            if meeting.apart_mm <= ADJACENT_MM:
-                yield meeting
+            pair = measure_body_pair(first, second)
+            if pair.distance_mm <= ADJACENT_MM:
+                yield pair
 
 
 def measure_body_pair(first: AssemblyBody, second: AssemblyBody) -> BodyPair:

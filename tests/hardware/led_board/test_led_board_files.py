@@ -128,7 +128,10 @@ def test_gerbers_and_placement_have_one_origin(folder: Path, improved: BoardLayo
         at = float(row["Mid X"].removesuffix("mm")), float(row["Mid Y"].removesuffix("mm"))
         told = replace(parts[row["Designator"]], at_mm=at, rotation_deg=float(row["Rotation"]))
         for land in told.part.footprint.lands:
-            assert masks[row["Layer"]].contains(Point(told.onto_board(land.at_mm))), (row["Designator"], land.number)
+            assert masks[row["Layer"]].contains(Point(told.to_board_frame(land.at_mm))), (
+                row["Designator"],
+                land.number,
+            )
 
 
 @pytest.mark.parametrize("size", [(28.0, 21.0), (64.0, 48.0)])

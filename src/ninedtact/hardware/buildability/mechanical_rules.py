@@ -24,7 +24,7 @@ class BrokenRule:
 
     rule: str
     """Its name: `wall_too_thin`."""
-    sentence: str
+    message: str
     """Expected, got, do this."""
 
 
@@ -33,7 +33,7 @@ class DesignRulesBroken(DesignImpossible):
 
     def __init__(self, broken: Iterable[BrokenRule]) -> None:
         self.broken = tuple(broken)
-        super().__init__("; also ".join(f"{each.sentence} (rule {each.rule})" for each in self.broken))
+        super().__init__("; also ".join(f"{each.message} (rule {each.rule})" for each in self.broken))
 
 
 MIN_WALL_MM = 0.8
@@ -59,15 +59,15 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
     yield "the insert bosses' wall (base.boss_mm less base.bore_mm, halved)", (base.boss_mm - base.bore_mm) / 2
     yield "base.floor_mm", base.floor_mm
     yield "the base under its counterbores", base.plate_mm - base.counterbore_deep_mm
-    yield "the ring's wall", (design.plan.ring_side - design.ring.bore_mm) / 2
+    yield "the ring's wall", (design.plan_view.ring_side - design.ring.bore_mm) / 2
     if shell.relief_deep_mm:
         yield "shell.relief_left_mm", shell.relief_left_mm
 
 
 def check_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
     """The isolation ring's cone opens from its bore to its land, within its height."""
-    ring, levels = design.ring, design.levels
-    wider = (design.plan.ring_side - ring.bore_mm) / 2 - ring.land_mm
+    ring, levels = design.ring, design.heights
+    wider = (design.plan_view.ring_side - ring.bore_mm) / 2 - ring.land_mm
     deep, tall = wider / tan(radians(ring.cone_deg)), levels.floor_top - levels.ring_bottom
     if not 0 < deep < tall:
         yield BrokenRule(
@@ -79,7 +79,7 @@ def check_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _shell_corner_thickness_mm(design: HardwareDesign) -> float:
     """Thickness of the shell along the diagonal of a corner of the gel cavity."""
-    shell, plan = design.shell, design.plan
+    shell, plan = design.shell, design.plan_view
     outer, inner = shell.corner_radius_mm, shell.opening_radius_mm
     apart = [(plan.outer[axis] / 2 - outer) - (plan.opening[axis] / 2 - inner) for axis in (0, 1)]
     return outer - inner + sqrt(2) * min(apart)
@@ -99,9 +99,10 @@ class _BossPattern:
 def check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Pairs that overlap; what is only tight is told by `hardware check`."""
     for room in list_clearances(design):
-        if room.impossible:
+        if room.is_impossible:
             yield BrokenRule(
-                room.rule, f"expected room between {room.between}, got {room.mm:.2f} mm; change {room.mended_by}"
+                room.rule,
+                f"expected room between {room.faces}, got {room.clearance_mm:.2f} mm; change {room.adjusted_by}",
             )
 
 
@@ -119,7 +120,7 @@ def check_boss_distances(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _boss_patterns(design: HardwareDesign) -> tuple[_BossPattern, ...]:
     """Insert bosses, posts, screw bosses."""
-    plan, base = design.plan, design.base
+    plan, base = design.plan_view, design.base
     return (
         _BossPattern("the base's insert bosses", tuple(plan.mount_inserts), base.boss_mm / 2, "base.mount_inset_mm"),
         _BossPattern("the locating posts", tuple(plan.posts), base.post_mm / 2, "board.locating_inset_mm"),
@@ -131,7 +132,7 @@ def _boss_patterns(design: HardwareDesign) -> tuple[_BossPattern, ...]:
 
 def check_post_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Locating posts in the shell's wall, in the camera's pocket, or under the receptacle or the driver."""
-    base, plan, radius = design.base, design.plan, design.base.post_mm / 2
+    base, plan, radius = design.base, design.plan_view, design.base.post_mm / 2
     x, y = max(plan.posts)
     if x + radius > plan.cavity[0] / 2 or y + radius > plan.cavity[1] / 2:
         yield BrokenRule(
@@ -151,7 +152,7 @@ def check_post_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def check_insert_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Insert bosses in the pocket, under the receptacle or in the shell's wall."""
-    base, radius, (x, y) = design.base, design.base.boss_mm / 2, max(design.plan.mount_inserts)
+    base, radius, (x, y) = design.base, design.base.boss_mm / 2, max(design.plan_view.mount_inserts)
     inside = max(base.pocket_wide_mm, design.board.usb_mm[0]) / 2 + 0.5
     if x - radius < inside:
         yield BrokenRule(
@@ -159,7 +160,7 @@ def check_insert_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
             f"expected the insert bosses beyond {inside:.2f} mm from the middle, got {x - radius:.2f} mm; lessen "
             "base.mount_inset_mm",
         )
-    if x + radius > design.plan.cavity[0] / 2 or y + radius > design.plan.cavity[1] / 2:
+    if x + radius > design.plan_view.cavity[0] / 2 or y + radius > design.plan_view.cavity[1] / 2:
         yield BrokenRule(
             "mount_in_wall",
             f"expected the insert bosses within the shell's cavity, got them at ({x:g}, {y:g}) mm; enlarge base.mount_inset_mm",
@@ -168,7 +169,7 @@ def check_insert_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def check_usb_slot(design: HardwareDesign) -> Iterator[BrokenRule]:
     """A slot that the receptacle does not reach into, or that cuts the shell's floor."""
-    shell, levels, board = design.shell, design.levels, design.board
+    shell, levels, board = design.shell, design.heights, design.board
     if shell.slot_wide_mm < board.usb_mm[0]:
         yield BrokenRule(
             "usb_slot",
@@ -185,7 +186,7 @@ def check_usb_slot(design: HardwareDesign) -> Iterator[BrokenRule]:
 def check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
     """The ramp climbs outwards, behind the camera's pocket, and its two blends fit on it."""
     base = design.base
-    run, rise = base.ramp_foot_mm - base.ramp_head_mm, design.levels.plate_top - base.ramp_gap_mm - base.floor_mm
+    run, rise = base.ramp_foot_mm - base.ramp_head_mm, design.heights.plate_top - base.ramp_gap_mm - base.floor_mm
     if min(run, rise) <= 0:
         yield BrokenRule(
             "ramp_too_short",
@@ -202,7 +203,7 @@ def check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
             f"expected the ramp's slope of at least {blends:.2f} mm for its two blends, got {slope:.2f} mm; raise "
             "base.ramp_foot_mm, or lessen base.ramp_foot_round_mm",
         )
-    before = design.plan.outer[1] / 2 - base.ramp_foot_mm - base.pocket_back_mm
+    before = design.plan_view.outer[1] / 2 - base.ramp_foot_mm - base.pocket_back_mm
     if before <= bend * base.ramp_foot_round_mm:
         yield BrokenRule(
             "pocket_in_ramp",

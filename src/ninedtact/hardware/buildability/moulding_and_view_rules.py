@@ -59,7 +59,7 @@ def check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
     """The pressed gel and its black coat must end on the shell's rim."""
-    plan = design.plan
+    plan = design.plan_view
     if min(plan.outer[axis] - plan.black[axis] for axis in (0, 1)) < 0:
         yield BrokenRule(
             "gel_beyond_the_shell",
@@ -83,8 +83,8 @@ def check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
     """The M3 screws that hold the moulds stand beside the shell, their nuts too."""
-    (wide, deep), room = design.plan.outer, M3_NUT_WIDTH_MM / 2
-    for x, y in design.plan.clamps:
+    (wide, deep), room = design.plan_view.outer, M3_NUT_WIDTH_MM / 2
+    for x, y in design.plan_view.clamps:
         if abs(x) < wide / 2 + room and abs(y) < deep / 2 + room:
             yield BrokenRule(
                 "clamps_in_the_shell",
@@ -123,7 +123,7 @@ def check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
     """The cone of sight at the window's upper face."""
-    reach, half = lens_reach_mm(design, design.levels.window_top), design.window.side_mm / 2
+    reach, half = lens_reach_mm(design, design.heights.window_top), design.window.side_mm / 2
     if reach > half:
         yield BrokenRule(
             "window_cuts_the_view",

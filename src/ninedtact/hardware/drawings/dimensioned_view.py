@@ -36,20 +36,19 @@ class DimensionedView:
         low = self.view.box[0]
         return self.at[0] + (x - low[0]) * self.scale, self.at[1] + (y - low[1]) * self.scale
 
-    def lines(self) -> "DimensionedView":
+    def draw_edges(self) -> None:
         """Faces that were cut hatched, hidden edges dashed, visible ones above them."""
         from matplotlib.collections import LineCollection
 
-        self.bare_faces()
+        self._draw_section_faces()
         for lines, colour, width, style in (
             (self.view.hidden, HIDDEN, 0.35, (0, (5, 3))),
             (self.view.visible, INK, 0.8, "-"),
         ):
             on_paper = [np.array(self.at) + (line - self.view.box[0]) * self.scale for line in lines]
             self.axes.add_collection(LineCollection(on_paper, colors=colour, linewidths=width, linestyles=style))
-        return self
 
-    def bare_faces(self) -> None:
+    def _draw_section_faces(self) -> None:
         """Each with its holes left open."""
         from matplotlib.patches import PathPatch
         from matplotlib.path import Path
@@ -61,14 +60,13 @@ class DimensionedView:
             self.axes.add_patch(PathPatch(path, facecolor=BARE, edgecolor=HIDDEN, hatch="////", linewidth=0))
             self.axes.add_patch(PathPatch(path, facecolor="none", edgecolor=INK, linewidth=0.8))
 
-    def titled(self, title: str) -> "DimensionedView":
+    def draw_title(self, title: str) -> None:
         """What is shown, above it."""
         (left, _), (right, high) = self.view.box
         x, y = self.paper((left + right) / 2, high)
         self.axes.text(x, y + TITLE_MM, title, fontsize=8, color=INK, ha="center", weight="bold")
-        return self
 
-    def cut_at_zero(self, name: str) -> "DimensionedView":
+    def draw_section_line(self, name: str) -> None:
         """The line x = 0 along which another view is cut, at both ends its name and an arrow along which one looks: towards -x."""
         (_, low), (_, high) = self.view.box
         (x, bottom), (_, top) = self.paper(0, low), self.paper(0, high)
@@ -78,17 +76,17 @@ class DimensionedView:
         for end in (bottom - BELOW_MM, top + CUT_MM):
             self.axes.annotate("", (x, end), (x + LOOK_MM, end), arrowprops=style)
             self.axes.text(x + LOOK_MM + 1, end, name, fontsize=8, color=INK, ha="left", va="center", weight="bold")
-        return self
 
-    def box(self) -> "DimensionedView":
+    def draw_overall_dimensions(self) -> None:
         """Width above, height at the right."""
         (left, low), (right, high) = self.view.box
         (x0, y0), (x1, y1) = self.paper(left, low), self.paper(right, high)
-        self.arrow((x0, y1 + 8), (x1, y1 + 8), f"{right - left:.2f}", 0)
-        self.arrow((x1 + 8, y0), (x1 + 8, y1), f"{high - low:.2f}", 90)
-        return self
+        self._draw_dimension_line((x0, y1 + 8), (x1, y1 + 8), f"{right - left:.2f}", 0)
+        self._draw_dimension_line((x1 + 8, y0), (x1 + 8, y1), f"{high - low:.2f}", 90)
 
-    def arrow(self, start: tuple[float, float], end: tuple[float, float], text: str, turned: int) -> None:
+    def _draw_dimension_line(
+        self, start: tuple[float, float], end: tuple[float, float], text: str, turned: int
+    ) -> None:
         """A dimension line with its number."""
         style = {"arrowstyle": "<->", "color": NOTE, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
         self.axes.annotate("", end, start, arrowprops=style)
@@ -96,20 +94,19 @@ class DimensionedView:
         anchor = ("right", "center") if turned else ("center", "bottom")
         self.axes.text(*middle, text, fontsize=7, color=NOTE, rotation=turned, ha=anchor[0], va=anchor[1])
 
-    def rounds(self, found: Sequence[RoundFeatures], corners: Sequence[CornerRadius] = ()) -> "DimensionedView":
+    def draw_round_callouts(self, found: Sequence[RoundFeatures], corners: Sequence[CornerRadius] = ()) -> None:
         """One leader per diameter and radius, in the order of their places so that they do not cross."""
         (_, low), (right, high) = self.view.box
         x = self.paper(right, low)[0] + 16
         style = {"arrowstyle": "-|>", "color": NOTE, "linewidth": 0.5, "shrinkB": 0}
-        told = [*((max(each.places), _round_feature_label(each)) for each in found)]
+        told = [*((max(each.positions), _round_feature_label(each)) for each in found)]
         told += [(each.place, f"R{each.radius_mm:.2f}") for each in corners]
         highest_first = sorted(told, key=lambda each: (-each[0][1], -each[0][0]))
         for number, (place, text) in enumerate(highest_first):
             y = self.paper(right, high)[1] - 3 - 6 * number
             self.axes.annotate(text, self.paper(*place), (x, y), fontsize=7, color=NOTE, arrowprops=style, va="center")
-        return self
 
-    def upwards(self, places: Sequence[float], name: str, zero: float = 0.0) -> "DimensionedView":
+    def draw_vertical_positions(self, places: Sequence[float], name: str, zero: float = 0.0) -> None:
         """Beside the view, the place of every flat face across the sheet's upward axis."""
         x = self.paper(*self.view.box[0])[0]
         for place, text_y in _spread_labels((place, self.paper(0, place)[1]) for place in places):
@@ -117,9 +114,8 @@ class DimensionedView:
             self.axes.plot([x - 1, x - 4, x - 7], [y, y, text_y], color=NOTE, linewidth=0.4)
             text = f"{name} {place - zero:.2f}"
             self.axes.text(x - 7.5, text_y, text, fontsize=6, color=NOTE, ha="right", va="center")
-        return self
 
-    def across(self, places: Sequence[float], name: str) -> "DimensionedView":
+    def draw_horizontal_positions(self, places: Sequence[float], name: str) -> None:
         """Below the view, the same of its other axis."""
         y = self.paper(*self.view.box[0])[1]
         for place, text_x in _spread_labels((place, self.paper(place, 0)[0]) for place in places):
@@ -127,13 +123,12 @@ class DimensionedView:
             self.axes.plot([x, x, text_x], [y - 1, y - 3, y - 5], color=NOTE, linewidth=0.4)
             text = f"{name} {place:.2f}"
             self.axes.text(text_x, y - 5.5, text, fontsize=6, color=NOTE, ha="center", va="top", rotation=90)
-        return self
 
 
 def _round_feature_label(found: RoundFeatures) -> str:
     """How many of which diameter; of a lattice its pitch."""
-    pitch = f", pitch {found.lattice[2]:.2f}" if found.lattice else ""
-    return f"{len(found.places)} x ⌀{found.diameter_mm:.2f}{pitch}"
+    pitch = f", pitch {found.grid[2]:.2f}" if found.grid else ""
+    return f"{len(found.positions)} x ⌀{found.diameter_mm:.2f}{pitch}"
 
 
 def _close_polyline(line: Polyline) -> list[tuple[float, float]]:

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from build123d import Axis
 
-from ninedtact.hardware.clearances import list_clearances
+from ninedtact.hardware.assembly_dimensions import XY
+from ninedtact.hardware.clearances import fits_of_part
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.drawings.dimensioned_view import INK, DimensionedView
 from ninedtact.hardware.drawings.part_geometry import (
+    ProjectedView,
     RoundFeatures,
     find_corner_radii,
     find_face_positions,
@@ -49,7 +51,7 @@ TOLERANCES = {
     "printed": "± 0.15; what has to fit is listed below: try it",
     "cut": "± 0.10; sheets vary: measure the thickness",
 }
-"""By way of making; what these shops usually hold, no shop was asked."""
+"""By manufacturing method; what these shops usually hold, no shop was asked."""
 
 
 @dataclass(frozen=True)
@@ -72,16 +74,15 @@ def build_drawing_notes(design: HardwareDesign, part: BuiltPart) -> list[Drawing
 
 def _manufacturing_notes(part: BuiltPart) -> Iterator[DrawingNote]:
     """Material, way, tolerance."""
-    yield DrawingNote(f"{MATERIAL_OF_PART[part.name].name}, {part.way}")
-    yield DrawingNote(f"tolerance {TOLERANCES[part.way]}")
+    yield DrawingNote(f"{MATERIAL_OF_PART[part.name].name}, {part.method}")
+    yield DrawingNote(f"tolerance {TOLERANCES[part.method]}")
 
 
 def _fit_notes(design: HardwareDesign, part: str) -> Iterator[DrawingNote]:
-    """What has to pass, with its nominal room on each side."""
-    found = [each for each in list_clearances(design) if part in each.held_by]
-    if found:
-        yield DrawingNote("fits: room on each side", heading=True)
-        yield from (DrawingNote(f"{each.mm:.3f}  {each.between}") for each in found)
+    """List the faces that must fit other parts, each with its nominal clearance per side."""
+    if found := fits_of_part(design, part):
+        yield DrawingNote("fits: clearance on each side", heading=True)
+        yield from (DrawingNote(f"{each.clearance_mm:.3f}  {each.faces}") for each in found)
 
 
 def _round_feature_notes(part: BuiltPart) -> Iterator[DrawingNote]:
@@ -93,14 +94,14 @@ def _round_feature_notes(part: BuiltPart) -> Iterator[DrawingNote]:
 
 def _hole_callout(found: RoundFeatures) -> Iterator[str]:
     """A group of holes in lines that fit; a lattice by its columns, rows and pitch."""
-    head = f"{len(found.places)} x ⌀{found.diameter_mm:.2f}: "
-    if found.lattice:
-        columns, rows, pitch = found.lattice
-        (low_x, low_y), (high_x, high_y) = min(found.places), max(found.places)
+    head = f"{len(found.positions)} x ⌀{found.diameter_mm:.2f}: "
+    if found.grid:
+        columns, rows, pitch = found.grid
+        (low_x, low_y), (high_x, high_y) = min(found.positions), max(found.positions)
         yield f"{head}{columns} columns x {rows} rows, pitch {pitch:.2f}"
         yield f"      x from {low_x:g} to {high_x:g}, y from {low_y:g} to {high_y:g}"
         return
-    places = [f"({x:g}, {y:g})" for x, y in found.places]
+    places = [f"({x:g}, {y:g})" for x, y in found.positions]
     for start in range(0, len(places), 4):
         yield (head if start == 0 else "      ") + " ".join(places[start : start + 4])
 
@@ -148,12 +149,12 @@ class DrawingSheet:
     notes: Sequence[DrawingNote]
     """What the table says of its making, below name, scale and box."""
 
-    def files(self) -> Iterator[tuple[str, bytes]]:
+    def to_svg_and_pdf(self) -> Iterator[tuple[str, bytes]]:
         """Ending and content."""
-        figure = self.drawn()
+        figure = self.draw_figure()
         yield from ((ending, _figure_to_bytes(figure, ending)) for ending in ("svg", "pdf"))
 
-    def drawn(self) -> Any:
+    def draw_figure(self) -> Any:
         """The figure; one unit of its axes is one mm of paper."""
         from matplotlib.figure import Figure
 
@@ -161,8 +162,8 @@ class DrawingSheet:
         axes = figure.add_axes((0, 0, 1, 1))
         axes.set(xlim=(0, SHEET_MM[0]), ylim=(0, SHEET_MM[1]))
         axes.axis("off")
-        self.draw_views(axes)
-        self.draw_table(axes)
+        self._draw_views(axes)
+        self._draw_notes(axes)
         return figure
 
     @property
@@ -175,29 +176,39 @@ class DrawingSheet:
                 return scale
         return SCALES[-1]
 
-    def draw_views(self, axes: "Axes") -> None:
-        """Each with the dimensions of its box."""
-        solid, scale, (x_mm, _, z_mm) = self.part.solid, self.scale, self.part.size_mm
-        right, above = LEFT_MM + x_mm * scale + GAP_MM, BOTTOM_MM + z_mm * scale + GAP_MM
-        xs, ys, zs = find_face_positions(solid, Axis.X), find_face_positions(solid, Axis.Y), find_feature_heights(solid)
-        top = DimensionedView(axes, project_view(solid, "top"), scale, (LEFT_MM, above)).lines().box().cut_at_zero("A")
+    def _draw_views(self, axes: "Axes") -> None:
+        """Draw top, front, right and section view with their dimensions."""
+        solid, (x_mm, _, z_mm) = self.part.solid, self.part.size_mm
+        right, above = LEFT_MM + x_mm * self.scale + GAP_MM, BOTTOM_MM + z_mm * self.scale + GAP_MM
+        top = self._draw_view(axes, project_view(solid, "top"), (LEFT_MM, above))
+        top.draw_section_line("A")
         corners = [*find_corner_radii(solid)] if self.part.name in WITH_CORNERS else []
-        top.rounds([*find_round_features(solid)], corners).upwards(ys, "y").across(xs, "x")
-        front = DimensionedView(axes, project_view(solid, "front"), scale, (LEFT_MM, BOTTOM_MM)).lines().box()
-        front.upwards(zs, "z", zs[0])
-        DimensionedView(axes, project_view(solid, "right"), scale, (right, BOTTOM_MM)).lines().box()
-        DimensionedView(axes, project_section(solid), scale, (right, above)).lines().box().titled("A–A")
+        top.draw_round_callouts([*find_round_features(solid)], corners)
+        top.draw_vertical_positions(find_face_positions(solid, Axis.Y), "y")
+        top.draw_horizontal_positions(find_face_positions(solid, Axis.X), "x")
+        heights = find_feature_heights(solid)
+        front = self._draw_view(axes, project_view(solid, "front"), (LEFT_MM, BOTTOM_MM))
+        front.draw_vertical_positions(heights, "z", heights[0])
+        self._draw_view(axes, project_view(solid, "right"), (right, BOTTOM_MM))
+        self._draw_view(axes, project_section(solid), (right, above)).draw_title("A–A")
 
-    def draw_table(self, axes: "Axes") -> None:
+    def _draw_view(self, axes: "Axes", view: ProjectedView, at: XY) -> DimensionedView:
+        """Draw the edges and overall dimensions of one view whose box has its lower left corner there."""
+        drawn = DimensionedView(axes, view, self.scale, at)
+        drawn.draw_edges()
+        drawn.draw_overall_dimensions()
+        return drawn
+
+    def _draw_notes(self, axes: "Axes") -> None:
         """Name, scale and box, then how it is made."""
-        rows = *self.head(), *self.notes
+        rows = *self._title_notes(), *self.notes
         apart = min(ROW_MM, (TABLE_TOP - TABLE_BOTTOM) / len(rows))
         for number, row in enumerate(rows):
             size, weight = (8.0, "bold") if row.heading else (6.6, "normal")
             axes.text(TABLE_X, TABLE_TOP - number * apart, row.text, fontsize=size, color=INK, weight=weight)
         axes.plot([TABLE_X - 5] * 2, [TABLE_BOTTOM, SHEET_MM[1] - TABLE_BOTTOM], color=INK, linewidth=0.6)
 
-    def head(self) -> Iterator[DrawingNote]:
+    def _title_notes(self) -> Iterator[DrawingNote]:
         """Of the table."""
         x, y, z = self.part.size_mm
         yield DrawingNote(self.part.name.replace("_", " "), heading=True)

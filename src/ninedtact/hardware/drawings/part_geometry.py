@@ -20,13 +20,13 @@ class RoundFeatures:
     """Holes or pins of one diameter."""
 
     diameter_mm: float
-    places: tuple[XY, ...]
+    positions: tuple[XY, ...]
 
     @property
-    def lattice(self) -> tuple[int, int, float] | None:
+    def grid(self) -> tuple[int, int, float] | None:
         """Columns, rows and pitch, where the places are a whole square lattice of more than eight."""
-        xs, ys = (sorted({place[axis] for place in self.places}) for axis in (0, 1))
-        if len(self.places) <= 8 or len(xs) * len(ys) != len(self.places):
+        xs, ys = (sorted({place[axis] for place in self.positions}) for axis in (0, 1))
+        if len(self.positions) <= 8 or len(xs) * len(ys) != len(self.positions):
             return None
         return len(xs), len(ys), round((xs[-1] - xs[0]) / (len(xs) - 1), 3)
 

@@ -25,7 +25,7 @@ PREDICTION_COLUMNS = (
 """Field, heading, title."""
 CALIBRATION_COLUMNS = (
     ("depth_error_mm", "err mm", "error of depth after calibration, mm"),
-    ("load_error_part", "err load", "error of the load by physics, of the load"),
+    ("load_error_fraction", "err load", "error of the load by physics, of the load"),
 )
 """The same of designs that calibrated themselves."""
 NAME_WIDE = 34
@@ -33,7 +33,11 @@ NAME_WIDE = 34
 
 def _columns_of(found: Sequence[ExploredDesign]) -> tuple[tuple[str, str, str], ...]:
     """Those that any design has."""
-    return (*PREDICTION_COLUMNS, *CALIBRATION_COLUMNS) if any(each.proved for each in found) else PREDICTION_COLUMNS
+    return (
+        (*PREDICTION_COLUMNS, *CALIBRATION_COLUMNS)
+        if any(each.calibration_errors for each in found)
+        else PREDICTION_COLUMNS
+    )
 
 
 def format_comparison_table(found: Sequence[ExploredDesign]) -> Iterator[str]:
@@ -43,18 +47,18 @@ def format_comparison_table(found: Sequence[ExploredDesign]) -> Iterator[str]:
     for each in found:
         names = [name for name, _, _ in shown]
         yield f"{each.name:{NAME_WIDE}}" + (
-            _format_design_values(each, names) if each.predicted else f" refused: {each.refusal}"
+            _format_design_values(each, names) if each.prediction else f" refused: {each.refusal}"
         )
-        if each.uncalibrated:
-            yield f"{'':{NAME_WIDE}} not calibrated: {each.uncalibrated}"
+        if each.calibration_failure:
+            yield f"{'':{NAME_WIDE}} not calibrated: {each.calibration_failure}"
 
 
 def _format_design_values(each: ExploredDesign, names: Sequence[str]) -> str:
     """The numbers of one design."""
-    assert each.predicted is not None
-    table = each.as_table()
+    assert each.prediction is not None
+    table = each.to_json_dict()
     values = "".join(f"{_format_number(table[name]) if name in table else '-':>9}" for name in names)
-    return values + "  " + " x ".join(f"{side:.1f}" for side in each.predicted.size_mm)
+    return values + "  " + " x ".join(f"{side:.1f}" for side in each.prediction.size_mm)
 
 
 def _format_number(value: float) -> str:
@@ -64,7 +68,7 @@ def _format_number(value: float) -> str:
 
 def comparison_to_csv(found: Sequence[ExploredDesign]) -> bytes:
     """All fields of all designs."""
-    rows = [_flatten_row(each.as_table()) for each in found]
+    rows = [_flatten_row(each.to_json_dict()) for each in found]
     names = list(dict.fromkeys(name for row in rows for name in row))
     text = StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n")
@@ -85,11 +89,11 @@ def plot_comparison(found: Sequence[ExploredDesign]) -> bytes:
     # matplotlib is slow to import, and only this function needs it; its global state is never touched.
     from matplotlib.figure import Figure
 
-    possible, shown = [each for each in found if each.predicted], _columns_of(found)
+    possible, shown = [each for each in found if each.prediction], _columns_of(found)
     tall = 0.55 * ceil(len(shown) / 3) * (1 + 0.55 * max(len(possible), 2))
     drawn = Figure(figsize=(14, tall), dpi=110, facecolor="white", layout="constrained")
     panels = drawn.subplots(ceil(len(shown) / 3), 3, sharey=True, squeeze=False).ravel()
-    tables = [each.as_table() for each in possible]
+    tables = [each.to_json_dict() for each in possible]
     for axes, (name, _, title) in zip(panels, shown, strict=False):
         _draw_bars(axes, [each.name for each in possible], [table.get(name, 0.0) for table in tables], title)
     panels[0].invert_yaxis()

@@ -111,12 +111,12 @@ class ExploredDesign:
     """Its camera as far from the skin as the lens needs to see the corner, if the basis had it nearer."""
     shore_a: float | None = None
     """Hardness of the gel, if it was asked for by that."""
-    predicted: PerformancePrediction | None = None
+    prediction: PerformancePrediction | None = None
     refusal: str | None = None
     """Why it cannot be built, or its twin not be pressed."""
-    proved: SimulatedCalibrationErrors | None = None
+    calibration_errors: SimulatedCalibrationErrors | None = None
     """What its twin reads after calibrating itself, if that was asked for."""
-    uncalibrated: str | None = None
+    calibration_failure: str | None = None
     """Why that failed."""
 
     @property
@@ -127,7 +127,7 @@ class ExploredDesign:
         area = f"{sensor.sensing_area.width_mm:g}x{sensor.sensing_area.height_mm:g}"
         return f"{sensor.gel.thickness_mm:g} mm, {hard}, {area}, {sensor.camera.lens_angle_deg:g}°"
 
-    def as_table(self) -> dict[str, Any]:
+    def to_json_dict(self) -> dict[str, Any]:
         """For scripts."""
         sensor = self.design.sensor
         return {
@@ -139,9 +139,9 @@ class ExploredDesign:
             "shore_a": self.shore_a,
             "pins": (sensor.pin_board.cols, sensor.pin_board.rows),
             "refusal": self.refusal,
-            "uncalibrated": self.uncalibrated,
-            **(self.predicted.as_table() if self.predicted else {}),
-            **(asdict(self.proved) if self.proved else {}),
+            "calibration_failure": self.calibration_failure,
+            **(self.prediction.to_json_dict() if self.prediction else {}),
+            **(asdict(self.calibration_errors) if self.calibration_errors else {}),
         }
 
 
@@ -162,9 +162,9 @@ def _predict_design(choice: DesignChoice) -> ExploredDesign:
 
 def _simulate_calibration(found: ExploredDesign) -> ExploredDesign:
     """The same with what its twin reads after calibrating itself, or why it cannot."""
-    if found.predicted is None:
+    if found.prediction is None:
         return found
     try:
-        return replace(found, proved=simulate_calibration_errors(found.design.sensor))
+        return replace(found, calibration_errors=simulate_calibration_errors(found.design.sensor))
     except NinedtactError as refusal:
-        return replace(found, uncalibrated=str(refusal))
+        return replace(found, calibration_failure=str(refusal))

@@ -66,7 +66,7 @@ class PerformancePrediction:
     cost_usd: float
     """By estimated prices."""
 
-    def as_table(self) -> dict[str, Any]:
+    def to_json_dict(self) -> dict[str, Any]:
         """Plain numbers."""
         return asdict(self)
 
@@ -87,10 +87,10 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
         mm_per_px=_mm_per_px(twin),
         blur_mm=twin.renderer.light.point_spread_mm,
         view_radius_mm=lens_reach_mm(design),
-        size_mm=sensor.figures.size_mm,
-        ratio_mm=sensor.figures.ratio_mm,
-        mass_g=sensor.figures.mass_g,
-        cost_usd=sensor.figures.cost_usd,
+        size_mm=sensor.specification.size_mm,
+        ratio_mm=sensor.specification.ratio_mm,
+        mass_g=sensor.specification.mass_g,
+        cost_usd=sensor.specification.cost_usd,
     )
 
 
@@ -124,7 +124,7 @@ class SimulatedCalibrationErrors:
 
     depth_error_mm: float
     """Mean absolute error of the height where the skin is pressed in."""
-    load_error_part: float
+    load_error_fraction: float
     """Error of the load by physics, of the load; the modulus is taken as designed."""
 
 

@@ -81,7 +81,7 @@ def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = _ignore_progre
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             write_file_atomically(folder / path, content)
         tell("led_board")
-        write_board_files(sensor.circuit, folder / "led_board")
+        write_board_files(sensor.led_board_layout, folder / "led_board")
         manifest = _build_manifest(sensor, folder)
         write_file_atomically(folder / MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False).encode())
     return manifest
@@ -95,22 +95,22 @@ def _folder_files(sensor: BuiltSensor) -> Iterator[File]:
     yield from _assembly_files(sensor)
     yield "bom.csv", bill_to_csv(sensor.bill)
     yield "bom.html", bill_to_html(sensor.design, sensor.bill)
-    yield "check.txt", "\n".join(sensor.lines()).encode()
-    yield "check.json", json.dumps(sensor.as_table(), indent=1, ensure_ascii=False).encode()
+    yield "check.txt", "\n".join(sensor.check_report_lines()).encode()
+    yield "check.json", json.dumps(sensor.to_json_dict(), indent=1, ensure_ascii=False).encode()
     yield "design.toml", hardware_design_to_toml(sensor.design).encode()
 
 
 def _part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
     """One part: for machines, and for eyes."""
-    yield f"{part.way}/{part.name}.step", part_to_step(part.name, part.solid)
-    if part.way == "printed":
-        yield f"{part.way}/{part.name}.stl", part_to_stl(part.solid)
-    if part.way == "cut":
+    yield f"{part.method}/{part.name}.step", part_to_step(part.name, part.solid)
+    if part.method == "printed":
+        yield f"{part.method}/{part.name}.stl", part_to_stl(part.solid)
+    if part.method == "cut":
         yield cut_file_path(part), part_to_dxf(part.solid)
     yield f"images/{part.name}.png", _encode_png(render_part(part))
-    if part.way in METHODS_WITH_FILES:
+    if part.method in METHODS_WITH_FILES:
         sheet = DrawingSheet(part, build_drawing_notes(sensor.design, part))
-        yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.files())
+        yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.to_svg_and_pdf())
 
 
 def _assembly_files(sensor: BuiltSensor) -> Iterator[File]:
@@ -124,7 +124,7 @@ def _build_manifest(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
     """What is in the folder, and what every part should measure."""
     parts = {
         part.name: {
-            "way": part.way,
+            "method": part.method,
             "material": MATERIAL_OF_PART[part.name].name,
             "volume_mm3": round(part.volume_mm3, 4),
             "box_mm": [round(side, 4) for side in part.size_mm],
@@ -132,8 +132,8 @@ def _build_manifest(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
         for part in sensor.parts.values()
     }
     names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-    table = sensor.as_table()
-    kept = "variant", "figures", "lens_reach_mm", "interferences", "led_board_faults"
+    table = sensor.to_json_dict()
+    kept = "variant", "specification", "lens_reach_mm", "interferences", "led_board_faults"
     told = {name: table[name] for name in kept}
     return {"lengths": "mm", **told, "parts": parts, "files": [*names, MANIFEST]}
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from ninedtact.hardware.built_sensor import BuiltSensor
-from ninedtact.hardware.clearances import list_clearances
+from ninedtact.hardware.clearances import fits_of_part
 from ninedtact.hardware.drawings.drawing_sheet import TOLERANCES
 from ninedtact.hardware.materials import MATERIAL_OF_PART
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
@@ -27,7 +27,7 @@ The shell's height follows from the gel. If it is printed already, add to camera
 """
 PRINTING_INSTRUCTIONS = """\
 STL in mm; STEP is the same, exact. Black parts are black all through, against stray light; the shell is white, to spread it.
-Fits are the room on each side as drawn; try them. The drawings tell more.
+Fits are the clearance on each side as drawn; try them. The drawings tell more.
 """
 
 
@@ -47,7 +47,7 @@ def format_shop_notes(sensor: BuiltSensor) -> Iterator[tuple[str, bytes]]:
         ("cut", _format_cut_part, CUTTING_INSTRUCTIONS),
         ("printed", _format_printed_part, PRINTING_INSTRUCTIONS),
     ):
-        lines = [line for part in sensor.parts.values() if part.way == way for line in told(sensor, part)]
+        lines = [line for part in sensor.parts.values() if part.method == way for line in told(sensor, part)]
         yield f"{way}/README.txt", "\n".join([f"Tolerance {TOLERANCES[way]}.", "", *lines, "", how]).encode()
 
 
@@ -62,9 +62,7 @@ def _format_printed_part(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
     """One print, with what has to fit it."""
     made, cm3 = MATERIAL_OF_PART[part.name].name, part.volume_mm3 / 1000
     yield f"{part.name}: {made}, {_part_count(sensor, part)} x, {cm3:.2f} cm³"
-    yield from (
-        f"    {room.mm:.3f}  {room.between}" for room in list_clearances(sensor.design) if part.name in room.held_by
-    )
+    yield from (f"    {fit.clearance_mm:.3f}  {fit.faces}" for fit in fits_of_part(sensor.design, part.name))
 
 
 def _part_count(sensor: BuiltSensor, part: BuiltPart) -> int:

@@ -74,7 +74,7 @@ def _preparation_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
 def _casting_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
     """The three layers."""
     design = sensor.design
-    rim = design.levels.rim - design.levels.floor_top
+    rim = design.heights.rim - design.heights.floor_top
     yield GuideStep(
         "transparent",
         "Pour the transparent gel",
@@ -102,7 +102,7 @@ def _casting_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
     yield GuideStep(
         "black",
         "Pour the black gel",
-        f"Take off the first mould and clamp the second ({design.levels.second_mould:.2f} mm). "
+        f"Take off the first mould and clamp the second ({design.heights.second_mould:.2f} mm). "
         "Lay the LED board below the clear base board and switch it on. "
         f"Mix {_mixture(sensor, BLACK_GEL_SILICONE)}, and add pigment until a drop on the lit "
         f"layer lets no light through. Pour round and over the layer, scrape level. Cure {BLACK_GEL_SILICONE.cure}.",
@@ -112,7 +112,7 @@ def _casting_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
         "demoulded",
         "Take it out",
         "Unscrew the clamps, run a thin blade round the mould's window, lift the mould straight up, unscrew the base board.",
-        f"The skin is smooth and stands {design.levels.second_mould:.2f} ± 0.10 mm above the rim; "
+        f"The skin is smooth and stands {design.heights.second_mould:.2f} ± 0.10 mm above the rim; "
         "rubbed with a finger, no edge lifts.",
     )
 
@@ -150,7 +150,7 @@ def _assembly_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
         "Close it",
         "Leave the shell upside down, so that the ring stays, and lower the base with camera and board onto it, the cable through "
         f"its gap. Four M2 x {design.fasteners.screw_mm:g} screws, crosswise.",
-        f"It measures {design.plan.outer[0]:.1f} x {design.plan.outer[1]:.1f} x {design.levels.top:.1f} mm. "
+        f"It measures {design.plan_view.outer[0]:.1f} x {design.plan_view.outer[1]:.1f} x {design.heights.top:.1f} mm. "
         "`ninedtact live` shows an evenly bright image without a dark ring or a bright spot at its rim.",
     )
     yield GuideStep(

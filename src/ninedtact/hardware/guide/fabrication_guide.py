@@ -53,20 +53,25 @@ class _AssemblyScenes:
         return {
             "inserts": lambda: _AssemblyScene([*self.base(), *self.beside(self.shell())]),
             "window": lambda: _AssemblyScene([*self.shell(), self.body("acrylic_window", 6.0)]),
-            "transparent": lambda: _AssemblyScene(self.filled(), SECTION_VIEW, cut=True),
-            "first_mould": lambda: _AssemblyScene([*self.clamped(14.0), self.mould("first_mould", 12.0)]),
+            "transparent": lambda: _AssemblyScene(self.filled_shell(), SECTION_VIEW, cut=True),
+            "first_mould": lambda: _AssemblyScene([*self.clamped_shell(14.0), self.mould("first_mould", 12.0)]),
             "translucent": lambda: _AssemblyScene(
-                [*self.clamped(), self.mould("first_mould"), self.body("translucent_gel")], SECTION_VIEW, cut=True
+                [*self.clamped_shell(), self.mould("first_mould"), self.body("translucent_gel")], SECTION_VIEW, cut=True
             ),
             "black": lambda: _AssemblyScene(
-                [*self.clamped(), self.mould("second_mould"), self.body("translucent_gel"), self.body("black_gel")],
+                [
+                    *self.clamped_shell(),
+                    self.mould("second_mould"),
+                    self.body("translucent_gel"),
+                    self.body("black_gel"),
+                ],
                 SECTION_VIEW,
                 cut=True,
             ),
-            "demoulded": lambda: _AssemblyScene(self.gelled()),
+            "demoulded": lambda: _AssemblyScene(self.shell_with_gels()),
             "camera": lambda: _AssemblyScene([*self.base(), self.body("camera")]),
             "board": lambda: _AssemblyScene([*self.base(), self.body("camera"), self.body("led_board")]),
-            "ring": lambda: _AssemblyScene([*self.gelled(), self.body("isolation_ring", -14.0)], FROM_BELOW),
+            "ring": lambda: _AssemblyScene([*self.shell_with_gels(), self.body("isolation_ring", -14.0)], FROM_BELOW),
             "closed": lambda: _AssemblyScene(self.sensor.bodies),
             "calibrated": lambda: _AssemblyScene([*self.sensor.bodies, self.tray()], ViewDirection(-52.0, -20.0)),
         }[state]()
@@ -74,7 +79,7 @@ class _AssemblyScenes:
     def beside(self, bodies: list[AssemblyBody]) -> Iterator[AssemblyBody]:
         """The same standing next to the middle, upside down on the shell's rim."""
         design = self.sensor.design
-        away, rim = design.plan.outer[0] + BETWEEN_MM, design.levels.rim
+        away, rim = design.plan_view.outer[0] + BETWEEN_MM, design.heights.rim
         for body in bodies:
             turned = body.solid.rotate(Axis.X, 180)
             yield AssemblyBody(body.name, Part() + Pos(away, 0, rim) * turned, body.material)
@@ -96,30 +101,30 @@ class _AssemblyScenes:
         names = {f"insert_{number}" for number in numbers}
         return (body for body in self.sensor.bodies if body.name in names)
 
-    def filled(self) -> list[AssemblyBody]:
+    def filled_shell(self) -> list[AssemblyBody]:
         """Shell, window, transparent gel."""
         return [*self.shell(), self.body("acrylic_window"), self.body("transparent_gel")]
 
-    def gelled(self) -> list[AssemblyBody]:
+    def shell_with_gels(self) -> list[AssemblyBody]:
         """All layers cured."""
-        return [*self.filled(), self.body("translucent_gel"), self.body("black_gel")]
+        return [*self.filled_shell(), self.body("translucent_gel"), self.body("black_gel")]
 
-    def clamped(self, drop_mm: float = 0.0) -> list[AssemblyBody]:
+    def clamped_shell(self, drop_mm: float = 0.0) -> list[AssemblyBody]:
         """The filled shell on the base board."""
         design = self.sensor.design
-        under = design.levels.plate_top - design.moulds.base_mm - drop_mm
-        return [*self.filled(), self.body("base_board", under)]
+        under = design.heights.plate_top - design.moulds.base_mm - drop_mm
+        return [*self.filled_shell(), self.body("base_board", under)]
 
     def mould(self, name: str, lift_mm: float = 0.0) -> AssemblyBody:
         """A mould on the shell's rim."""
-        return self.body(name, self.sensor.design.levels.rim + lift_mm)
+        return self.body(name, self.sensor.design.heights.rim + lift_mm)
 
     def tray(self) -> AssemblyBody:
         """The calibration board over the sensor, its pins a little above the skin."""
         design = self.sensor.design
         tip = design.pin_frame.floor_mm + design.pin_frame.pin_tall_mm
         turned = Rot(180, 0, 0) * self.sensor.parts["calibration_board"].solid
-        above = design.levels.top + tip + 12.0
+        above = design.heights.top + tip + 12.0
         return AssemblyBody(
             "calibration_board", Part() + Pos(0, 0, above) * turned, MATERIAL_OF_PART["calibration_board"]
         )

@@ -92,7 +92,7 @@ class _LedPositions:
             )
 
     @property
-    def places(self) -> tuple[PointMm, ...]:
+    def positions(self) -> tuple[PointMm, ...]:
         """Of the LEDs in the order of their numbers: row by row from the upper left."""
         rim = {self.rows_mm[0], self.rows_mm[-1]}
         ends = {self.columns_mm[0], self.columns_mm[-1]}
@@ -203,7 +203,7 @@ BoxSize = tuple[float, float, float]
 
 def led_board_for_design(design: HardwareDesign) -> LedBoard:
     """The board in its size; the original's parts and faults only in the original's size. Raises `LedBoardImpossible`."""
-    width, height = design.plan.circuit
+    width, height = design.plan_view.led_board
     original = LedBoard.original()
     as_published = (width, height) == (original.outline.width_mm, original.outline.height_mm)
     made = original if design.variant == "original" and as_published else LedBoard.for_size(width, height)
@@ -212,7 +212,7 @@ def led_board_for_design(design: HardwareDesign) -> LedBoard:
     return replace(
         made,
         outline=_board_outline_for_design(design, made.outline),
-        leds=_LedPositions(design.plan.led_columns, design.plan.led_rows),
+        leds=_LedPositions(design.plan_view.led_columns, design.plan_view.led_rows),
         usb_inset_mm=receptacle.body_at_mm[1] + receptacle.body_mm[1] / 2 - design.board.usb_beyond_mm,
         driver_x_mm=driver_x,
         driver_inset_mm=-from_edge,
@@ -222,17 +222,17 @@ def led_board_for_design(design: HardwareDesign) -> LedBoard:
 
 def _board_outline_for_design(design: HardwareDesign, outline: BoardOutline) -> BoardOutline:
     """Holes and notches where shell and base have their bosses and pins."""
-    plan, board, levels = design.plan, design.board, design.levels
+    plan, board, levels = design.plan_view, design.board, design.heights
     mount, screw = max(plan.mount_inserts), max(plan.shell_screws)
     return replace(
         outline,
         thickness_mm=board.thick_mm,
         lens_hole_mm=board.lens_hole_mm,
         notch_radius_mm=board.notch_mm,
-        notch_inset_mm=(plan.circuit[0] / 2 - screw[0], plan.circuit[1] / 2 - screw[1]),
+        notch_inset_mm=(plan.led_board[0] / 2 - screw[0], plan.led_board[1] / 2 - screw[1]),
         locating_hole_mm=board.locating_mm,
         locating_inset_mm=board.locating_inset_mm,
-        boss_inset_mm=(plan.circuit[0] / 2 - mount[0], plan.circuit[1] / 2 - mount[1]),
+        boss_inset_mm=(plan.led_board[0] / 2 - mount[0], plan.led_board[1] / 2 - mount[1]),
         boss_mm=design.base.boss_mm,
         boss_gap_mm=levels.board_bottom - levels.boss_top,
     )

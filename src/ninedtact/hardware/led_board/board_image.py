@@ -92,7 +92,7 @@ def _pad_number_position(place: PointMm, layout: BoardLayout) -> PointMm:
 def _draw_component(axes: "Axes", part: PlacedComponent) -> None:
     """A part's outline and name; LEDs with their poles."""
     footprint = part.part.footprint
-    (x, y), (width, depth) = part.onto_board(footprint.body_at_mm), part.size(footprint.body_mm[:2])
+    (x, y), (width, depth) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
     body = box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2)
     _fill_shape(axes, body, BODY if part.side == "top" else DARK_BODY, alpha=0.35)
     axes.plot(*body.exterior.xy, color=INK, linewidth=0.8)

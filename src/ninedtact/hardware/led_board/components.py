@@ -71,27 +71,28 @@ class PlacedComponent:
     at_mm: PointMm
     rotation_deg: float = 0.0
 
-    def onto_board(self, place: PointMm) -> PointMm:
+    def to_board_frame(self, place: PointMm) -> PointMm:
         """A place of the footprint's frame, in the board's."""
-        dx, dy = self.turned(place)
+        dx, dy = self.rotate_to_board(place)
         return self.at_mm[0] + dx, self.at_mm[1] + dy
 
-    def turned(self, offset: PointMm) -> PointMm:
+    def rotate_to_board(self, offset: PointMm) -> PointMm:
         """An offset in the footprint's frame, in the board's."""
         c, s = cos(radians(self.rotation_deg)), sin(radians(self.rotation_deg))
         x, y = c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]
         return round(x if self.side == "top" else -x, 6), round(y, 6)
 
-    def size(self, size: PointMm) -> PointMm:
+    def size_on_board(self, size: PointMm) -> PointMm:
         """A size in the footprint's frame, along the board's x and y; parts are turned by right angles only."""
-        x, y = self.turned(size)
+        x, y = self.rotate_to_board(size)
         return abs(x), abs(y)
 
 
 def place_components(board: LedBoard) -> tuple[PlacedComponent, ...]:
     """All parts: LEDs above, the rest below."""
     leds = [
-        PlacedComponent(f"LED{n + 1}", _led_component(board), "top", place) for n, place in enumerate(board.leds.places)
+        PlacedComponent(f"LED{n + 1}", _led_component(board), "top", place)
+        for n, place in enumerate(board.leds.positions)
     ]
     dx, dy, rotation_deg = board.resistor_from_driver_mm
     rest = [

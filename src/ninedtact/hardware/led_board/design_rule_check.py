@@ -43,11 +43,11 @@ class _RuleViolation:
 
     rule: str
     where: str
-    least_mm: float
+    required_mm: float
     found_mm: float
 
     def __str__(self) -> str:
-        return f"{self.rule} {self.where}: {self.found_mm:.3f} for {self.least_mm:.3f}"
+        return f"{self.rule} {self.where}: {self.found_mm:.3f} for {self.required_mm:.3f}"
 
 
 def lay_out_checked_board(board: LedBoard) -> BoardLayout:
@@ -181,7 +181,7 @@ def _find_components_over_bosses(layout: BoardLayout) -> list[_RuleViolation]:
     bosses = union_all([Point(at).buffer(outline.boss_mm / 2) for at in outline.bosses])
     for part in (part for part in layout.parts if part.side == "bottom"):
         footprint = part.part.footprint
-        (x, y), (width, depth) = part.onto_board(footprint.body_at_mm), part.size(footprint.body_mm[:2])
+        (x, y), (width, depth) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
         body = box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2)
         if footprint.body_mm[2] > outline.boss_gap_mm and body.intersects(bosses):
             found.append(

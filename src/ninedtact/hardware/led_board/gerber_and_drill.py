@@ -108,7 +108,9 @@ def _silkscreen_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedSha
     """A bar at each cathode and at pin 1 of the driver; the parts' names where there is room."""
     marks = [(part, part.part.footprint.mark_mm) for part in layout.parts if part.side == side]
     bars = [
-        _DrawnStroke(SILKSCREEN_LINE_MM, tuple(part.onto_board(end) for end in mark)) for part, mark in marks if mark
+        _DrawnStroke(SILKSCREEN_LINE_MM, tuple(part.to_board_frame(end) for end in mark))
+        for part, mark in marks
+        if mark
     ]
     return (*bars, *(_DrawnStroke(PEN_MM, line) for word in place_designators(layout, side) for line in word.lines))
 

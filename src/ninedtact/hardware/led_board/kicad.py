@@ -83,7 +83,7 @@ class _NetNumbers:
         return self.nets.index(net) + 1
 
     @property
-    def declared(self) -> tuple[Expression, ...]:
+    def declarations(self) -> tuple[Expression, ...]:
         """The list of all."""
         return (("net", 0, _quote("")), *(("net", n + 1, _quote(net)) for n, net in enumerate(self.nets)))
 
@@ -136,7 +136,7 @@ def _footprint_mark(part: PlacedComponent, letter: str) -> list[Expression]:
     """The bar at the cathode or at pin 1."""
     if part.part.footprint.mark_mm is None:
         return []
-    start, end = (part.onto_board(place) for place in part.part.footprint.mark_mm)
+    start, end = (part.to_board_frame(place) for place in part.part.footprint.mark_mm)
     ends = _relative_point("start", start, part.at_mm), _relative_point("end", end, part.at_mm)
     return [("fp_line", *ends, ("layer", _quote(f"{letter}.SilkS")), ("width", SILKSCREEN_LINE_MM))]
 
@@ -197,7 +197,7 @@ def _peg_holes(part: PlacedComponent) -> list[Expression]:
     found: list[Expression] = []
     for x, y, diameter in part.part.footprint.pegs_mm:
         where, layers = (
-            _relative_point("at", part.onto_board((x, y)), part.at_mm),
+            _relative_point("at", part.to_board_frame((x, y)), part.at_mm),
             ("layers", _quote("*.Cu"), _quote("*.Mask")),
         )
         size = ("size", diameter, diameter), ("drill", diameter)
@@ -218,7 +218,7 @@ def format_kicad_board(layout: BoardLayout) -> str:
     """The file's text; the same board gives the same text."""
     names = _NetNumbers([net.name for net in layout.nets])
     return (
-        _format_expression(("kicad_pcb", *_board_header(layout), *names.declared, *_board_content(layout, names)))
+        _format_expression(("kicad_pcb", *_board_header(layout), *names.declarations, *_board_content(layout, names)))
         + "\n"
     )
 

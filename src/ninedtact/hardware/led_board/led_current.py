@@ -74,7 +74,7 @@ def _refusal(expected: str, got: str, remedy: str = "take one in that range") ->
 
 def operating_point_of_board(board: LedBoard) -> _LedOperatingPoint:
     """The light of a board."""
-    return compute_operating_point(board.resistor_ohm, len(board.leds.places))
+    return compute_operating_point(board.resistor_ohm, len(board.leds.positions))
 
 
 def resistor_for_brightness(relative_brightness: float, leds: int = REFERENCE_LED_COUNT) -> float:

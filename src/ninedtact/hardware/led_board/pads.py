@@ -23,7 +23,7 @@ class Net:
 
 def build_netlist(board: LedBoard) -> tuple[Net, ...]:
     """Every net; pins in none of them stay open (U1.7, the USB data and identity pins)."""
-    leds = [f"LED{number + 1}" for number in range(len(board.leds.places))]
+    leds = [f"LED{number + 1}" for number in range(len(board.leds.positions))]
     capacitor = board.input_capacitor
     shield = [f"USB3.{number}" for number in (6, 7, 8, 9)] if board.shield_tied else []
     ground = ["USB3.5", *shield, "U1.2", "U1.9", "R1.1", *(["C1.2"] if capacitor else []), *(f"{x}.1" for x in leds)]
@@ -87,10 +87,10 @@ def place_pads(board: LedBoard) -> tuple[BoardPad, ...]:
 
 def _place_pad(placed: PlacedComponent, land: Land, nets: tuple[Net, ...]) -> BoardPad:
     """One pad of one part."""
-    pin, at = f"{placed.reference}.{land.number}", placed.onto_board(land.at_mm)
+    pin, at = f"{placed.reference}.{land.number}", placed.to_board_frame(land.at_mm)
     hole = _slot_of_land(placed, land) if land.slot_mm else None
     sides: tuple[BoardSide, ...] = ("top", "bottom") if hole else (placed.side,)
-    return BoardPad(pin, _net_of_pin(nets, pin), sides, at, placed.size(land.size_mm), land, hole)
+    return BoardPad(pin, _net_of_pin(nets, pin), sides, at, placed.size_on_board(land.size_mm), land, hole)
 
 
 def _slot_of_land(placed: PlacedComponent, land: Land) -> DrilledHole:
@@ -98,7 +98,7 @@ def _slot_of_land(placed: PlacedComponent, land: Land) -> DrilledHole:
     assert land.slot_mm is not None
     (x, y), (width, length) = land.at_mm, land.slot_mm
     reach = (length - width) / 2
-    return DrilledHole(placed.onto_board((x, y - reach)), placed.onto_board((x, y + reach)), width, plated=True)
+    return DrilledHole(placed.to_board_frame((x, y - reach)), placed.to_board_frame((x, y + reach)), width, plated=True)
 
 
 def connector_peg_holes(board: LedBoard) -> tuple[DrilledHole, ...]:
@@ -106,7 +106,7 @@ def connector_peg_holes(board: LedBoard) -> tuple[DrilledHole, ...]:
     holes = []
     for placed in place_components(board):
         for x, y, diameter in placed.part.footprint.pegs_mm:
-            at = placed.onto_board((x, y))
+            at = placed.to_board_frame((x, y))
             holes.append(DrilledHole(at, at, diameter, plated=False))
     return tuple(holes)
 

@@ -95,7 +95,9 @@ def place_designators(layout: BoardLayout, side: BoardSide) -> tuple[_Silkscreen
 def _occupied_area(layout: BoardLayout, side: BoardSide) -> BaseGeometry:
     """Pads, vias, holes, marks and bodies of a side."""
     parts = [part for part in layout.parts if part.side == side]
-    marks = [tuple(map(part.onto_board, part.part.footprint.mark_mm)) for part in parts if part.part.footprint.mark_mm]
+    marks = [
+        tuple(map(part.to_board_frame, part.part.footprint.mark_mm)) for part in parts if part.part.footprint.mark_mm
+    ]
     return union_all(
         [
             *(pad_polygon(pad) for pad in layout.pads if side in pad.sides),
@@ -110,7 +112,7 @@ def _occupied_area(layout: BoardLayout, side: BoardSide) -> BaseGeometry:
 def component_outline(part: PlacedComponent) -> BaseGeometry:
     """What a part covers."""
     footprint = part.part.footprint
-    (x, y), (wide, deep) = part.onto_board(footprint.body_at_mm), part.size(footprint.body_mm[:2])
+    (x, y), (wide, deep) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
     return box(x - wide / 2, y - deep / 2, x + wide / 2, y + deep / 2)
 
 

@@ -35,8 +35,8 @@ def build_camera(design: HardwareDesign) -> Part:
 def _flat_cable(design: HardwareDesign) -> Part:
     """Flat, in one slope from the stiffener to the gap under the shell's rim, a little short of the outer face."""
     (wide, thick), floor = design.camera.cable_mm, design.base.floor_mm
-    side, start = design.plan.outer[1] / 2, -design.camera.stiffener_mm
-    head, top = design.base.ramp_head_mm - side, design.levels.plate_top - design.base.ramp_gap_mm
+    side, start = design.plan_view.outer[1] / 2, -design.camera.stiffener_mm
+    head, top = design.base.ramp_head_mm - side, design.heights.plate_top - design.base.ramp_gap_mm
     end, low = 0.1 - side, floor + 0.1
     below = [(start + 0.2, low), (start, low), (head, top), (end, top)]
     above = [(y, z + thick) for y, z in reversed(below)]
@@ -45,10 +45,10 @@ def _flat_cable(design: HardwareDesign) -> Part:
 
 def build_led_board(design: HardwareDesign) -> Part:
     """Bare board with its holes, LEDs above, receptacle and driver below."""
-    plan, board, levels = design.plan, design.board, design.levels
+    plan, board, levels = design.plan_view, design.board, design.heights
     heights = levels.board_bottom, levels.board_top
     beyond = levels.board_bottom - CUT_MARGIN_MM, levels.board_top + CUT_MARGIN_MM
-    made = make_plate(plan.circuit, heights)
+    made = make_plate(plan.led_board, heights)
     made -= make_cylinders(2 * board.notch_mm, beyond, plan.shell_screws)
     made -= make_cylinders(board.locating_mm, beyond, plan.posts)
     made -= make_cylinder(board.lens_hole_mm, beyond)
@@ -60,8 +60,8 @@ def build_led_board(design: HardwareDesign) -> Part:
 
 def _usb_receptacle(design: HardwareDesign) -> Part:
     """Under the board's -y edge, its mouth a little beyond; the two corners at the board are slanted."""
-    (wide, deep, _), mouth = design.board.usb_mm, -design.plan.usb_mouth
-    half, low, high = wide / 2, design.levels.usb_bottom, design.levels.board_bottom
+    (wide, deep, _), mouth = design.board.usb_mm, -design.plan_view.usb_mouth
+    half, low, high = wide / 2, design.heights.usb_bottom, design.heights.board_bottom
     right = [(half, low), (half, high - USB_SLANT_MM), (half - USB_SLANT_MM, high)]
     return extrude_along_y([*right, *[(-x, z) for x, z in reversed(right)]], (mouth + deep, mouth))
 
@@ -69,7 +69,7 @@ def _usb_receptacle(design: HardwareDesign) -> Part:
 def _driver_position(design: HardwareDesign) -> XY:
     """Middle of the LED driver."""
     x, from_edge = design.board.driver_at_mm
-    return x, design.plan.circuit[1] / 2 + from_edge
+    return x, design.plan_view.led_board[1] / 2 + from_edge
 
 
 def _box_on(size: Block, at: XY, bottom: float) -> Part:

@@ -15,20 +15,20 @@ def build_base_board(design: HardwareDesign) -> Part:
     """The shell is screwed on it while the gels are poured."""
     thick = design.moulds.base_mm
     holes = make_cylinders(
-        design.moulds.shell_screw_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan.shell_screws
+        design.moulds.shell_screw_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan_view.shell_screws
     )
     return require_single_solid(_clamping_plate(design, thick) - holes)
 
 
 def build_first_mould(design: HardwareDesign) -> Part:
     """As thick as the translucent gel."""
-    return _mould(design, design.levels.first_mould, design.plan.translucent, design.gels.rim_radius_mm)
+    return _mould(design, design.heights.first_mould, design.plan_view.translucent, design.gels.rim_radius_mm)
 
 
 def build_second_mould(design: HardwareDesign) -> Part:
     """Thicker and wider: the difference is filled with black."""
     radius = design.gels.rim_radius_mm + design.gels.black_side_mm
-    return _mould(design, design.levels.second_mould, design.plan.black, radius)
+    return _mould(design, design.heights.second_mould, design.plan_view.black, radius)
 
 
 def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> Part:
@@ -40,13 +40,15 @@ def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> P
 
 def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
     """Outline and clamping holes that all plates share."""
-    body = make_plate(design.plan.plate, (0, thick), design.moulds.corner_radius_mm)
-    return body - make_cylinders(design.moulds.hole_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan.clamps)
+    body = make_plate(design.plan_view.plate, (0, thick), design.moulds.corner_radius_mm)
+    return body - make_cylinders(
+        design.moulds.hole_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan_view.clamps
+    )
 
 
 def build_transparent_gel(design: HardwareDesign) -> Part:
     """Fills the shell above the window; the groove between window and frame stays empty."""
-    shell, plan, levels = design.shell, design.plan, design.levels
+    shell, plan, levels = design.shell, design.plan_view, design.heights
     body = make_plate(plan.opening, (levels.floor_top, levels.rim), shell.opening_radius_mm)
     frame, window = plan.frame_outside, design.window.side_mm
     body -= make_plate((frame, frame), (levels.floor_top, levels.frame_top))
@@ -55,11 +57,13 @@ def build_transparent_gel(design: HardwareDesign) -> Part:
 
 def build_translucent_gel(design: HardwareDesign) -> Part:
     """On the shell's rim; white light comes back from it."""
-    return make_plate(design.plan.translucent, (design.levels.rim, design.levels.skin), design.gels.rim_radius_mm)
+    return make_plate(
+        design.plan_view.translucent, (design.heights.rim, design.heights.skin), design.gels.rim_radius_mm
+    )
 
 
 def build_black_gel(design: HardwareDesign) -> Part:
     """Over and round the translucent one."""
     radius = design.gels.rim_radius_mm + design.gels.black_side_mm
-    outside = make_plate(design.plan.black, (design.levels.rim, design.levels.top), radius)
+    outside = make_plate(design.plan_view.black, (design.heights.rim, design.heights.top), radius)
     return require_single_solid(outside - build_translucent_gel(design))

@@ -32,7 +32,7 @@ class _CatalogueEntry:
     """One part: its name, how it is made, and its builder."""
 
     name: str
-    way: ManufacturingMethod
+    method: ManufacturingMethod
     build: Callable[[HardwareDesign], Part]
 
 
@@ -60,7 +60,7 @@ class BuiltPart:
     """One part of one design as a solid."""
 
     name: str
-    way: ManufacturingMethod
+    method: ManufacturingMethod
     solid: Part
 
     @property
@@ -83,4 +83,4 @@ def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
 def _build_each_part(design: HardwareDesign) -> Iterator[BuiltPart]:
     """One after the other."""
     for made in PART_CATALOGUE:
-        yield BuiltPart(made.name, made.way, made.build(design))
+        yield BuiltPart(made.name, made.method, made.build(design))

@@ -31,7 +31,7 @@ CUT_MARGIN_MM = 1.0
 
 def build_sensor_base(design: HardwareDesign) -> Part:
     """Plate, bosses and posts; then pocket, channel and holes."""
-    base, plan, levels = design.base, design.plan, design.levels
+    base, plan, levels = design.base, design.plan_view, design.heights
     body = make_plate(plan.outer, (0, levels.plate_top), base.corner_radius_mm)
     body += make_cylinders(base.boss_mm, (base.floor_mm, levels.boss_top), plan.mount_inserts)
     body += make_cylinders(base.post_mm, (base.floor_mm, levels.board_bottom), plan.posts)
@@ -45,9 +45,9 @@ def build_sensor_base(design: HardwareDesign) -> Part:
 
 def _locating_pins(design: HardwareDesign) -> list[Part]:
     """On the posts, rounded at their tips."""
-    base, levels = design.base, design.levels
+    base, levels = design.base, design.heights
     tip = levels.board_bottom + base.pin_tall_mm
-    pins = make_cylinders(base.pin_mm, (levels.plate_top, tip), design.plan.posts)
+    pins = make_cylinders(base.pin_mm, (levels.plate_top, tip), design.plan_view.posts)
     if not base.pin_round_mm:
         return pins
     return [fillet(pin.faces().sort_by(Axis.Z)[-1].edges(), base.pin_round_mm) for pin in pins]
@@ -55,14 +55,14 @@ def _locating_pins(design: HardwareDesign) -> list[Part]:
 
 def _camera_pocket(design: HardwareDesign) -> Part:
     """The camera's pocket, and the channel in which its cable climbs to the shell's rim."""
-    base, levels = design.base, design.levels
+    base, levels = design.base, design.heights
     room = extrude_along_z(_pocket_outline(design), (base.floor_mm, levels.plate_top + CUT_MARGIN_MM))
     return room - extrude_along_x(*_cable_ramp(design))
 
 
 def _pocket_outline(design: HardwareDesign) -> Sketch:
     """Their outline from above."""
-    base, side = design.base, design.plan.outer[1] / 2 + CUT_MARGIN_MM
+    base, side = design.base, design.plan_view.outer[1] / 2 + CUT_MARGIN_MM
     pocket, channel = base.pocket_wide_mm / 2, base.channel_wide_mm / 2
     front, back = base.pocket_front_mm, -base.pocket_back_mm
     right = [(channel, -side), (channel, back), (pocket, back), (pocket, front)]
@@ -75,8 +75,8 @@ def _pocket_outline(design: HardwareDesign) -> Sketch:
 
 def _cable_ramp(design: HardwareDesign) -> tuple[list[tuple[float, float]], float, dict[tuple[float, float], float]]:
     """What stays under the cable: outline in (y, z), half width, and fillets of its foot and head."""
-    base, side = design.base, design.plan.outer[1] / 2
-    floor, top = base.floor_mm, design.levels.plate_top - base.ramp_gap_mm
+    base, side = design.base, design.plan_view.outer[1] / 2
+    floor, top = base.floor_mm, design.heights.plate_top - base.ramp_gap_mm
     foot, head = (base.ramp_foot_mm - side, floor), (base.ramp_head_mm - side, top)
     below, beyond = floor - 0.5, -side - 2 * CUT_MARGIN_MM
     outline = [(-base.pocket_back_mm, below), (-base.pocket_back_mm, floor), foot, head, (beyond, top), (beyond, below)]
@@ -85,7 +85,7 @@ def _cable_ramp(design: HardwareDesign) -> tuple[list[tuple[float, float]], floa
 
 def build_sensor_shell(design: HardwareDesign) -> Part:
     """A block with the gel cavity above and the LED cavity below, the window's frame, bores and the USB slot."""
-    shell, plan, levels = design.shell, design.plan, design.levels
+    shell, plan, levels = design.shell, design.plan_view, design.heights
     body = make_plate(plan.outer, (levels.plate_top, levels.rim), shell.corner_radius_mm)
     body -= make_plate(plan.opening, (levels.floor_top, levels.rim + CUT_MARGIN_MM), shell.opening_radius_mm)
     body += _window_frame(design)
@@ -99,14 +99,14 @@ def build_sensor_shell(design: HardwareDesign) -> Part:
 
 def _window_frame(design: HardwareDesign) -> Part:
     """Round the window's seat."""
-    outside, inside = design.plan.frame_outside, design.plan.frame_inside
-    heights = design.levels.floor_top, design.levels.frame_top
+    outside, inside = design.plan_view.frame_outside, design.plan_view.frame_inside
+    heights = design.heights.floor_top, design.heights.frame_top
     return make_plate((outside, outside), heights) - make_plate((inside, inside), heights)
 
 
 def _led_cavity(design: HardwareDesign) -> Part:
     """The air below the floor: without the screw bosses, and rounded at the ceiling."""
-    shell, plan, levels = design.shell, design.plan, design.levels
+    shell, plan, levels = design.shell, design.plan_view, design.heights
     heights = levels.plate_top - CUT_MARGIN_MM, levels.ceiling
     air = make_plate(plan.cavity, heights)
     air -= make_cylinders(shell.boss_mm, heights, plan.shell_screws)
@@ -117,7 +117,7 @@ def _led_cavity(design: HardwareDesign) -> Part:
 
 def _usb_slot(design: HardwareDesign) -> list[Part]:
     """Through the wall at -y, with the receptacle's two slanted corners, and the step round it outside."""
-    shell, plan, bottom = design.shell, design.plan, design.levels.plate_top
+    shell, plan, bottom = design.shell, design.plan_view, design.heights.plate_top
     half, low, high, slant = shell.slot_wide_mm / 2, shell.slot_from_mm, shell.slot_to_mm, shell.slot_chamfer_mm
     right = [(half, bottom + low), (half, bottom + high - slant), (half - slant, bottom + high)]
     outline = [*right, *[(-x, z) for x, z in reversed(right)]]
@@ -132,8 +132,8 @@ def _usb_slot(design: HardwareDesign) -> list[Part]:
 
 def build_isolation_ring(design: HardwareDesign) -> Part:
     """A square block with a bore that opens to a cone at the window."""
-    ring, bottom, top = design.ring, design.levels.ring_bottom, design.levels.floor_top
-    side = design.plan.ring_side
+    ring, bottom, top = design.ring, design.heights.ring_bottom, design.heights.floor_top
+    side = design.plan_view.ring_side
     mouth = side - 2 * ring.land_mm
     opens = top - (mouth - ring.bore_mm) / 2 / tan(radians(ring.cone_deg))
     body = make_plate((side, side), (bottom, top)) - make_cylinder(ring.bore_mm, (bottom - CUT_MARGIN_MM, opens))
@@ -143,12 +143,12 @@ def build_isolation_ring(design: HardwareDesign) -> Part:
 def build_acrylic_window(design: HardwareDesign) -> Part:
     """The plate between camera and gel."""
     side = design.window.side_mm
-    return make_plate((side, side), (design.levels.floor_top, design.levels.window_top))
+    return make_plate((side, side), (design.heights.floor_top, design.heights.window_top))
 
 
 def build_calibration_board(design: HardwareDesign) -> Part:
     """A tray that slides over the shell, with round-tipped pins on its floor."""
-    frame, plan = design.pin_frame, design.plan
+    frame, plan = design.pin_frame, design.plan_view
     outside = plan.tray[0] + 2 * frame.wall_mm, plan.tray[1] + 2 * frame.wall_mm
     body = make_plate(outside, (0, plan.tray_tall), frame.corner_radius_mm)
     inside_radius = max(frame.corner_radius_mm - frame.wall_mm, 0.0)
