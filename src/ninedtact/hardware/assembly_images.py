@@ -1,4 +1,4 @@
-"""What images show: parts alone, the sensor whole, cut open, or pulled apart."""
+"""Images of the parts and of the assembled sensor: whole, exploded and cut open."""
 
 from collections.abc import Iterable, Sequence
 
@@ -19,10 +19,10 @@ from ninedtact.hardware.solid_renderer import (
 )
 
 PARTS_SHOWN_FROM_BELOW = ("sensor_shell",)
-"""Parts whose lower side has more to show; both are drawn."""
+"""Parts whose lower side shows more; they are drawn from both sides."""
 SECTION_VIEW = ViewDirection(-68.0, 18.0)
 FAR_MM = 500.0
-"""Half a block that is larger than any sensor."""
+"""Half the side of a block that is larger than any sensor."""
 LIFTS_MM = {
     "screw": -26.0,
     "insert": 0.0,
@@ -36,25 +36,25 @@ LIFTS_MM = {
     "translucent_gel": 92.0,
     "black_gel": 102.0,
 }
-"""How far the exploded view raises each body of the published size; larger sensors are pulled apart as much further."""
+"""Height by which the exploded view raises each body in the published size; the lifts grow with larger sensors."""
 PUBLISHED_SHELL_MM = 32.5, 25.5, 19.5
-"""Of that size."""
+"""Size of the shell in the published size."""
 
 
 def render_part(part: BuiltPart) -> BgrImage:
-    """One part; from above, and beside it from below where that shows more."""
+    """Render one part from above, and beside it from below where that shows more."""
     body = [ColouredMesh(triangulate_solid(part.solid), MATERIAL_OF_PART[part.name].colour)]
     above = render_solids(body, FROM_ABOVE)
     return cv2.hconcat([above, render_solids(body, FROM_BELOW)]) if part.name in PARTS_SHOWN_FROM_BELOW else above
 
 
 def render_sensor(bodies: Sequence[AssemblyBody]) -> BgrImage:
-    """The finished sensor."""
+    """Render the assembled sensor."""
     return render_solids(colour_bodies(bodies))
 
 
 def render_exploded_view(bodies: Sequence[AssemblyBody]) -> BgrImage:
-    """Pulled apart along z, in the order of assembly."""
+    """Render the bodies pulled apart along z, in the order of assembly."""
     further = explosion_scale(bodies)
     moved = [
         AssemblyBody(body.name, Pos(0, 0, further * _lift_mm(body.name)) * body.solid, body.material) for body in bodies
@@ -63,14 +63,14 @@ def render_exploded_view(bodies: Sequence[AssemblyBody]) -> BgrImage:
 
 
 def explosion_scale(bodies: Sequence[AssemblyBody]) -> float:
-    """How often the published shell's size this one's is, by the side that grew most; at least once."""
+    """Return the factor by which the shell is larger than the published one, along its side that grew most; at least 1."""
     (shell,) = (body for body in bodies if body.name == "sensor_shell")
     sides = zip(tuple(shell.solid.bounding_box().size), PUBLISHED_SHELL_MM, strict=True)
     return max(1.0, *(side / published for side, published in sides))
 
 
 def _lift_mm(name: str) -> float:
-    """Inserts of the shell rise with it."""
+    """Return the height by which a body is raised; the shell's inserts rise with the shell."""
     kind = name.rstrip("0123456789").rstrip("_")
     if kind == "insert" and int(name.split("_")[1]) > 4:
         return LIFTS_MM["sensor_shell"]
@@ -78,12 +78,12 @@ def _lift_mm(name: str) -> float:
 
 
 def render_section(bodies: Sequence[AssemblyBody]) -> BgrImage:
-    """Cut open through the middle, the half at -y taken away."""
+    """Render the sensor cut open through the middle, the half at -y removed."""
     return render_solids(colour_bodies(cut_bodies_open(bodies)), SECTION_VIEW, (1000, 800))
 
 
 def cut_bodies_open(bodies: Sequence[AssemblyBody]) -> list[AssemblyBody]:
-    """What is left at +y of a plane just beside the axis, along which bodies touch."""
+    """Return the halves at +y of a plane just beside the axis, so that it does not coincide with touching faces."""
     keep = Pos(0, FAR_MM + 0.01, 0) * Box(2 * FAR_MM, 2 * FAR_MM, 2 * FAR_MM)
     halves = ((body, body.solid & keep) for body in bodies)
     return [
@@ -94,5 +94,5 @@ def cut_bodies_open(bodies: Sequence[AssemblyBody]) -> list[AssemblyBody]:
 
 
 def colour_bodies(bodies: Iterable[AssemblyBody]) -> list[ColouredMesh]:
-    """Each in its material's colour."""
+    """Triangulate bodies and give each the colour of its material."""
     return [ColouredMesh(triangulate_solid(body.solid), body.material.colour) for body in bodies]

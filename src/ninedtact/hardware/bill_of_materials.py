@@ -1,8 +1,6 @@
-"""The bill of materials: what one sensor is made of, and what it takes to make it.
+"""The bill of materials: the parts of one sensor and the tools to make it, also as CSV and HTML.
 
-Prices are our estimates for single pieces, in US dollars, without shipping; no shop was asked. The paper says about $15.
-
-The bill of materials as CSV and as a page.
+Prices are our estimates for single pieces in US dollars, without shipping; no shop was asked. The paper says about $15.
 """
 
 import csv
@@ -17,39 +15,42 @@ from ninedtact.hardware.materials import MATERIAL_OF_PART, SILICONES
 
 BillItemKind = Literal["sensor", "tool"]
 SENSOR_USD_PER_CM3 = {"sensor_base": 0.35, "sensor_shell": 0.45, "isolation_ring": 0.35}
-"""Of prints: resin, and nylon laser-sintered."""
+"""Price of printed parts: resin, and laser-sintered nylon."""
 TRAY_USD_PER_CM3 = SENSOR_USD_PER_CM3["sensor_shell"]
-"""The calibration board is of the shell's nylon."""
+"""The calibration board is made of the shell's nylon."""
 SILICONE_USD_PER_G = 0.05
 ACRYLIC_USD_PER_CM3 = 0.05
 CAMERA_USD, BOARD_USD, CUT_USD = 6.0, 2.5, 0.2
 PUBLISHED_BOARD_MM2 = 28.0 * 21.0
-"""That `BOARD_USD` is for; a larger circuit board costs as much more, a smaller one as much."""
+"""Board area that `BOARD_USD` is for. A larger board costs proportionally more, a smaller one the same."""
 NUT_MM = 2.4
 """Height of an M3 nut (ISO 4032)."""
 
 
 @dataclass(frozen=True)
 class BillItem:
-    """One line."""
+    """One item of the bill of materials."""
 
     kind: BillItemKind
-    """Part of the sensor, or a tool that outlives it."""
+    """Part of the sensor, or a tool that is used for many sensors."""
     name: str
     count: int
     what: str
-    """Enough to order it."""
+    """Description that suffices to order it."""
     each_usd: float
-    """Estimated."""
+    """Estimated price of one piece."""
 
     @property
     def usd(self) -> float:
-        """Of all pieces."""
+        """Estimated price of all pieces."""
         return self.count * self.each_usd
 
 
 def build_bill_of_materials(design: HardwareDesign, volumes_mm3: Mapping[str, float]) -> list[BillItem]:
-    """Every line. volumes_mm3: of the parts that are made, by name."""
+    """Return all items of the bill of materials.
+
+    volumes_mm3: volumes of the parts that are made, by name.
+    """
     cm3 = {name: volume / 1000 for name, volume in volumes_mm3.items()}
     return [
         *_printed_items(cm3),
@@ -61,20 +62,20 @@ def build_bill_of_materials(design: HardwareDesign, volumes_mm3: Mapping[str, fl
 
 
 def _printed_items(cm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """From STEP or STL."""
+    """Yield the parts that are printed from STEP or STL."""
     for name, price in SENSOR_USD_PER_CM3.items():
         yield BillItem("sensor", name, 1, f"{MATERIAL_OF_PART[name].name}, {cm3[name]:.2f} cm³", price * cm3[name])
 
 
 def _cut_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """From DXF."""
+    """Yield the parts that are cut from DXF."""
     thick = design.window.thick_mm
     price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3["acrylic_window"]
     yield BillItem("sensor", "acrylic_window", 1, f"clear acrylic, {thick:g} mm, laser-cut", price)
 
 
 def _gel_items(volumes_mm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """Weighed in, with what is wasted."""
+    """Yield the silicones by mass, waste included."""
     for silicone in SILICONES:
         grams = silicone.grams(volumes_mm3[silicone.part])
         what = f"{silicone.product}, A : B = {silicone.ratio}; mix {grams:.1f} g"
@@ -82,7 +83,7 @@ def _gel_items(volumes_mm3: Mapping[str, float]) -> Iterator[BillItem]:
 
 
 def _bought_items(design: HardwareDesign) -> Iterator[BillItem]:
-    """From shops."""
+    """Yield the parts that are bought."""
     wide, deep = design.plan_view.led_board
     diameter, long = design.fasteners.insert_mm
     yield BillItem("sensor", "camera", 1, "Frank-S15-V1.0-160 (OV5647, 160°), with its flat cable", CAMERA_USD)
@@ -95,7 +96,7 @@ def _bought_items(design: HardwareDesign) -> Iterator[BillItem]:
 
 
 def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """Needed once, for many sensors."""
+    """Yield the tools that are needed once for many sensors."""
     for name, thick in (
         ("base_board", design.moulds.base_mm),
         ("first_mould", design.heights.first_mould),
@@ -123,14 +124,15 @@ def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Bi
 
 
 def clamp_screw_length_mm(design: HardwareDesign) -> int:
-    """Length of the M3 screws: through base board, shell and the thicker mould, and a nut; sold every 5 mm."""
+    """Return the length of the M3 screws that pass base board, shell, the thicker mould and a nut; sold in steps of 5
+    mm."""
     shell = design.heights.rim - design.heights.plate_top
     stack = design.moulds.base_mm + shell + design.heights.second_mould
     return 5 * ceil((stack + NUT_MM) / 5)
 
 
 def sensor_cost_usd(items: list[BillItem]) -> float:
-    """Of one sensor, without tools."""
+    """Return the estimated cost of one sensor without tools."""
     return sum(item.usd for item in items if item.kind == "sensor")
 
 
@@ -138,7 +140,7 @@ CSV_HEADINGS = "kind", "name", "count", "what", "each_usd_estimated"
 
 
 def bill_to_csv(items: Sequence[BillItem]) -> bytes:
-    """One line per item."""
+    """Return the bill of materials as CSV, one line per item."""
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_HEADINGS)
@@ -147,7 +149,7 @@ def bill_to_csv(items: Sequence[BillItem]) -> bytes:
 
 
 def bill_to_html(design: HardwareDesign, items: Sequence[BillItem]) -> bytes:
-    """A page that loads nothing but the images beside it."""
+    """Return the bill of materials as an HTML page that loads nothing but the part images beside it."""
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

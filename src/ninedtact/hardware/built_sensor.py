@@ -1,4 +1,5 @@
-"""Everything that is known of a built design: what is checked, listed and exported."""
+"""A hardware design with everything derived from it: solids, assembly, clearances, LED board, bill of materials and
+check report."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -27,9 +28,9 @@ from ninedtact.hardware.sensor_assembly import AssemblyBody, BodyPair, find_adja
 
 @dataclass(frozen=True)
 class BuiltSensor:
-    """A design that keeps all rules and for which there is a LED board; its solids are built when they are first asked for.
+    """A design that keeps all rules and has a valid LED board. Its solids are built on first access.
 
-    Raises `RulesBroken`, `BoardImpossible`.
+    Raises `DesignRulesBroken`, `LedBoardImpossible`.
     """
 
     design: HardwareDesign
@@ -40,12 +41,12 @@ class BuiltSensor:
 
     @cached_property
     def parts(self) -> dict[str, BuiltPart]:
-        """By name."""
+        """The built parts by name."""
         return build_parts(self.design)
 
     @cached_property
     def bodies(self) -> list[AssemblyBody]:
-        """Of the finished sensor."""
+        """The bodies of the assembled sensor."""
         return place_assembly_bodies(self.design, self.parts)
 
     @cached_property
@@ -55,31 +56,31 @@ class BuiltSensor:
 
     @property
     def interferences(self) -> list[BodyPair]:
-        """Pairs that claim the same clearance."""
+        """Pairs of bodies that overlap without being meant to."""
         return [pair for pair in self.adjacent_bodies if pair.interferes]
 
     @cached_property
     def clearances(self) -> list[Clearance]:
-        """Room between parts, by their dimensions."""
+        """Clearances between parts, computed from their dimensions."""
         return [*list_clearances(self.design)]
 
     @cached_property
     def led_board_layout(self) -> BoardLayout:
-        """The LED board that fits."""
+        """The laid-out LED board that fits this design."""
         return lay_out_checked_board(led_board_for_design(self.design))
 
     @cached_property
     def bill(self) -> list[BillItem]:
-        """Of materials."""
+        """The bill of materials."""
         return build_bill_of_materials(self.design, {name: part.volume_mm3 for name, part in self.parts.items()})
 
     @cached_property
     def specification(self) -> SensorSpecification:
-        """As a row of the paper's table."""
+        """Size, sensing area, mass and cost, as a row of the paper's table."""
         return specification_of_design(self.design, (body.mass_g for body in self.bodies), sensor_cost_usd(self.bill))
 
     def to_json_dict(self) -> dict[str, Any]:
-        """For scripts."""
+        """Return the results of all checks as a dictionary that JSON can hold."""
         return {
             "variant": self.design.variant,
             "specification": {**asdict(self.specification), "ratio_mm": self.specification.ratio_mm},
@@ -96,7 +97,7 @@ class BuiltSensor:
         }
 
     def check_report_lines(self) -> Iterator[str]:
-        """For a person."""
+        """Yield the results of all checks as lines of text."""
         tight = sum(clearance.is_tight for clearance in self.clearances)
         kept = f"no rule broken, but {tight} clearances are tight" if tight else "all rules kept"
         yield f"design {self.design.variant}: {kept}; {len(self.bodies)} bodies"
@@ -116,7 +117,7 @@ class BuiltSensor:
 
 
 def _format_interferences(sensor: BuiltSensor) -> Iterator[str]:
-    """Pairs that overlap, and those that are meant to."""
+    """Yield a line for each interference, and their number."""
     for pair in sensor.interferences:
         yield f"  INTERFERES: {pair.first} and {pair.second} share {pair.overlap_mm3:.3f} mm³"
     meant = sum(pair.overlap_mm3 > 0 and pair.is_intended for pair in sensor.adjacent_bodies)
@@ -125,7 +126,7 @@ def _format_interferences(sensor: BuiltSensor) -> Iterator[str]:
 
 
 def _format_clearances(clearances: list[Clearance]) -> Iterator[str]:
-    """The table."""
+    """Yield the table of clearances."""
     yield "clearances, mm (needed):"
     for clearance in clearances:
         tight = "   TIGHT" if clearance.is_tight else ""

@@ -1,7 +1,4 @@
-"""Distances between bodies that take more than a subtraction; negative where they overlap. Lengths in mm.
-
-Room between parts, from their dimensions alone. Negative: they overlap. Lengths in mm.
-"""
+"""Clearances between parts, computed from the dimensions alone. Negative clearances are overlaps. Lengths in mm."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +10,7 @@ from ninedtact.hardware.dimensions.bought_parts import M2_DIAMETER_MM
 
 
 def _lens_diameter_mm(design: HardwareDesign, above_mm: float, below_mm: float = inf) -> float:
-    """The widest step of the lens that reaches above the one level and begins below the other."""
+    """Return the diameter of the widest lens step that reaches above one height and begins below the other."""
     camera, floor = design.camera, design.base.floor_mm
     tops = [floor + camera.tall_mm, *(floor + top for _, top in camera.lens_mm)]
     steps = zip(camera.lens_mm, pairwise(tops), strict=True)
@@ -21,7 +18,7 @@ def _lens_diameter_mm(design: HardwareDesign, above_mm: float, below_mm: float =
 
 
 def _lens_to_parts_below_mm(design: HardwareDesign) -> float:
-    """Receptacle and LED driver below the board to the lens between them."""
+    """Return the distance from the lens to the nearer of receptacle and LED driver, which hang below the board."""
     board, levels = design.board, design.heights
     (wide, deep, tall), (x, from_edge) = board.driver_mm, board.driver_at_mm
     y = design.plan_view.led_board[1] / 2 + from_edge
@@ -32,7 +29,8 @@ def _lens_to_parts_below_mm(design: HardwareDesign) -> float:
 
 
 def _board_to_ceiling_mm(design: HardwareDesign) -> float:
-    """The board's upper edge to the fillet between wall or boss and ceiling; to the wall where the fillet begins above it."""
+    """Return the distance from the board's upper edge to the fillet at the ceiling, or to the wall where the fillet
+    begins above it."""
     radius, levels = design.shell.fillet_mm, design.heights
     beside = min(design.board.gap_mm, design.board.notch_mm - design.shell.boss_mm / 2)
     above_start = levels.board_top - (levels.ceiling - radius)
@@ -40,7 +38,7 @@ def _board_to_ceiling_mm(design: HardwareDesign) -> float:
 
 
 def _led_to_ring_mm(design: HardwareDesign) -> float:
-    """Nearest LED edge to the ring's square, seen from above."""
+    """Return the distance from the nearest LED edge to the square of the ring, seen from above."""
     half, (wide, deep, _) = design.plan_view.ring_side / 2, design.board.led_mm
     return min(
         _rectangle_distance_mm(abs(x) - wide / 2 - half, abs(y) - deep / 2 - half) for x, y in design.plan_view.leds
@@ -48,7 +46,8 @@ def _led_to_ring_mm(design: HardwareDesign) -> float:
 
 
 def _led_to_cavity_wall_mm(design: HardwareDesign) -> float:
-    """LEDs to the walls and screw bosses beside them, less what the ceiling's fillet takes at the LEDs' tops."""
+    """Return the distance from the LEDs to the nearest wall or screw boss, less what the ceiling's fillet takes at the
+    LEDs' tops."""
     plan, radius, (wide, deep, _) = design.plan_view, design.shell.fillet_mm, design.board.led_mm
     up = max(design.heights.led_top - (design.heights.ceiling - radius), 0.0)
     fillet = radius - sqrt(max(radius**2 - up**2, 0.0))
@@ -61,12 +60,12 @@ def _led_to_cavity_wall_mm(design: HardwareDesign) -> float:
 
 
 def _rectangle_distance_mm(along_x: float, along_y: float) -> float:
-    """Distance of two rectangles by the gaps between them along x and y; negative where they overlap."""
+    """Return the distance of two rectangles from their gaps along x and y; negative where they overlap."""
     return max(along_x, along_y) if max(along_x, along_y) < 0 else hypot(max(along_x, 0.0), max(along_y, 0.0))
 
 
 def _plug_stop_distance_mm(design: HardwareDesign) -> float:
-    """How far behind the face that stops a plug's overmould the receptacle's mouth is."""
+    """Return how far the receptacle's mouth lies behind the face that stops the plug's overmould."""
     return design.plan_view.outer[1] / 2 - design.shell.relief_deep_mm - design.plan_view.usb_mouth
 
 
@@ -75,42 +74,44 @@ BASE, SHELL, RING, WINDOW, TRAY = (
 )
 
 PLUG_TOLERANCE_MM = 1.0
-"""How far a plug may stop before it is home and still make contact; assumed, no cable was measured."""
+"""Distance from its end position at which a plug still makes contact; assumed, no cable was measured."""
 STIFFENER_INTERFERENCE_MM = -0.1
-"""The camera's stiffener in the original's pocket: it was built so, the corner gives way."""
+"""Clearance of the camera's stiffener in the original's pocket. The original was built so, and the stiffener's corner
+gives way."""
 ROUNDING_MM = 1e-9
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """One pair of faces that pass or face each other."""
+    """The distance between two faces that pass or face each other."""
 
     faces: str
+    """Names of the two faces."""
     adjusted_by: str
     """Dimensions that change it."""
     clearance_mm: float
     required_mm: float
-    """What printing, cutting or moulding needs."""
+    """Least clearance for printing, cutting or moulding."""
     critical_parts: tuple[str, ...] = ()
-    """Parts to be made on whose accuracy it rests, where that matters; their drawings list it."""
+    """Parts to be made whose accuracy decides whether it is kept; their drawings list it."""
     impossible_below_mm: float | None = 0.0
-    """With less than that no sensor can be built; none: it can, whatever this is."""
+    """Least clearance with which a sensor can be built at all; none where any value can be built."""
     rule: str = "parts_touch"
-    """Broken by less than that."""
+    """Name of the rule that is broken below that."""
 
     @property
     def is_tight(self) -> bool:
-        """Less than is needed."""
+        """Whether the clearance is less than required."""
         return self.clearance_mm < self.required_mm - ROUNDING_MM
 
     @property
     def is_impossible(self) -> bool:
-        """No sensor can be built so."""
+        """Whether no sensor can be built with this clearance."""
         return self.impossible_below_mm is not None and self.clearance_mm < self.impossible_below_mm - ROUNDING_MM
 
 
 def list_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """All of them; those of diameters are per side."""
+    """Yield all clearances of a design; those of diameters are per side."""
     yield from _led_board_clearances(design)
     yield from _window_clearances(design)
     yield from _camera_clearances(design)
@@ -124,7 +125,7 @@ def fits_of_part(design: HardwareDesign, part: str) -> list[Clearance]:
 
 
 def _led_board_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """LED board in the shell and on the base."""
+    """Yield the clearances of the LED board in the shell and on the base."""
     board, shell, base, levels = design.board, design.shell, design.base, design.heights
     yield Clearance("LED board, shell cavity", "board.gap_mm", board.gap_mm, 0.15, SHELL)
     yield Clearance(
@@ -171,7 +172,7 @@ def _led_board_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 
 def _window_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Window and ring in the shell."""
+    """Yield the clearances of window and isolation ring in the shell."""
     shell, ring, levels = design.shell, design.ring, design.heights
     yield Clearance("isolation ring, window hole of the shell", "ring.gap_mm", ring.gap_mm, 0.03, (*RING, *SHELL))
     yield Clearance("isolation ring, LED board", "ring.above_board_mm", ring.above_board_mm, 0.0, RING)
@@ -188,7 +189,7 @@ def _window_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 
 def _camera_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Camera in base, board and ring."""
+    """Yield the clearances of the camera in base, LED board and ring."""
     camera, base, levels = design.camera, design.base, design.heights
     yield Clearance(
         "lens, parts below the LED board",
@@ -235,7 +236,7 @@ def _camera_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 
 def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Screws, inserts and the USB plug."""
+    """Yield the clearances of screws and inserts."""
     base, fasteners = design.base, design.fasteners
     head, tall = fasteners.head_mm
     yield Clearance(
@@ -266,7 +267,7 @@ def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 
 def _outer_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """What is slid over the sensor, or into it."""
+    """Yield the clearances of what slides over the sensor or is plugged into it."""
     slot_bottom = design.heights.plate_top + design.shell.slot_from_mm
     yield Clearance("calibration board, shell", "pin_frame.gap_mm", design.pin_frame.gap_mm, 0.1, (*TRAY, *SHELL))
     yield Clearance(

@@ -1,9 +1,9 @@
-"""One sensor's hardware: the sensor design, and every dimension of the parts that make it. Lengths in mm.
+"""The hardware design of one sensor: its sensor design and every dimension of its parts, with reading and writing of
+design files. Lengths in mm.
 
-Assembly frame: x along the long side, y along the short side, z towards the skin; origin in the middle of the base's
-outer bottom face; the optical axis is z; cable and USB leave at -y.
-
-A design file read with its hardware: `[hardware.shell]` and so on change the parts of a variant.
+Assembly frame: x along the long side, y along the short side, z towards the skin. The origin lies in the middle of the
+base's outer bottom face, z is the optical axis, and cable and USB leave at -y. In a design file the tables
+`[hardware.shell]` and so on change the parts of a variant.
 """
 
 import tomllib
@@ -47,7 +47,7 @@ DesignVariant = Literal["default", "original"]
 
 @dataclass(frozen=True)
 class HardwareDesign:
-    """Choices of every part; `plan` and `levels` are what follows from them."""
+    """The chosen dimensions of every part; `plan_view` and `heights` hold what follows from them."""
 
     sensor: SensorDesign = SensorDesign()
     variant: DesignVariant = "default"
@@ -74,12 +74,12 @@ class HardwareDesign:
 
 
 def default_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
-    """With the improvements that docs/hardware.md lists."""
+    """Return the design with the improvements that docs/hardware.md lists."""
     return HardwareDesign(sensor)
 
 
 def original_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
-    """With the dimensions of the original 9DTact."""
+    """Return the design with the dimensions of the original 9DTact."""
     return HardwareDesign(
         sensor,
         "original",
@@ -93,7 +93,7 @@ def original_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareD
 
 
 def hardware_design_of_variant(sensor: SensorDesign, variant: DesignVariant) -> HardwareDesign:
-    """The variant by its name."""
+    """Return the design of the variant with this name."""
     return original_hardware_design(sensor) if variant == "original" else default_hardware_design(sensor)
 
 
@@ -102,9 +102,10 @@ VARIANT_KEY = "variant"
 
 
 def read_hardware_design(path: Path | str | None, variant: DesignVariant) -> HardwareDesign:
-    """The variant with what the file says, its own where it names one; the published sensor if there is none.
+    """Read a design file with its hardware tables. Without a file, return the variant in the published size.
 
-    Raises what `read_design_file` raises.
+    variant: what the file's dimensions are applied to, unless the file names a variant of its own. Raises what
+    `read_design_file` raises.
     """
     if path is None:
         return hardware_design_of_variant(SensorDesign(), variant)
@@ -115,7 +116,7 @@ def read_hardware_design(path: Path | str | None, variant: DesignVariant) -> Har
 
 
 def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> tuple[DesignVariant, Any]:
-    """The variant that the tables name, or this one; and the tables without it."""
+    """Return the variant that the tables name, or else the given one, and the tables without it."""
     if not isinstance(hardware, dict) or VARIANT_KEY not in hardware:
         return variant, hardware
     named = hardware[VARIANT_KEY]
@@ -127,7 +128,7 @@ def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> t
 
 
 def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
-    """A design with these tables' dimensions in place of its own."""
+    """Return a design in which the dimensions of these tables replace its own."""
     if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
         raise DesignFileUnreadable(
             f"expected [hardware] of {path} to hold tables, got values; write [hardware.shell] and the like"
@@ -141,16 +142,16 @@ def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -
 
 
 def _convert_part(part: Any, table: dict[str, Any], path: Path | str) -> Any:
-    """One part with this table's dimensions."""
+    """Return the dimensions of one part with those of this table in place of its own."""
     return convert_design_tables({**_to_toml_tables(part), **table}, type(part), path)
 
 
 def _to_toml_tables(part: Any) -> dict[str, Any]:
-    """As TOML would give it back."""
+    """Return a dataclass as the dictionary that TOML would read back."""
     return tomllib.loads(tomli_w.dumps(asdict(part)))
 
 
 def hardware_design_to_toml(design: HardwareDesign) -> str:
-    """Every dimension, as `read_hardware_design` reads it for the same variant."""
+    """Return a design file with every dimension, which `read_hardware_design` reads back as the same design."""
     parts = {name: asdict(getattr(design, name)) for name in PART_TABLES}
     return f"{design_to_toml(design.sensor)}\n{tomli_w.dumps({HARDWARE_TABLE: {VARIANT_KEY: design.variant, **parts}})}"

@@ -7,9 +7,9 @@ from ninedtact.hardware.design import HardwareDesign
 
 
 def lens_reach_mm(design: HardwareDesign, height_mm: float | None = None) -> float:
-    """Radius that the lens sees at this height; of the skin if not given.
+    """Return the radius in mm that the lens sees at a height in the assembly; at the skin if none is given.
 
-    The pupil is taken to be at the lens front, where wide lenses have it nearly.
+    The pupil is taken to be at the lens front, where wide-angle lenses have it nearly.
     """
     levels, angle = design.heights, _lens_half_angle_rad(design)
     height = levels.skin if height_mm is None else height_mm
@@ -24,13 +24,13 @@ def lens_reach_mm(design: HardwareDesign, height_mm: float | None = None) -> flo
 
 
 def sensing_corner_radius_mm(design: HardwareDesign) -> float:
-    """From the middle to a corner of the sensing area: what the lens has to reach."""
+    """Return the distance from the optical axis to a corner of the sensing area, which the lens must reach."""
     area = design.sensor.sensing_area
     return hypot(area.width_mm, area.height_mm) / 2
 
 
 def required_camera_distance_mm(design: HardwareDesign) -> float:
-    """Distance from lens to skin from which the corner is seen just so."""
+    """Return the least camera distance from which the lens sees the corner of the sensing area."""
     more = (sensing_corner_radius_mm(design) - lens_reach_mm(design)) / _refracted_slope(
         _lens_half_angle_rad(design), SILICONE_REFRACTIVE_INDEX
     )
@@ -38,10 +38,10 @@ def required_camera_distance_mm(design: HardwareDesign) -> float:
 
 
 def _lens_half_angle_rad(design: HardwareDesign) -> float:
-    """Of the lens, in air."""
+    """Return half the angle that the lens sees in air."""
     return radians(design.sensor.camera.lens_angle_deg / 2)
 
 
 def _refracted_slope(angle_rad: float, index: float) -> float:
-    """Radius gained per mm of height within a material, by Snell's law."""
+    """Return the radius gained per mm of height in a material, by Snell's law."""
     return tan(asin(sin(angle_rad) / index))

@@ -1,7 +1,5 @@
-"""What parts are made of: density, colour in images, and where the density comes from.
-
-The paper's silicones: what is mixed for each layer, how long it cures (docs/references.md#9dtact).
-"""
+"""Materials of the parts: density, its source and the colour in images; the silicones of the paper with their mixing
+ratios and curing times (docs/references.md#9dtact)."""
 
 from dataclasses import dataclass
 
@@ -10,17 +8,17 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Material:
-    """One material."""
+    """A material with its density, the source of that density, and its colour in images."""
 
     name: str
     g_per_cm3: float
     source: str
     colour: Colour
-    """Red, green, blue, as images show it."""
+    """Red, green and blue in images."""
 
 
 BLACK_PLASTIC = Material("black nylon, PETG or ABS print", 1.15, "between nylon 1.01 and PETG 1.27", (62, 64, 68))
-"""It softens when it is hot, as inserts want it; resin does not."""
+"""It softens when heated, as heat-set inserts require; resin does not."""
 BLACK_PRINT = Material("black print, resin for the finest", 1.15, "usual of SLA resins; nylon 1.01", (62, 64, 68))
 WHITE_NYLON = Material("white nylon, laser-sintered", 1.01, "usual of PA12 prints", (236, 236, 230))
 ACRYLIC = Material("clear acrylic", 1.19, "handbook value of PMMA", (160, 205, 225))
@@ -51,25 +49,25 @@ MATERIAL_OF_PART = {
     "insert": BRASS,
     "screw": STEEL,
 }
-"""By the part's name."""
+"""Material by the name of the part."""
 
 
 WASTE_FACTOR = 1.5
-"""Silicone stays in cups and overflows moulds."""
+"""Mass to mix over mass of the layer: silicone stays in cups and overflows moulds."""
 
 
 @dataclass(frozen=True)
 class Silicone:
-    """One of the three layers."""
+    """The silicone of one of the three gel layers."""
 
     part: str
     product: str
     ratio: str
-    """Of its two components, by weight."""
+    """Mixing ratio of its two components, by weight."""
     cure: str
 
     def grams(self, volume_mm3: float) -> float:
-        """To mix for a layer of this volume: what it weighs, and what stays in the cup."""
+        """Return the mass in g to mix for a layer of this volume, waste included."""
         return volume_mm3 / 1000 * MATERIAL_OF_PART[self.part].g_per_cm3 * WASTE_FACTOR
 
 

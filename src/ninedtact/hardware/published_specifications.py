@@ -1,7 +1,5 @@
-"""A sensor's figures as the paper's Table I has them, beside those of other sensors.
-
-Where the published paper and its files disagree, and what the default design of the published size takes.
-"""
+"""Size, sensing area, mass and cost of published sensors, as in Table I of the 9DTact paper, and where that paper and
+its design files disagree."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -13,7 +11,7 @@ BoxSize = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class SensorSpecification:
-    """One row of the table."""
+    """One row of the comparison table."""
 
     name: str
     size_mm: BoxSize
@@ -23,7 +21,7 @@ class SensorSpecification:
 
     @property
     def ratio_mm(self) -> float:
-        """Dimension-to-area ratio: volume of the box over the sensing area."""
+        """Volume of the sensor's box over its sensing area, called dimension-to-area ratio in the paper."""
         x, y, z = self.size_mm
         return x * y * z / (self.sensing_mm[0] * self.sensing_mm[1])
 
@@ -31,18 +29,19 @@ class SensorSpecification:
 PUBLISHED_9DTACT = SensorSpecification("9DTact, as published", (32.5, 25.5, 25.5), (24.0, 18.0), 20.0, 15.0)
 """docs/references.md#9dtact."""
 PUBLISHED_DIGIT = SensorSpecification("PUBLISHED_DIGIT, as published", (20.0, 27.0, 18.0), (19.0, 16.0), 20.0, 15.0)
-"""docs/references.md#digit; its cost is of the parts of one of a thousand."""
+"""docs/references.md#digit; its cost is that of the parts for one of a thousand."""
 OTHER_SENSING_AREAS_MM2 = {"GelSight Mini": 18.6 * 14.3, "GelSlim 3.0": 675.0, "Insight (a dome)": 4800.0}
-"""docs/references.md#sensing-areas. Of these, size, mass and cost as the paper's table has them are not known here."""
+"""docs/references.md#sensing-areas. Size, mass and cost of these sensors, as the paper's table has them, are not known
+here."""
 
 
 def _sensor_size_mm(design: HardwareDesign) -> BoxSize:
-    """Of the finished sensor, without cable and plug."""
+    """Return the size of the finished sensor without cable and plug."""
     return *design.plan_view.outer, design.heights.top
 
 
 def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], cost_usd: float) -> SensorSpecification:
-    """Of a design whose bodies were weighed and whose bill was added up."""
+    """Return the row of the comparison table for a design, from the masses of its bodies and its cost."""
     area = design.sensor.sensing_area
     return SensorSpecification(
         f"this design ({design.variant})",
@@ -54,7 +53,7 @@ def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], c
 
 
 def format_specification_table(rows: Iterable[SensorSpecification]) -> Iterator[str]:
-    """As text."""
+    """Yield the comparison table as lines of text."""
     yield f"{'':28}{'size mm':>20}{'sensing mm':>14}{'D/A mm':>9}{'mass g':>9}{'cost $':>9}"
     for row in rows:
         size = " x ".join(f"{side:.1f}" for side in row.size_mm)
@@ -66,13 +65,13 @@ def format_specification_table(rows: Iterable[SensorSpecification]) -> Iterator[
 
 @dataclass(frozen=True)
 class _PublicationDiscrepancy:
-    """One thing that the paper and its files say differently."""
+    """A property for which the paper and its design files give different values."""
 
     thing: str
     paper: str
     files: str
     here: str
-    """What the default design takes."""
+    """What the default design uses."""
 
 
 PUBLICATION_DISCREPANCIES = (
@@ -104,4 +103,4 @@ PUBLICATION_DISCREPANCIES = (
         "20 k; [hardware.board] resistor_ohm",
     ),
 )
-"""Of the published paper and files."""
+"""Discrepancies between the published paper and its files, for the published size."""

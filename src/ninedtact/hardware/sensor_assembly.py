@@ -1,7 +1,5 @@
-"""All bodies of the finished sensor, placed.
-
-What two bodies share, and how far apart they are, measured on the solids.
-"""
+"""The assembled sensor: every body in its position, and overlap and distance of neighbouring bodies measured on the
+solids."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,12 +23,12 @@ ASSEMBLY_PARTS = (
     "translucent_gel",
     "black_gel",
 )
-"""From below; tools (moulds, calibration board) are not in it."""
+"""Parts of the assembled sensor from the bottom up; moulds and calibration board are tools."""
 
 
 @dataclass(frozen=True)
 class AssemblyBody:
-    """One body at its place."""
+    """A solid in its position within the assembled sensor."""
 
     name: str
     solid: Part
@@ -38,19 +36,22 @@ class AssemblyBody:
 
     @property
     def mass_g(self) -> float:
-        """By its volume and its material's density."""
+        """Mass from volume and density of the material."""
         return float(self.solid.volume) / 1000 * self.material.g_per_cm3
 
 
 def place_assembly_bodies(design: HardwareDesign, parts: Mapping[str, BuiltPart] | None = None) -> list[AssemblyBody]:
-    """Parts are built where they belong; fasteners are placed. parts: those built already."""
+    """Return all bodies of the assembled sensor: parts are built in position, fasteners are placed.
+
+    parts: those that are built already; all are built if none are given.
+    """
     parts = build_parts(design) if parts is None else parts
     placed = [AssemblyBody(name, parts[name].solid, MATERIAL_OF_PART[name]) for name in ASSEMBLY_PARTS]
     return [*placed, *_place_fasteners(design)]
 
 
 def _place_fasteners(design: HardwareDesign) -> Iterator[AssemblyBody]:
-    """Inserts and screws, each a body of its own."""
+    """Yield inserts and screws, each as a body of its own."""
     plan, levels = design.plan_view, design.heights
     long = design.fasteners.insert_mm[1]
     inserts = [build_insert(design, place, levels.boss_top) for place in plan.mount_inserts]
@@ -60,15 +61,15 @@ def _place_fasteners(design: HardwareDesign) -> Iterator[AssemblyBody]:
 
 
 def _number_bodies(name: str, solids: Iterable[Part]) -> Iterator[AssemblyBody]:
-    """`insert_1`, `insert_2` and so on."""
+    """Yield bodies named `insert_1`, `insert_2` and so on."""
     for number, solid in enumerate(solids, start=1):
         yield AssemblyBody(f"{name}_{number}", solid, MATERIAL_OF_PART[name])
 
 
 MIN_OVERLAP_MM3 = 1e-3
-"""Less is rounding where faces touch."""
+"""Smaller overlaps are rounding where faces touch."""
 ADJACENT_MM = 1.0
-"""Pairs farther apart are not listed."""
+"""Greatest distance of bodies that are listed as adjacent."""
 
 
 @dataclass(frozen=True)
@@ -78,24 +79,24 @@ class BodyPair:
     first: str
     second: str
     overlap_mm3: float
-    """Volume that both claim."""
+    """Volume that both bodies occupy."""
     distance_mm: float
     """Least distance; zero where they touch."""
 
     @property
     def is_intended(self) -> bool:
-        """A heat-set insert melts its knurl into the bore."""
+        """Whether an overlap is intended: the knurl of a heat-set insert melts into its bore."""
         names = self.first.split("_")[0], self.second.split("_")[0]
         return "insert" in names and "sensor" in names
 
     @property
     def interferes(self) -> bool:
-        """Both cannot be there."""
+        """Whether the bodies overlap without being meant to."""
         return self.overlap_mm3 > MIN_OVERLAP_MM3 and not self.is_intended
 
 
 def find_adjacent_bodies(bodies: Sequence[AssemblyBody]) -> Iterator[BodyPair]:
-    """All pairs that are near each other."""
+    """Yield all pairs of bodies that are near each other."""
     boxes = {body.name: body.solid.bounding_box() for body in bodies}
     for first, second in combinations(bodies, 2):
         if _box_distance_mm(boxes[first.name], boxes[second.name]) <= ADJACENT_MM:
@@ -105,13 +106,13 @@ def find_adjacent_bodies(bodies: Sequence[AssemblyBody]) -> Iterator[BodyPair]:
 
 
 def measure_body_pair(first: AssemblyBody, second: AssemblyBody) -> BodyPair:
-    """One pair."""
+    """Measure distance and overlap of two bodies."""
     apart = float(first.solid.distance_to(second.solid))
     return BodyPair(first.name, second.name, _overlap_mm3(first, second) if apart < 1e-6 else 0.0, apart)
 
 
 def _overlap_mm3(first: AssemblyBody, second: AssemblyBody) -> float:
-    """Volume of their intersection."""
+    """Return the volume of the intersection of two bodies."""
     common = first.solid.intersect(second.solid)
     if common is None:
         return 0.0
@@ -120,7 +121,7 @@ def _overlap_mm3(first: AssemblyBody, second: AssemblyBody) -> float:
 
 
 def _box_distance_mm(first: object, second: object) -> float:
-    """Largest gap between two boxes along an axis."""
+    """Return the largest gap between two bounding boxes along an axis."""
     a, b = first, second
     gaps = [
         max(getattr(a.min, axis) - getattr(b.max, axis), getattr(b.min, axis) - getattr(a.max, axis))  # type: ignore[attr-defined]

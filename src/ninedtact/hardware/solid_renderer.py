@@ -1,6 +1,6 @@
-"""Bodies as a shaded image in parallel projection: nearest depth per pixel, light by the slope of that depth.
+"""Software renderer of solids in parallel projection: a depth buffer per body, shaded by the slope of the depth.
 
-The image's axes are x right and y down; depth grows away from the eye.
+Image axes are x right and y down; depth grows away from the viewer.
 """
 
 from collections.abc import Sequence
@@ -16,18 +16,18 @@ from ninedtact.hardware.materials import Colour
 from ninedtact.simulation.objects.mesh_raster import lower_to_triangles, split_into_batches
 
 SUPERSAMPLING = 2
-"""Pixels are drawn so many times finer and averaged."""
+"""Images are rendered this many times finer and averaged."""
 MARGIN = 0.05
-"""Of the image's size, left empty."""
+"""Share of the image's size that is left empty."""
 LIGHT_DIRECTION = np.array([-0.45, -0.6, -0.66])
-"""Direction to the lamp: from above left, in front."""
+"""Direction towards the light: from above left, in front."""
 AMBIENT_LIGHT = 0.38
-"""Light on faces that the lamp does not reach."""
+"""Brightness of faces that the light does not reach."""
 BLACK_LIFT = 26.0
-"""Added to all colours, so that black parts show their shape."""
+"""Grey levels added to all colours, so that black parts show their shape."""
 
 COINCIDENT_DEPTH_MM = 1e-3
-"""Faces nearer to each other than this are one; the body that was drawn first shows."""
+"""Faces closer to each other than this coincide; the body that was drawn first is shown."""
 
 BgrImage = UInt8[Array, "rows cols 3"]
 DepthImage = Float[Array, "rows cols"]
@@ -35,14 +35,14 @@ DepthImage = Float[Array, "rows cols"]
 
 @dataclass(frozen=True)
 class ViewDirection:
-    """From where it is looked: turned about z, then raised above the horizon."""
+    """The direction from which bodies are seen: azimuth about z, then elevation above the horizon."""
 
     azimuth_deg: float = -52.0
     elevation_deg: float = 32.0
 
     @property
     def axes(self) -> Float[Array, "3 3"]:
-        """Rows: right, down, away, in the assembly's frame."""
+        """Rows: right, down and away in the assembly frame."""
         turn, raised = np.radians(self.azimuth_deg), np.radians(self.elevation_deg)
         away = -np.array([np.cos(raised) * np.cos(turn), np.cos(raised) * np.sin(turn), np.sin(raised)])
         right = np.array([-np.sin(turn), np.cos(turn), 0.0])
@@ -55,7 +55,7 @@ FROM_BELOW = ViewDirection(elevation_deg=-32.0)
 
 @dataclass(frozen=True)
 class ColouredMesh:
-    """One body to draw."""
+    """Triangles of one body with their colour."""
 
     triangles: Triangles
     colour: Colour
@@ -64,7 +64,10 @@ class ColouredMesh:
 def render_solids(
     bodies: Sequence[ColouredMesh], eye: ViewDirection = FROM_ABOVE, size_px: tuple[int, int] = (900, 700)
 ) -> BgrImage:
-    """BGR image on white, the bodies as large as they fit; size: columns, rows."""
+    """Render bodies as large as they fit on white; returns BGR.
+
+    size_px: columns and rows of the image.
+    """
     cols, rows = (side * SUPERSAMPLING for side in size_px)
     seen = [body.triangles @ eye.axes.T for body in bodies]
     scale, shift = _fit_to_image(seen, cols, rows)
@@ -76,7 +79,7 @@ def render_solids(
 
 
 def _fit_to_image(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[float, Float[Array, "2"]]:
-    """Pixels per mm, and the pixel of the origin."""
+    """Return the scale in pixels per mm and the pixel of the origin."""
     places = np.concatenate([part.reshape(-1, 3)[:, :2] for part in seen])
     low, high = places.min(axis=0), places.max(axis=0)
     room = np.array([cols, rows]) * (1 - 2 * MARGIN)
@@ -86,14 +89,14 @@ def _fit_to_image(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[floa
 
 @dataclass(frozen=True)
 class _ProjectedMesh:
-    """One body's triangles as they lie in the image."""
+    """The projected triangles of one body with their scale and shift to pixels."""
 
     places: Triangles
     scale: float
     shift: Float[Array, "2"]
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Rows and columns that it covers, and one more on every side."""
+        """Return the rows and columns that it covers, with one more on every side."""
         places = self.places[..., :2].reshape(-1, 2) * self.scale + self.shift
         (left, top), (right, bottom) = np.floor(places.min(axis=0)) - 1, np.ceil(places.max(axis=0)) + 2
         return (
@@ -102,7 +105,7 @@ class _ProjectedMesh:
         )
 
     def depth(self, window: tuple[slice, slice]) -> DepthImage:
-        """Distance of the nearest face per pixel of the window, infinite beside the body."""
+        """Return the depth of the nearest face per pixel of the window, infinite outside of the body."""
         rows, cols = window
         placed = self.places.copy()
         placed[..., :2] = placed[..., :2] * self.scale + self.shift - (cols.start, rows.start)
@@ -113,7 +116,7 @@ class _ProjectedMesh:
 
 
 def _draw_mesh(image: Float[Array, "rows cols 3"], nearest: DepthImage, body: _ProjectedMesh, colour: Colour) -> None:
-    """Put a body into the image where nothing is nearer."""
+    """Draw a body into the image where nothing is nearer."""
     window = body.window((nearest.shape[0], nearest.shape[1]))
     depth = body.depth(window)
     front = depth < nearest[window] - COINCIDENT_DEPTH_MM
@@ -122,7 +125,7 @@ def _draw_mesh(image: Float[Array, "rows cols 3"], nearest: DepthImage, body: _P
 
 
 def _shade_colour(slopes: Sequence[Float[Array, " pixels"]], colour: Colour) -> Float[Array, "pixels 3"]:
-    """The body's colour under the lamp, by its slopes down and to the right."""
+    """Return the body's colour under the light, from its slopes down and to the right."""
     (down, right), lamp = slopes, LIGHT_DIRECTION / np.linalg.norm(LIGHT_DIRECTION)
     towards = (right * lamp[0] + down * lamp[1] - lamp[2]) / np.sqrt(right**2 + down**2 + 1)
     light = AMBIENT_LIGHT + (1 - AMBIENT_LIGHT) * np.clip(towards, 0, 1)
@@ -130,7 +133,7 @@ def _shade_colour(slopes: Sequence[Float[Array, " pixels"]], colour: Colour) -> 
 
 
 def _depth_slope(depth: DepthImage, axis: int) -> DepthImage:
-    """Slope towards the neighbour that differs less: at an edge, that of the pixel's own face; level where it has none."""
+    """Return the slope towards the neighbour that differs less; at an edge this is the slope of the pixel's own face."""
     with np.errstate(invalid="ignore"):
         step = np.diff(depth, axis=axis)
     beside = [(1, 1) if side == axis else (0, 0) for side in (0, 1)]
@@ -141,7 +144,7 @@ def _depth_slope(depth: DepthImage, axis: int) -> DepthImage:
 
 
 def _darken_edges(image: Float[Array, "rows cols 3"], depth_px: DepthImage) -> Float[Array, "rows cols 3"]:
-    """Dark lines where depth bends or jumps."""
+    """Draw dark lines where depth bends or jumps."""
     depth = np.where(np.isfinite(depth_px), depth_px, depth_px[np.isfinite(depth_px)].max() + 50.0)
     bend = np.abs(cv2.Laplacian(depth.astype(np.float32), cv2.CV_32F))
     strength = cv2.GaussianBlur(np.clip((bend - 0.35) / 1.2, 0, 1), (0, 0), 0.8)

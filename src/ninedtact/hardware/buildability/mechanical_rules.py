@@ -1,11 +1,5 @@
-"""A broken rule, and the refusal of a design that breaks some.
-
-Walls, posts and floors that a printer can make and that hold.
-
-Parts that must not stand in each other's way.
-
-The way of the camera's flat cable out of the sensor.
-"""
+"""Mechanical rules: wall thicknesses, clearances, positions of bosses and posts, the USB slot and the cable's ramp.
+Lengths in mm."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -20,16 +14,16 @@ from ninedtact.hardware.design import HardwareDesign
 
 @dataclass(frozen=True)
 class BrokenRule:
-    """One rule that a design breaks."""
+    """A rule that a design breaks."""
 
     rule: str
-    """Its name: `wall_too_thin`."""
+    """Name of the rule, such as `wall_too_thin`."""
     message: str
-    """Expected, got, do this."""
+    """What was expected, what was found, and what to do."""
 
 
 class DesignRulesBroken(DesignImpossible):
-    """A design that cannot be built; `broken` names every rule."""
+    """A design that cannot be built; `broken` holds every broken rule."""
 
     def __init__(self, broken: Iterable[BrokenRule]) -> None:
         self.broken = tuple(broken)
@@ -37,11 +31,11 @@ class DesignRulesBroken(DesignImpossible):
 
 
 MIN_WALL_MM = 0.8
-"""Two lines of a 0.4 mm nozzle; nylon by laser sintering needs 0.7."""
+"""Two lines of a nozzle of 0.4 mm; laser-sintered nylon needs 0.7."""
 
 
 def check_wall_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Every wall below the thinnest."""
+    """Yield every wall that is too thin to print or to hold."""
     for name, thick in _wall_thicknesses(design):
         if thick < MIN_WALL_MM - 1e-9:
             yield BrokenRule(
@@ -50,7 +44,7 @@ def check_wall_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
-    """Names and thicknesses."""
+    """Yield name and thickness of every wall."""
     shell, base = design.shell, design.base
     yield "shell.wall_mm", shell.wall_mm
     yield "shell.frame_wall_mm", shell.frame_wall_mm
@@ -65,7 +59,7 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
 
 
 def check_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """The isolation ring's cone opens from its bore to its land, within its height."""
+    """Check that the isolation ring's cone opens from its bore to its land within its height."""
     ring, levels = design.ring, design.heights
     wider = (design.plan_view.ring_side - ring.bore_mm) / 2 - ring.land_mm
     deep, tall = wider / tan(radians(ring.cone_deg)), levels.floor_top - levels.ring_bottom
@@ -78,7 +72,7 @@ def check_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def _shell_corner_thickness_mm(design: HardwareDesign) -> float:
-    """Thickness of the shell along the diagonal of a corner of the gel cavity."""
+    """Return the thickness of the shell along the diagonal of a corner of the gel cavity."""
     shell, plan = design.shell, design.plan_view
     outer, inner = shell.corner_radius_mm, shell.opening_radius_mm
     apart = [(plan.outer[axis] / 2 - outer) - (plan.opening[axis] / 2 - inner) for axis in (0, 1)]
@@ -87,17 +81,17 @@ def _shell_corner_thickness_mm(design: HardwareDesign) -> float:
 
 @dataclass(frozen=True)
 class _BossPattern:
-    """Four of a kind that stand on the base or hang down to it."""
+    """Four bosses or posts of one kind that stand on the base or hang down to it."""
 
     name: str
     places: tuple[XY, ...]
     radius_mm: float
     set_by: str
-    """The dimension that places them."""
+    """The dimension that positions them."""
 
 
 def check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Pairs that overlap; what is only tight is told by `hardware check`."""
+    """Yield pairs of faces that overlap; tight ones are only reported by `hardware check`."""
     for room in list_clearances(design):
         if room.is_impossible:
             yield BrokenRule(
@@ -107,7 +101,7 @@ def check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_boss_distances(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Bosses and posts, seen from above."""
+    """Yield patterns of bosses and posts that overlap, seen from above."""
     for one, other in combinations(_boss_patterns(design), 2):
         room = min(hypot(x - u, y - v) for (x, y), (u, v) in product(one.places, other.places))
         room -= one.radius_mm + other.radius_mm
@@ -119,7 +113,7 @@ def check_boss_distances(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def _boss_patterns(design: HardwareDesign) -> tuple[_BossPattern, ...]:
-    """Insert bosses, posts, screw bosses."""
+    """Return insert bosses, locating posts and screw bosses."""
     plan, base = design.plan_view, design.base
     return (
         _BossPattern("the base's insert bosses", tuple(plan.mount_inserts), base.boss_mm / 2, "base.mount_inset_mm"),
@@ -131,7 +125,7 @@ def _boss_patterns(design: HardwareDesign) -> tuple[_BossPattern, ...]:
 
 
 def check_post_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Locating posts in the shell's wall, in the camera's pocket, or under the receptacle or the driver."""
+    """Check that the locating posts are clear of the shell's wall, the camera's pocket, the receptacle and the driver."""
     base, plan, radius = design.base, design.plan_view, design.base.post_mm / 2
     x, y = max(plan.posts)
     if x + radius > plan.cavity[0] / 2 or y + radius > plan.cavity[1] / 2:
@@ -151,7 +145,7 @@ def check_post_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_insert_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Insert bosses in the pocket, under the receptacle or in the shell's wall."""
+    """Check that the insert bosses are clear of the pocket, the receptacle and the shell's wall."""
     base, radius, (x, y) = design.base, design.base.boss_mm / 2, max(design.plan_view.mount_inserts)
     inside = max(base.pocket_wide_mm, design.board.usb_mm[0]) / 2 + 0.5
     if x - radius < inside:
@@ -168,7 +162,7 @@ def check_insert_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_usb_slot(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """A slot that the receptacle does not reach into, or that cuts the shell's floor."""
+    """Check that the receptacle fits the slot and that the slot does not cut the shell's floor."""
     shell, levels, board = design.shell, design.heights, design.board
     if shell.slot_wide_mm < board.usb_mm[0]:
         yield BrokenRule(
@@ -184,7 +178,8 @@ def check_usb_slot(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """The ramp climbs outwards, behind the camera's pocket, and its two blends fit on it."""
+    """Check that the ramp of the flat cable climbs outwards behind the camera's pocket and that its two blends fit on
+    it."""
     base = design.base
     run, rise = base.ramp_foot_mm - base.ramp_head_mm, design.heights.plate_top - base.ramp_gap_mm - base.floor_mm
     if min(run, rise) <= 0:

@@ -1,7 +1,4 @@
-"""What moulds, gels and screws need.
-
-What the camera must see, and what must press inside its view.
-"""
+"""Rules of moulds, gels and screws, and of what the camera must see. Lengths in mm."""
 
 from collections.abc import Iterator
 from math import sqrt
@@ -13,14 +10,14 @@ from ninedtact.hardware.lens_coverage import lens_reach_mm, required_camera_dist
 MIN_MOULD_MM = 1.5
 """Half an M3 screw: a thinner acrylic plate bends or cracks between the clamps, and the gel runs out under it."""
 MIN_THREAD_MM = 2.0
-"""Least length of M2 thread that holds: its diameter."""
+"""Least length of M2 thread that holds, which is its diameter."""
 
 M3_NUT_WIDTH_MM = 6.4
-"""Across its corners (ISO 4032: 6.01 at least)."""
+"""Width of an M3 nut across its corners (ISO 4032: 6.01 at least)."""
 
 
 def check_mould_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """The first mould is as thick as the gel."""
+    """Check that the first mould, which is as thick as the gel, can be clamped."""
     thick = design.sensor.gel.thickness_mm
     if thick < MIN_MOULD_MM:
         yield BrokenRule(
@@ -31,7 +28,7 @@ def check_mould_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_screw_lengths(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """M2 screws through base and base board into the shell's inserts."""
+    """Check that the M2 screws engage the shell's inserts through the base and through the base board."""
     screw, deepest = design.fasteners.screw_mm, design.shell.bore_deep_mm
     for name, through in (
         ("the base", design.base.plate_mm - design.base.counterbore_deep_mm),
@@ -46,7 +43,7 @@ def check_screw_lengths(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Their knurl melts into the bore and stays within the boss."""
+    """Check that the knurl of the inserts melts into the bore and stays within the boss."""
     knurl, base, shell = design.fasteners.insert_mm[0], design.base, design.shell
     for name, bore, boss in (("base", base.bore_mm, base.boss_mm), ("shell", shell.bore_mm, shell.boss_mm)):
         if not bore < knurl < boss:
@@ -58,7 +55,7 @@ def check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """The pressed gel and its black coat must end on the shell's rim."""
+    """Check that the translucent gel and its black coat end on the shell's rim."""
     plan = design.plan_view
     if min(plan.outer[axis] - plan.black[axis] for axis in (0, 1)) < 0:
         yield BrokenRule(
@@ -69,7 +66,7 @@ def check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """The calibration board over the shell's corners."""
+    """Check that the calibration board slides over the shell's corners."""
     frame, shell = design.pin_frame, design.shell
     inside = max(frame.corner_radius_mm - frame.wall_mm, 0.0)
     room = frame.gap_mm - max(inside - shell.corner_radius_mm, 0.0) * (sqrt(2) - 1)
@@ -82,7 +79,7 @@ def check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """The M3 screws that hold the moulds stand beside the shell, their nuts too."""
+    """Check that the M3 screws of the moulds and their nuts are clear of the shell."""
     (wide, deep), room = design.plan_view.outer, M3_NUT_WIDTH_MM / 2
     for x, y in design.plan_view.clamps:
         if abs(x) < wide / 2 + room and abs(y) < deep / 2 + room:
@@ -96,11 +93,11 @@ def check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 MAX_CAMERA_DISTANCE_MM = 200.0
 MIN_PIN_GAP_MM = 0.6
-"""Least skin between pins: imprints must not run into each other."""
+"""Least distance between pins, so that their imprints stay apart."""
 
 
 def check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """A sensor as tall as an arm."""
+    """Check that the camera is not unreasonably far from the skin."""
     distance = design.sensor.camera.distance_mm
     if distance > MAX_CAMERA_DISTANCE_MM:
         yield BrokenRule(
@@ -111,7 +108,7 @@ def check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """The sensing area's corners, through air, acrylic and silicone."""
+    """Check that the lens sees the corners of the sensing area through air, acrylic and silicone."""
     reach, corner = lens_reach_mm(design), sensing_corner_radius_mm(design)
     if reach < corner - 1e-6:
         yield BrokenRule(
@@ -122,7 +119,7 @@ def check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """The cone of sight at the window's upper face."""
+    """Check that the window does not cut off the cone of view at its upper face."""
     reach, half = lens_reach_mm(design, design.heights.window_top), design.window.side_mm / 2
     if reach > half:
         yield BrokenRule(
@@ -132,7 +129,7 @@ def check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def check_pins_in_view(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Pins beside the sensing area: their imprints would not be seen whole."""
+    """Check that all pins press within the sensing area, so that their imprints are seen whole."""
     board, area = design.sensor.pin_board, design.sensor.sensing_area
     for axis, count, side in (("cols", board.cols, area.width_mm), ("rows", board.rows, area.height_mm)):
         most = int((side - board.pin_diameter_mm) / board.pitch_mm + 1e-9) + 1
@@ -145,12 +142,12 @@ def check_pins_in_view(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 
 def _pin_count_remedy(axis: str, most: int) -> str:
-    """What to do about it: a lens is fitted to three at the least."""
+    """Return what to do about too many pins; fitting a lens takes at least three in a row."""
     return f"set pin_board.{axis} to {most}" if most >= 3 else "narrow pin_board.pitch_mm and take thinner pins"
 
 
 def check_pin_spacing(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Pins whose imprints would join."""
+    """Check that the imprints of neighbouring pins stay apart and that the pins are tall enough."""
     board = design.sensor.pin_board
     if board.pitch_mm < board.pin_diameter_mm + MIN_PIN_GAP_MM:
         yield BrokenRule(

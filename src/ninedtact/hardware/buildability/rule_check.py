@@ -1,4 +1,4 @@
-"""All rules, asked of a design before anything is built."""
+"""The list of all rules, and their application to a design before anything is built."""
 
 from collections.abc import Callable, Iterator
 
@@ -54,7 +54,7 @@ DESIGN_RULES: tuple[DesignRule, ...] = (
 
 
 def find_broken_rules(design: HardwareDesign) -> list[BrokenRule]:
-    """Every rule that it breaks; none if it can be built."""
+    """Return every rule that a design breaks; none if it can be built."""
     return [broken for rule in DESIGN_RULES for broken in rule(design)]
 
 

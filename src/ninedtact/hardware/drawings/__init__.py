@@ -1,6 +1,6 @@
-"""Dimensioned drawings of the parts that are made: what a shop measures against.
+"""Dimensioned drawings of the parts that are made: a built part and its notes go in, an A3 sheet as SVG and PDF comes
+out.
 
-sheet.py    one part on A3: which views, where, at which scale; read this first
-view_on_sheet.py  one view with its dimensions; table.py the column of text beside the views
-views.py    a part as lines, seen from a side or cut open; features.py its round holes, corners and heights
+`drawing_sheet.DrawingSheet` lays out the views and the column of notes; read it first. `dimensioned_view` draws one
+view with its dimensions, `part_geometry` extracts polylines and features from a solid.
 """

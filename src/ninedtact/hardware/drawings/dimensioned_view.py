@@ -1,4 +1,4 @@
-"""One view on the sheet, with its dimensions. One unit of the axes is one mm of paper."""
+"""One view of a drawing with its dimensions. One unit of the axes is one mm of paper."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
 
 INK, HIDDEN, NOTE, BARE = "#111111", "#999999", "#1f4e9e", "#e4e4e4"
 TEXT_MM = 2.6
-"""From one number to the next."""
+"""Least distance between two labels."""
 TITLE_MM = 15.0
-"""Above a view, clear of its width."""
+"""Distance of a view's title above it, clear of its width."""
 CUT_MM, BELOW_MM = 4.5, 18.0
-"""How far the line of a cut stands out above a view, and below it, where places are told."""
+"""How far a section line stands out above a view, and below it, where positions are labelled."""
 LOOK_MM = 6.0
-"""Length of the arrows that tell from where a cut is seen."""
+"""Length of the arrows that show the viewing direction of a section."""
 
 
 @dataclass(frozen=True)
 class DimensionedView:
-    """One view: the corner of its box is put at `at`, paper mm."""
+    """One view whose box has its lower left corner at `at`, in mm of paper."""
 
     axes: "Axes"
     view: ProjectedView
@@ -32,12 +32,12 @@ class DimensionedView:
     at: tuple[float, float]
 
     def paper(self, x: float, y: float) -> tuple[float, float]:
-        """Where a point of the part lies on the sheet."""
+        """Return the position on the sheet of a point of the part."""
         low = self.view.box[0]
         return self.at[0] + (x - low[0]) * self.scale, self.at[1] + (y - low[1]) * self.scale
 
     def draw_edges(self) -> None:
-        """Faces that were cut hatched, hidden edges dashed, visible ones above them."""
+        """Draw cut faces hatched, hidden edges dashed and visible edges above them."""
         from matplotlib.collections import LineCollection
 
         self._draw_section_faces()
@@ -49,7 +49,7 @@ class DimensionedView:
             self.axes.add_collection(LineCollection(on_paper, colors=colour, linewidths=width, linestyles=style))
 
     def _draw_section_faces(self) -> None:
-        """Each with its holes left open."""
+        """Hatch the cut faces, their holes left open."""
         from matplotlib.patches import PathPatch
         from matplotlib.path import Path
 
@@ -61,13 +61,14 @@ class DimensionedView:
             self.axes.add_patch(PathPatch(path, facecolor="none", edgecolor=INK, linewidth=0.8))
 
     def draw_title(self, title: str) -> None:
-        """What is shown, above it."""
+        """Write the title above the view."""
         (left, _), (right, high) = self.view.box
         x, y = self.paper((left + right) / 2, high)
         self.axes.text(x, y + TITLE_MM, title, fontsize=8, color=INK, ha="center", weight="bold")
 
     def draw_section_line(self, name: str) -> None:
-        """The line x = 0 along which another view is cut, at both ends its name and an arrow along which one looks: towards -x."""
+        """Draw the line x = 0 along which another view is cut, with its name and an arrow in viewing direction (−x) at
+        both ends."""
         (_, low), (_, high) = self.view.box
         (x, bottom), (_, top) = self.paper(0, low), self.paper(0, high)
         self.axes.plot([x, x], (bottom - 1, top + CUT_MM), color=INK, linewidth=0.5, linestyle=(0, (12, 3, 2, 3)))
@@ -78,7 +79,7 @@ class DimensionedView:
             self.axes.text(x + LOOK_MM + 1, end, name, fontsize=8, color=INK, ha="left", va="center", weight="bold")
 
     def draw_overall_dimensions(self) -> None:
-        """Width above, height at the right."""
+        """Draw the overall width above the view and the overall height at its right."""
         (left, low), (right, high) = self.view.box
         (x0, y0), (x1, y1) = self.paper(left, low), self.paper(right, high)
         self._draw_dimension_line((x0, y1 + 8), (x1, y1 + 8), f"{right - left:.2f}", 0)
@@ -87,7 +88,7 @@ class DimensionedView:
     def _draw_dimension_line(
         self, start: tuple[float, float], end: tuple[float, float], text: str, turned: int
     ) -> None:
-        """A dimension line with its number."""
+        """Draw a dimension line with its number."""
         style = {"arrowstyle": "<->", "color": NOTE, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
         self.axes.annotate("", end, start, arrowprops=style)
         middle = (start[0] + end[0]) / 2 - (1.2 if turned else 0), (start[1] + end[1]) / 2 + (0 if turned else 1.2)
@@ -95,7 +96,7 @@ class DimensionedView:
         self.axes.text(*middle, text, fontsize=7, color=NOTE, rotation=turned, ha=anchor[0], va=anchor[1])
 
     def draw_round_callouts(self, found: Sequence[RoundFeatures], corners: Sequence[CornerRadius] = ()) -> None:
-        """One leader per diameter and radius, in the order of their places so that they do not cross."""
+        """Draw one leader per diameter and radius, in the order of their positions so that they do not cross."""
         (_, low), (right, high) = self.view.box
         x = self.paper(right, low)[0] + 16
         style = {"arrowstyle": "-|>", "color": NOTE, "linewidth": 0.5, "shrinkB": 0}
@@ -107,7 +108,7 @@ class DimensionedView:
             self.axes.annotate(text, self.paper(*place), (x, y), fontsize=7, color=NOTE, arrowprops=style, va="center")
 
     def draw_vertical_positions(self, places: Sequence[float], name: str, zero: float = 0.0) -> None:
-        """Beside the view, the place of every flat face across the sheet's upward axis."""
+        """Label the position of every flat face across the sheet's upward axis, beside the view."""
         x = self.paper(*self.view.box[0])[0]
         for place, text_y in _spread_labels((place, self.paper(0, place)[1]) for place in places):
             y = self.paper(0, place)[1]
@@ -116,7 +117,7 @@ class DimensionedView:
             self.axes.text(x - 7.5, text_y, text, fontsize=6, color=NOTE, ha="right", va="center")
 
     def draw_horizontal_positions(self, places: Sequence[float], name: str) -> None:
-        """Below the view, the same of its other axis."""
+        """Label the position of every flat face across the sheet's horizontal axis, below the view."""
         y = self.paper(*self.view.box[0])[1]
         for place, text_x in _spread_labels((place, self.paper(place, 0)[0]) for place in places):
             x = self.paper(place, 0)[0]
@@ -126,18 +127,18 @@ class DimensionedView:
 
 
 def _round_feature_label(found: RoundFeatures) -> str:
-    """How many of which diameter; of a lattice its pitch."""
+    """Return number and diameter of round features, and the pitch of a grid."""
     pitch = f", pitch {found.grid[2]:.2f}" if found.grid else ""
     return f"{len(found.positions)} x ⌀{found.diameter_mm:.2f}{pitch}"
 
 
 def _close_polyline(line: Polyline) -> list[tuple[float, float]]:
-    """Its points, the first again at the end."""
+    """Return the points of a polyline with the first one repeated at the end."""
     return [(float(x), float(y)) for x, y in (*line, line[0])]
 
 
 def _spread_labels(wanted: Iterable[tuple[float, float]]) -> Iterator[tuple[float, float]]:
-    """Places with where their text goes: where it is wanted, or beside its neighbour."""
+    """Yield positions with those of their labels, which are moved on where they would overlap the one before."""
     last = float("-inf")
     for place, text in wanted:
         last = max(text, last + TEXT_MM)

@@ -1,7 +1,6 @@
-"""The column of text beside the views: material, tolerance, fits, holes, dimensions by their names in the design file.
-
-A dimensioned drawing on A3, third angle: top view, front view below it, right view beside that, and above the right view
-the part cut open along A–A. As SVG and PDF.
+"""A dimensioned drawing on A3 in third-angle projection, as SVG and PDF: top view, front view below it, right view
+beside that, above it the section A–A; and a column of notes with material, tolerance, fits, holes and dimensions by
+their names in the design file.
 
 matplotlib is slow to import, so it is imported when a sheet is drawn; its global state is never touched.
 """
@@ -46,24 +45,24 @@ DIMENSIONS_OF_PART = {
     "first_mould": (*PLATE, "gel.thickness_mm", "gels.rim_radius_mm"),
     "second_mould": (*PLATE, "gel.thickness_mm", "gels.rim_radius_mm", "gels.black_top_mm", "gels.black_side_mm"),
 }
-"""Tables of the design file, or single lines of them, by part."""
+"""Tables of the design file, or single keys of them, by part."""
 TOLERANCES = {
     "printed": "± 0.15; what has to fit is listed below: try it",
     "cut": "± 0.10; sheets vary: measure the thickness",
 }
-"""By manufacturing method; what these shops usually hold, no shop was asked."""
+"""Tolerances by manufacturing method: what such shops usually keep; no shop was asked."""
 
 
 @dataclass(frozen=True)
 class DrawingNote:
-    """One line."""
+    """One line of the column of notes."""
 
     text: str
     heading: bool = False
 
 
 def build_drawing_notes(design: HardwareDesign, part: BuiltPart) -> list[DrawingNote]:
-    """All that is said of a part."""
+    """Return all notes of a part: manufacturing, fits, round features and dimensions."""
     return [
         *_manufacturing_notes(part),
         *_fit_notes(design, part.name),
@@ -73,7 +72,7 @@ def build_drawing_notes(design: HardwareDesign, part: BuiltPart) -> list[Drawing
 
 
 def _manufacturing_notes(part: BuiltPart) -> Iterator[DrawingNote]:
-    """Material, way, tolerance."""
+    """Yield material, manufacturing method and tolerance."""
     yield DrawingNote(f"{MATERIAL_OF_PART[part.name].name}, {part.method}")
     yield DrawingNote(f"tolerance {TOLERANCES[part.method]}")
 
@@ -86,14 +85,15 @@ def _fit_notes(design: HardwareDesign, part: str) -> Iterator[DrawingNote]:
 
 
 def _round_feature_notes(part: BuiltPart) -> Iterator[DrawingNote]:
-    """Holes and pins, if there are any."""
+    """Yield the holes and pins, if there are any."""
     if found := [*find_round_features(part.solid)]:
         yield DrawingNote("round, about z (diameter: places x, y)", heading=True)
         yield from (DrawingNote(text) for each in found for text in _hole_callout(each))
 
 
 def _hole_callout(found: RoundFeatures) -> Iterator[str]:
-    """A group of holes in lines that fit; a lattice by its columns, rows and pitch."""
+    """Yield the callout of holes or pins of one diameter in lines that fit the column; a grid by columns, rows and
+    pitch."""
     head = f"{len(found.positions)} x ⌀{found.diameter_mm:.2f}: "
     if found.grid:
         columns, rows, pitch = found.grid
@@ -107,7 +107,7 @@ def _hole_callout(found: RoundFeatures) -> Iterator[str]:
 
 
 def _dimension_notes(design: HardwareDesign, part: str) -> Iterator[DrawingNote]:
-    """Each as `name value`, as it stands in the design file; tables of the hardware without their `hardware.`."""
+    """Yield each dimension as `name value`, named as in the design file without its `hardware.`."""
     yield DrawingNote("dimensions of the design", heading=True)
     for name in DIMENSIONS_OF_PART[part]:
         table, _, only = name.partition(".")
@@ -121,41 +121,41 @@ def _dimension_notes(design: HardwareDesign, part: str) -> Iterator[DrawingNote]
 
 
 def _format_value(value: float | tuple[float, ...]) -> str:
-    """As a person writes it."""
+    """Return a number or several in parentheses as text."""
     return f"({', '.join(f'{each:g}' for each in value)})" if isinstance(value, tuple) else f"{value:g}"
 
 
 SHEET_MM = 420.0, 297.0
 SCALES = 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.75, 1.5, 1.25, 1.0, 0.75, 0.5
 VIEWS_MM = 302.0, 262.0
-"""Room for the views; the rest is for the table."""
+"""Space for the views; the rest is for the notes."""
 LEFT_MM, BOTTOM_MM = 28.0, 28.0
 GAP_MM = 32.0
-"""Between views, for dimensions."""
+"""Distance between views, for dimensions."""
 EDGES_MM = 36.0
-"""Beside the outer views, for the same."""
+"""Space beside the outer views, for dimensions."""
 WITH_CORNERS = "acrylic_window", "base_board", "first_mould", "second_mould", "calibration_board"
-"""Plates and the tray: all that their vertical edges are rounded by is told beside the top view."""
+"""Plates and the tray: all radii of their vertical edges are called out beside the top view."""
 TABLE_X, TABLE_TOP, TABLE_BOTTOM = 318.0, 276.0, 15.0
 ROW_MM = 4.2
-"""From one row of the table to the next, or less where there are more than fit."""
+"""Distance between lines of notes; less where there are more than fit."""
 
 
 @dataclass(frozen=True)
 class DrawingSheet:
-    """One part's drawing."""
+    """The drawing of one part."""
 
     part: BuiltPart
     notes: Sequence[DrawingNote]
-    """What the table says of its making, below name, scale and box."""
+    """Notes on manufacturing and dimensions, below name, scale and box."""
 
     def to_svg_and_pdf(self) -> Iterator[tuple[str, bytes]]:
-        """Ending and content."""
+        """Yield file extension and content of the drawing, as SVG and as PDF."""
         figure = self.draw_figure()
         yield from ((ending, _figure_to_bytes(figure, ending)) for ending in ("svg", "pdf"))
 
     def draw_figure(self) -> Any:
-        """The figure; one unit of its axes is one mm of paper."""
+        """Return the matplotlib figure; one unit of its axes is one mm of paper."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(SHEET_MM[0] / 25.4, SHEET_MM[1] / 25.4))
@@ -168,7 +168,7 @@ class DrawingSheet:
 
     @property
     def scale(self) -> float:
-        """The largest that fits."""
+        """The largest scale at which the views fit the sheet."""
         x, y, z = self.part.size_mm
         for scale in SCALES:
             wide, tall = (x + y) * scale + GAP_MM + EDGES_MM, (max(y, z) + z) * scale + GAP_MM + EDGES_MM
@@ -200,7 +200,7 @@ class DrawingSheet:
         return drawn
 
     def _draw_notes(self, axes: "Axes") -> None:
-        """Name, scale and box, then how it is made."""
+        """Write name, scale and box, then the notes."""
         rows = *self._title_notes(), *self.notes
         apart = min(ROW_MM, (TABLE_TOP - TABLE_BOTTOM) / len(rows))
         for number, row in enumerate(rows):
@@ -209,7 +209,7 @@ class DrawingSheet:
         axes.plot([TABLE_X - 5] * 2, [TABLE_BOTTOM, SHEET_MM[1] - TABLE_BOTTOM], color=INK, linewidth=0.6)
 
     def _title_notes(self) -> Iterator[DrawingNote]:
-        """Of the table."""
+        """Yield name, scale, box and volume of the part."""
         x, y, z = self.part.size_mm
         yield DrawingNote(self.part.name.replace("_", " "), heading=True)
         yield DrawingNote(f"scale {self.scale:g} : 1 on A3, third angle, lengths in mm")
@@ -217,7 +217,7 @@ class DrawingSheet:
 
 
 def _figure_to_bytes(figure: Any, ending: str) -> bytes:
-    """Without the date: the same design gives the same file."""
+    """Return a figure as a file without a date: the same design gives the same bytes."""
     from matplotlib import rc_context
 
     buffer = BytesIO()

@@ -1,1 +1,5 @@
-"""Designs compared before anything is printed: what each would measure, weigh and cost."""
+"""Comparison of designs before anything is printed: a hardware design and values to vary go in, what each combination
+would measure, weigh and cost comes out.
+
+`design_sweep.explore_designs` yields the designs, `design_comparison` formats them as text, CSV and a plot.
+"""

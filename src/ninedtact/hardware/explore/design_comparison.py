@@ -1,4 +1,4 @@
-"""The sweep as lines, as CSV and as a plot."""
+"""Comparison of explored designs as text, CSV and a plot."""
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,17 +22,17 @@ PREDICTION_COLUMNS = (
     ("ratio_mm", "D/A mm", "volume over area, mm"),
     ("cost_usd", "cost $", "cost, $ (estimated)"),
 )
-"""Field, heading, title."""
+"""Field, heading and title of each predicted quantity."""
 CALIBRATION_COLUMNS = (
     ("depth_error_mm", "err mm", "error of depth after calibration, mm"),
     ("load_error_fraction", "err load", "error of the load by physics, of the load"),
 )
-"""The same of designs that calibrated themselves."""
+"""Field, heading and title of the errors after a simulated calibration."""
 NAME_WIDE = 34
 
 
 def _columns_of(found: Sequence[ExploredDesign]) -> tuple[tuple[str, str, str], ...]:
-    """Those that any design has."""
+    """Return the columns that any of the designs has."""
     return (
         (*PREDICTION_COLUMNS, *CALIBRATION_COLUMNS)
         if any(each.calibration_errors for each in found)
@@ -41,7 +41,7 @@ def _columns_of(found: Sequence[ExploredDesign]) -> tuple[tuple[str, str, str], 
 
 
 def format_comparison_table(found: Sequence[ExploredDesign]) -> Iterator[str]:
-    """For a person."""
+    """Yield the comparison as lines of text."""
     shown = _columns_of(found)
     yield f"{'design':{NAME_WIDE}}" + "".join(f"{heading:>9}" for _, heading, _ in shown) + "  size mm"
     for each in found:
@@ -54,7 +54,7 @@ def format_comparison_table(found: Sequence[ExploredDesign]) -> Iterator[str]:
 
 
 def _format_design_values(each: ExploredDesign, names: Sequence[str]) -> str:
-    """The numbers of one design."""
+    """Return the values of one design in columns."""
     assert each.prediction is not None
     table = each.to_json_dict()
     values = "".join(f"{_format_number(table[name]) if name in table else '-':>9}" for name in names)
@@ -62,12 +62,12 @@ def _format_design_values(each: ExploredDesign, names: Sequence[str]) -> str:
 
 
 def _format_number(value: float) -> str:
-    """Three digits."""
+    """Return a number with three digits."""
     return f"{value:.3f}" if value < 1 else f"{value:.2f}" if value < 10 else f"{value:.1f}"
 
 
 def comparison_to_csv(found: Sequence[ExploredDesign]) -> bytes:
-    """All fields of all designs."""
+    """Return all fields of all designs as CSV."""
     rows = [_flatten_row(each.to_json_dict()) for each in found]
     names = list(dict.fromkeys(name for row in rows for name in row))
     text = StringIO()
@@ -78,14 +78,14 @@ def comparison_to_csv(found: Sequence[ExploredDesign]) -> bytes:
 
 
 def _flatten_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    """One number a column: size_mm of three becomes size_mm_1, size_mm_2, size_mm_3."""
+    """Return one number a column: size_mm of three becomes size_mm_1, size_mm_2, size_mm_3."""
     several = {name: value for name, value in row.items() if isinstance(value, tuple | list)}
     split = {f"{name}_{number}": one for name, value in several.items() for number, one in enumerate(value, 1)}
     return {name: value for name, value in row.items() if name not in several} | split
 
 
 def plot_comparison(found: Sequence[ExploredDesign]) -> bytes:
-    """One row of bars per figure, one bar per design."""
+    """Return a PNG with one panel of bars for each quantity and one bar for each design."""
     # matplotlib is slow to import, and only this function needs it; its global state is never touched.
     from matplotlib.figure import Figure
 
@@ -105,7 +105,7 @@ def plot_comparison(found: Sequence[ExploredDesign]) -> bytes:
 
 
 def _draw_bars(axes: "Axes", names: list[str], values: list[float], title: str) -> None:
-    """One panel."""
+    """Draw the bars of one quantity."""
     drawn = axes.barh(names, values, color="#4477aa", height=0.62)
     labels = [_format_number(value) if value else "not calibrated" for value in values]
     axes.bar_label(drawn, labels, padding=3, fontsize=8, color="#333333")

@@ -1,7 +1,5 @@
-"""Which designs are compared: every combination of a few gels, areas and lenses.
-
-Every design of a sweep with what it would do, or the rule that it breaks.
-"""
+"""A sweep over designs: every combination of a few gels, areas and lenses, each with its predicted performance or the
+rule that it breaks."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -22,33 +20,33 @@ from ninedtact.hardware.lens_coverage import required_camera_distance_mm
 
 AreaSize = tuple[float, float]
 MAX_DESIGNS = 200
-"""More are not looked through by anyone."""
+"""Greatest number of designs in one sweep; nobody looks through more."""
 SPARE_MM = 0.1
-"""Of distance, beyond what the lens needs to see the corner."""
+"""Camera distance added to what the lens needs to see the corner."""
 
 
-class _SweepTooLarge(NinedtactError):
-    """More designs than anyone looks through."""
+class SweepTooLarge(NinedtactError):
+    """A sweep over more designs than anyone looks through."""
 
 
 @dataclass(frozen=True)
 class DesignSweep:
-    """Values of each choice; none leaves it as the basis has it."""
+    """The values of each choice; an empty tuple keeps that of the base design."""
 
     gel_mm: tuple[float, ...] = ()
-    """Thickness of the translucent gel."""
+    """Thicknesses of the translucent gel."""
     shore_a: tuple[float, ...] = ()
-    """Its hardness."""
+    """Hardnesses of the translucent gel, Shore A."""
     area_mm: tuple[AreaSize, ...] = ()
-    """Sensing area, width and height."""
+    """Sensing areas, width and height."""
     lens_deg: tuple[float, ...] = ()
-    """What the lens sees in air."""
+    """Angles that the lens sees in air."""
 
     def designs(self, basis: HardwareDesign) -> "Iterator[DesignChoice]":
-        """Every combination; raises `_SweepTooLarge` when the first is asked for."""
+        """Yield every combination; raises `SweepTooLarge` on the first iteration."""
         many = prod(max(len(values), 1) for values in vars(self).values())
         if many > MAX_DESIGNS:
-            raise _SweepTooLarge(f"expected at most {MAX_DESIGNS} designs, got {many}; give fewer values")
+            raise SweepTooLarge(f"expected at most {MAX_DESIGNS} designs, got {many}; give fewer values")
         gels, shores, lenses = self.gel_mm or (None,), self.shore_a or (None,), self.lens_deg or (None,)
         for gel, shore, area, lens in product(gels, shores, self.area_mm or (None,), lenses):
             yield DesignChoice(basis, gel, shore, area, lens)
@@ -56,7 +54,7 @@ class DesignSweep:
 
 @dataclass(frozen=True)
 class DesignChoice:
-    """One combination upon a basis; `None` leaves it."""
+    """One combination applied to a base design; `None` keeps the base design's value."""
 
     basis: HardwareDesign
     gel_mm: float | None = None
@@ -66,7 +64,8 @@ class DesignChoice:
 
     @property
     def hardware(self) -> HardwareDesign:
-        """The design; its camera as far away as it must be to see the corner, its pins within the area.
+        """The hardware design with its camera as far away as it must be to see the corner, and its pins within the
+        area.
 
         Raises `DesignImpossible`.
         """
@@ -79,7 +78,7 @@ class DesignChoice:
 
     @property
     def sensor(self) -> SensorDesign:
-        """Gel, area and lens as chosen."""
+        """The sensor design with gel, area and lens as chosen."""
         sensor = self.basis.sensor
         gel, area, camera = sensor.gel, sensor.sensing_area, sensor.camera
         if self.gel_mm is not None:
@@ -94,7 +93,7 @@ class DesignChoice:
 
 
 def _fit_pin_board(sensor: SensorDesign, area: SensingArea) -> SensorDesign:
-    """The pin board with as many columns and rows of the same pitch as the area shows, at least three."""
+    """Return a sensor with as many columns and rows of pins of the same pitch as fit the area, at least three."""
     board = sensor.pin_board
     if area == sensor.sensing_area:
         return sensor
@@ -105,30 +104,30 @@ def _fit_pin_board(sensor: SensorDesign, area: SensingArea) -> SensorDesign:
 
 @dataclass(frozen=True)
 class ExploredDesign:
-    """One design of a sweep."""
+    """One design of a sweep with its prediction or the reason why there is none."""
 
     design: HardwareDesign
-    """Its camera as far from the skin as the lens needs to see the corner, if the basis had it nearer."""
+    """The design, its camera moved away if the lens would not see the corner."""
     shore_a: float | None = None
-    """Hardness of the gel, if it was asked for by that."""
+    """Hardness of the gel, if it was given as Shore A."""
     prediction: PerformancePrediction | None = None
     refusal: str | None = None
-    """Why it cannot be built, or its twin not be pressed."""
+    """Why it cannot be built, or its twin cannot be pressed."""
     calibration_errors: SimulatedCalibrationErrors | None = None
-    """What its twin reads after calibrating itself, if that was asked for."""
+    """Errors of its twin after a simulated calibration, if that was requested."""
     calibration_failure: str | None = None
-    """Why that failed."""
+    """Why the simulated calibration failed."""
 
     @property
     def name(self) -> str:
-        """What sets it apart."""
+        """Gel thickness, hardness, area and lens angle, which distinguish it from the others."""
         sensor = self.design.sensor
         hard = f"A{self.shore_a:g}" if self.shore_a is not None else f"{sensor.gel.shear_modulus_mpa:.3f} MPa"
         area = f"{sensor.sensing_area.width_mm:g}x{sensor.sensing_area.height_mm:g}"
         return f"{sensor.gel.thickness_mm:g} mm, {hard}, {area}, {sensor.camera.lens_angle_deg:g}°"
 
     def to_json_dict(self) -> dict[str, Any]:
-        """For scripts."""
+        """Return choices, prediction and errors as a dictionary that JSON can hold."""
         sensor = self.design.sensor
         return {
             "gel_mm": sensor.gel.thickness_mm,
@@ -146,13 +145,16 @@ class ExploredDesign:
 
 
 def explore_designs(choices: Iterable[DesignChoice], calibrated: bool = False) -> Iterator[ExploredDesign]:
-    """One after the other; raises `DesignImpossible` for values that no sensor has. calibrated: let each prove itself, too."""
+    """Yield the results design by design; raises `DesignImpossible` for values that no sensor has.
+
+    calibrated: whether the twin of each is calibrated and read as well.
+    """
     found = map(_predict_design, choices)
     yield from map(_simulate_calibration, found) if calibrated else found
 
 
 def _predict_design(choice: DesignChoice) -> ExploredDesign:
-    """What it would do, or why it would not."""
+    """Return the predicted performance of a design, or why there is none."""
     design = choice.hardware
     try:
         return ExploredDesign(design, choice.shore_a, predict_performance(design))
@@ -161,7 +163,7 @@ def _predict_design(choice: DesignChoice) -> ExploredDesign:
 
 
 def _simulate_calibration(found: ExploredDesign) -> ExploredDesign:
-    """The same with what its twin reads after calibrating itself, or why it cannot."""
+    """Add the errors after a simulated calibration, or why it failed."""
     if found.prediction is None:
         return found
     try:

@@ -1,9 +1,7 @@
-"""What a sensor of one design would do: its twin pressed by a ball, its parts measured.
+"""Predicted performance of a design: its parts are measured, its twin is pressed by a ball, calibrated, and read.
 
-None of it is a measurement: light and lens are the average sensor's, carried over to the design as `simulation.designed` says;
-loads are those of a linear layer, too low for deep presses (docs/mechanics.md).
-
-The twin of a design put through what a sensor goes through: calibrated by its board and ball, then pressed by another ball.
+None of it is a measurement. Light and lens are those of the average sensor, scaled to the design; loads are those of a
+linear layer, which are too low for deep presses (docs/mechanics.md).
 """
 
 from dataclasses import asdict, dataclass
@@ -31,48 +29,49 @@ from ninedtact.simulation.scripted_press import ScriptedPress
 from ninedtact.simulation.twin import Twin, twin_from_design
 
 MAX_INDENTATION_FRACTION = 0.75
-"""Of the gel's thickness: deeper, the linear layer's loads mean nothing, and thin silicone tears off its ground."""
+"""Greatest indentation over gel thickness. Deeper, the loads of a linear layer mean nothing, and thin silicone tears
+off its substrate."""
 LOAD_N = 1.0
 BALL_RADIUS_MM = 4.0
-"""Of what presses, at every design; the published calibration's ball."""
+"""Radius of the pressing ball for every design: that of the published calibration."""
 PREDICTION_SOLVER_SETTINGS = SolverSettings(tolerance=5e-3)
 
 
 @dataclass(frozen=True)
 class PerformancePrediction:
-    """One row of the table."""
+    """One row of the comparison."""
 
     depth_range_mm: float
-    """How deep a ball may press."""
+    """Greatest indentation by the ball."""
     force_range_n: float
-    """Its load there: at least that, the layer being linear here."""
+    """Load at that indentation; at least that, since the layer is linear here."""
     depth_at_1n_mm: float
-    """How deep a load of 1 N presses it."""
+    """Indentation under a load of 1 N."""
     signal_per_n: float
-    """Largest darkening under that load, grey levels."""
+    """Largest darkening under that load, in grey levels."""
     depth_noise_mm: float
-    """Of one pixel of one image, at the skin's surface."""
+    """Depth noise of one pixel of one image, at the skin's surface."""
     mm_per_px: float
-    """Of the raw image, in the middle."""
+    """Resolution of the raw image in the middle."""
     blur_mm: float
-    """Standard deviation to which scattered light rounds edges."""
+    """Standard deviation of the blur by scattered light."""
     view_radius_mm: float
-    """On the skin, from the middle to where the lens ends."""
+    """Radius on the skin that the lens sees."""
     size_mm: tuple[float, float, float]
     ratio_mm: float
     """Volume of the box over the sensing area."""
     mass_g: float
-    """By assumed densities."""
+    """Mass by assumed densities."""
     cost_usd: float
-    """By estimated prices."""
+    """Cost by estimated prices."""
 
     def to_json_dict(self) -> dict[str, Any]:
-        """Plain numbers."""
+        """Return the prediction as a dictionary that JSON can hold."""
         return asdict(self)
 
 
 def predict_performance(design: HardwareDesign) -> PerformancePrediction:
-    """Build its parts, press its twin; raises `RulesBroken`, `BoardImpossible`."""
+    """Build the parts of a design and press its twin; raises `DesignRulesBroken`, `LedBoardImpossible`."""
     sensor, twin = BuiltSensor(design), twin_from_design(design.sensor)
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
     at_load = ScriptedPress(load_n=LOAD_N).on(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
@@ -95,18 +94,18 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
 
 
 def _centre_grey_level(twin: Twin) -> float:
-    """Brightness of the untouched skin in the middle."""
+    """Return the brightness of the reference image in the middle, in grey levels."""
     rows, cols = twin.renderer.view.raw_shape
     return float(twin.renderer.untouched[rows // 2 - 20 : rows // 2 + 20, cols // 2 - 20 : cols // 2 + 20].mean())
 
 
 def _depth_noise_mm(twin: Twin) -> float:
-    """Noise over the slope of brightness where indentation begins."""
+    """Return the noise over the slope of the brightness where indentation begins."""
     return twin.renderer.noise.grey_levels / (_centre_grey_level(twin) * twin.renderer.light.darkening_per_mm)
 
 
 def _mm_per_px(twin: Twin) -> float:
-    """Between neighbouring pixels in the middle."""
+    """Return the distance of neighbouring pixels in the middle."""
     plane = twin.renderer.view.plane_mm
     rows, cols = twin.renderer.view.raw_shape
     across = plane[rows // 2, cols // 2 + 5] - plane[rows // 2, cols // 2 - 5]
@@ -114,22 +113,26 @@ def _mm_per_px(twin: Twin) -> float:
 
 
 VALIDATION_BALL = Ball(5.0)
+"""Ball of the press that is read after the calibration."""
 DEPTH_PART, PLACE_PART = 0.5, 0.125
 """Of the gel's thickness and of the sensing area: how deep and how far off the middle the other ball is pressed."""
 
 
 @dataclass(frozen=True)
 class SimulatedCalibrationErrors:
-    """What the calibrated twin reads of a press that it was not calibrated with."""
+    """Errors of a calibrated twin for a press with which it was not calibrated."""
 
     depth_error_mm: float
     """Mean absolute error of the height where the skin is pressed in."""
     load_error_fraction: float
-    """Error of the load by physics, of the load; the modulus is taken as designed."""
+    """Error of the load estimated by physics, over the load; the shear modulus is taken as designed."""
 
 
 def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErrors:
-    """Some ten seconds; raises `BoardNotFound`, `BallRefused` where the design cannot be calibrated, and what pressing raises."""
+    """Calibrate the twin of a design by its board and ball and read a press of another ball; takes some ten seconds.
+
+    Raises `BoardNotFound`, `BallRefused` where the design cannot be calibrated, and what pressing raises.
+    """
     twin = twin_from_design(design)
     images = simulate_calibration_images(twin, design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
     made = calibrate(CalibrationImages(**vars(images)), design)
@@ -144,13 +147,13 @@ def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErr
 
 
 def _validation_press(design: SensorDesign) -> ScriptedPress:
-    """Off the middle, less deep than the gel bears."""
+    """Return a press off the middle, less deep than the gel bears."""
     x, y = (PLACE_PART * side for side in design.sensing_area.size_mm)
     return ScriptedPress(DEPTH_PART * design.gel.thickness_mm, at_mm=(x, -y))
 
 
 def _read_contact(shape: CalibratedShape, twin: Twin, contact: Contact) -> Reading:
-    """What the sensor makes of one image of this contact."""
+    """Return the calibrated sensor's reading of one image of a contact."""
     depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-GUIDED_FRAMES, 0)))
     frame = Frame(twin.renderer(contact, 1))
     rectified = shape.rectify(frame)

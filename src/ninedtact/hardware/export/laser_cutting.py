@@ -1,7 +1,4 @@
-"""A flat part as closed outlines: what a laser follows.
-
-DXF for the laser: closed outlines in mm, 1:1, each line once, holes on a layer of their own.
-"""
+"""Flat parts as DXF for the laser cutter: closed outlines in mm, 1:1, each line once, holes on a layer of their own."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,38 +15,40 @@ SAME_POINT_MM = 1e-4
 """Ends nearer than this are one point."""
 
 
-class _OutlineNotCuttable(NinedtactError):
+class OutlineNotCuttable(NinedtactError):
     """A part that cannot be cut from a sheet."""
 
 
 @dataclass(frozen=True)
 class _CircleOutline:
-    """A round hole."""
+    """The outline of a round hole."""
 
     centre: XY
     radius_mm: float
 
     @property
     def first(self) -> XY:
-        """By which outlines are ordered."""
+        """The centre, by which outlines are sorted."""
         return _round_point(self.centre)
 
 
 @dataclass(frozen=True)
 class _PolylineOutline:
-    """A closed run of lines and arcs."""
+    """A closed outline of lines and arcs."""
 
     corners: tuple[XY, ...]
     bulges: tuple[float, ...]
-    """Of the side that begins at each corner: tangent of a quarter of its arc, left turns positive; zero for a line."""
+    """Bulge of the side that begins at each corner: tangent of a quarter of its arc, positive for left turns, zero for
+    a line."""
 
     @property
     def first(self) -> XY:
-        """The corner with the lowest x, then y; by which outlines are ordered."""
+        """The corner with the lowest x, then y, by which outlines are sorted."""
         return min(map(_round_point, self.corners))
 
     def from_first(self) -> "_PolylineOutline":
-        """The same from its first corner on to the lower neighbour: the modelling library may begin anywhere."""
+        """Return the same outline from its first corner on towards the lower neighbour: the modelling library may begin
+        anywhere."""
         at = [*map(_round_point, self.corners)].index(self.first)
         corners, bulges = (*self.corners[at:], *self.corners[:at]), (*self.bulges[at:], *self.bulges[:at])
         if _round_point(corners[-1]) < _round_point(corners[1]):
@@ -58,14 +57,14 @@ class _PolylineOutline:
 
 
 def _part_outlines(part: Part) -> list[_CircleOutline | _PolylineOutline]:
-    """Outside first, then every hole, each once; raises `_OutlineNotCuttable`."""
+    """Return the outer outline first, then every hole, each once; raises `OutlineNotCuttable`."""
     top = part.faces().filter_by(Axis.Z).sort_by(Axis.Z)[-1]
     inside = sorted((_wire_outline(wire) for wire in top.inner_wires()), key=lambda found: found.first)
     return [_wire_outline(top.outer_wire()), *inside]
 
 
 def _wire_outline(wire: Wire) -> _CircleOutline | _PolylineOutline:
-    """One closed wire."""
+    """Return the outline of one closed wire."""
     edges = list(wire.edges())
     if len(edges) == 1 and edges[0].geom_type == GeomType.CIRCLE:
         centre = edges[0].arc_center
@@ -75,7 +74,7 @@ def _wire_outline(wire: Wire) -> _CircleOutline | _PolylineOutline:
 
 
 def _round_point(place: XY) -> XY:
-    """To what is one point."""
+    """Return a point rounded so that coincident points are equal."""
     return round(place[0], 4) + 0.0, round(place[1], 4) + 0.0
 
 
@@ -84,9 +83,9 @@ Side = tuple[XY, XY, float]
 
 
 def _edge_to_side(edge: Edge) -> Side:
-    """A line or an arc; raises `_OutlineNotCuttable` for other curves."""
+    """Return the side of a line or an arc; raises `OutlineNotCuttable` for other curves."""
     if edge.geom_type not in (GeomType.LINE, GeomType.CIRCLE):
-        raise _OutlineNotCuttable(
+        raise OutlineNotCuttable(
             f"expected lines and arcs to cut along, got {edge.geom_type}; cut this part another way"
         )
     start, middle, end = ((float(place.X), float(place.Y)) for place in (edge @ 0, edge @ 0.5, edge @ 1))
@@ -96,7 +95,8 @@ def _edge_to_side(edge: Edge) -> Side:
 
 
 def _chain_sides(sides: Sequence[Side]) -> Iterator[Side]:
-    """The same in the order in which a pen draws them; raises `_OutlineNotCuttable` where it would have to be lifted."""
+    """Yield the sides in the order in which a pen draws them; raises `OutlineNotCuttable` where it would have to be
+    lifted."""
     left = list(sides[1:])
     last = sides[0]
     yield last
@@ -104,31 +104,31 @@ def _chain_sides(sides: Sequence[Side]) -> Iterator[Side]:
         last = _take_next_side(left, last[1])
         yield last
     if not _is_same_point(last[1], sides[0][0]):
-        raise _OutlineNotCuttable("expected a closed outline, got one that ends elsewhere; report this part")
+        raise OutlineNotCuttable("expected a closed outline, got one that ends elsewhere; report this part")
 
 
 def _take_next_side(left: list[Side], at: XY) -> Side:
-    """Take out the side that begins or ends here; turned round if it ends."""
+    """Remove and return the side that begins or ends at a point, reversed if it ends there."""
     for number, (start, end, bulge) in enumerate(left):
         if _is_same_point(start, at) or _is_same_point(end, at):
             del left[number]
             return (start, end, bulge) if _is_same_point(start, at) else (end, start, -bulge)
-    raise _OutlineNotCuttable(f"expected an outline that goes on at {at}, got a gap; report this part")
+    raise OutlineNotCuttable(f"expected an outline that goes on at {at}, got a gap; report this part")
 
 
 def _is_same_point(first: XY, second: XY) -> bool:
-    """Whether two points are one."""
+    """Return whether two points coincide."""
     return hypot(first[0] - second[0], first[1] - second[1]) < SAME_POINT_MM
 
 
 MILLIMETRES = 4
-"""$INSUNITS."""
+"""Value of $INSUNITS."""
 OUTSIDE_LAYER, INSIDE_LAYER = "outside", "inside"
 """Layers: holes are cut first, or the plate falls out before them."""
 
 
 def part_to_dxf(part: Part) -> bytes:
-    """A flat part as DXF R2010; the kerf is not taken off: the cutter knows its laser."""
+    """Return a flat part as DXF R2010. The kerf is not compensated: the cutter knows its laser."""
     from ezdxf._options import options
     from ezdxf.filemanagement import new
 
@@ -149,7 +149,7 @@ def part_to_dxf(part: Part) -> bytes:
 
 
 def _add_outline(space: Any, outline: _CircleOutline | _PolylineOutline, layer: str) -> None:
-    """One outline as one entity."""
+    """Add one outline as one entity."""
     if isinstance(outline, _CircleOutline):
         space.add_circle(outline.centre, outline.radius_mm, dxfattribs={"layer": layer})
         return

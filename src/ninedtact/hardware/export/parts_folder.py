@@ -1,7 +1,4 @@
-"""The folder of a sensor's parts: it appears whole or not at all, and replaces nothing but an older one of its kind.
-
-Everything about one design, written as one folder.
-"""
+"""The folder of everything about one design. It appears whole or not at all, and replaces nothing but an older export."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -30,19 +27,20 @@ MANIFEST = "manifest.json"
 
 
 class ExportFolderRefused(NinedtactError):
-    """Something else is where the parts should go."""
+    """Something else is in the folder that the export would replace."""
 
 
 @contextmanager
 def _create_parts_folder(out: Path) -> Iterator[Path]:
-    """A folder to fill, which takes the place of `out` when the block ends well; raises `ExportFolderRefused`."""
+    """Yield a folder to fill, which takes the place of `out` when the block ends without an error; raises
+    `ExportFolderRefused`."""
     require_replaceable_folder(out)
     with create_folder_atomically(out) as partial:
         yield partial
 
 
 def require_replaceable_folder(out: Path) -> None:
-    """Only nothing, an empty folder, or parts exported before and nothing else are replaced; raises `ExportFolderRefused`."""
+    """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `ExportFolderRefused`."""
     ours = _list_exported_files(out / MANIFEST)
     if strange := list_foreign_files(out, ours.__contains__):
         raise ExportFolderRefused(
@@ -52,7 +50,7 @@ def require_replaceable_folder(out: Path) -> None:
 
 
 def _list_exported_files(manifest: Path) -> frozenset[str]:
-    """The files that an earlier export lists; none where this is no manifest of ours."""
+    """Return the files that an earlier export lists; none if this is not one of our manifests."""
     try:
         told = json.loads(manifest.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -67,13 +65,14 @@ Progress = Callable[[str], None]
 
 
 def _ignore_progress(_: str) -> None:
-    """No word about the work."""
+    """Accept progress and do nothing with it."""
 
 
 def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = _ignore_progress) -> dict[str, Any]:
     """Write the folder, whole or not at all, and return its manifest.
 
-    tell: called with what is being written. Raises `FolderRefused`, and `FileNotWritten` from the disk.
+    report_progress: called with the path of every file before it is written. Raises `ExportFolderRefused`, and
+    `FileNotWritten` from the disk.
     """
     with _create_parts_folder(out) as folder:
         for path, content in _folder_files(sensor):
@@ -88,7 +87,7 @@ def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = _ignore_progre
 
 
 def _folder_files(sensor: BuiltSensor) -> Iterator[File]:
-    """All but the circuit board and the manifest."""
+    """Yield path and content of every file but the circuit board's and the manifest."""
     for part in sensor.parts.values():
         yield from _part_files(sensor, part)
     yield from format_shop_notes(sensor)
@@ -101,7 +100,7 @@ def _folder_files(sensor: BuiltSensor) -> Iterator[File]:
 
 
 def _part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
-    """One part: for machines, and for eyes."""
+    """Yield the files of one part: STEP, STL or DXF, image and drawing."""
     yield f"{part.method}/{part.name}.step", part_to_step(part.name, part.solid)
     if part.method == "printed":
         yield f"{part.method}/{part.name}.stl", part_to_stl(part.solid)
@@ -114,14 +113,14 @@ def _part_files(sensor: BuiltSensor, part: BuiltPart) -> Iterator[File]:
 
 
 def _assembly_files(sensor: BuiltSensor) -> Iterator[File]:
-    """The finished sensor."""
+    """Yield the files of the assembled sensor."""
     yield "assembly/sensor.step", assembly_to_step(sensor.bodies)
     for name, drawn in (("sensor", render_sensor), ("exploded", render_exploded_view), ("section", render_section)):
         yield f"images/{name}.png", _encode_png(drawn(sensor.bodies))
 
 
 def _build_manifest(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
-    """What is in the folder, and what every part should measure."""
+    """Return what is in the folder, and volume and box of every part."""
     parts = {
         part.name: {
             "method": part.method,
@@ -139,5 +138,5 @@ def _build_manifest(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
 
 
 def _encode_png(image: BgrImage) -> bytes:
-    """As PNG."""
+    """Return an image as PNG."""
     return cv2.imencode(".png", image)[1].tobytes()

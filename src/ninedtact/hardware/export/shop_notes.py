@@ -1,4 +1,4 @@
-"""What a shop is told beside its files: one text for the laser cutter, one for the printer."""
+"""Instructions for the shops beside their files: one text for the laser cutter, one for the print shop."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from ninedtact.hardware.materials import MATERIAL_OF_PART
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
 
 STOCK_THICKNESSES_MM = 2.0, 3.0, 4.0, 5.0, 6.0
-"""Sheets of acrylic that most shops hold; no shop was asked."""
+"""Thicknesses of acrylic sheet that most shops stock; no shop was asked."""
 CUTTING_INSTRUCTIONS = """\
 Lengths are mm, 1:1, each line once. The kerf is not taken off: the lines are the finished edges.
 Layer "inside" is cut before layer "outside", or the plate falls out before its holes are cut.
@@ -32,17 +32,17 @@ Fits are the clearance on each side as drawn; try them. The drawings tell more.
 
 
 def cut_file_path(part: BuiltPart) -> str:
-    """Of the cutter's file: a DXF tells no thickness, so its name does."""
+    """Return the path of the cutter's file. A DXF states no thickness, so its name does."""
     return f"cut/{part.name}_{_sheet_thickness_mm(part):.2f}mm.dxf"
 
 
 def _sheet_thickness_mm(part: BuiltPart) -> float:
-    """Of the sheet that a flat part is cut from."""
+    """Return the thickness of the sheet from which a flat part is cut."""
     return part.size_mm[2]
 
 
 def format_shop_notes(sensor: BuiltSensor) -> Iterator[tuple[str, bytes]]:
-    """Path within the folder, and content."""
+    """Yield path within the folder and content of every text."""
     for way, told, how in (
         ("cut", _format_cut_part, CUTTING_INSTRUCTIONS),
         ("printed", _format_printed_part, PRINTING_INSTRUCTIONS),
@@ -52,19 +52,19 @@ def format_shop_notes(sensor: BuiltSensor) -> Iterator[tuple[str, bytes]]:
 
 
 def _format_cut_part(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
-    """One plate."""
+    """Yield the line of one plate."""
     shelf = "" if round(_sheet_thickness_mm(part), 3) in STOCK_THICKNESSES_MM else "; not on every shelf: measure"
     material = MATERIAL_OF_PART[part.name].name
     yield f"{part.name}: {_sheet_thickness_mm(part):.2f} mm, {_part_count(sensor, part)} x, {material}{shelf}"
 
 
 def _format_printed_part(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:
-    """One print, with what has to fit it."""
+    """Yield the line of one printed part, and what has to fit it."""
     made, cm3 = MATERIAL_OF_PART[part.name].name, part.volume_mm3 / 1000
     yield f"{part.name}: {made}, {_part_count(sensor, part)} x, {cm3:.2f} cm³"
     yield from (f"    {fit.clearance_mm:.3f}  {fit.faces}" for fit in fits_of_part(sensor.design, part.name))
 
 
 def _part_count(sensor: BuiltSensor, part: BuiltPart) -> int:
-    """How many the bill of materials has."""
+    """Return how many of a part the bill of materials has."""
     return next(item.count for item in sensor.bill if item.name == part.name)

@@ -1,1 +1,4 @@
-"""How to build a sensor, step by step, each with an image of the parts in that state."""
+"""The fabrication guide: a `BuiltSensor` goes in, a Markdown page with an image of the parts after each step comes out.
+
+`fabrication_guide.write_fabrication_guide` writes it, `assembly_steps` has the text of the steps.
+"""

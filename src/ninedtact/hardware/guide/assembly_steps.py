@@ -1,4 +1,4 @@
-"""The steps in their order: what to do, and how to tell that it worked."""
+"""The steps of fabrication in their order: what to do, and how to check that it worked."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,7 +26,8 @@ AssemblyState = Literal[
 ]
 
 FOCUS_BEYOND_MM = 0.95
-"""The original's authors focus on print at 15 mm, the skin 14.05 from the lens."""
+"""Distance beyond the skin at which the lens is focused: the original's authors focus on print at 15 mm, the skin lies
+14.05 from the lens."""
 OWN_DESIGN = " --design your_design.toml"
 
 
@@ -35,22 +36,22 @@ class GuideStep:
     """One step of the guide."""
 
     state: AssemblyState
-    """Of the parts, which its image shows."""
+    """State of the parts that its image shows."""
     title: str
     do: str
     check: str
-    """What tells whether it worked, before the next step makes it hard to mend."""
+    """How to check that it worked, before the next step makes it hard to repair."""
 
 
 def list_guide_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
-    """All of them, with the numbers of this design."""
+    """Yield all steps with the dimensions of this design."""
     yield from _preparation_steps(sensor)
     yield from _casting_steps(sensor)
     yield from _assembly_steps(sensor)
 
 
 def _preparation_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
-    """Before any silicone."""
+    """Yield the steps before any silicone is poured."""
     design = sensor.design
     yield GuideStep(
         "inserts",
@@ -72,7 +73,7 @@ def _preparation_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
 
 
 def _casting_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
-    """The three layers."""
+    """Yield the steps that cast the three layers."""
     design = sensor.design
     rim = design.heights.rim - design.heights.floor_top
     yield GuideStep(
@@ -118,7 +119,7 @@ def _casting_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
 
 
 def _assembly_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
-    """Camera, light, screws."""
+    """Yield the steps that mount camera, light and screws, and calibrate."""
     design = sensor.design
     own = "" if design.sensor == SensorDesign() else OWN_DESIGN
     nearest_mm, farthest_mm = radius_mm_per_rad(design.sensor), design.sensor.camera.distance_mm + FOCUS_BEYOND_MM

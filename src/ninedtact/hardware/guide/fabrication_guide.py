@@ -1,7 +1,4 @@
-"""The parts as they are after each step, and from where they are looked at.
-
-The guide as Markdown with its images.
-"""
+"""The fabrication guide as a Markdown page, and the images of the parts in the state after each step."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,20 +20,20 @@ from ninedtact.hardware.solid_renderer import FROM_ABOVE, FROM_BELOW, BgrImage, 
 SIZE_PX = 800, 600
 SECTION_VIEW = ViewDirection(-68.0, 24.0)
 BETWEEN_MM = 24.0
-"""Of two parts that stand beside one another."""
+"""Distance of two parts that stand beside one another."""
 
 
 @dataclass(frozen=True)
 class _AssemblyScene:
-    """What an image shows."""
+    """The bodies in an image and the direction from which they are seen."""
 
     bodies: list[AssemblyBody]
     eye: ViewDirection = FROM_ABOVE
     cut: bool = False
-    """The half at -y taken away."""
+    """Whether the half at -y is removed."""
 
     def image(self) -> BgrImage:
-        """Drawn."""
+        """Render the scene."""
         return render_solids(
             colour_bodies(cut_bodies_open(self.bodies) if self.cut else self.bodies), self.eye, SIZE_PX
         )
@@ -44,12 +41,12 @@ class _AssemblyScene:
 
 @dataclass(frozen=True)
 class _AssemblyScenes:
-    """Every state of one sensor's parts."""
+    """The scenes of all states of one sensor's parts."""
 
     sensor: BuiltSensor
 
     def scene(self, state: AssemblyState) -> _AssemblyScene:
-        """Of this step."""
+        """Return the scene of a state."""
         return {
             "inserts": lambda: _AssemblyScene([*self.base(), *self.beside(self.shell())]),
             "window": lambda: _AssemblyScene([*self.shell(), self.body("acrylic_window", 6.0)]),
@@ -77,7 +74,7 @@ class _AssemblyScenes:
         }[state]()
 
     def beside(self, bodies: list[AssemblyBody]) -> Iterator[AssemblyBody]:
-        """The same standing next to the middle, upside down on the shell's rim."""
+        """Yield bodies next to the middle, upside down on the shell's rim."""
         design = self.sensor.design
         away, rim = design.plan_view.outer[0] + BETWEEN_MM, design.heights.rim
         for body in bodies:
@@ -85,42 +82,42 @@ class _AssemblyScenes:
             yield AssemblyBody(body.name, Part() + Pos(away, 0, rim) * turned, body.material)
 
     def body(self, name: str, lift_mm: float = 0.0) -> AssemblyBody:
-        """One part, lifted out of its place."""
+        """Return one part, raised above its position."""
         return AssemblyBody(name, Pos(0, 0, lift_mm) * self.sensor.parts[name].solid, MATERIAL_OF_PART[name])
 
     def base(self) -> list[AssemblyBody]:
-        """With its inserts."""
+        """Return the base with its inserts."""
         return [self.body("sensor_base"), *self.inserts(range(1, 5))]
 
     def shell(self) -> list[AssemblyBody]:
-        """With its inserts."""
+        """Return the shell with its inserts."""
         return [self.body("sensor_shell"), *self.inserts(range(5, 9))]
 
     def inserts(self, numbers: range) -> Iterator[AssemblyBody]:
-        """Those of the base are 1 to 4, those of the shell 5 to 8."""
+        """Return inserts by number: those of the base are 1 to 4, those of the shell 5 to 8."""
         names = {f"insert_{number}" for number in numbers}
         return (body for body in self.sensor.bodies if body.name in names)
 
     def filled_shell(self) -> list[AssemblyBody]:
-        """Shell, window, transparent gel."""
+        """Return the shell with window and transparent gel."""
         return [*self.shell(), self.body("acrylic_window"), self.body("transparent_gel")]
 
     def shell_with_gels(self) -> list[AssemblyBody]:
-        """All layers cured."""
+        """Return the shell with all layers."""
         return [*self.filled_shell(), self.body("translucent_gel"), self.body("black_gel")]
 
     def clamped_shell(self, drop_mm: float = 0.0) -> list[AssemblyBody]:
-        """The filled shell on the base board."""
+        """Return the filled shell on the base board."""
         design = self.sensor.design
         under = design.heights.plate_top - design.moulds.base_mm - drop_mm
         return [*self.filled_shell(), self.body("base_board", under)]
 
     def mould(self, name: str, lift_mm: float = 0.0) -> AssemblyBody:
-        """A mould on the shell's rim."""
+        """Return a mould on the shell's rim, raised above it."""
         return self.body(name, self.sensor.design.heights.rim + lift_mm)
 
     def tray(self) -> AssemblyBody:
-        """The calibration board over the sensor, its pins a little above the skin."""
+        """Return the calibration board over the sensor, its pins a little above the skin."""
         design = self.sensor.design
         tip = design.pin_frame.floor_mm + design.pin_frame.pin_tall_mm
         turned = Rot(180, 0, 0) * self.sensor.parts["calibration_board"].solid
@@ -148,7 +145,7 @@ DAYS = 2
 
 
 def format_guide(sensor: BuiltSensor) -> str:
-    """The whole page."""
+    """Return the fabrication guide of a design as Markdown."""
     design = sensor.design
     area = f"{design.sensor.sensing_area.width_mm:g} x {design.sensor.sensing_area.height_mm:g}"
     gel = f"{design.sensor.gel.thickness_mm:g}"
@@ -158,7 +155,7 @@ def format_guide(sensor: BuiltSensor) -> str:
 
 
 def _design_name(design: HardwareDesign) -> str:
-    """Which design the page is about."""
+    """Return the name of the design that the page describes."""
     return (
         f"the {design.variant} design"
         if design == hardware_design_of_variant(SensorDesign(), design.variant)
@@ -167,7 +164,7 @@ def _design_name(design: HardwareDesign) -> str:
 
 
 def _format_step(number: int, step: GuideStep) -> str:
-    """One step."""
+    """Return one step as Markdown."""
     return (
         f"## {number}. {step.title}\n\n{step.do}\n\n![{step.title}]({IMAGES}/{_image_name(number, step)})\n\n"
         f"**It worked if:** {step.check}\n"
@@ -175,12 +172,12 @@ def _format_step(number: int, step: GuideStep) -> str:
 
 
 def _image_name(number: int, step: GuideStep) -> str:
-    """In the order of the steps."""
+    """Return the file name of a step's image, numbered in the order of the steps."""
     return f"fabrication_{number:02d}_{step.state}.png"
 
 
 def write_fabrication_guide(sensor: BuiltSensor, out: Path) -> Iterator[Path]:
-    """Page and images, each whole; raises `FileNotWritten`."""
+    """Write the page and its images, yielding each path once it is written; raises `FileNotWritten`."""
     (out / IMAGES).mkdir(parents=True, exist_ok=True)
     states = _AssemblyScenes(sensor)
     for number, step in enumerate(list_guide_steps(sensor), start=1):

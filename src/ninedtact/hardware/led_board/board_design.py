@@ -1,11 +1,5 @@
-"""What the board house can make, and how wide the copper is.
-
-Where the LEDs stand: the rim of a lattice, so that the light comes from all around the lens.
-
-The LED board as a handful of choices; everything else follows from them.
-
-The LED board that fits a design: its outline, holes and parts handed to the room of the circuit board.
-"""
+"""The choices of the LED board: outline, LED positions, copper widths, design rules of the board house; and the board
+that fits a hardware design."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -35,7 +29,8 @@ class BoardDesignRules:
     pour_gap_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.25
     """From the ground pour to everything else."""
     least_pad_share: Annotated[float, Bounds(0.5, 1.0)] = 0.8
-    """Of a pad's area that must be left where it gives way to the connector's holes, or the part solders badly."""
+    """Least share of a pad's area that must be left where it gives way to the connector's holes; with less the part
+    solders badly."""
 
     def __post_init__(self) -> None:
         require_within_bounds("rules", self)
@@ -67,12 +62,13 @@ class CopperWidths:
 
 
 LED_PADS_MM = 4.39, 2.10
-"""What the two pads of a 2835 LED cover together, along x and y."""
+"""Size of the two pads of a 2835 LED together, along x and y."""
 
 
 @dataclass(frozen=True)
-class _LedPositions:
-    """Body centres of the LEDs: every crossing of these columns and rows on the rim, none inside."""
+class LedPositions:
+    """Centres of the LEDs: every crossing of these columns and rows on the rim, none inside, so that light comes from
+    all around."""
 
     columns_mm: tuple[float, ...] = (-8.8, 0.0, 8.8)
     """Left to right. A pitch of 8.8 lights the skin of 24 x 18 mm as the original does."""
@@ -93,27 +89,28 @@ class _LedPositions:
 
     @property
     def positions(self) -> tuple[PointMm, ...]:
-        """Of the LEDs in the order of their numbers: row by row from the upper left."""
+        """Centres of the LEDs in the order of their numbers: row by row from the upper left."""
         rim = {self.rows_mm[0], self.rows_mm[-1]}
         ends = {self.columns_mm[0], self.columns_mm[-1]}
         return tuple((x, y) for y in self.rows_mm for x in self.columns_mm if y in rim or x in ends)
 
 
 def _evenly_spaced(half_span_mm: float, count: int) -> tuple[float, ...]:
-    """So many places from -half to +half of the span."""
+    """Return so many positions from minus to plus half the span."""
     return tuple(half_span_mm * (2 * number / (count - 1) - 1) for number in range(count))
 
 
 LED_INSET_MM = LedBoardDimensions.led_inset_mm
-"""From the edges to the outer LEDs' centres."""
+"""Distance of the outer LEDs' centres from the edges."""
 
 
 @dataclass(frozen=True)
 class LedBoard:
-    """The defaults are the improved board; `original` is the published one; `for_size` is one for another sensor."""
+    """One LED board. The defaults are the improved board; `original` is the published one, `for_size` one for another
+    sensor."""
 
     outline: BoardOutline = BoardOutline()
-    leds: _LedPositions = _LedPositions()
+    leds: LedPositions = LedPositions()
     rules: BoardDesignRules = BoardDesignRules()
     copper: CopperWidths = CopperWidths()
     resistor_ohm: float = 20_000.0
@@ -158,31 +155,32 @@ class LedBoard:
 
     @property
     def driver(self) -> PointMm:
-        """Centre of U1."""
+        """Centre of the LED driver U1."""
         return self.driver_x_mm, self.outline.half[1] - self.driver_inset_mm
 
     def from_driver(self, offset_mm: PointMm) -> PointMm:
-        """A place told from U1."""
+        """Return the point at an offset from the centre of U1."""
         return self.driver[0] + offset_mm[0], self.driver[1] + offset_mm[1]
 
     @property
     def usb(self) -> PointMm:
-        """Origin of the connector."""
+        """Origin of the USB connector's footprint."""
         return self.usb_x_mm, self.usb_inset_mm - self.outline.half[1]
 
     @classmethod
     def for_size(cls, width_mm: float, height_mm: float, columns: int = 3, rows: int = 3) -> "LedBoard":
-        """The improved board on another outline: holes and outer LEDs keep their distances from the edges."""
+        """Return the improved board on another outline: holes and outer LEDs keep their distances from the edges."""
         outline = BoardOutline(width_mm, height_mm)
         x, y = outline.half[0] - LED_INSET_MM[0], outline.half[1] - LED_INSET_MM[1]
-        return cls(outline, _LedPositions(_evenly_spaced(x, columns), _evenly_spaced(-y, rows)))
+        return cls(outline, LedPositions(_evenly_spaced(x, columns), _evenly_spaced(-y, rows)))
 
     @classmethod
     def original(cls) -> "LedBoard":
-        """Dimensions, parts and netlist of the published board; the tracks are this room's, at the original's width."""
+        """Return the board with dimensions, components and netlist of the published one. The tracks are our own, at the
+        original's width."""
         return cls(
             outline=BoardOutline(lens_hole_mm=10.0),
-            leds=_LedPositions(columns_mm=(-8.769, 0.131, 8.831)),
+            leds=LedPositions(columns_mm=(-8.769, 0.131, 8.831)),
             rules=BoardDesignRules(clearance_mm=0.152, mask_margin_mm=0.051),
             copper=CopperWidths(*(0.254,) * 5, via_mm=0.6, via_drill_mm=0.305, pour=False),
             input_capacitor=False,
@@ -202,7 +200,11 @@ BoxSize = tuple[float, float, float]
 
 
 def led_board_for_design(design: HardwareDesign) -> LedBoard:
-    """The board in its size; the original's parts and faults only in the original's size. Raises `LedBoardImpossible`."""
+    """Return the LED board that fits a hardware design. The original's components and faults are used only in the
+    original's size.
+
+    Raises `LedBoardImpossible`.
+    """
     width, height = design.plan_view.led_board
     original = LedBoard.original()
     as_published = (width, height) == (original.outline.width_mm, original.outline.height_mm)
@@ -212,7 +214,7 @@ def led_board_for_design(design: HardwareDesign) -> LedBoard:
     return replace(
         made,
         outline=_board_outline_for_design(design, made.outline),
-        leds=_LedPositions(design.plan_view.led_columns, design.plan_view.led_rows),
+        leds=LedPositions(design.plan_view.led_columns, design.plan_view.led_rows),
         usb_inset_mm=receptacle.body_at_mm[1] + receptacle.body_mm[1] / 2 - design.board.usb_beyond_mm,
         driver_x_mm=driver_x,
         driver_inset_mm=-from_edge,
@@ -221,7 +223,7 @@ def led_board_for_design(design: HardwareDesign) -> LedBoard:
 
 
 def _board_outline_for_design(design: HardwareDesign, outline: BoardOutline) -> BoardOutline:
-    """Holes and notches where shell and base have their bosses and pins."""
+    """Return an outline with holes and notches where shell and base have their bosses and pins."""
     plan, board, levels = design.plan_view, design.board, design.heights
     mount, screw = max(plan.mount_inserts), max(plan.shell_screws)
     return replace(
@@ -239,7 +241,7 @@ def _board_outline_for_design(design: HardwareDesign, outline: BoardOutline) -> 
 
 
 def _require_component_sizes(design: HardwareDesign, made: LedBoard) -> None:
-    """Refuse parts of another size than those that the circuit board has pads for; raises `LedBoardImpossible`."""
+    """Refuse components of another size than those for which the board has pads; raises `LedBoardImpossible`."""
     board, driver = design.board, soic_8_ep_footprint().body_mm
     _require_component_size("led_mm", board.led_mm, led_2835_footprint(made.led_pad_corner_mm).body_mm)
     _require_component_size("usb_mm", board.usb_mm, micro_usb_footprint(made.usb_contact_mm).body_mm)
@@ -248,7 +250,7 @@ def _require_component_sizes(design: HardwareDesign, made: LedBoard) -> None:
 
 
 def _require_component_size(name: str, body_mm: BoxSize, drawn_mm: BoxSize) -> None:
-    """One of them; its height is free."""
+    """Refuse one component of another width or depth; its height is free."""
     if body_mm[:2] != drawn_mm[:2]:
         raise LedBoardImpossible(
             f"expected board.{name} of {drawn_mm[0]:g} x {drawn_mm[1]:g} mm, the part that the circuit board has pads for, got "

@@ -1,4 +1,4 @@
-"""The board as one sees it: from the gel, and from below. matplotlib is imported when an image is drawn."""
+"""An image of the board as it is seen from the gel and from below. matplotlib is imported when an image is drawn."""
 
 from io import BytesIO
 from math import hypot
@@ -31,12 +31,12 @@ USUAL_INCHES = 13.0, 5.6
 """Width and height of the figure for a board of 28 x 21 mm."""
 INCHES_PER_MM = USUAL_INCHES[0] / 14.0, USUAL_INCHES[1] / 10.5
 NAME_MM = 0.7
-"""Room that a part's name takes upwards."""
+"""Height of a component's name."""
 HEADINGS: dict[BoardSide, str] = {"top": "from the gel", "bottom": "from below, mirrored as one sees it"}
 
 
 def render_board_image(layout: BoardLayout, kind: str = "png") -> bytes:
-    """Both sides beside one another, as `png` or `svg`."""
+    """Return both sides beside one another, as `png` or `svg`."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -57,13 +57,14 @@ def render_board_image(layout: BoardLayout, kind: str = "png") -> bytes:
 
 
 def _figure_inches(layout: BoardLayout) -> tuple[float, float]:
-    """As many inches per mm for every board, so that words keep their size beside the pads; never less than for the usual one."""
+    """Return the size of the figure: the same inches per mm for every board, so that texts keep their size beside the
+    pads."""
     x, y = layout.board.outline.half
     return max(x * INCHES_PER_MM[0], USUAL_INCHES[0]), max(y * INCHES_PER_MM[1], USUAL_INCHES[1])
 
 
 def _draw_side(axes: "Axes", layout: BoardLayout, side: BoardSide) -> None:
-    """Laminate, copper under the mask, bare pads, holes, bodies."""
+    """Draw laminate, copper under the mask, bare pads, holes and bodies of one side."""
     tracks = [track_polygon(track) for track in layout.routes.tracks if track.side == side]
     vias = [via_polygon(via) for via in layout.routes.vias]
     _fill_shape(axes, bare_board_polygon(layout.board.outline), MASK)
@@ -84,13 +85,13 @@ def _draw_side(axes: "Axes", layout: BoardLayout, side: BoardSide) -> None:
 
 
 def _pad_number_position(place: PointMm, layout: BoardLayout) -> PointMm:
-    """Where a pad's number goes: a little lower where its part's name would lie on it."""
+    """Return the position of a pad's number: a little lower where it would lie on a component's name."""
     under = any(hypot(place[0] - part.at_mm[0], place[1] - part.at_mm[1]) < NAME_MM for part in layout.parts)
     return place[0], place[1] - (NAME_MM if under else 0.0)
 
 
 def _draw_component(axes: "Axes", part: PlacedComponent) -> None:
-    """A part's outline and name; LEDs with their poles."""
+    """Draw a component's outline and name, and the poles of LEDs."""
     footprint = part.part.footprint
     (x, y), (width, depth) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
     body = box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2)
@@ -103,7 +104,7 @@ def _draw_component(axes: "Axes", part: PlacedComponent) -> None:
 
 
 def _fill_shape(axes: "Axes", shape: BaseGeometry, colour: str, alpha: float = 1.0) -> None:
-    """A shape in one colour, its holes left open."""
+    """Fill a shape with one colour, its holes left open."""
     from matplotlib.patches import PathPatch
 
     for polygon in split_polygons(shape):
@@ -111,7 +112,7 @@ def _fill_shape(axes: "Axes", shape: BaseGeometry, colour: str, alpha: float = 1
 
 
 def _polygon_path(polygon: Polygon) -> "Path":
-    """Outer contour and holes as one path."""
+    """Return outer contour and holes as one path."""
     from matplotlib.path import Path
 
     return Path.make_compound_path(

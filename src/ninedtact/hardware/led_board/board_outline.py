@@ -1,9 +1,4 @@
-"""What this room refuses.
-
-The bare board: its edge, its holes, and what stands under it.
-
-The milled edge as straight lines and arcs.
-"""
+"""The bare LED board: its milled edge, its holes, and the bosses below it."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,7 +14,7 @@ class LedBoardImpossible(DesignImpossible):
 
 
 PointMm = tuple[float, float]
-"""x and y in mm, in the frame that the room's docstring states."""
+"""x and y in mm, in the frame that the package's docstring states."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +54,11 @@ class BoardOutline:
 
     @property
     def half(self) -> PointMm:
-        """Half the width, half the height."""
+        """Half the width and half the height."""
         return self.width_mm / 2, self.height_mm / 2
 
     def corners(self, inset_mm: PointMm) -> tuple[PointMm, ...]:
-        """The four places that lie so far inside the edges, counter-clockwise from the upper right."""
+        """Return the four points at this distance inside the edges, counter-clockwise from the upper right."""
         x, y = self.half[0] - inset_mm[0], self.half[1] - inset_mm[1]
         return (x, y), (-x, y), (-x, -y), (x, -y)
 
@@ -84,14 +79,14 @@ class BoardOutline:
 
     @property
     def notch_ends(self) -> PointMm:
-        """The straight edges end at this x (upper and lower edge) and this y (left and right edge)."""
+        """The x at which the upper and lower straight edges end, and the y at which the left and right ones do."""
         (x, y), r = self.notches[0], self.notch_radius_mm
         return x - (r**2 - self.notch_inset_mm[1] ** 2) ** 0.5, y - (r**2 - self.notch_inset_mm[0] ** 2) ** 0.5
 
 
 @dataclass(frozen=True)
 class OutlineSegment:
-    """From start to end: straight, or clockwise round a centre."""
+    """A segment of the milled edge: straight, or clockwise around a centre."""
 
     start_mm: PointMm
     end_mm: PointMm
@@ -99,7 +94,7 @@ class OutlineSegment:
 
     @property
     def middle(self) -> PointMm:
-        """Half-way along."""
+        """The point halfway along the segment."""
         (ax, ay), (bx, by) = self.start_mm, self.end_mm
         if self.centre_mm is None:
             return (ax + bx) / 2, (ay + by) / 2
@@ -110,12 +105,12 @@ class OutlineSegment:
 
 
 def outline_segments(outline: BoardOutline) -> tuple[OutlineSegment, ...]:
-    """The rim with its notches, counter-clockwise, then the lens hole."""
+    """Return the segments of the rim with its notches, counter-clockwise, then those of the lens hole."""
     return (*_rim_segments(outline), *_lens_hole_segments(outline))
 
 
 def _rim_segments(outline: BoardOutline) -> tuple[OutlineSegment, ...]:
-    """Closed: each edge starts where the one before ended. Notches are cut into the board, so they turn clockwise."""
+    """Return the closed rim: each segment starts where the one before ends. Notches turn clockwise, into the board."""
     (x, y), (end_x, end_y), centres = outline.half, outline.notch_ends, outline.notches
     corners = (
         ((x, end_y), (end_x, y)),
@@ -129,7 +124,7 @@ def _rim_segments(outline: BoardOutline) -> tuple[OutlineSegment, ...]:
 
 
 def _lens_hole_segments(outline: BoardOutline) -> tuple[OutlineSegment, ...]:
-    """Four quarters: some programs take a half circle's two halves for the same one."""
+    """Return the lens hole in four quarters: some programs confuse the two halves of a circle."""
     radius, centre = outline.lens_hole_mm / 2, (0.0, 0.0)
     ends = ((radius, 0.0), (0.0, -radius), (-radius, 0.0), (0.0, radius))
     return tuple(OutlineSegment(start, end, centre) for start, end in pairwise((*ends, ends[0])))

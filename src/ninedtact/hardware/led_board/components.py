@@ -1,7 +1,4 @@
-"""What is bought and soldered.
-
-Where each part sits.
-"""
+"""The components of the board: what is bought and soldered, and where each is placed."""
 
 from dataclasses import dataclass
 from math import cos, radians, sin
@@ -20,50 +17,51 @@ from ninedtact.hardware.led_board.footprints import (
 
 @dataclass(frozen=True)
 class BoardComponent:
-    """A line of the parts list."""
+    """One kind of component, a line of the parts list."""
 
     value: str
     maker_number: str
     supplier_number: str
-    """At LCSC; empty where any part of that value will do."""
+    """Number at LCSC; empty where any component of that value will do."""
     footprint: Footprint
 
 
 def _led_component(board: LedBoard) -> BoardComponent:
-    """The white LED."""
+    """Return the white LED."""
     return BoardComponent("white", "BZ-S2835BW9C1-02-3V-UV", "C2833052", led_2835_footprint(board.led_pad_corner_mm))
 
 
 def _driver_component() -> BoardComponent:
-    """The constant-current source."""
+    """Return the constant-current LED driver, U1."""
     return BoardComponent("CN5711", "CN5711", "C35634", soic_8_ep_footprint())
 
 
 def _resistor_component(board: LedBoard) -> BoardComponent:
-    """R1; only the usual value has a number here."""
+    """Return the setting resistor, R1; only the usual value has an order number here."""
     usual = board.resistor_ohm == 20_000
     numbers = ("RT0805CRE0720KL", "C706298") if usual else ("", "")
     return BoardComponent(f"{board.resistor_ohm / 1000:g}k", *numbers, chip_0805_footprint(0.5))
 
 
 def _capacitor_component() -> BoardComponent:
-    """C1: less than the 10 µF that USB allows a device to hang on its 5 V."""
+    """Return the input capacitor, C1: less than the 10 µF that USB allows a device to connect to its 5 V."""
     return BoardComponent("4.7uF X5R 16V", "", "", chip_0805_footprint(1.25))
 
 
 def _connector_component(board: LedBoard) -> BoardComponent:
-    """Micro-USB, below the board."""
+    """Return the micro-USB receptacle, which sits below the board."""
     return BoardComponent("MICRO-USB", "MICRO-02-G4P1-A1T2", "C2682525", micro_usb_footprint(board.usb_contact_mm))
 
 
 BoardSide = Literal["top", "bottom"]
 CAPACITOR_FROM_DRIVER_MM = -5.65, 1.55
-"""Beside the driver's two supply pins."""
+"""Offset of C1 from U1, beside the driver's two supply pins."""
 
 
 @dataclass(frozen=True)
 class PlacedComponent:
-    """A part on the board. It is turned counter-clockwise as seen from its own side, then, below, mirrored in x."""
+    """A component on the board: rotated counter-clockwise as seen from its own side, then, below the board, mirrored in
+    x."""
 
     reference: str
     part: BoardComponent
@@ -72,24 +70,25 @@ class PlacedComponent:
     rotation_deg: float = 0.0
 
     def to_board_frame(self, place: PointMm) -> PointMm:
-        """A place of the footprint's frame, in the board's."""
+        """Return a point of the footprint's frame in the board's frame."""
         dx, dy = self.rotate_to_board(place)
         return self.at_mm[0] + dx, self.at_mm[1] + dy
 
     def rotate_to_board(self, offset: PointMm) -> PointMm:
-        """An offset in the footprint's frame, in the board's."""
+        """Return an offset in the footprint's frame as an offset in the board's frame."""
         c, s = cos(radians(self.rotation_deg)), sin(radians(self.rotation_deg))
         x, y = c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]
         return round(x if self.side == "top" else -x, 6), round(y, 6)
 
     def size_on_board(self, size: PointMm) -> PointMm:
-        """A size in the footprint's frame, along the board's x and y; parts are turned by right angles only."""
+        """Return a size in the footprint's frame along the board's x and y; components are rotated by right angles
+        only."""
         x, y = self.rotate_to_board(size)
         return abs(x), abs(y)
 
 
 def place_components(board: LedBoard) -> tuple[PlacedComponent, ...]:
-    """All parts: LEDs above, the rest below."""
+    """Place all components: LEDs above the board, the rest below."""
     leds = [
         PlacedComponent(f"LED{n + 1}", _led_component(board), "top", place)
         for n, place in enumerate(board.leds.positions)

@@ -1,7 +1,4 @@
-"""Nouns of the board as polygons. shapely lives here and in the rooms that compute with them.
-
-A polygon with holes as one contour: from each hole a level cut of no width to what lies left of it.
-"""
+"""Pads, tracks, vias and holes as shapely polygons, and polygons with holes merged into one contour."""
 
 from collections.abc import Iterable
 from itertools import pairwise
@@ -14,17 +11,17 @@ from ninedtact.hardware.led_board.pads import BoardPad, DrilledHole
 from ninedtact.hardware.led_board.routing import Track, Via
 
 SEGMENTS_PER_QUARTER = 16
-"""Straight pieces that stand for a quarter of a circle."""
+"""Straight pieces that approximate a quarter of a circle."""
 
 
 def pad_polygon(pad: BoardPad) -> BaseGeometry:
-    """A pad with its rounded corners, less what it gave up."""
+    """Return a pad with its rounded corners, less its cutouts."""
     bites = union_all([_capsule(bite.start_mm, bite.end_mm, bite.radius_mm) for bite in pad.bites])
     return _rounded_rectangle(pad.at_mm, pad.size_mm, pad.land.corner_mm).difference(bites)
 
 
 def _rounded_rectangle(at: PointMm, size: PointMm, corner: float) -> BaseGeometry:
-    """A rectangle with rounded corners; with corners of half its width, a slot's shape."""
+    """Return a rectangle with rounded corners; with corners of half its width, the shape of a slot."""
     (x, y), inner = at, (size[0] / 2 - corner, size[1] / 2 - corner)
     if not corner:
         return box(x - inner[0], y - inner[1], x + inner[0], y + inner[1])
@@ -33,28 +30,28 @@ def _rounded_rectangle(at: PointMm, size: PointMm, corner: float) -> BaseGeometr
 
 
 def _capsule(start: PointMm, end: PointMm, radius: float) -> BaseGeometry:
-    """Everything nearer than the radius to a line between two places, which may be one."""
+    """Return everything nearer than the radius to a line between two points, which may coincide."""
     line: BaseGeometry = Point(start) if start == end else LineString([start, end])
     return line.buffer(radius, quad_segs=SEGMENTS_PER_QUARTER)
 
 
 def track_polygon(track: Track) -> BaseGeometry:
-    """A line with round ends and corners."""
+    """Return a track as a line with round ends and corners."""
     return LineString(track.points).buffer(track.width_mm / 2, quad_segs=SEGMENTS_PER_QUARTER)
 
 
 def via_polygon(via: Via) -> BaseGeometry:
-    """Its ring with the hole filled, which is how copper layers are drawn."""
+    """Return the ring of a via with its hole filled, which is how copper layers are drawn."""
     return Point(via.at_mm).buffer(via.diameter_mm / 2, quad_segs=SEGMENTS_PER_QUARTER)
 
 
 def hole_polygon(hole: DrilledHole) -> BaseGeometry:
-    """What the drill takes."""
+    """Return the area that the drill removes."""
     return _capsule(hole.start_mm, hole.end_mm, hole.width_mm / 2)
 
 
 def bare_board_polygon(outline: BoardOutline) -> BaseGeometry:
-    """The laminate after milling: without notches and lens hole, drilled holes still filled."""
+    """Return the laminate after milling: without notches and lens hole, drilled holes still filled."""
     (x, y), fine = outline.half, 4 * SEGMENTS_PER_QUARTER
     notches = [Point(place).buffer(outline.notch_radius_mm, quad_segs=fine) for place in outline.notches]
     lens = Point(0, 0).buffer(outline.lens_hole_mm / 2, quad_segs=fine)
@@ -62,13 +59,16 @@ def bare_board_polygon(outline: BoardOutline) -> BaseGeometry:
 
 
 def split_polygons(shape: BaseGeometry) -> tuple[Polygon, ...]:
-    """The polygons that a shape is made of."""
+    """Return the polygons of which a shape consists."""
     parts = getattr(shape, "geoms", (shape,))
     return tuple(part for part in parts if isinstance(part, Polygon) and not part.is_empty)
 
 
 def merge_polygon_holes(polygon: Polygon) -> tuple[PointMm, ...]:
-    """The contour, not closed. Gerber regions and KiCad's fills know no holes."""
+    """Return a polygon with holes as one open contour, each hole joined by a cut of no width to what lies left of it.
+
+    Gerber regions and KiCad's fills have no holes.
+    """
     contour = _ring_points(polygon.exterior.coords)
     for hole in sorted(
         (_start_at_leftmost(_ring_points(interior.coords)) for interior in polygon.interiors), key=lambda h: h[0][0]
@@ -79,18 +79,18 @@ def merge_polygon_holes(polygon: Polygon) -> tuple[PointMm, ...]:
 
 
 def _ring_points(coordinates: Iterable[tuple[float, ...]]) -> list[PointMm]:
-    """Points of a closed ring without the last, which is the first again."""
+    """Return the points of a closed ring without the last, which repeats the first."""
     return [(x, y) for x, y in list(coordinates)[:-1]]
 
 
 def _start_at_leftmost(hole: list[PointMm]) -> list[PointMm]:
-    """The same ring, begun at its leftmost point."""
+    """Return the ring begun at its leftmost point."""
     start = hole.index(min(hole))
     return hole[start:] + hole[:start]
 
 
 def _nearest_point_left(contour: list[PointMm], point: PointMm) -> tuple[int, PointMm]:
-    """The nearest place of a contour straight left of a point, and the number of the edge that it is on."""
+    """Return the nearest point of a contour straight left of a point, and the number of the edge that it is on."""
     x, y = point
     found = []
     for number, (a, b) in enumerate(pairwise([*contour, contour[0]])):

@@ -1,4 +1,5 @@
-"""Rules that every board keeps: each net one piece, none touching another, all far enough from edges and holes."""
+"""The design-rule check: each net is one piece, none touches another, and all copper is far enough from edges and
+holes."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -22,14 +23,14 @@ from ninedtact.hardware.led_board.led_current import operating_point_of_board
 from ninedtact.hardware.led_board.pads import GROUND
 
 MIN_CONTACT_MM2 = 0.01
-"""Two pieces of copper are one when they share at least this much."""
+"""Least common area by which two pieces of copper are one conductor."""
 ROUNDING_MM = 0.002
-"""Circles are drawn as polygons."""
+"""Tolerance for circles that are approximated by polygons."""
 
 
 @dataclass(frozen=True)
-class _CopperPiece:
-    """Copper that is drawn in one go."""
+class CopperPiece:
+    """One pad, track, via or piece of a pour."""
 
     name: str
     net: str | None
@@ -38,8 +39,8 @@ class _CopperPiece:
 
 
 @dataclass(frozen=True)
-class _RuleViolation:
-    """A rule that a board breaks."""
+class RuleViolation:
+    """A rule that a board breaks, where, and by how much."""
 
     rule: str
     where: str
@@ -51,7 +52,7 @@ class _RuleViolation:
 
 
 def lay_out_checked_board(board: LedBoard) -> BoardLayout:
-    """The board laid out; raises `LedBoardImpossible` where it breaks a rule or its LEDs cannot be lit."""
+    """Lay out a board; raises `LedBoardImpossible` where it breaks a rule or its LEDs cannot be lit."""
     operating_point_of_board(board)
     layout = lay_out_board(board)
     require_no_violations(layout)
@@ -59,7 +60,7 @@ def lay_out_checked_board(board: LedBoard) -> BoardLayout:
 
 
 def require_no_violations(layout: BoardLayout) -> None:
-    """Refuse a board that breaks a rule; raises `LedBoardImpossible`."""
+    """Refuse a board that breaks a rule, unless its faults are known; raises `LedBoardImpossible`."""
     found = find_violations(layout)
     if found and not layout.board.faults_known:
         raise LedBoardImpossible(
@@ -68,8 +69,8 @@ def require_no_violations(layout: BoardLayout) -> None:
         )
 
 
-def find_violations(layout: BoardLayout) -> tuple[_RuleViolation, ...]:
-    """All rules that a board breaks; empty for a sound one."""
+def find_violations(layout: BoardLayout) -> tuple[RuleViolation, ...]:
+    """Return all rules that a board breaks; none for a valid one."""
     copper = list_copper_pieces(layout)
     return (
         *find_open_nets(layout, copper),
@@ -82,101 +83,99 @@ def find_violations(layout: BoardLayout) -> tuple[_RuleViolation, ...]:
     )
 
 
-def list_copper_pieces(layout: BoardLayout) -> tuple[_CopperPiece, ...]:
-    """All copper of the board."""
-    found = [_CopperPiece(pad.pin, pad.net, pad.sides, pad_polygon(pad)) for pad in layout.pads]
+def list_copper_pieces(layout: BoardLayout) -> tuple[CopperPiece, ...]:
+    """Return all copper of the board."""
+    found = [CopperPiece(pad.pin, pad.net, pad.sides, pad_polygon(pad)) for pad in layout.pads]
     for n, track in enumerate(layout.routes.tracks):
-        found.append(_CopperPiece(f"track {n} of {track.net}", track.net, (track.side,), track_polygon(track)))
+        found.append(CopperPiece(f"track {n} of {track.net}", track.net, (track.side,), track_polygon(track)))
     for n, via in enumerate(layout.routes.vias):
-        found.append(_CopperPiece(f"via {n} of {via.net}", via.net, SIDES, via_polygon(via)))
+        found.append(CopperPiece(f"via {n} of {via.net}", via.net, SIDES, via_polygon(via)))
     for side in SIDES:
-        found += [
-            _CopperPiece(f"pour {side} {n}", GROUND, (side,), shape) for n, shape in enumerate(layout.pours[side])
-        ]
+        found += [CopperPiece(f"pour {side} {n}", GROUND, (side,), shape) for n, shape in enumerate(layout.pours[side])]
     return tuple(found)
 
 
-def find_open_nets(layout: BoardLayout, copper: tuple[_CopperPiece, ...]) -> list[_RuleViolation]:
-    """Nets that are not one piece; told by how many pieces they are."""
+def find_open_nets(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> list[RuleViolation]:
+    """Return the nets that are not one piece, with the number of their pieces."""
     found = []
     for net in layout.nets:
         groups = _group_touching([piece for piece in copper if piece.net == net.name])
         if len(groups) != 1:
-            found.append(_RuleViolation("pieces of net", net.name, 1, len(groups)))
+            found.append(RuleViolation("pieces of net", net.name, 1, len(groups)))
     return found
 
 
-def _group_touching(copper: list[_CopperPiece]) -> list[list[_CopperPiece]]:
-    """Pieces in groups that hang together."""
-    groups: list[list[_CopperPiece]] = []
+def _group_touching(copper: list[CopperPiece]) -> list[list[CopperPiece]]:
+    """Return groups of pieces that are connected."""
+    groups: list[list[CopperPiece]] = []
     for piece in copper:
         touched = [group for group in groups if any(_do_touch(piece, other) for other in group)]
         groups = [group for group in groups if group not in touched] + [[piece, *(p for g in touched for p in g)]]
     return groups
 
 
-def _do_touch(a: _CopperPiece, b: _CopperPiece) -> bool:
-    """Whether two pieces are one conductor."""
+def _do_touch(a: CopperPiece, b: CopperPiece) -> bool:
+    """Return whether two pieces are one conductor."""
     return bool(set(a.sides) & set(b.sides)) and a.shape.intersection(b.shape).area >= MIN_CONTACT_MM2
 
 
-def _find_close_copper(layout: BoardLayout, copper: tuple[_CopperPiece, ...]) -> list[_RuleViolation]:
-    """Copper of different nets that touches or nearly does. An open pin is a net of its own."""
+def _find_close_copper(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> list[RuleViolation]:
+    """Return copper of different nets that is too close; an open pin is a net of its own."""
     least, found = layout.board.rules.clearance_mm, []
     for a, b in combinations(copper, 2):
         if (a.net == b.net and (a.net or a.name == b.name)) or not set(a.sides) & set(b.sides):
             continue
         gap = a.shape.distance(b.shape)
         if gap < least - ROUNDING_MM:
-            found.append(_RuleViolation("clearance", f"{a.name} to {b.name}", least, gap))
+            found.append(RuleViolation("clearance", f"{a.name} to {b.name}", least, gap))
     return found
 
 
-def _find_copper_near_edges(layout: BoardLayout, copper: tuple[_CopperPiece, ...]) -> list[_RuleViolation]:
-    """Copper near or over the milled edge."""
+def _find_copper_near_edges(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> list[RuleViolation]:
+    """Return copper too close to the milled edge, or over it."""
     least, board = layout.board.rules.copper_to_edge_mm, bare_board_polygon(layout.board.outline)
     gaps = [(piece, piece.shape.distance(board.boundary) if board.contains(piece.shape) else 0.0) for piece in copper]
-    return [_RuleViolation("copper to edge", p.name, least, gap) for p, gap in gaps if gap < least - ROUNDING_MM]
+    return [RuleViolation("copper to edge", p.name, least, gap) for p, gap in gaps if gap < least - ROUNDING_MM]
 
 
-def _find_copper_near_holes(layout: BoardLayout, copper: tuple[_CopperPiece, ...]) -> list[_RuleViolation]:
-    """Copper near holes that have none."""
+def _find_copper_near_holes(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> list[RuleViolation]:
+    """Return copper too close to unplated holes."""
     least, found = layout.board.rules.copper_to_hole_mm, []
     for hole in (hole for hole in layout.holes if not hole.plated):
         bore = hole_polygon(hole)
         gaps = [(piece, piece.shape.distance(bore)) for piece in copper]
         found += [
-            _RuleViolation("copper to hole", f"{p.name} at {_format_point(hole.start_mm)}", least, gap)
+            RuleViolation("copper to hole", f"{p.name} at {_format_point(hole.start_mm)}", least, gap)
             for p, gap in gaps
             if gap < least - ROUNDING_MM
         ]
     return found
 
 
-def _find_close_holes(layout: BoardLayout) -> list[_RuleViolation]:
-    """Holes whose walls would break."""
+def _find_close_holes(layout: BoardLayout) -> list[RuleViolation]:
+    """Return holes so close that the wall between them would break."""
     least = layout.board.rules.hole_to_hole_mm
     pairs = [(a, b, hole_polygon(a).distance(hole_polygon(b))) for a, b in combinations(layout.holes, 2)]
     return [
-        _RuleViolation("hole to hole", f"{_format_point(a.start_mm)} to {_format_point(b.start_mm)}", least, gap)
+        RuleViolation("hole to hole", f"{_format_point(a.start_mm)} to {_format_point(b.start_mm)}", least, gap)
         for a, b, gap in pairs
         if gap < least - ROUNDING_MM
     ]
 
 
-def _find_cut_pads(layout: BoardLayout) -> list[_RuleViolation]:
-    """Pads that gave up too much, told by the share that is left in one piece."""
+def _find_cut_pads(layout: BoardLayout) -> list[RuleViolation]:
+    """Return pads of which too small a share is left in one piece."""
     least, found = layout.board.rules.least_pad_share, []
     for pad in (pad for pad in layout.pads if pad.bites):
         left = max((piece.area for piece in split_polygons(pad_polygon(pad))), default=0.0)
         share = left / (pad.size_mm[0] * pad.size_mm[1])
         if share < least:
-            found.append(_RuleViolation("share left of pad", pad.pin, least, share))
+            found.append(RuleViolation("share left of pad", pad.pin, least, share))
     return found
 
 
-def _find_components_over_bosses(layout: BoardLayout) -> list[_RuleViolation]:
-    """Parts below the board that the base's bosses would press against; told by their heights."""
+def _find_components_over_bosses(layout: BoardLayout) -> list[RuleViolation]:
+    """Return components below the board that would press against the base's bosses, with their heights."""
     outline, found = layout.board.outline, []
     bosses = union_all([Point(at).buffer(outline.boss_mm / 2) for at in outline.bosses])
     for part in (part for part in layout.parts if part.side == "bottom"):
@@ -184,12 +183,10 @@ def _find_components_over_bosses(layout: BoardLayout) -> list[_RuleViolation]:
         (x, y), (width, depth) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
         body = box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2)
         if footprint.body_mm[2] > outline.boss_gap_mm and body.intersects(bosses):
-            found.append(
-                _RuleViolation("height over a boss", part.reference, outline.boss_gap_mm, footprint.body_mm[2])
-            )
+            found.append(RuleViolation("height over a boss", part.reference, outline.boss_gap_mm, footprint.body_mm[2]))
     return found
 
 
 def _format_point(at: PointMm) -> str:
-    """A place for a sentence."""
+    """Return a point as text."""
     return f"({at[0]:.2f}, {at[1]:.2f})"

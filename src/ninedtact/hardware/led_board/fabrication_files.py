@@ -1,7 +1,5 @@
-"""Lists for the board house: what to buy, where to put it, what to make.
-
-All files of the board.
-"""
+"""All files of the board: Gerbers, drill files, KiCad project, parts list, placement, notes for the board house and
+images."""
 
 import csv
 from collections.abc import Sequence
@@ -29,7 +27,7 @@ from ninedtact.hardware.led_board.silkscreen import place_designators
 
 
 def _format_parts_list(layout: BoardLayout) -> str:
-    """One line for each kind of part, as assemblers read it."""
+    """Return the parts list as CSV, one line for each kind of component, as assemblers read it."""
     rows = []
     for part in _distinct_components(layout.parts):
         where = [placed.reference for placed in layout.parts if placed.part == part]
@@ -41,7 +39,8 @@ def _format_parts_list(layout: BoardLayout) -> str:
 
 
 def _format_placement_list(layout: BoardLayout) -> str:
-    """Middle and turn of every part, in millimetres from the optical axis: the origin of Gerbers and drill files."""
+    """Return centre and rotation of every component as CSV, in mm from the optical axis, the origin of Gerbers and
+    drill files."""
     rows = [
         (
             *(placed.reference, placed.part.value, placed.part.footprint.name),
@@ -54,14 +53,14 @@ def _format_placement_list(layout: BoardLayout) -> str:
 
 
 def _to_csv(head: tuple[str, ...], rows: Sequence[tuple[object, ...]]) -> str:
-    """Comma-separated text."""
+    """Return rows as comma-separated text."""
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows([head, *rows])
     return text.getvalue()
 
 
 def format_fabrication_notes(layout: BoardLayout) -> str:
-    """What to tell the board house, and what the board breaks if it is known to be faulty."""
+    """Return instructions for the board house, and the rules that the board breaks if it is known to be faulty."""
     board, light = layout.board, operating_point_of_board(layout.board)
     size = f"{board.outline.width_mm:g} x {board.outline.height_mm:g} mm"
     lines = [
@@ -86,12 +85,12 @@ def format_fabrication_notes(layout: BoardLayout) -> str:
 
 
 def _references_on_silkscreen(layout: BoardLayout) -> set[str]:
-    """Parts whose names stand on the board."""
+    """Return the references that are printed on the board."""
     return {word.reference for side in SIDES for word in place_designators(layout, side)}
 
 
 def _distinct_components(parts: tuple[PlacedComponent, ...]) -> tuple[BoardComponent, ...]:
-    """Each kind of part once."""
+    """Return each kind of component once."""
     return tuple(dict.fromkeys(placed.part for placed in parts))
 
 
@@ -103,18 +102,18 @@ GERBER_LAYERS: tuple[tuple[BoardLayer, str, str, str], ...] = (
     ("paste", "Paste", "Paste,{side}", "Positive"),
     ("silk", "Silkscreen", "Legend,{side}", "Positive"),
 )
-"""Our name, the file's, the Gerber function, the polarity."""
+"""Our name of each layer, the file's, the Gerber function and the polarity."""
 ZIP_TIMESTAMP = 1980, 1, 1, 0, 0, 0
 """The same board gives the same archive."""
 
 
 def write_led_board(board: LedBoard, out: Path) -> list[Path]:
-    """Write the board into a folder and tell the files; raises `BoardImpossible`, `FileNotWritten`."""
+    """Check and lay out a board and write its files; raises `LedBoardImpossible`, `FileNotWritten`."""
     return write_board_files(lay_out_checked_board(board), out)
 
 
 def write_board_files(layout: BoardLayout, out: Path) -> list[Path]:
-    """The same for a board that is laid out; raises `FileNotWritten`."""
+    """Write the files of a board that is laid out and return their paths; raises `FileNotWritten`."""
     files = build_board_files(layout)
     (out / "gerbers").mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
@@ -123,7 +122,7 @@ def write_board_files(layout: BoardLayout, out: Path) -> list[Path]:
 
 
 def build_board_files(layout: BoardLayout) -> dict[str, bytes]:
-    """Every file by its name, for other packers too."""
+    """Return the content of every file by its name."""
     fabrication = {name: text.encode() for name, text in _gerber_and_drill_files(layout).items()}
     texts = {
         f"{BOARD_FILE_NAME}.kicad_pcb": format_kicad_board(layout),
@@ -144,7 +143,7 @@ def build_board_files(layout: BoardLayout) -> dict[str, bytes]:
 
 
 def _gerber_and_drill_files(layout: BoardLayout) -> dict[str, str]:
-    """Gerbers and drill files by their names."""
+    """Return Gerbers and drill files by their names."""
     files = {}
     for number, side in enumerate(SIDES, start=1):
         for layer, suffix, function, polarity in GERBER_LAYERS:
@@ -159,7 +158,7 @@ def _gerber_and_drill_files(layout: BoardLayout) -> dict[str, str]:
 
 
 def _zip_files(files: dict[str, bytes]) -> bytes:
-    """An archive that is the same for the same files."""
+    """Return an archive that is the same for the same files."""
     packed = BytesIO()
     with ZipFile(packed, "w", ZIP_DEFLATED) as archive:
         for name, content in files.items():

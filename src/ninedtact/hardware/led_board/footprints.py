@@ -1,4 +1,5 @@
-"""Pads of the bought parts, each in its own frame: seen from its own side, not turned, y up. Sizes: docs/led_board.md."""
+"""Footprints of the components, each in its own frame: seen from its own side, not rotated, y up. Sizes:
+docs/led_board.md."""
 
 from dataclasses import dataclass
 
@@ -13,32 +14,33 @@ class Land:
     at_mm: PointMm
     size_mm: PointMm
     corner_mm: float = 0.0
-    """Rounding of its corners."""
+    """Radius of its corners."""
     slot_mm: PointMm | None = None
     """Width and length, along y, of a plated slot through it."""
     pour_gap: bool = True
-    """The pour keeps off it, so that an iron can heat it; tracks are the bridges. Not where heat is to leave."""
+    """Whether the pour keeps off it, so that an iron can heat it and tracks are the bridges. Not where heat is to
+    leave."""
     paste: bool = True
-    """Solder paste on all of it."""
+    """Whether all of it is covered with solder paste."""
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a part needs on the board."""
+    """The pads, body and holes of a component."""
 
     name: str
     lands: tuple[Land, ...]
     body_mm: tuple[float, float, float]
-    """Along x, along y, height over the board."""
+    """Size along x, along y, and height over the board."""
     body_at_mm: PointMm = (0.0, 0.0)
     pegs_mm: tuple[tuple[float, float, float], ...] = ()
-    """x, y, diameter of holes without copper."""
+    """x, y and diameter of holes without copper."""
     mark_mm: tuple[PointMm, PointMm] | None = None
     """A line on the silkscreen at the cathode or at pin 1."""
 
 
 def led_2835_footprint(corner_mm: float) -> Footprint:
-    """A 2835 LED; the origin is the middle of its body. 1 is the cathode, 2 the anode."""
+    """Return the footprint of a 2835 LED, whose origin is the middle of its body. Pad 1 is the cathode, 2 the anode."""
     return Footprint(
         "LED_2835",
         (
@@ -51,7 +53,7 @@ def led_2835_footprint(corner_mm: float) -> Footprint:
 
 
 def soic_8_ep_footprint() -> Footprint:
-    """SOIC-8 with a thermal pad, number 9; pins 1 to 4 along the lower row."""
+    """Return the footprint of a SOIC-8 with a thermal pad, number 9; pins 1 to 4 lie along the lower row."""
     lower = [Land(str(1 + n), (-1.905 + 1.27 * n, -2.77), (0.57, 2.04)) for n in range(4)]
     upper = [Land(str(5 + n), (1.905 - 1.27 * n, 2.77), (0.57, 2.04)) for n in range(4)]
     thermal = Land("9", (0.0, 0.0), (2.0, 2.0), pour_gap=False, paste=False)
@@ -61,7 +63,7 @@ def soic_8_ep_footprint() -> Footprint:
 
 
 def chip_0805_footprint(height_mm: float) -> Footprint:
-    """A resistor or a capacitor; pin 1 is left."""
+    """Return the footprint of a resistor or capacitor of size 0805; pin 1 is left."""
     return Footprint(
         "0805",
         (Land("1", (-1.0, 0.0), (1.13, 1.38)), Land("2", (1.0, 0.0), (1.13, 1.38))),
@@ -70,7 +72,8 @@ def chip_0805_footprint(height_mm: float) -> Footprint:
 
 
 def micro_usb_footprint(contact_mm: float) -> Footprint:
-    """Micro-USB receptacle, mouth up: contacts 1 (5 V) to 5 (ground) from the right, shield 6 to 9, two pegs."""
+    """Return the footprint of a micro-USB receptacle, mouth up: contacts 1 (5 V) to 5 (ground) from the right, shield 6
+    to 9, two pegs."""
     contacts = [Land(str(1 + n), (1.3 - 0.65 * n, -0.64 - contact_mm / 2), (0.40, contact_mm)) for n in range(5)]
     sides = [Land(number, (x, -1.36), (1.50, 1.20)) for number, x in (("6", -3.30), ("7", 3.30))]
     legs = [

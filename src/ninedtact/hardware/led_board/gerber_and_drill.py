@@ -1,8 +1,8 @@
-"""Layers as what a plotter draws: flashes, strokes and areas.
+"""Fabrication layers as flashes, strokes and areas, written as Gerber (RS-274X with X2 attributes) and drill files
+(Excellon).
 
-Gerber layers (RS-274X with X2 attributes), millimetres, six decimals. Source: Ucamco's Gerber Layer Format Specification.
-
-Drill files (Excellon), millimetres: one for plated holes, one for the others. Slots are milled from end to end.
+Gerber files are in millimetres with six decimals; source: Ucamco's Gerber Layer Format Specification. One drill file
+has the plated holes, another the unplated ones; slots are milled from end to end.
 """
 
 from dataclasses import dataclass, field
@@ -21,9 +21,9 @@ from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 BoardLayer = Literal["copper", "mask", "paste", "silk"]
 SILKSCREEN_LINE_MM = 0.15
 THERMAL_PASTE_MM = 0.55
-"""Five windows of paste on the driver's thermal pad: with all of it pasted, the driver floats."""
+"""Side of the five paste windows on the driver's thermal pad: with all of it pasted, the driver floats."""
 THERMAL_WINDOWS = (0.0, 0.0), (0.7, 0.0), (0.0, 0.7), (-0.7, 0.0), (0.0, -0.7)
-"""From the pad's middle: between the vias, which would drink the solder."""
+"""Offsets of the windows from the pad's middle: between the vias, which would draw off the solder."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class _FlashedRectangle:
 
 @dataclass(frozen=True)
 class FlashedPolygon:
-    """A flashed shape; its points are told from where it is flashed."""
+    """A flashed polygon; its points are relative to where it is flashed."""
 
     at_mm: PointMm
     points: tuple[PointMm, ...]
@@ -69,14 +69,14 @@ PlottedShape = _FlashedDisc | _FlashedRectangle | FlashedPolygon | _DrawnStroke 
 
 
 def list_layer_shapes(layout: BoardLayout, layer: BoardLayer, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """One layer of one side."""
+    """Return the shapes of one layer of one side."""
     return {"copper": _copper_shapes, "mask": _mask_shapes, "paste": _paste_shapes, "silk": _silkscreen_shapes}[layer](
         layout, side
     )
 
 
 def _copper_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """Pour, tracks, pads, vias."""
+    """Return the shapes of pour, tracks, pads and vias."""
     areas = [_FilledArea(merge_polygon_holes(piece)) for piece in layout.pours[side]]
     strokes = [_DrawnStroke(track.width_mm, track.points) for track in layout.routes.tracks if track.side == side]
     flashes = [flash_pad(pad, 0.0) for pad in layout.pads if side in pad.sides]
@@ -84,20 +84,20 @@ def _copper_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, 
 
 
 def _mask_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """Openings: all pads, a little larger; vias stay covered."""
+    """Return the openings of the solder mask: all pads, a little larger; vias stay covered."""
     margin = layout.board.rules.mask_margin_mm
     return tuple(flash_pad(pad, margin) for pad in layout.pads if side in pad.sides)
 
 
 def _paste_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """Openings of the stencil."""
+    """Return the openings of the stencil."""
     whole = [flash_pad(pad, 0.0) for pad in layout.pads if pad.sides == (side,) and pad.land.paste]
     split = [pad for pad in layout.pads if pad.sides == (side,) and not pad.land.paste]
     return (*whole, *(window for pad in split for window in paste_windows(pad)))
 
 
 def paste_windows(pad: BoardPad) -> tuple[_FlashedRectangle, ...]:
-    """Openings for one large pad."""
+    """Return the openings of the stencil for the driver's large thermal pad."""
     x, y = pad.at_mm
     return tuple(
         _FlashedRectangle((x + dx, y + dy), (THERMAL_PASTE_MM, THERMAL_PASTE_MM)) for dx, dy in THERMAL_WINDOWS
@@ -105,7 +105,7 @@ def paste_windows(pad: BoardPad) -> tuple[_FlashedRectangle, ...]:
 
 
 def _silkscreen_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """A bar at each cathode and at pin 1 of the driver; the parts' names where there is room."""
+    """Return a bar at each cathode and at pin 1 of the driver, and the designators for which there is space."""
     marks = [(part, part.part.footprint.mark_mm) for part in layout.parts if part.side == side]
     bars = [
         _DrawnStroke(SILKSCREEN_LINE_MM, tuple(part.to_board_frame(end) for end in mark))
@@ -116,7 +116,7 @@ def _silkscreen_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedSha
 
 
 def flash_pad(pad: BoardPad, margin_mm: float) -> _FlashedRectangle | FlashedPolygon:
-    """A pad, enlarged by a margin."""
+    """Return a pad, enlarged by a margin, as a flashed shape."""
     if not pad.land.corner_mm and not pad.bites:
         return _FlashedRectangle(pad.at_mm, (pad.size_mm[0] + 2 * margin_mm, pad.size_mm[1] + 2 * margin_mm))
     shape: BaseGeometry = pad_polygon(pad)
@@ -126,7 +126,7 @@ def flash_pad(pad: BoardPad, margin_mm: float) -> _FlashedRectangle | FlashedPol
 
 
 def _contour_points(polygon: Polygon) -> tuple[PointMm, ...]:
-    """Its outer contour, not closed."""
+    """Return the outer contour of a polygon, not closed."""
     return tuple((x, y) for x, y in polygon.exterior.coords[:-1])
 
 
@@ -137,20 +137,20 @@ OUTLINE_PEN_MM = 0.1
 
 @dataclass
 class _GerberPlot:
-    """Commands as they are drawn, and the apertures that they call for."""
+    """Plot commands as they are added, and the apertures that they need."""
 
     commands: list[str] = field(default_factory=list)
     apertures: list[str] = field(default_factory=list)
     macros: list[str] = field(default_factory=list)
 
     def choose(self, template: str) -> None:
-        """Take an aperture, defined once."""
+        """Select an aperture, which is defined once."""
         if template not in self.apertures:
             self.apertures.append(template)
         self.commands.append(f"D{FIRST_APERTURE + self.apertures.index(template)}*")
 
     def macro(self, points: tuple[PointMm, ...]) -> str:
-        """The name of an aperture of that shape, defined once."""
+        """Return the name of the aperture of a shape, which is defined once."""
         corners = ",".join(f"{x:.6f},{y:.6f}" for x, y in (*points, points[0]))
         body = f"4,1,{len(points)},{corners},0*"
         if body not in self.macros:
@@ -158,7 +158,7 @@ class _GerberPlot:
         return f"SHAPE{self.macros.index(body)}"
 
     def draw(self, shape: PlottedShape) -> None:
-        """Add one shape."""
+        """Add the commands of one shape."""
         match shape:
             case _FlashedDisc(at, diameter):
                 self.choose(f"C,{diameter:.6f}")
@@ -176,7 +176,7 @@ class _GerberPlot:
                 self.commands += ["G36*", *_path_commands((*points, points[0])), "G37*"]
 
     def trace(self, edge: OutlineSegment) -> None:
-        """Add a piece of the outline."""
+        """Add the commands of a segment of the outline."""
         self.choose(f"C,{OUTLINE_PEN_MM:.6f}")
         self.commands.append(f"{_gerber_coordinates(edge.start_mm)}D02*")
         if edge.centre_mm is None:
@@ -186,7 +186,7 @@ class _GerberPlot:
         self.commands += ["G02*", f"{_gerber_coordinates(edge.end_mm)}I{_nanometres(i)}J{_nanometres(j)}D01*", "G01*"]
 
     def text(self, function: str, polarity: str = "Positive") -> str:
-        """The file."""
+        """Return the Gerber file."""
         shapes = [f"%AMSHAPE{number}*{body}%" for number, body in enumerate(self.macros)]
         apertures = [f"%ADD{FIRST_APERTURE + number}{template}*%" for number, template in enumerate(self.apertures)]
         head = [
@@ -199,7 +199,7 @@ class _GerberPlot:
 
 
 def format_gerber_layer(shapes: tuple[PlottedShape, ...], function: str, polarity: str = "Positive") -> str:
-    """A layer as a Gerber file."""
+    """Return a layer as a Gerber file."""
     plot = _GerberPlot()
     for shape in shapes:
         plot.draw(shape)
@@ -207,7 +207,7 @@ def format_gerber_layer(shapes: tuple[PlottedShape, ...], function: str, polarit
 
 
 def format_gerber_outline(edges: tuple[OutlineSegment, ...]) -> str:
-    """The milled edge as a Gerber file."""
+    """Return the milled edge as a Gerber file."""
     plot = _GerberPlot()
     for edge in edges:
         plot.trace(edge)
@@ -215,22 +215,22 @@ def format_gerber_outline(edges: tuple[OutlineSegment, ...]) -> str:
 
 
 def _path_commands(points: tuple[PointMm, ...]) -> list[str]:
-    """Move to the first point, draw through the others."""
+    """Return the commands that move to the first point and draw through the others."""
     return [f"{_gerber_coordinates(points[0])}D02*", *(f"{_gerber_coordinates(point)}D01*" for point in points[1:])]
 
 
 def _gerber_coordinates(place: PointMm) -> str:
-    """A place as coordinates."""
+    """Return a point as Gerber coordinates."""
     return f"X{_nanometres(place[0])}Y{_nanometres(place[1])}"
 
 
 def _nanometres(length_mm: float) -> int:
-    """A length in millionths of a millimetre."""
+    """Return a length in millionths of a millimetre."""
     return round(length_mm * 1e6)
 
 
 def format_drill_file(holes: tuple[DrilledHole, ...], plated: bool) -> str:
-    """One file; tools in order of size."""
+    """Return the drill file of the plated or the unplated holes, tools in order of size."""
     chosen = [hole for hole in holes if hole.plated == plated]
     sizes = sorted({hole.width_mm for hole in chosen})
     kind = "Plated,1,2,PTH" if plated else "NonPlated,1,2,NPTH"
@@ -243,12 +243,12 @@ def format_drill_file(holes: tuple[DrilledHole, ...], plated: bool) -> str:
 
 
 def _hole_commands(hole: DrilledHole) -> list[str]:
-    """One hole; or a slot: to its start, tool down, along, tool up, and back to drilling."""
+    """Return the commands of one hole; of a slot: to its start, tool down, along, tool up, and back to drilling."""
     if hole.start_mm == hole.end_mm:
         return [_drill_coordinates(hole.start_mm)]
     return [f"G00{_drill_coordinates(hole.start_mm)}", "M15", f"G01{_drill_coordinates(hole.end_mm)}", "M16", "G05"]
 
 
 def _drill_coordinates(place: PointMm) -> str:
-    """A place with its decimal points."""
+    """Return a point as drill coordinates with decimal points."""
     return f"X{place[0]:.4f}Y{place[1]:.4f}"

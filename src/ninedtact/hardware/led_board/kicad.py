@@ -1,15 +1,8 @@
-"""S-expressions, in which KiCad keeps its files.
+"""The board as KiCad 6 files, written without KiCad: the board, and a project with its design rules, so that KiCad's
+own check applies the same. Source: dev-docs.kicad.org, "Board File Format".
 
-KiCad's coordinates, layers and net numbers.
-
-Parts as KiCad's footprints.
-
-The board as a KiCad 6 file, written without KiCad. Source: dev-docs.kicad.org, "Board File Format".
-
-KiCad's y points down; the optical axis lies in the middle of the sheet. Footprints are written as they lie on the board, not
-turned: pads carry their places.
-
-The rules of the board as a KiCad project, so that KiCad's own check asks for the same.
+KiCad's y points down; the optical axis lies in the middle of the sheet. Footprints are written as they lie on the
+board, not rotated: pads carry their positions.
 """
 
 import json
@@ -36,18 +29,18 @@ from ninedtact.hardware.led_board.routing import Routes
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 
 QuotedText = NewType("QuotedText", str)
-"""Words that are written in quotation marks."""
+"""Text that is written in quotation marks."""
 Expression = str | float | bool | tuple[Any, ...]
-"""Words, numbers, yes or no, and lists of these."""
+"""An S-expression: words, numbers, booleans, and lists of these."""
 
 
 def _quote(words: str) -> QuotedText:
-    """Words in quotation marks."""
+    """Return a text in quotation marks."""
     return QuotedText('"' + words.replace("\\", "\\\\").replace('"', '\\"') + '"')
 
 
 def _format_expression(expression: Expression, depth: int = 0) -> str:
-    """An expression as text; lists that hold lists take a line each."""
+    """Return an expression as text; lists that hold lists take a line each."""
     match expression:
         case bool():
             return "yes" if expression else "no"
@@ -63,48 +56,48 @@ def _format_expression(expression: Expression, depth: int = 0) -> str:
 
 
 def _format_number(value: float) -> str:
-    """With as many decimals as it needs, six at most."""
+    """Return a number with as many decimals as it needs, six at most."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
 
 
 SHEET_CENTRE_MM = 148.5, 105.0
-"""Of an A4 sheet."""
+"""Middle of an A4 sheet."""
 COPPER_LAYER: dict[BoardSide, str] = {"top": "F.Cu", "bottom": "B.Cu"}
 
 
 @dataclass(frozen=True)
 class _NetNumbers:
-    """Nets are numbered from one; zero is no net."""
+    """Numbers of the nets, from one; zero is no net."""
 
     nets: list[str]
 
     def number(self, net: str) -> int:
-        """Of a net."""
+        """Return the number of a net."""
         return self.nets.index(net) + 1
 
     @property
     def declarations(self) -> tuple[Expression, ...]:
-        """The list of all."""
+        """The expressions that declare all nets."""
         return (("net", 0, _quote("")), *(("net", n + 1, _quote(net)) for n, net in enumerate(self.nets)))
 
 
 def _sheet_point(word: str, place: PointMm) -> Expression:
-    """A place on the sheet."""
+    """Return a point of the board as a point on the sheet."""
     return (word, SHEET_CENTRE_MM[0] + place[0], SHEET_CENTRE_MM[1] - place[1])
 
 
 def _position(place: PointMm) -> Expression:
-    """Where something is."""
+    """Return the position of an item on the sheet."""
     return _sheet_point("at", place)
 
 
 def _relative_point(word: str, place: PointMm, origin: PointMm) -> Expression:
-    """A place told from another."""
+    """Return a point relative to an origin, in KiCad's axes."""
     return (word, place[0] - origin[0], origin[1] - place[1])
 
 
 def _identity(words: str) -> Expression:
-    """An identity that stays the same."""
+    """Return an identifier that is the same in every file."""
     return ("tstamp", str(uuid5(NAMESPACE_URL, f"ninedtact/led_board/{words}")))
 
 
@@ -112,7 +105,7 @@ FONT: Expression = ("font", ("size", 0.8, 0.8), ("thickness", 0.12))
 
 
 def _component_footprint(layout: BoardLayout, part: PlacedComponent, names: _NetNumbers) -> Expression:
-    """A part with its pads, mark and pegs."""
+    """Return a component with its pads, mark and pegs."""
     letter = "F" if part.side == "top" else "B"
     mine = [pad for pad in layout.pads if pad.pin.split(".")[0] == part.reference]
     pads = [_footprint_pad(pad, part.at_mm, letter, names) for pad in mine]
@@ -126,14 +119,14 @@ def _component_footprint(layout: BoardLayout, part: PlacedComponent, names: _Net
 
 
 def _footprint_text(kind: str, text: str, letter: str) -> Expression:
-    """Reference or value, on the fabrication layer."""
+    """Return reference or value on the fabrication layer."""
     effects: Expression = ("effects", FONT) if letter == "F" else ("effects", FONT, ("justify", "mirror"))
     line = 0 if kind == "reference" else 1
     return ("fp_text", kind, _quote(text), ("at", 0, line), ("layer", _quote(f"{letter}.Fab")), effects)
 
 
 def _footprint_mark(part: PlacedComponent, letter: str) -> list[Expression]:
-    """The bar at the cathode or at pin 1."""
+    """Return the bar at the cathode or at pin 1."""
     if part.part.footprint.mark_mm is None:
         return []
     start, end = (part.to_board_frame(place) for place in part.part.footprint.mark_mm)
@@ -142,7 +135,7 @@ def _footprint_mark(part: PlacedComponent, letter: str) -> list[Expression]:
 
 
 def _footprint_pad(pad: BoardPad, origin: PointMm, letter: str, names: _NetNumbers) -> Expression:
-    """One pad."""
+    """Return one pad."""
     number = _quote(pad.land.number)
     net = (("net", names.number(pad.net), _quote(pad.net)),) if pad.net else ()
     where, solid = _relative_point("at", pad.at_mm, origin), () if pad.land.pour_gap else (("zone_connect", 2),)
@@ -172,12 +165,12 @@ def _footprint_pad(pad: BoardPad, origin: PointMm, letter: str, names: _NetNumbe
 
 
 def _pad_layers(pad: BoardPad) -> tuple[str, ...]:
-    """Layers of a pad without a hole."""
+    """Return the layers of a pad without a hole."""
     return ("Cu", "Paste", "Mask") if pad.land.paste else ("Cu", "Mask")
 
 
 def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
-    """The shape of a pad that gave something up."""
+    """Return the shape of a pad with cutouts."""
     shape = flash_pad(pad, 0.0)
     assert isinstance(shape, FlashedPolygon)
     points: Expression = ("pts", *(("xy", x, -y) for x, y in shape.points))
@@ -186,14 +179,14 @@ def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
 
 
 def _paste_pads(pad: BoardPad, part: PlacedComponent, letter: str) -> list[Expression]:
-    """Windows of paste on the thermal pad."""
+    """Return the windows of paste on the thermal pad."""
     layers, size = ("layers", _quote(f"{letter}.Paste")), ("size", THERMAL_PASTE_MM, THERMAL_PASTE_MM)
     places = [_relative_point("at", window.at_mm, part.at_mm) for window in paste_windows(pad)]
     return [("pad", _quote(""), "smd", "rect", place, size, layers) for place in places]
 
 
 def _peg_holes(part: PlacedComponent) -> list[Expression]:
-    """Holes for pegs."""
+    """Return the holes for the pegs of a component."""
     found: list[Expression] = []
     for x, y, diameter in part.part.footprint.pegs_mm:
         where, layers = (
@@ -215,7 +208,7 @@ KICAD_LAYERS = (
 
 
 def format_kicad_board(layout: BoardLayout) -> str:
-    """The file's text; the same board gives the same text."""
+    """Return the board file; the same board gives the same text."""
     names = _NetNumbers([net.name for net in layout.nets])
     return (
         _format_expression(("kicad_pcb", *_board_header(layout), *names.declarations, *_board_content(layout, names)))
@@ -224,7 +217,7 @@ def format_kicad_board(layout: BoardLayout) -> str:
 
 
 def _board_header(layout: BoardLayout) -> tuple[Expression, ...]:
-    """What stands before the nets."""
+    """Return what stands before the nets."""
     board = layout.board
     layers: Expression = ("layers", *((number, _quote(name), kind) for number, name, kind in KICAD_LAYERS))
     return (
@@ -243,7 +236,7 @@ def _board_header(layout: BoardLayout) -> tuple[Expression, ...]:
 
 
 def _board_content(layout: BoardLayout, names: _NetNumbers) -> tuple[Expression, ...]:
-    """Parts, edge, tracks, pour."""
+    """Return components, holes, silkscreen, edge, tracks and pour."""
     parts = [_component_footprint(layout, part, names) for part in layout.parts]
     holes = [
         _locating_hole(number, place, layout.board.outline)
@@ -255,7 +248,7 @@ def _board_content(layout: BoardLayout, names: _NetNumbers) -> tuple[Expression,
 
 
 def _silkscreen_lines(layout: BoardLayout, side: BoardSide) -> Iterator[Expression]:
-    """The parts' names on the silkscreen."""
+    """Yield the strokes of the designators on the silkscreen."""
     layer = _quote("F.SilkS" if side == "top" else "B.SilkS")
     for word in place_designators(layout, side):
         for number, (start, end) in enumerate(pair for line in word.lines for pair in pairwise(line)):
@@ -264,7 +257,7 @@ def _silkscreen_lines(layout: BoardLayout, side: BoardSide) -> Iterator[Expressi
 
 
 def _locating_hole(number: int, place: tuple[float, float], outline: BoardOutline) -> Expression:
-    """A locating hole: a footprint of its own, as KiCad wants holes."""
+    """Return a locating hole as a footprint of its own, as KiCad requires."""
     size = ("size", outline.locating_hole_mm, outline.locating_hole_mm)
     hole = ("pad", _quote(""), "np_thru_hole", "circle", ("at", 0, 0), size, ("drill", outline.locating_hole_mm))
     layers = ("layers", _quote("*.Cu"), _quote("*.Mask"))
@@ -276,7 +269,7 @@ def _locating_hole(number: int, place: tuple[float, float], outline: BoardOutlin
 
 
 def _outline_items(outline: BoardOutline) -> list[Expression]:
-    """The milled edge."""
+    """Return the milled edge."""
     found: list[Expression] = []
     for number, edge in enumerate(outline_segments(outline)):
         tail = (("layer", _quote("Edge.Cuts")), ("width", 0.1), _identity(f"edge {number}"))
@@ -289,7 +282,7 @@ def _outline_items(outline: BoardOutline) -> list[Expression]:
 
 
 def _track_items(routes: Routes, names: _NetNumbers) -> list[Expression]:
-    """Tracks, one straight piece each, and vias."""
+    """Return tracks, one item for each straight piece, and vias."""
     found: list[Expression] = []
     for number, track in enumerate(routes.tracks):
         tail = (
@@ -314,7 +307,7 @@ def _track_items(routes: Routes, names: _NetNumbers) -> list[Expression]:
 
 
 def _ground_zone(layout: BoardLayout, side: BoardSide, names: _NetNumbers) -> Expression:
-    """The pour of one side, filled as it is in the Gerbers."""
+    """Return the pour of one side, filled as it is in the Gerbers."""
     x, y = layout.board.outline.half
     gap, layer = layout.board.rules.pour_gap_mm, _quote(COPPER_LAYER[side])
     rim = ("pts", *(_sheet_point("xy", corner) for corner in ((-x, -y), (x, -y), (x, y), (-x, y))))
@@ -342,7 +335,7 @@ def _ground_zone(layout: BoardLayout, side: BoardSide, names: _NetNumbers) -> Ex
 
 
 def format_kicad_project(board: LedBoard, name: str) -> str:
-    """The file's text."""
+    """Return the project file with the board's design rules."""
     rules, copper = board.rules, board.copper
     least = {
         "min_clearance": rules.clearance_mm,

@@ -1,7 +1,4 @@
-"""Ground wherever nothing else is.
-
-The whole board: parts placed, nets routed, ground poured.
-"""
+"""The complete board: components placed, nets routed, ground poured."""
 
 from dataclasses import dataclass
 
@@ -30,15 +27,15 @@ from ninedtact.hardware.led_board.pads import (
 from ninedtact.hardware.led_board.routing import Routes, Via, _route_connector, _route_driver, _route_led_ring
 
 MIN_POUR_WIDTH_MM = 0.25
-"""Slivers thinner than this are left out."""
+"""Narrower slivers of the pour are left out."""
 SPARE_MM = 0.01
-"""Added to the gap: circles are drawn as polygons, a little inside."""
+"""Added to the gap, since circles are approximated by polygons that lie a little inside."""
 
 
 def _pour_ground(
     board: LedBoard, side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes, holes: tuple[DrilledHole, ...]
 ) -> tuple[Polygon, ...]:
-    """The pieces of the pour on one side; each holds on to some ground."""
+    """Return the pieces of the ground pour on one side; each holds on to some ground copper."""
     gap = board.rules.pour_gap_mm
     kept = union_all([shape.buffer(gap + SPARE_MM) for shape in _kept_clear(side, pads, routes)])
     bored = union_all([hole_polygon(hole).buffer(gap + SPARE_MM) for hole in holes if not hole.plated])
@@ -54,14 +51,14 @@ def _pour_ground(
 
 
 def _kept_clear(side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes) -> list[BaseGeometry]:
-    """Copper of other nets, and ground pads that an iron must be able to heat."""
+    """Return copper of other nets, and ground pads that an iron must be able to heat."""
     keep = [pad_polygon(pad) for pad in pads if side in pad.sides and (pad.net != GROUND or pad.land.pour_gap)]
     keep += [track_polygon(track) for track in routes.tracks if track.side == side and track.net != GROUND]
     return keep + [via_polygon(via) for via in routes.vias if via.net != GROUND]
 
 
 def _ground_copper(side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes) -> list[BaseGeometry]:
-    """Ground copper that a piece of the pour may hold on to."""
+    """Return ground copper that a piece of the pour may hold on to."""
     hold = [pad_polygon(pad) for pad in pads if side in pad.sides and pad.net == GROUND and not pad.land.pour_gap]
     hold += [track_polygon(track) for track in routes.tracks if track.side == side and track.net == GROUND]
     return hold + [via_polygon(via) for via in routes.vias if via.net == GROUND]
@@ -72,7 +69,7 @@ SIDES: tuple[BoardSide, BoardSide] = ("top", "bottom")
 
 @dataclass(frozen=True)
 class BoardLayout:
-    """What the files are written from."""
+    """A board with everything that its files are written from."""
 
     board: LedBoard
     nets: tuple[Net, ...]
@@ -82,11 +79,11 @@ class BoardLayout:
     holes: tuple[DrilledHole, ...]
     """Vias, slots, pegs and locating holes; the lens hole is milled with the outline."""
     pours: dict[BoardSide, tuple[Polygon, ...]]
-    """Ground, by side."""
+    """Ground pours by side."""
 
 
 def lay_out_board(board: LedBoard) -> BoardLayout:
-    """Place, route and pour."""
+    """Place the components of a board, route its nets and pour its ground."""
     found = place_pads(board)
     routes = _route_led_ring(board) + _route_driver(board, found) + _route_connector(board, found)
     holes = _all_holes(board, found, routes)
@@ -95,7 +92,7 @@ def lay_out_board(board: LedBoard) -> BoardLayout:
 
 
 def _all_holes(board: LedBoard, found: tuple[BoardPad, ...], routes: Routes) -> tuple[DrilledHole, ...]:
-    """Everything that is drilled."""
+    """Return everything that is drilled."""
     slots = tuple(pad.hole for pad in found if pad.hole)
     size = board.outline.locating_hole_mm
     locating = tuple(DrilledHole(place, place, size, plated=False) for place in board.outline.locating_holes)
@@ -103,5 +100,5 @@ def _all_holes(board: LedBoard, found: tuple[BoardPad, ...], routes: Routes) -> 
 
 
 def _via_hole(via: Via) -> DrilledHole:
-    """The hole of a via."""
+    """Return the hole of a via."""
     return DrilledHole(via.at_mm, via.at_mm, via.drill_mm, plated=True)

@@ -1,8 +1,8 @@
-"""From the setting resistor to the LEDs' current, their brightness, and the heat.
+"""Current, brightness and heat of the LEDs, from the setting resistor.
 
-I = 1800 V / R, for all LEDs together: CN5711, as told by done.land/components/light/ledcontroller/cn5711 (accuracy 5 %; the
-maker's data sheet was not read). The LEDs are in parallel without resistors of their own, so that their shares differ with
-their forward voltages.
+I = 1800 V / R for all LEDs together: CN5711, as stated by done.land/components/light/ledcontroller/cn5711 (accuracy 5
+%; the maker's data sheet was not read). The LEDs are in parallel without resistors of their own, so that their shares
+differ with their forward voltages.
 """
 
 from dataclasses import dataclass
@@ -11,42 +11,43 @@ from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
 
 SETTING_V = 1800.0
-"""The driver's current times its resistor, in volt: 1800 A·Ω."""
+"""Current of the driver times its resistor, in volt: 1800 A·Ω."""
 REFERENCE_RESISTOR_OHM = 20_000.0
-"""With eight LEDs: the light that is called 1, by which the original's fabrication files were made."""
+"""With eight LEDs: the resistor of brightness 1, which is that of the original's fabrication files."""
 REFERENCE_LED_COUNT = 8
 SUPPLY_V = 5.0
 LED_V = 3.0
-"""From the LED's type name; it rises with the current, which makes the driver's loss less than told."""
+"""From the LED's type name. It rises with the current, which makes the driver's loss less than stated."""
 USB_MA = 500.0
-"""What a USB 2 port gives; before a device has asked, and this one never asks, 100 by the letter."""
+"""Current that a USB 2 port supplies."""
 USB_DEFAULT_MA = 100.0
+"""Current that a USB 2 device may draw before it has requested more, which this one never does."""
 LED_MA = 60.0
-"""What a 2835 of 0.2 W usually bears; this one's sheet was not read."""
+"""Current that a 2835 LED of 0.2 W usually bears; the data sheet of this one was not read."""
 
 
 @dataclass(frozen=True)
-class _LedOperatingPoint:
-    """What a resistor makes of a board."""
+class LedOperatingPoint:
+    """Current, brightness and heat of a board with a given resistor."""
 
     total_ma: float
     led_ma: float
-    """Of each LED, if they share alike."""
+    """Current of each LED, if they share equally."""
     relative_brightness: float
     """Of the light as a whole, beside the usual board's, taken as proportional to the current. White LEDs lose efficiency as
     the current grows, so bright settings turn out a little darker than told; how much was not measured."""
     driver_w: float
-    """Turned into heat in U1, which lowers the current by itself above 135 °C."""
+    """Heat in U1, which lowers the current by itself above 135 °C."""
     needs_asking: bool
     """Above 100 mA, which a USB 2 host may refuse to a device that does not ask; chargers and hubs in practice do not."""
 
 
-def compute_operating_point(resistor_ohm: float, leds: int = REFERENCE_LED_COUNT) -> _LedOperatingPoint:
-    """Current, brightness and heat; raises `LedBoardImpossible` beyond the limits of driver, LEDs and USB."""
+def compute_operating_point(resistor_ohm: float, leds: int = REFERENCE_LED_COUNT) -> LedOperatingPoint:
+    """Return current, brightness and heat; raises `LedBoardImpossible` beyond the limits of driver, LEDs and USB."""
     if not 1_200 <= resistor_ohm <= 30_000:
         raise _refusal("a resistor from 1200 to 30000 ohm, which the driver can follow", f"{resistor_ohm:g}")
     total_ma = SETTING_V / resistor_ohm * 1000
-    light = _LedOperatingPoint(
+    light = LedOperatingPoint(
         total_ma,
         total_ma / leds,
         REFERENCE_RESISTOR_OHM / resistor_ohm,
@@ -57,8 +58,8 @@ def compute_operating_point(resistor_ohm: float, leds: int = REFERENCE_LED_COUNT
     return light
 
 
-def _require_within_limits(light: _LedOperatingPoint) -> None:
-    """Refuse what burns or what USB does not give."""
+def _require_within_limits(light: LedOperatingPoint) -> None:
+    """Refuse currents that the LEDs do not bear or USB does not supply."""
     if light.total_ma > USB_MA:
         raise _refusal(f"at most {USB_MA:g} mA from USB", f"{light.total_ma:.0f} mA", "take a larger resistor")
     if light.led_ma > LED_MA:
@@ -68,17 +69,17 @@ def _require_within_limits(light: _LedOperatingPoint) -> None:
 
 
 def _refusal(expected: str, got: str, remedy: str = "take one in that range") -> LedBoardImpossible:
-    """A refusal in one sentence."""
+    """Return the error with expected, got and remedy."""
     return LedBoardImpossible(f"expected {expected}, got {got}; {remedy}")
 
 
-def operating_point_of_board(board: LedBoard) -> _LedOperatingPoint:
-    """The light of a board."""
+def operating_point_of_board(board: LedBoard) -> LedOperatingPoint:
+    """Return current, brightness and heat of a board."""
     return compute_operating_point(board.resistor_ohm, len(board.leds.positions))
 
 
 def resistor_for_brightness(relative_brightness: float, leds: int = REFERENCE_LED_COUNT) -> float:
-    """The resistor that makes the light so much brighter than usual; raises `LedBoardImpossible` where none does."""
+    """Return the resistor for a brightness relative to the usual one; raises `LedBoardImpossible` where there is none."""
     if not relative_brightness > 0:
         raise _refusal("a brightness above zero", f"{relative_brightness:g}", "take one that is")
     ohm = REFERENCE_RESISTOR_OHM / relative_brightness

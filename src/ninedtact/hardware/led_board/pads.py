@@ -1,7 +1,4 @@
-"""Which pins belong together: all LEDs in parallel between U1's output and ground.
-
-Pads and holes where they lie on the board.
-"""
+"""Netlist, pads and holes of the board. All LEDs are in parallel between U1's output and ground."""
 
 from dataclasses import dataclass, replace
 
@@ -15,14 +12,14 @@ GROUND, SUPPLY, LED_LINE, SETTING = "GND", "VCC", "LED+", "ISET"
 
 @dataclass(frozen=True)
 class Net:
-    """Pins that are one conductor, as `U1.3`."""
+    """Pins that are one conductor, such as `U1.3`."""
 
     name: str
     pins: tuple[str, ...]
 
 
 def build_netlist(board: LedBoard) -> tuple[Net, ...]:
-    """Every net; pins in none of them stay open (U1.7, the USB data and identity pins)."""
+    """Return every net; pins in none of them stay open (U1.7, the USB data and identity pins)."""
     leds = [f"LED{number + 1}" for number in range(len(board.leds.positions))]
     capacitor = board.input_capacitor
     shield = [f"USB3.{number}" for number in (6, 7, 8, 9)] if board.shield_tied else []
@@ -37,7 +34,7 @@ def build_netlist(board: LedBoard) -> tuple[Net, ...]:
 
 
 def _net_of_pin(nets: tuple[Net, ...], pin: str) -> str | None:
-    """The net that a pin is in; None if it stays open."""
+    """Return the name of the net of a pin; None if it stays open."""
     return next((net.name for net in nets if pin in net.pins), None)
 
 
@@ -52,8 +49,8 @@ class DrilledHole:
 
 
 @dataclass(frozen=True)
-class _PadCutout:
-    """What a pad gives up: everything nearer than `radius_mm` to a line."""
+class PadCutout:
+    """The part of a pad that is removed: everything nearer than `radius_mm` to a line."""
 
     start_mm: PointMm
     end_mm: PointMm
@@ -62,7 +59,7 @@ class _PadCutout:
 
 @dataclass(frozen=True)
 class BoardPad:
-    """A pad on the board."""
+    """A pad in its position on the board."""
 
     pin: str
     net: str | None
@@ -71,11 +68,11 @@ class BoardPad:
     size_mm: PointMm
     land: Land
     hole: DrilledHole | None = None
-    bites: tuple[_PadCutout, ...] = ()
+    bites: tuple[PadCutout, ...] = ()
 
 
 def place_pads(board: LedBoard) -> tuple[BoardPad, ...]:
-    """All pads, cut back where the connector's holes come through."""
+    """Return all pads, cut back where the connector's holes come through."""
     nets, parts = build_netlist(board), place_components(board)
     found = tuple(_place_pad(placed, land, nets) for placed in parts for land in placed.part.footprint.lands)
     if not board.pads_give_way:
@@ -86,7 +83,7 @@ def place_pads(board: LedBoard) -> tuple[BoardPad, ...]:
 
 
 def _place_pad(placed: PlacedComponent, land: Land, nets: tuple[Net, ...]) -> BoardPad:
-    """One pad of one part."""
+    """Return one pad of a component in its position on the board."""
     pin, at = f"{placed.reference}.{land.number}", placed.to_board_frame(land.at_mm)
     hole = _slot_of_land(placed, land) if land.slot_mm else None
     sides: tuple[BoardSide, ...] = ("top", "bottom") if hole else (placed.side,)
@@ -94,7 +91,7 @@ def _place_pad(placed: PlacedComponent, land: Land, nets: tuple[Net, ...]) -> Bo
 
 
 def _slot_of_land(placed: PlacedComponent, land: Land) -> DrilledHole:
-    """The plated slot through a pad."""
+    """Return the plated slot through a pad."""
     assert land.slot_mm is not None
     (x, y), (width, length) = land.at_mm, land.slot_mm
     reach = (length - width) / 2
@@ -102,7 +99,7 @@ def _slot_of_land(placed: PlacedComponent, land: Land) -> DrilledHole:
 
 
 def connector_peg_holes(board: LedBoard) -> tuple[DrilledHole, ...]:
-    """The holes for the connector's pegs."""
+    """Return the holes for the connector's pegs."""
     holes = []
     for placed in place_components(board):
         for x, y, diameter in placed.part.footprint.pegs_mm:
@@ -111,24 +108,24 @@ def connector_peg_holes(board: LedBoard) -> tuple[DrilledHole, ...]:
     return tuple(holes)
 
 
-def _cutout_around_hole(hole: DrilledHole, gap_mm: float) -> _PadCutout:
-    """What a hole wants for itself."""
-    return _PadCutout(hole.start_mm, hole.end_mm, hole.width_mm / 2 + gap_mm + 0.02)
+def _cutout_around_hole(hole: DrilledHole, gap_mm: float) -> PadCutout:
+    """Return the area that a hole and its clearance need."""
+    return PadCutout(hole.start_mm, hole.end_mm, hole.width_mm / 2 + gap_mm + 0.02)
 
 
-def _cutout_around_leg(pad: BoardPad, gap_mm: float) -> _PadCutout:
-    """What the pad of a plated slot wants for itself."""
+def _cutout_around_leg(pad: BoardPad, gap_mm: float) -> PadCutout:
+    """Return the area that the pad of a plated slot and its clearance need."""
     assert pad.hole is not None
-    return _PadCutout(pad.hole.start_mm, pad.hole.end_mm, min(pad.size_mm) / 2 + gap_mm + 0.02)
+    return PadCutout(pad.hole.start_mm, pad.hole.end_mm, min(pad.size_mm) / 2 + gap_mm + 0.02)
 
 
-def _cut_back(pad: BoardPad, bites: tuple[_PadCutout, ...]) -> BoardPad:
-    """The pad without what these take from it."""
+def _cut_back(pad: BoardPad, bites: tuple[PadCutout, ...]) -> BoardPad:
+    """Return a pad with the cutouts that reach it."""
     return replace(pad, bites=tuple(bite for bite in bites if _is_near(pad, bite)))
 
 
-def _is_near(pad: BoardPad, bite: _PadCutout) -> bool:
-    """Whether a bite may reach a pad, by their boxes."""
+def _is_near(pad: BoardPad, bite: PadCutout) -> bool:
+    """Return whether a cutout may reach a pad, judged by their boxes."""
     ends = bite.start_mm, bite.end_mm
     return all(
         min(end[axis] for end in ends) - bite.radius_mm < pad.at_mm[axis] + pad.size_mm[axis] / 2
@@ -138,5 +135,5 @@ def _is_near(pad: BoardPad, bite: _PadCutout) -> bool:
 
 
 def pad_position(found: tuple[BoardPad, ...], pin: str) -> PointMm:
-    """Middle of a pin's pad."""
+    """Return the centre of the pad of a pin."""
     return next(pad.at_mm for pad in found if pad.pin == pin)

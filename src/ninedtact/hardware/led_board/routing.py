@@ -1,12 +1,8 @@
-"""Copper lines between pads, and what leads them through the board.
+"""Tracks and vias of the board.
 
-The upper side: every anode on one line inside the ring of LEDs, every cathode on one outside. They never cross.
-
-The anodes' ring is open at the lower left, where the cathodes of the left column come out.
-
-Round the driver: its output to the upper side, its setting resistor, its ground.
-
-From the connector to the driver, below the board: 5 V passes right of the lens hole, ground left of it.
+Upper side: one line joins all anodes inside the ring of LEDs, another all cathodes outside of it, and they never cross.
+The anodes' ring is open at the lower left, where the cathodes of the left column leave. Lower side: U1's output,
+setting resistor and ground, and the supply from the connector, 5 V right of the lens hole and ground left of it.
 """
 
 from dataclasses import dataclass
@@ -21,7 +17,7 @@ from ninedtact.hardware.led_board.pads import GROUND, LED_LINE, SETTING, SUPPLY,
 
 @dataclass(frozen=True)
 class Track:
-    """A line of constant width with round ends, through these points."""
+    """A line of constant width with round ends through these points."""
 
     net: str
     side: BoardSide
@@ -41,7 +37,7 @@ class Via:
 
 @dataclass(frozen=True)
 class Routes:
-    """Tracks and vias."""
+    """Tracks and vias together."""
 
     tracks: tuple[Track, ...] = ()
     vias: tuple[Via, ...] = ()
@@ -51,27 +47,28 @@ class Routes:
 
 
 ANODE_MM, CATHODE_MM = -1.462, 1.0
-"""From an LED's middle to the middles of its pads."""
+"""Offsets of the pads' centres from an LED's centre along x."""
 TAP_MM = -1.05
-"""Where a line leaves an anode of the upper or lower row: beside the connector's peg."""
+"""Offset at which a line leaves an anode of the upper or lower row, beside the connector's peg."""
 LINK_MM = 1.8
-"""From these rows to the anodes' lines between the columns: past the LEDs' pads and the pegs, not into the lens hole."""
+"""Distance of the anodes' lines between the columns from these rows: past the LEDs' pads and the pegs, not into the
+lens hole."""
 RIM_MM = 0.27
-"""From the board's edge to the ground line along it."""
+"""Distance of the ground line from the board's edge."""
 
 
 def _rim_line_y(board: LedBoard) -> float:
-    """How far from the middle the ground lines run along the upper and lower edges."""
+    """Return how far from the middle the ground lines run along the upper and lower edges."""
     return board.outline.half[1] - RIM_MM - board.copper.ground_mm / 2
 
 
 def _route_led_ring(board: LedBoard) -> Routes:
-    """All tracks of the upper side but those to the driver and the connector."""
+    """Return all tracks of the upper side but those to the driver and the connector."""
     return _route_anodes(board) + _route_cathodes(board)
 
 
 def _route_anodes(board: LedBoard) -> Routes:
-    """Left column, upper link, right column, and a lower link from the right."""
+    """Return left column, upper link, right column, and a lower link from the right."""
     columns, (top, bottom) = board.leds.columns_mm, (board.leds.rows_mm[0], board.leds.rows_mm[-1])
     left, right = columns[0] + ANODE_MM, columns[-1] + ANODE_MM
     lines: list[tuple[PointMm, ...]] = [
@@ -87,7 +84,8 @@ def _route_anodes(board: LedBoard) -> Routes:
 
 
 def _route_cathodes(board: LedBoard) -> Routes:
-    """Along the upper edge, down the right column, along the lower edge, and up the left column to its last but one."""
+    """Return the line along the upper edge, down the right column, along the lower edge, and up the left column to its
+    last but one."""
     cathodes, rows = [x + CATHODE_MM for x in board.leds.columns_mm], board.leds.rows_mm
     left, right, edge = cathodes[0], cathodes[-1], _rim_line_y(board)
     lines: list[tuple[PointMm, ...]] = [
@@ -102,13 +100,13 @@ def _route_cathodes(board: LedBoard) -> Routes:
 
 
 THERMAL_VIAS = (-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)
-"""Under the driver, from its middle: they carry its heat to the upper side."""
+"""Offsets from the middle of the vias under the driver, which carry its heat to the upper side."""
 SLOPE_MM = 1.3
-"""How far a line goes aslant at most."""
+"""Greatest length of an oblique line along x."""
 
 
 def _route_driver(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
-    """All of U1 but its supply."""
+    """Return all routes of U1 but its supply."""
     setting = Track(SETTING, "bottom", board.copper.signal_mm, (pad_position(pads, "R1.2"), pad_position(pads, "U1.1")))
     return (
         _route_driver_output(board, pads)
@@ -119,12 +117,12 @@ def _route_driver(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
 
 
 def _make_via(board: LedBoard, net: str, place: PointMm) -> Via:
-    """A via of the board's usual size."""
+    """Return a via of the board's usual size."""
     return Via(net, place, board.copper.via_mm, board.copper.via_drill_mm)
 
 
 def _route_driver_output(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
-    """From both output pins through the vias to an anode of the upper row."""
+    """Return the routes from both output pins through the vias to an anode of the upper row."""
     vias, width = [board.from_driver(place) for place in board.led_vias_from_driver_mm], board.copper.led_mm
     beside, first = board.driver[0] + 3.71, vias[0]
     tracks = [
@@ -137,7 +135,7 @@ def _route_driver_output(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
 
 
 def _path_to_anode(board: LedBoard, start: PointMm) -> tuple[PointMm, ...]:
-    """From a via to the next anode of the upper row: level, a slope, and down."""
+    """Return the path from a via to the next anode of the upper row: level, a slope, and down."""
     (x, y), row = start, board.leds.rows_mm[0]
     anodes = [column + ANODE_MM for column in board.leds.columns_mm]
     anode = next((anode for anode in anodes if anode > x - SLOPE_MM), anodes[-1])
@@ -147,7 +145,7 @@ def _path_to_anode(board: LedBoard, start: PointMm) -> tuple[PointMm, ...]:
 
 
 def _route_thermal_pad(board: LedBoard) -> Routes:
-    """Vias under the driver, joined above and led to the ground line at the edge."""
+    """Return the vias under the driver, joined above and led to the ground line at the edge."""
     places = [board.from_driver(offset) for offset in THERMAL_VIAS]
     x, y = board.driver
     square = Track(GROUND, "top", board.copper.ground_mm, (*places, places[0]))
@@ -156,7 +154,7 @@ def _route_thermal_pad(board: LedBoard) -> Routes:
 
 
 def _route_driver_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
-    """Below, left of the driver: resistor, capacitor and the driver's ground pin on one line, and its via."""
+    """Return the line below the board, left of the driver, that joins resistor, capacitor and ground pin, and its via."""
     x, y = board.driver
     start, pin, width = _ground_column_x(board), pad_position(pads, "U1.2"), board.copper.ground_mm
     through = board.from_driver(board.ground_via_from_driver_mm)
@@ -174,16 +172,16 @@ def _route_driver_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
 
 
 def _ground_column_x(board: LedBoard) -> float:
-    """x of the ground line that goes up below the board, left of the lens."""
+    """Return x of the ground line that goes up below the board, left of the lens."""
     return -board.outline.lens_hole_mm / 2 - 1.16
 
 
 SIDE_PAD_MM = 1.50, 1.20
-"""The connector's pads between which and the lens hole the lines squeeze through."""
+"""Size of the connector's pads between which and the lens hole the lines pass."""
 
 
 def _route_connector(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
-    """Supply, ground, and the shield if it is tied."""
+    """Return supply, ground, and the shield if it is tied."""
     routes = _route_supply(board, pads) + _route_connector_ground(board, pads)
     return routes + _route_shield(board, pads) if board.shield_tied else routes
 
@@ -191,7 +189,7 @@ def _route_connector(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
 def _path_past_lens_hole(
     board: LedBoard, pads: tuple[BoardPad, ...], contact: str, side_pad: str
 ) -> tuple[PointMm, ...]:
-    """From a contact between the lens hole and a side pad's corner, and on along the hole's tangent."""
+    """Return the path from a contact between the lens hole and a side pad's corner, and on along the hole's tangent."""
     (pin_x, _), (x, y), (_, usb_y) = pad_position(pads, contact), pad_position(pads, side_pad), board.usb
     outward = 1 if x > board.usb_x_mm else -1
     corner = x - outward * SIDE_PAD_MM[0] / 2, y + SIDE_PAD_MM[1] / 2
@@ -204,7 +202,8 @@ def _path_past_lens_hole(
 
 
 def _radius_in_gap(board: LedBoard, corner_mm: float) -> float:
-    """How far from the lens a line runs past a corner at that distance: in the middle of the gap, if that is narrow."""
+    """Return the radius at which a line passes a corner at that distance from the lens: mid-gap where the gap is
+    narrow."""
     rules, half = board.rules, board.copper.neck_mm / 2
     most = corner_mm - rules.clearance_mm - half - 0.005
     room = most - board.outline.lens_hole_mm / 2 - rules.copper_to_edge_mm - half
@@ -212,7 +211,7 @@ def _radius_in_gap(board: LedBoard, corner_mm: float) -> float:
 
 
 def _route_supply(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
-    """5 V to the driver's enable pin, under the driver to its two supply pins, and to the capacitor."""
+    """Return 5 V to the driver's enable pin, under the driver to its two supply pins, and to the capacitor."""
     (x, _), enable, pin = board.driver, pad_position(pads, "U1.8"), pad_position(pads, "U1.3")
     neck, last = _path_past_lens_hole(board, pads, "USB3.1", "USB3.7"), pad_position(pads, "U1.4")
     under = x - 1.375
@@ -229,7 +228,8 @@ def _route_supply(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
 
 
 def _route_connector_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
-    """From the ground contact up to the row left of the driver; vias that hold the pours of both sides together."""
+    """Return the ground contact's route up to the row left of the driver, and vias that hold the pours of both sides
+    together."""
     neck, column, y = _path_past_lens_hole(board, pads, "USB3.5", "USB3.6"), _ground_column_x(board), board.driver[1]
     up = (neck[-1], (column, neck[-1][1]), (column, y))
     tracks = (
@@ -241,7 +241,8 @@ def _route_connector_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Rout
 
 
 def _route_shield(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
-    """Ground contact to the shield's left pad; both sides' pads to their legs; the legs, above, to the edge's ground."""
+    """Return ground contact to the shield's left pad, both side pads to their legs, and the legs, above, to the edge's
+    ground."""
     contact, left = pad_position(pads, "USB3.5"), pad_position(pads, "USB3.6")
     y, width = left[1] + 0.17, min(board.copper.ground_mm, 0.5)
     tracks = [Track(GROUND, "bottom", width, ((contact[0], y), (left[0], y)))]

@@ -1,7 +1,5 @@
-"""Letters for the silkscreen, as lines that a pen follows.
-
-Names of parts on the silkscreen, drawn with a pen: beside each part where there is room, else not at all.
-"""
+"""Reference designators on the silkscreen, in letters of single strokes: beside each component where there is space,
+otherwise left out."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ from ninedtact.hardware.led_board.copper_geometry import bare_board_polygon, hol
 from ninedtact.hardware.led_board.layout import BoardLayout
 
 GRID_MM = 0.25
-"""Letters are drawn on a grid of 2 x 4 such steps, 3 to the next: one mm tall."""
+"""Step of the grid on which letters are drawn: 2 x 4 steps, 3 to the next letter, one mm tall."""
 LETTER_WIDTH, LETTER_HEIGHT, LETTER_PITCH = 2, 4, 3
 LETTERS: dict[str, tuple[tuple[PointMm, ...], ...]] = {
     "0": (((0, 0), (0, 4), (2, 4), (2, 0), (0, 0)),),
@@ -37,16 +35,16 @@ LETTERS: dict[str, tuple[tuple[PointMm, ...], ...]] = {
     "S": (((2, 3.5), (1.5, 4), (0, 4), (0, 2), (2, 2), (2, 0), (0, 0), (0, 0.5)),),
     "U": (((0, 4), (0, 0), (2, 0), (2, 4)),),
 }
-"""What the pen follows for each letter, in steps from its lower left corner."""
+"""Strokes of each letter, in steps from its lower left corner."""
 
 
 def _text_size_mm(text: str) -> PointMm:
-    """Width and height of a word, the pen's own width left out."""
+    """Return width and height of a text without the width of the pen."""
     return (LETTER_PITCH * len(text) - (LETTER_PITCH - LETTER_WIDTH)) * GRID_MM, LETTER_HEIGHT * GRID_MM
 
 
 def _letter_strokes(text: str, middle: PointMm, side: BoardSide) -> Iterator[tuple[PointMm, ...]]:
-    """The lines of a word round its middle; below the board mirrored, so that it is read from there."""
+    """Yield the strokes of a text around its middle, mirrored below the board so that it is read from there."""
     mirror = 1 if side == "top" else -1
     left = -_text_size_mm(text)[0] / GRID_MM / 2
     for number, letter in enumerate(text):
@@ -62,21 +60,21 @@ def _letter_strokes(text: str, middle: PointMm, side: BoardSide) -> Iterator[tup
 
 PEN_MM = 0.15
 GAP_MM = 0.25
-"""Between words and pads, bodies, holes, edges."""
+"""Distance of texts from pads, bodies, holes and edges."""
 OWNERSHIP_RATIO = 1.35
-"""Another part is so many times as far from a word as its own, or nobody knows whose it is."""
+"""Least ratio of the distance to another component over that to its own, so that a text is attributed to the right one."""
 
 
 @dataclass(frozen=True)
-class _SilkscreenDesignator:
-    """A part's name as lines on the board."""
+class SilkscreenDesignator:
+    """The reference of a component as strokes on the board."""
 
     reference: str
     lines: tuple[tuple[PointMm, ...], ...]
 
 
-def place_designators(layout: BoardLayout, side: BoardSide) -> tuple[_SilkscreenDesignator, ...]:
-    """Of the parts of one side, as far as there is room."""
+def place_designators(layout: BoardLayout, side: BoardSide) -> tuple[SilkscreenDesignator, ...]:
+    """Return the designators of the components of one side for which there is space."""
     taken, room = _occupied_area(layout, side), bare_board_polygon(layout.board.outline).buffer(-GAP_MM)
     parts, words = [part for part in layout.parts if part.side == side], []
     for part in parts:
@@ -86,14 +84,14 @@ def place_designators(layout: BoardLayout, side: BoardSide) -> tuple[_Silkscreen
             shape = union_all([LineString(line) for line in lines]).envelope.buffer(PEN_MM / 2)
             free = room.contains(shape) and shape.distance(taken) > GAP_MM
             if free and shape.distance(others) > OWNERSHIP_RATIO * shape.distance(component_outline(part)):
-                words.append(_SilkscreenDesignator(part.reference, lines))
+                words.append(SilkscreenDesignator(part.reference, lines))
                 taken = taken.union(shape)
                 break
     return tuple(words)
 
 
 def _occupied_area(layout: BoardLayout, side: BoardSide) -> BaseGeometry:
-    """Pads, vias, holes, marks and bodies of a side."""
+    """Return the area of pads, vias, holes, marks and bodies of one side."""
     parts = [part for part in layout.parts if part.side == side]
     marks = [
         tuple(map(part.to_board_frame, part.part.footprint.mark_mm)) for part in parts if part.part.footprint.mark_mm
@@ -110,14 +108,14 @@ def _occupied_area(layout: BoardLayout, side: BoardSide) -> BaseGeometry:
 
 
 def component_outline(part: PlacedComponent) -> BaseGeometry:
-    """What a part covers."""
+    """Return the area on the board that a component's body covers."""
     footprint = part.part.footprint
     (x, y), (wide, deep) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
     return box(x - wide / 2, y - deep / 2, x + wide / 2, y + deep / 2)
 
 
 def _candidate_positions(part: PlacedComponent) -> Iterator[PointMm]:
-    """Where the middle of its name may lie: close to it first, below, above, right, left."""
+    """Yield positions for the middle of a designator: close to the component first, below, above, right, left."""
     low_x, low_y, high_x, high_y = component_outline(part).bounds
     x, y = (low_x + high_x) / 2, (low_y + high_y) / 2
     wide, tall = _text_size_mm(part.reference)

@@ -1,1 +1,4 @@
-"""The solids, one file per part; build123d is loaded by whoever imports one of them."""
+"""Solids of the parts: a buildable hardware design goes in, build123d solids come out.
+
+`part_catalogue.build_parts` builds all of them. build123d is loaded by every module of this package.
+"""

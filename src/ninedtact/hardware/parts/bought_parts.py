@@ -1,4 +1,4 @@
-"""Bought parts as reference bodies: room that others must leave, not models to make them from."""
+"""Bought parts as reference bodies: the space that other parts must leave, not models to make them from. Lengths in mm."""
 
 from build123d import Box, Part, Pos
 
@@ -19,7 +19,7 @@ Block = tuple[float, float, float]
 
 
 def build_camera(design: HardwareDesign) -> Part:
-    """Body, stiffener, lens in four steps, and the cable as it climbs the ramp."""
+    """Build the camera: body, stiffener, lens in four steps, and the cable as it climbs the ramp."""
     body, floor = design.camera, design.base.floor_mm
     half = body.side_mm / 2
     made = make_plate((body.side_mm, body.side_mm), (floor, floor + body.tall_mm))
@@ -33,7 +33,8 @@ def build_camera(design: HardwareDesign) -> Part:
 
 
 def _flat_cable(design: HardwareDesign) -> Part:
-    """Flat, in one slope from the stiffener to the gap under the shell's rim, a little short of the outer face."""
+    """Return the cable, in one slope from the stiffener to the gap under the shell's rim, a little short of the outer
+    face."""
     (wide, thick), floor = design.camera.cable_mm, design.base.floor_mm
     side, start = design.plan_view.outer[1] / 2, -design.camera.stiffener_mm
     head, top = design.base.ramp_head_mm - side, design.heights.plate_top - design.base.ramp_gap_mm
@@ -44,7 +45,7 @@ def _flat_cable(design: HardwareDesign) -> Part:
 
 
 def build_led_board(design: HardwareDesign) -> Part:
-    """Bare board with its holes, LEDs above, receptacle and driver below."""
+    """Build the LED board as a body: the bare board with its holes, LEDs above, receptacle and driver below."""
     plan, board, levels = design.plan_view, design.board, design.heights
     heights = levels.board_bottom, levels.board_top
     beyond = levels.board_bottom - CUT_MARGIN_MM, levels.board_top + CUT_MARGIN_MM
@@ -59,7 +60,8 @@ def build_led_board(design: HardwareDesign) -> Part:
 
 
 def _usb_receptacle(design: HardwareDesign) -> Part:
-    """Under the board's -y edge, its mouth a little beyond; the two corners at the board are slanted."""
+    """Return the receptacle under the board's -y edge, its mouth a little beyond and its two corners at the board
+    slanted."""
     (wide, deep, _), mouth = design.board.usb_mm, -design.plan_view.usb_mouth
     half, low, high = wide / 2, design.heights.usb_bottom, design.heights.board_bottom
     right = [(half, low), (half, high - USB_SLANT_MM), (half - USB_SLANT_MM, high)]
@@ -67,18 +69,18 @@ def _usb_receptacle(design: HardwareDesign) -> Part:
 
 
 def _driver_position(design: HardwareDesign) -> XY:
-    """Middle of the LED driver."""
+    """Return the centre of the LED driver."""
     x, from_edge = design.board.driver_at_mm
     return x, design.plan_view.led_board[1] / 2 + from_edge
 
 
 def _box_on(size: Block, at: XY, bottom: float) -> Part:
-    """A box that stands on this height."""
+    """Return a box that stands at this height."""
     return Part() + Pos(*at, bottom + size[2] / 2) * Box(*size)
 
 
 def build_insert(design: HardwareDesign, at: XY, top: float) -> Part:
-    """A heat-set insert, its thread as a bore of the screw's diameter, flush with this height."""
+    """Build a heat-set insert, flush with this height, its thread as a bore of the screw's diameter."""
     diameter, long = design.fasteners.insert_mm
     return make_cylinder(diameter, (top - long, top), at) - make_cylinder(
         M2_DIAMETER_MM, (top - long - CUT_MARGIN_MM, top + CUT_MARGIN_MM), at
@@ -86,11 +88,11 @@ def build_insert(design: HardwareDesign, at: XY, top: float) -> Part:
 
 
 def build_screw(design: HardwareDesign, at: XY) -> Part:
-    """M2 from below through the base into the shell."""
+    """Build an M2 screw from below through the base into the shell."""
     (head, tall), seat = design.fasteners.head_mm, design.base.counterbore_deep_mm
     shank = make_cylinder(M2_DIAMETER_MM, (seat, seat + design.fasteners.screw_mm), at)
     return shank + make_cylinder(head, (seat - tall, seat), at)
 
 
 USB_SLANT_MM = 1.0
-"""Slanted corners of a micro-B receptacle."""
+"""Height of the slanted corners of a micro-B receptacle."""

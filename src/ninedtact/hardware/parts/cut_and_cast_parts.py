@@ -1,7 +1,5 @@
-"""The laser-cut plates: base board and the two moulds, each lying on z = 0.
-
-The three gels, as they are in the finished sensor.
-"""
+"""The laser-cut mould plates, each lying on z = 0, and the three gels as they are in the finished sensor. Lengths in
+mm."""
 
 from build123d import Part
 
@@ -12,7 +10,7 @@ from ninedtact.hardware.parts.printed_parts import CUT_MARGIN_MM
 
 
 def build_base_board(design: HardwareDesign) -> Part:
-    """The shell is screwed on it while the gels are poured."""
+    """Build the base board, on which the shell is screwed while the gels are poured."""
     thick = design.moulds.base_mm
     holes = make_cylinders(
         design.moulds.shell_screw_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan_view.shell_screws
@@ -21,25 +19,25 @@ def build_base_board(design: HardwareDesign) -> Part:
 
 
 def build_first_mould(design: HardwareDesign) -> Part:
-    """As thick as the translucent gel."""
+    """Build the first mould, which is as thick as the translucent gel."""
     return _mould(design, design.heights.first_mould, design.plan_view.translucent, design.gels.rim_radius_mm)
 
 
 def build_second_mould(design: HardwareDesign) -> Part:
-    """Thicker and wider: the difference is filled with black."""
+    """Build the second mould, which is thicker and wider; black silicone fills the difference."""
     radius = design.gels.rim_radius_mm + design.gels.black_side_mm
     return _mould(design, design.heights.second_mould, design.plan_view.black, radius)
 
 
 def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> Part:
-    """A plate with a window."""
+    """Return a clamping plate with a window."""
     return require_single_solid(
         _clamping_plate(design, thick) - make_plate(window, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), radius)
     )
 
 
 def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
-    """Outline and clamping holes that all plates share."""
+    """Return the outline and the clamping holes that all plates share."""
     body = make_plate(design.plan_view.plate, (0, thick), design.moulds.corner_radius_mm)
     return body - make_cylinders(
         design.moulds.hole_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan_view.clamps
@@ -47,7 +45,8 @@ def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
 
 
 def build_transparent_gel(design: HardwareDesign) -> Part:
-    """Fills the shell above the window; the groove between window and frame stays empty."""
+    """Build the transparent gel, which fills the shell above the window. The groove between window and frame stays
+    empty."""
     shell, plan, levels = design.shell, design.plan_view, design.heights
     body = make_plate(plan.opening, (levels.floor_top, levels.rim), shell.opening_radius_mm)
     frame, window = plan.frame_outside, design.window.side_mm
@@ -56,14 +55,14 @@ def build_transparent_gel(design: HardwareDesign) -> Part:
 
 
 def build_translucent_gel(design: HardwareDesign) -> Part:
-    """On the shell's rim; white light comes back from it."""
+    """Build the translucent gel on the shell's rim, which scatters white light back."""
     return make_plate(
         design.plan_view.translucent, (design.heights.rim, design.heights.skin), design.gels.rim_radius_mm
     )
 
 
 def build_black_gel(design: HardwareDesign) -> Part:
-    """Over and round the translucent one."""
+    """Build the black gel over and around the translucent one."""
     radius = design.gels.rim_radius_mm + design.gels.black_side_mm
     outside = make_plate(design.plan_view.black, (design.heights.rim, design.heights.top), radius)
     return require_single_solid(outside - build_translucent_gel(design))

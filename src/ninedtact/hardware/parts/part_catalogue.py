@@ -1,4 +1,4 @@
-"""Every part by its name: how it is made, how it is built, where it goes."""
+"""The catalogue of parts: name, manufacturing method and builder of each, and the built parts of a design."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ ManufacturingMethod = Literal["printed", "cut", "cast", "bought"]
 
 @dataclass(frozen=True)
 class _CatalogueEntry:
-    """One part: its name, how it is made, and its builder."""
+    """Name, manufacturing method and builder of one part."""
 
     name: str
     method: ManufacturingMethod
@@ -52,7 +52,7 @@ PART_CATALOGUE = (
     _CatalogueEntry("led_board", "bought", build_led_board),
 )
 METHODS_WITH_FILES = ("printed", "cut")
-"""Ways of making that need files; gels come from moulds, bought parts from shops."""
+"""Manufacturing methods that need files. Gels come from moulds, bought parts from shops."""
 
 
 @dataclass(frozen=True)
@@ -65,18 +65,18 @@ class BuiltPart:
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
-        """Of its box."""
+        """Size of the part's bounding box."""
         size = self.solid.bounding_box().size
         return float(size.X), float(size.Y), float(size.Z)
 
     @property
     def volume_mm3(self) -> float:
-        """What it displaces."""
+        """Volume of the part."""
         return float(self.solid.volume)
 
 
 def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
-    """All of them by name. The design must be buildable: see `rules`."""
+    """Build all parts of a design and return them by name. The design must keep all rules: see `buildability`."""
     return {part.name: part for part in _build_each_part(design)}
 
 

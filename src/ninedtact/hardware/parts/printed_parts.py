@@ -1,11 +1,5 @@
-"""The sensor base.
-
-The sensor shell.
-
-The isolation ring and the acrylic window.
-
-The calibration board, lying on its back: z = 0 is its outer face, its pins point up.
-"""
+"""The printed parts: base, shell, isolation ring and calibration board; the acrylic window beside the ring. Lengths in
+mm."""
 
 from math import radians, tan
 
@@ -30,7 +24,7 @@ CUT_MARGIN_MM = 1.0
 
 
 def build_sensor_base(design: HardwareDesign) -> Part:
-    """Plate, bosses and posts; then pocket, channel and holes."""
+    """Build the base: plate, bosses and posts, then pocket, channel and holes."""
     base, plan, levels = design.base, design.plan_view, design.heights
     body = make_plate(plan.outer, (0, levels.plate_top), base.corner_radius_mm)
     body += make_cylinders(base.boss_mm, (base.floor_mm, levels.boss_top), plan.mount_inserts)
@@ -44,7 +38,7 @@ def build_sensor_base(design: HardwareDesign) -> Part:
 
 
 def _locating_pins(design: HardwareDesign) -> list[Part]:
-    """On the posts, rounded at their tips."""
+    """Return the locating pins on the posts, rounded at their tips."""
     base, levels = design.base, design.heights
     tip = levels.board_bottom + base.pin_tall_mm
     pins = make_cylinders(base.pin_mm, (levels.plate_top, tip), design.plan_view.posts)
@@ -54,14 +48,14 @@ def _locating_pins(design: HardwareDesign) -> list[Part]:
 
 
 def _camera_pocket(design: HardwareDesign) -> Part:
-    """The camera's pocket, and the channel in which its cable climbs to the shell's rim."""
+    """Return the camera's pocket with the channel in which its cable climbs to the shell's rim."""
     base, levels = design.base, design.heights
     room = extrude_along_z(_pocket_outline(design), (base.floor_mm, levels.plate_top + CUT_MARGIN_MM))
     return room - extrude_along_x(*_cable_ramp(design))
 
 
 def _pocket_outline(design: HardwareDesign) -> Sketch:
-    """Their outline from above."""
+    """Return the outline of pocket and channel, seen from above."""
     base, side = design.base, design.plan_view.outer[1] / 2 + CUT_MARGIN_MM
     pocket, channel = base.pocket_wide_mm / 2, base.channel_wide_mm / 2
     front, back = base.pocket_front_mm, -base.pocket_back_mm
@@ -74,7 +68,7 @@ def _pocket_outline(design: HardwareDesign) -> Sketch:
 
 
 def _cable_ramp(design: HardwareDesign) -> tuple[list[tuple[float, float]], float, dict[tuple[float, float], float]]:
-    """What stays under the cable: outline in (y, z), half width, and fillets of its foot and head."""
+    """Return what stays under the cable: its outline in (y, z), its half width, and the fillets of its foot and head."""
     base, side = design.base, design.plan_view.outer[1] / 2
     floor, top = base.floor_mm, design.heights.plate_top - base.ramp_gap_mm
     foot, head = (base.ramp_foot_mm - side, floor), (base.ramp_head_mm - side, top)
@@ -84,7 +78,8 @@ def _cable_ramp(design: HardwareDesign) -> tuple[list[tuple[float, float]], floa
 
 
 def build_sensor_shell(design: HardwareDesign) -> Part:
-    """A block with the gel cavity above and the LED cavity below, the window's frame, bores and the USB slot."""
+    """Build the shell: a block with the gel cavity above and the LED cavity below, the window's frame, bores and the
+    USB slot."""
     shell, plan, levels = design.shell, design.plan_view, design.heights
     body = make_plate(plan.outer, (levels.plate_top, levels.rim), shell.corner_radius_mm)
     body -= make_plate(plan.opening, (levels.floor_top, levels.rim + CUT_MARGIN_MM), shell.opening_radius_mm)
@@ -98,14 +93,14 @@ def build_sensor_shell(design: HardwareDesign) -> Part:
 
 
 def _window_frame(design: HardwareDesign) -> Part:
-    """Round the window's seat."""
+    """Return the frame around the window's seat."""
     outside, inside = design.plan_view.frame_outside, design.plan_view.frame_inside
     heights = design.heights.floor_top, design.heights.frame_top
     return make_plate((outside, outside), heights) - make_plate((inside, inside), heights)
 
 
 def _led_cavity(design: HardwareDesign) -> Part:
-    """The air below the floor: without the screw bosses, and rounded at the ceiling."""
+    """Return the LED cavity below the floor, without the screw bosses and rounded at the ceiling."""
     shell, plan, levels = design.shell, design.plan_view, design.heights
     heights = levels.plate_top - CUT_MARGIN_MM, levels.ceiling
     air = make_plate(plan.cavity, heights)
@@ -116,7 +111,8 @@ def _led_cavity(design: HardwareDesign) -> Part:
 
 
 def _usb_slot(design: HardwareDesign) -> list[Part]:
-    """Through the wall at -y, with the receptacle's two slanted corners, and the step round it outside."""
+    """Return the slot through the wall at -y, with the receptacle's two slanted corners, and the relief around it
+    outside."""
     shell, plan, bottom = design.shell, design.plan_view, design.heights.plate_top
     half, low, high, slant = shell.slot_wide_mm / 2, shell.slot_from_mm, shell.slot_to_mm, shell.slot_chamfer_mm
     right = [(half, bottom + low), (half, bottom + high - slant), (half - slant, bottom + high)]
@@ -131,7 +127,7 @@ def _usb_slot(design: HardwareDesign) -> list[Part]:
 
 
 def build_isolation_ring(design: HardwareDesign) -> Part:
-    """A square block with a bore that opens to a cone at the window."""
+    """Build the isolation ring: a square block with a bore that opens to a cone at the window."""
     ring, bottom, top = design.ring, design.heights.ring_bottom, design.heights.floor_top
     side = design.plan_view.ring_side
     mouth = side - 2 * ring.land_mm
@@ -141,13 +137,14 @@ def build_isolation_ring(design: HardwareDesign) -> Part:
 
 
 def build_acrylic_window(design: HardwareDesign) -> Part:
-    """The plate between camera and gel."""
+    """Build the acrylic window between camera and gel."""
     side = design.window.side_mm
     return make_plate((side, side), (design.heights.floor_top, design.heights.window_top))
 
 
 def build_calibration_board(design: HardwareDesign) -> Part:
-    """A tray that slides over the shell, with round-tipped pins on its floor."""
+    """Build the calibration board: a tray that slides over the shell, with round-tipped pins on its floor. It lies on
+    its back, z = 0 is its outer face, and its pins point up."""
     frame, plan = design.pin_frame, design.plan_view
     outside = plan.tray[0] + 2 * frame.wall_mm, plan.tray[1] + 2 * frame.wall_mm
     body = make_plate(outside, (0, plan.tray_tall), frame.corner_radius_mm)
@@ -158,7 +155,7 @@ def build_calibration_board(design: HardwareDesign) -> Part:
 
 
 def _calibration_pin(design: HardwareDesign) -> Part:
-    """A hemisphere on a cylinder, rooted in the floor."""
+    """Return one pin: a hemisphere on a cylinder that is rooted in the floor."""
     frame, radius = design.pin_frame, design.sensor.pin_board.pin_diameter_mm / 2
     shoulder = frame.floor_mm + frame.pin_tall_mm - radius
     shaft = make_cylinder(2 * radius, (frame.floor_mm / 2, shoulder))
