@@ -38,7 +38,9 @@ def ball_accuracy(json: bool = False) -> None:
     fit = partial(fitted, folder, grid(folder))
     figures = [on_other_half(method, fit(method, design.camera.distance_mm)) for method in METHODS]
     for method in METHODS:
-        figures += scan(method, {distance_mm: fit(method, distance_mm).half_mae_mm for distance_mm in SCAN_MM})
+        figures += scan(
+            method, {distance_mm: fit(method, distance_mm).cross_validation_mae_mm for distance_mm in SCAN_MM}
+        )
     answer(
         "Accuracy of the depth calibration, real ball presses",
         [*figures, warned("sensor_i"), refused("sensor_j")],
@@ -62,7 +64,7 @@ def fitted(folder: Path, rectify: Rectification, method: DepthMethod, distance_m
 
 def on_other_half(method: DepthMethod, fit: BallFit) -> Figure:
     name = f"sensor_a, {method}: error on the other half, mm"
-    return at_most(name, fit.half_mae_mm, ON_OTHER_HALF_MM, peer=PUBLISHED_MM)
+    return at_most(name, fit.cross_validation_mae_mm, ON_OTHER_HALF_MM, peer=PUBLISHED_MM)
 
 
 def scan(method: DepthMethod, error_mm: dict[float, float]) -> list[Figure]:

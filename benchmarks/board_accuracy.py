@@ -39,7 +39,7 @@ def measured(folder: Path) -> Iterator[Figure]:
     seconds = time.perf_counter() - start
     found, expected, name = int(board.found.sum()), board.board.count, folder.name
     yield holds(f"{name}: pins found", f"{found} of {expected}", f"{expected} of {expected}", found == expected)
-    ours, original = board.lens_fit.left_out_rms_mm, original_mm(board)
+    ours, original = board.lens_fit.leave_one_out_rms_mm, original_mm(board)
     limit = SENSOR_A_MM if name == "sensor_a" else OF_ORIGINAL * original
     yield at_most(f"{name}: left-out error, mm", ours, limit, peer=original)
     yield at_most(f"{name}: of the original's", ours / original, OF_ORIGINAL)

@@ -24,6 +24,6 @@ images = CalibrationImages(
 sensor = save_sensor(options.out, calibrate(images, sensor_id=options.out.name))
 figures = sensor.record.certificate
 
-print(f"{figures.board.pins_found} pins; a left-out pin is predicted to {figures.board.loo_rms_mm:.3f} mm")
-print(f"depth to {figures.ball.range_mm:.2f} mm, the ball read back to {figures.ball.fit_mae_mm:.3f} mm")
+print(f"{figures.board.pins_found} pins; a left-out pin is predicted to {figures.board.leave_one_out_rms_mm:.3f} mm")
+print(f"depth to {figures.ball.range_mm:.2f} mm, the ball read back to {figures.ball.reconstruction_mae_mm:.3f} mm")
 print(*figures.warnings, f"read {options.out / 'certificate.html'}", sep="\n")

@@ -36,11 +36,13 @@ def test_calibrate_prints_its_certificate(real_data: Path, tmp_path: Path, capsy
     told = json.loads(capsys.readouterr().out)
     assert told["board"]["pins_found"] == told["board"]["pins_expected"] == 63
     assert (
-        told["board"]["loo_rms_mm"] <= 0.05
-        and told["board"]["loo_rms_mm"] <= 0.8 * told["board"]["loo_rms_mm_original"]
+        told["board"]["leave_one_out_rms_mm"] <= 0.05
+        and told["board"]["leave_one_out_rms_mm"] <= 0.8 * told["board"]["published_method_rms_mm"]
     )
     assert told["board"]["mm_per_px"] == pytest.approx(0.0515, abs=0.001)
-    assert told["ball"]["fit_mae_mm"] <= 0.02 and told["ball"]["radius_px"] == pytest.approx(67, abs=1)
+    assert told["ball"]["reconstruction_mae_mm"] <= 0.02 and told["ball"]["contact_radius_px"] == pytest.approx(
+        67, abs=1
+    )
     assert told["ball"]["method"] == "physics" and told["warnings"] == []
     assert told["verdict"] == "pass" and all(check["level"] == "pass" for check in told["checks"])
     assert {entry.name for entry in (tmp_path / "s").iterdir()} == {"sensor.toml", "images", "certificate.html"}

@@ -109,9 +109,9 @@ def test_what_can_be_pressed_is_listed(capsys: pytest.CaptureFixture[str]) -> No
 def test_a_twin_is_calibrated_from_its_own_images(twin_sensor: SensorFolder) -> None:
     certificate = twin_sensor.record.certificate
     assert certificate is not None and certificate.board.pins_found == 63
-    assert certificate.board.loo_rms_mm < 0.05
+    assert certificate.board.leave_one_out_rms_mm < 0.05
     assert certificate.board.mm_per_px == pytest.approx(15.5 / 320, rel=0.04)
-    assert certificate.ball.deepest_mm == pytest.approx(1.8, abs=0.25)  # the rule of the ball's edge reads deep
+    assert certificate.ball.max_indentation_mm == pytest.approx(1.8, abs=0.25)  # the rule of the ball's edge reads deep
 
 
 @pytest.mark.parametrize("at_mm", [(0.0, 0.0), (4.0, -3.0)])

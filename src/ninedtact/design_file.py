@@ -36,13 +36,15 @@ def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> Senso
 
 
 def read_design_tables(path: Path | str) -> dict[str, Any]:
-    """The file's tables as they are; raises `DesignFileUnreadable`."""
+    """Read the file's tables, of a sensor folder's `sensor.toml` those of its design; raises `DesignFileUnreadable`."""
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as trouble:
         raise DesignFileUnreadable(
             f"expected a design in TOML, got {path} ({trouble}); give a file such as 'ninedtact hardware export' writes"
         ) from trouble
+    is_sensor = "format" in tables and isinstance(tables.get("design"), dict)
+    return dict(tables["design"]) if is_sensor else tables
 
 
 def convert_design_tables(tables: dict[str, Any], kind: type[Design], path: Path | str) -> Design:

@@ -35,7 +35,7 @@ def test_a_known_lens_is_recovered() -> None:
     fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.found.all()
     assert lens_error_mm(fit.lens, sensor.lens) < 0.01
-    assert fit.lens_fit.left_out_rms_mm < 0.02
+    assert fit.lens_fit.leave_one_out_rms_mm < 0.02
 
 
 @pytest.mark.parametrize("board", [PinBoard(5, 5, 3.5), PinBoard(8, 10, 2.0), PinBoard(9, 13, 1.5)], ids=str)
@@ -50,7 +50,7 @@ def test_missing_pins_are_predicted_and_named() -> None:
     sensor = KnownSensor()
     images = sensor.images(skip=(0, 30, 44))
     fit = fit_board(images.board_reference, images.board, BOARD)
-    assert fit.missing == ["column 1, row 1", "column 4, row 4", "column 9, row 5"]
+    assert fit.missing_pins == ["column 1, row 1", "column 4, row 4", "column 9, row 5"]
     truth_px = sensor.lens.to_px(fit.points_mm[~fit.found])
     assert np.abs(fit.points_px[~fit.found] - truth_px).max() < 1.0
 
@@ -98,7 +98,7 @@ def test_real_boards_with_the_defaults(letter: str, real_images: dict[str, Calib
     fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.found.sum() == 63
     original = rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm, integer_pin_centres_px(fit)))
-    assert fit.lens_fit.left_out_rms_mm < 0.8 * original
+    assert fit.lens_fit.leave_one_out_rms_mm < 0.8 * original
 
 
 def test_left_out_errors_equal_those_of_refitting(real_images: dict[str, CalibrationImages]) -> None:
@@ -109,7 +109,7 @@ def test_left_out_errors_equal_those_of_refitting(real_images: dict[str, Calibra
         others = np.arange(len(fit.points_mm)) != pin
         lens = fit_lens_with_terms(fit.points_mm[others], fit.points_px[others], (480, 640), len(fit.lens.radial)).lens
         refitted.append(lens.to_mm(fit.points_px[pin : pin + 1])[0] - fit.points_mm[pin])
-    assert rms_vector_length(np.array(refitted)) == pytest.approx(fit.lens_fit.left_out_rms_mm, rel=0.05)
+    assert rms_vector_length(np.array(refitted)) == pytest.approx(fit.lens_fit.leave_one_out_rms_mm, rel=0.05)
 
 
 ALTERED = {
@@ -139,7 +139,7 @@ def test_other_light_and_size(how: str, letter: str, real_images: dict[str, Cali
     reference, press = images.board_reference.astype(float), images.board.astype(float)
     altered = [np.clip(ALTERED[how](one, reference), 0, 255).astype(np.uint8) for one in (reference, press)]
     fit = fit_board(*altered, BOARD)
-    assert fit.found.sum() >= 62 and fit.lens_fit.left_out_rms_mm < 0.06
+    assert fit.found.sum() >= 62 and fit.lens_fit.leave_one_out_rms_mm < 0.06
 
 
 def test_swapped_images_are_named(real_images: dict[str, CalibrationImages]) -> None:

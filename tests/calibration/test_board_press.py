@@ -1,4 +1,4 @@
-"""The board drawn by a twin: what is known of it is found again, and a board that is not like it is not believed."""
+"""The board drawn by a twin: what is known of it is found again, and a board that is not like it is not accepted."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -62,11 +62,11 @@ def scale_error(made: Calibration, twin: Twin) -> float:
 
 
 def test_the_depth_of_imprints_is_found(together: Calibration) -> None:
-    assert together.record.twin is not None and together.record.twin.imprints is not None
-    told = together.record.twin.imprints
-    assert told.believed
-    assert told.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * told.depth_error_mm, 0.05))
-    assert told.inverse_distance_per_mm == pytest.approx(NEARNESS, abs=0.01)
+    assert together.record.twin is not None and together.record.twin.board_press is not None
+    told = together.record.twin.board_press
+    assert told.accepted
+    assert told.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * told.depth_std_mm, 0.05))
+    assert told.nearness_per_mm == pytest.approx(NEARNESS, abs=0.01)
 
 
 def test_the_lens_is_not_magnified_by_imprints(together: Calibration, apart: Calibration, twin: Twin) -> None:
@@ -75,17 +75,17 @@ def test_the_lens_is_not_magnified_by_imprints(together: Calibration, apart: Cal
 
 
 def test_pins_predict_each_other_as_well(together: Calibration, apart: Calibration) -> None:
-    assert together.board.lens_fit.left_out_rms_mm < 1.1 * apart.board.lens_fit.left_out_rms_mm
+    assert together.board.lens_fit.leave_one_out_rms_mm < 1.1 * apart.board.lens_fit.leave_one_out_rms_mm
 
 
 def test_the_ball_is_as_deep_as_it_was_pressed(together: Calibration) -> None:
-    assert together.ball.deepest_mm == pytest.approx(1.8, abs=0.03)
+    assert together.ball.max_indentation_mm == pytest.approx(1.8, abs=0.03)
 
 
 def test_a_board_that_is_not_as_drawn_changes_nothing(calibrated_a: Calibration) -> None:
     """Pins of sensor A's board are of uneven height, and other than the design's."""
-    assert calibrated_a.record.twin is not None and calibrated_a.record.twin.imprints is not None
-    assert not calibrated_a.record.twin.imprints.believed
+    assert calibrated_a.record.twin is not None and calibrated_a.record.twin.board_press is not None
+    assert not calibrated_a.record.twin.board_press.accepted
     assert calibrated_a.board.refined is None
 
 
@@ -113,7 +113,7 @@ def test_places_where_a_lens_folds_the_image_are_not_looked_at(together: Calibra
     assert folded.spread(folded.points_mm).min() > 0 > folded.spread(plain.points_mm).min()
 
 
-def test_a_fit_whose_lens_folds_is_not_believed(together: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
     """It ends without an answer, and the calibration keeps the lens of the pins."""
     assert together.ball.physical is not None
     board = together.board
@@ -123,4 +123,4 @@ def test_a_fit_whose_lens_folds_is_not_believed(together: Calibration, monkeypat
     astray = replace(board.lens, radial=FOLDING)
     monkeypatch.setattr("ninedtact.calibration.lens_refinement.refine_lens", lambda *_: SimpleNamespace(lens=astray))
     told = fit_board_press(ObservedBoardPress(before, after, board), together.ball.physical.fit)
-    assert not told.settled and not told.believed
+    assert not told.settled and not told.accepted

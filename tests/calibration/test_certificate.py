@@ -32,13 +32,13 @@ from ninedtact.calibration.sensor_record import BallQuality, BoardQuality, Certi
 
 HOSTILE = "<script>alert('id')</script> & \"co\""
 GOOD = Certificate(
-    BoardQuality(63, 63, [], 0.03, 0.07, 0.06, 0.052, 0.0001, 20.0, 0.6, "lens", 0),
+    BoardQuality(63, 63, [], 0.03, 0.07, 0.06, 0.052, 0.0001, 20.0, 0.6, "model", 0),
     BallQuality("ratio", 60.0, 3.1, 4.0, 1.5, 0.012, 0.014, 1.48, 0.002, 50.0, 0.02, 0.0),
     [],
 )
 WORSE_WHEN_LARGER = {
-    "board": ("loo_rms_mm", "loo_max_mm", "mm_per_px_error", "noise_grey_levels"),
-    "ball": ("half_mae_mm", "noise_mm", "asymmetry", "overexposed"),
+    "board": ("leave_one_out_rms_mm", "leave_one_out_max_mm", "mm_per_px_std", "noise_grey_levels"),
+    "ball": ("cross_validation_mae_mm", "noise_mm", "asymmetry", "overexposed_fraction"),
 }
 WORSE_WHEN_SMALLER = {"board": ("pins_found", "contrast_grey_levels"), "ball": ("range_mm",)}
 FIGURES = [
@@ -133,14 +133,14 @@ def test_page_says_what_the_record_holds(drawn: Read) -> None:
         record.created.strftime("%Y-%m-%d"),
         record.software,
         "61 of 63",
-        f"{board.loo_rms_mm:.3f} mm",
-        f"{board.loo_max_mm:.3f} mm",
-        f"{board.loo_rms_mm_original:.3f} mm",
-        f"{board.mm_per_px:.5f} ± {board.mm_per_px_error:.5f} mm",
+        f"{board.leave_one_out_rms_mm:.3f} mm",
+        f"{board.leave_one_out_max_mm:.3f} mm",
+        f"{board.published_method_rms_mm:.3f} mm",
+        f"{board.mm_per_px:.5f} ± {board.mm_per_px_std:.5f} mm",
         f"{460 * board.mm_per_px:.2f} × {345 * board.mm_per_px:.2f} mm",
-        f"{ball.radius_px:.1f} pixels",
-        f"{ball.fit_mae_mm:.3f} mm",
-        f"{ball.half_mae_mm:.3f} mm",
+        f"{ball.contact_radius_px:.1f} pixels",
+        f"{ball.reconstruction_mae_mm:.3f} mm",
+        f"{ball.cross_validation_mae_mm:.3f} mm",
         f"{ball.noise_mm:.4f} mm",
         f"{ball.range_mm:.2f} mm",
         f"{ball.asymmetry:.1%}",
@@ -155,7 +155,7 @@ def test_page_says_what_the_record_holds(drawn: Read) -> None:
 
 
 def test_missing_pins_are_named_on_the_page(drawn: Read) -> None:
-    assert sorted(drawn.calibration.board.missing) == ["column 3, row 5", "column 9, row 2"]
+    assert sorted(drawn.calibration.board.missing_pins) == ["column 3, row 5", "column 9, row 2"]
     words = words_of(drawn.page)
     assert "column 9, row 2" in words and "column 3, row 5" in words
 

@@ -1,7 +1,9 @@
 """A sensor folder is written whole, read back the same, and refused in words when something is wrong with it."""
 
 import os
+import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -11,16 +13,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ninedtact.calibration.procedure import Calibration, CalibrationSettings, calibrate
-from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.sensor_folder import (
-    SensorFolderDamaged,
+from ninedtact.calibration.save import (
     SensorFolderNotReplaceable,
     create_sensor_folder,
-    load_sensor,
+    require_replaceable_folder,
+    save_sensor,
     to_sensor_toml,
 )
-from ninedtact.capture.image_file import read_image
+from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
+from ninedtact.cli import parse_arguments
+from ninedtact.cli.calibrate import CalibrateCommand
+from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
+
+DESIGN = SensorDesign()
 
 
 @pytest.fixture
@@ -33,7 +39,7 @@ def test_what_is_read_is_what_was_written(folder: Path, calibrated_a: Calibratio
     kept = msgspec.structs.replace(sensor.record, images={})
     assert kept == calibrated_a.record
     assert np.array_equal(sensor.rectification.source_px, calibrated_a.rectify.source_px)
-    assert np.array_equal(sensor.image("ball", read_image).image, calibrated_a.images.ball)
+    assert np.array_equal(sensor.stored_image("ball").image, calibrated_a.images.ball)
 
 
 def test_the_papers_lens_is_read_back_too(calibrated_a: Calibration, tmp_path: Path) -> None:
@@ -46,16 +52,34 @@ def test_the_papers_lens_is_read_back_too(calibrated_a: Calibration, tmp_path: P
 def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated_a: Calibration) -> None:
     shape, images = load_sensor(folder).shape, calibrated_a.images
     height = shape.depth_reader(Frame(images.ball_reference))(shape.rectify(Frame(images.ball)))
-    assert height.indentation_mm.max() == pytest.approx(calibrated_a.ball.deepest_mm, abs=0.03)
+    assert height.indentation_mm.max() == pytest.approx(calibrated_a.ball.max_indentation_mm, abs=0.03)
     untouched = shape.depth_reader(Frame(images.ball_reference))(shape.rectify(Frame(images.ball_reference)))
     assert np.abs(untouched.z_mm).max() < 1e-3
 
 
 def test_a_newer_format_is_named(folder: Path) -> None:
     record = folder / "sensor.toml"
-    record.write_text(record.read_text().replace("format = 3", "format = 99"))
+    record.write_text(record.read_text().replace("format = 4", "format = 99"))
     with pytest.raises(SensorFolderDamaged, match="newer ninedtact"):
         load_sensor(folder)
+
+
+def test_an_older_format_is_refused_with_the_command_that_calibrates_again(
+    calibrated_a: Calibration, folder: Path
+) -> None:
+    (folder / "images").rename(folder / "pictures")
+    record, thick = folder / "sensor.toml", replace(DESIGN, gel=replace(DESIGN.gel, thickness_mm=3.0))
+    older = record.read_text().replace("format = 4", "format = 3").replace("camera_rotation_deg", "mounting_deg")
+    record.write_text(older.replace("thickness_mm = 2.5", "thickness_mm = 3.0", 1))
+    with pytest.raises(SensorFolderDamaged, match="older ninedtact; run: ") as refusal:
+        load_sensor(folder)
+    program, *arguments = shlex.split(str(refusal.value).partition("run: ")[2])
+    command = parse_arguments(arguments)
+    assert program == "ninedtact" and isinstance(command, CalibrateCommand)
+    assert command.resolved_design == thick and command.id == calibrated_a.record.id
+    require_replaceable_folder(command.out)
+    images = command.obtain_images()
+    assert all(np.array_equal(vars(images)[name], image) for name, image in vars(calibrated_a.images).items())
 
 
 DAMAGE = {
@@ -87,10 +111,10 @@ def test_a_changed_or_missing_image_is_said(folder: Path) -> None:
     image = folder / "images" / "ball.png"
     image.write_bytes(image.read_bytes() + b"x")
     with pytest.raises(SensorFolderDamaged, match="other content"):
-        load_sensor(folder).image("ball", read_image)
+        load_sensor(folder).stored_image("ball")
     image.unlink()
     with pytest.raises(SensorFolderDamaged, match="no such file"):
-        load_sensor(folder).image("ball", read_image)
+        load_sensor(folder).stored_image("ball")
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
@@ -141,4 +165,4 @@ def test_a_full_disk_leaves_nothing(calibrated_a: Calibration, tmp_path: Path, m
 
 def test_a_sensor_folder_moves(folder: Path, tmp_path: Path) -> None:
     shutil.move(folder, tmp_path / "elsewhere")
-    assert load_sensor(tmp_path / "elsewhere").image("board", read_image).image.shape == (480, 640, 3)
+    assert load_sensor(tmp_path / "elsewhere").stored_image("board").image.shape == (480, 640, 3)

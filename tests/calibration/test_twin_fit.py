@@ -65,8 +65,8 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
     assert fit.named["thickness_mm"] == pytest.approx(2.3, abs=0.15)
     assert fit.named["point_spread_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
     assert fit.named["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
-    assert fit.rmse_grey_image < 0.3 and fit.rmse_grey_radial < 0.1
-    true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
+    assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
+    true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "nearness_per_mm": 0.05}
     off = {name: abs(fit.named[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}
     assert max(off.values()) < 4, off
 
@@ -77,15 +77,17 @@ def fits(real_images: dict[str, CalibrationImages]) -> dict[str, TwinFit]:
     found = {}
     for letter in "ai":
         images = real_images[letter]
-        rectify = build_rectification(fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN, "lens")
+        rectify = build_rectification(
+            fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN, "model"
+        )
         before, after = (rectify(Frame(image)) for image in (images.ball_reference, images.ball))
         found[letter] = fit_twin(before, after, find_contact_circle(rectified_brightness_change(before, after)), DESIGN)
     return found
 
 
 def test_real_presses_are_explained(fits: dict[str, TwinFit]) -> None:
-    assert fits["a"].rmse_grey_radial < 0.6 and fits["a"].rmse_grey_image < 0.8
-    assert fits["i"].rmse_grey_image < 1.3
+    assert fits["a"].radial_rmse_grey_levels < 0.6 and fits["a"].image_rmse_grey_levels < 0.8
+    assert fits["i"].image_rmse_grey_levels < 1.3
 
 
 def test_a_real_sheared_press_tells_its_drag(fits: dict[str, TwinFit]) -> None:

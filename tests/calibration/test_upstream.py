@@ -30,7 +30,8 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     ROW_INDEX,
     read_finite_npy,
 )
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolderDamaged, load_sensor, to_sensor_toml
+from ninedtact.calibration.save import to_sensor_toml
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolderDamaged, load_sensor
 from ninedtact.calibration.sensor_record import (
     SENSOR_FORMAT,
     DepthTable,
@@ -85,7 +86,7 @@ def test_an_imported_sensor_shows_what_the_original_shows(real_data: Path, tmp_p
     assert (sensor.rectification.coverage == Coverage.OUT_OF_VIEW).sum() == 38
     assert sensor.id == load_sensor(tmp_path / "ours").id == "left finger"
     with pytest.raises(SensorFolderDamaged, match="imported"):
-        sensor.image("ball_reference", read_image)
+        sensor.stored_image("ball_reference")
 
 
 def test_the_crop_is_the_original_s_whatever_its_size(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ import pytest
 from built_sets import decoded, listed, references_in, rows_in
 from little_sources import touched, untouched
 
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, to_sensor_toml
+from ninedtact.calibration.save import to_sensor_toml
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_record import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
 from ninedtact.cli.dataset.build import read_rectification
 from ninedtact.dataset.build import Built, build

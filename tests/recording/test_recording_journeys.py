@@ -315,4 +315,4 @@ def test_ctrl_c_asks_once_and_insists_twice() -> None:
             time.sleep(1)
     with stop_on_signal(seconds=0.01) as until:
         time.sleep(0.02)
-        assert until.now and until.asked is False
+        assert until.now and until.requested is False

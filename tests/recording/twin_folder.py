@@ -6,7 +6,8 @@ from pathlib import Path
 
 import cv2
 
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, to_sensor_toml
+from ninedtact.calibration.save import to_sensor_toml
+from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.calibration.sensor_record import (
     SENSOR_FORMAT,
     DepthTable,

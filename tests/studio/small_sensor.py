@@ -8,7 +8,8 @@ from threading import Event
 
 import numpy as np
 
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, to_sensor_toml
+from ninedtact.calibration.save import to_sensor_toml
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_record import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
 from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
 from ninedtact.capture.latest_frame import LatestFrameSource

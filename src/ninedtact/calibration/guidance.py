@@ -48,7 +48,7 @@ PATIENCE = 4
 class CaptureAdvice:
     """What to say about the image just seen, and the image to keep once the step is done."""
 
-    words: str
+    sentence: str
     image: BgrImage | None = None
 
 
@@ -178,7 +178,7 @@ class _BoardPressWatcher:
         self.patience -= 1
         if found < expected and self.patience > 0:
             self.still.images.clear()
-            self.count = f"pins {found} of {expected}: press harder at {fit.missing[0]}; "
+            self.count = f"pins {found} of {expected}: press harder at {fit.missing_pins[0]}; "
             return CaptureAdvice(self.count)
         focus = "" if contrast > 10 * fit.noise else "; faint: press harder next time, check the focus"
         return CaptureAdvice(f"board taken: {found} of {expected} pins, {contrast:.0f} grey levels deep{focus}", mean)

@@ -71,25 +71,23 @@ class BoardPressFit:
     """Observations that speak independently."""
     rest_grey: float
     """Root mean square of what is left unexplained."""
-    contrast_grey: float
+    contrast_grey_levels: float
     """Of the imprints."""
     ball_scattering_mm: float
     """As the ball's image had it."""
     settled: bool
 
     @property
-    def believed(self) -> bool:
+    def accepted(self) -> bool:
         """Whether the board looks as the twin draws it, so that what it says is taken."""
         like_ball = abs(self.press.point_spread_mm / self.ball_scattering_mm - 1) <= MOST_UNLIKE
-        return self.settled and like_ball and self.rest_grey <= WORST_REST * self.contrast_grey
+        return self.settled and like_ball and self.rest_grey <= WORST_REST * self.contrast_grey_levels
 
     @property
     def beliefs(self) -> tuple[ParameterPrior, ...]:
         """For the fit of the ball."""
-        told = ParameterPrior(
-            "inverse_distance_per_mm", self.press.inverse_distance_per_mm, self.deviation.inverse_distance_per_mm
-        )
-        return (told,) if self.believed else ()
+        told = ParameterPrior("nearness_per_mm", self.press.nearness_per_mm, self.deviation.nearness_per_mm)
+        return (told,) if self.accepted else ()
 
 
 @dataclass(frozen=True)
@@ -243,7 +241,7 @@ class JointCalibration:
         fit, before, after = self.ball.physical.fit, *(self.rectify(Frame(image)) for image in images)
         observed = ObservedBoardPress(before, after, self.board)
         told = fit_board_press(observed, fit, START if self.told is None else self.told.press)
-        if not told.believed:
+        if not told.accepted:
             return replace(self, told=self.told or told)
         board = _replace_lens(observed, fit, told)
         rectify = lens_on_grid(board)
@@ -263,6 +261,6 @@ def refine_board_and_ball(
             found = found.next(images, lens_on_grid, fit_of_ball)
         except BallPressUnusable:
             return found
-        if found.told is None or not found.told.believed:
+        if found.told is None or not found.told.accepted:
             return found
     return found

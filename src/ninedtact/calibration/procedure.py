@@ -42,13 +42,12 @@ from ninedtact.calibration.sensor_record import (
 )
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, ParameterUncertainty, TwinFit
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
-from ninedtact.capture.image_file import read_image
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px
 from ninedtact.shape.rectification import Area, Rectification, rectification
 
-LensKind = Literal["lens", "paper"]
+LensKind = Literal["model", "paper"]
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ class CalibrationImages:
 class CalibrationSettings:
     """How to calibrate; the defaults suit every sensor seen so far."""
 
-    lens: LensKind = "lens"
+    lens: LensKind = "model"
     """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
     camera_rotation_deg: CameraRotation | Literal["auto"] = "auto"
     """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
@@ -178,12 +177,12 @@ def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
     """How the twin was found, and how well it explains the press."""
     sure = fit.confidence
     return TwinFitQuality(
-        rmse_grey_radial=fit.rmse_grey_radial,
-        rmse_grey_image=fit.rmse_grey_image,
+        radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
+        image_rmse_grey_levels=fit.image_rmse_grey_levels,
         depth_mm=fit.named["depth_mm"],
         drag_mm=fit.drag_mm,
-        independent_points=sure.points,
-        seconds=fit.seconds,
+        effective_observations=sure.points,
+        duration_s=fit.seconds,
         parameters={
             name: FittedParameterTable(value, sure.deviation.get(name), *_strongest_correlation(sure, name))
             for name, value in fit.named.items()
@@ -195,14 +194,14 @@ def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
     """What the board's image told of its imprints; their depth is as uncertain as the ball's, by which light tells depth."""
     depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.named["depth_mm"]
     return BoardPressTable(
-        believed=told.believed,
+        accepted=told.accepted,
         depth_mm=depth_mm,
-        depth_error_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
-        inverse_distance_per_mm=told.press.inverse_distance_per_mm,
-        inverse_distance_error_per_mm=told.deviation.inverse_distance_per_mm,
+        depth_std_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
+        nearness_per_mm=told.press.nearness_per_mm,
+        inverse_distance_std_per_mm=told.deviation.nearness_per_mm,
         point_spread_mm=told.press.point_spread_mm,
-        unexplained_grey=told.rest_grey,
-        contrast_grey=told.contrast_grey,
+        residual_rms_grey_levels=told.rest_grey,
+        contrast_grey_levels=told.contrast_grey_levels,
     )
 
 
@@ -237,16 +236,16 @@ def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> B
     """How good the camera calibration is."""
     seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
     original_mm = published_leave_one_out_errors_mm(seen_mm, centres_px)
-    left_out_mm = original_mm if lens == "paper" else board.lens_fit.left_out_mm
+    leave_one_out_errors_mm = original_mm if lens == "paper" else board.lens_fit.leave_one_out_errors_mm
     return BoardQuality(
         pins_found=int(board.found.sum()),
         pins_expected=board.board.count,
-        missing=board.missing,
-        loo_rms_mm=rms_vector_length(left_out_mm),
-        loo_max_mm=float(np.hypot(*left_out_mm.T).max()),
-        loo_rms_mm_original=rms_vector_length(original_mm),
+        missing_pins=board.missing_pins,
+        leave_one_out_rms_mm=rms_vector_length(leave_one_out_errors_mm),
+        leave_one_out_max_mm=float(np.hypot(*leave_one_out_errors_mm.T).max()),
+        published_method_rms_mm=rms_vector_length(original_mm),
         mm_per_px=rectify.mm_per_px,
-        mm_per_px_error=_relative_scale_std(board, lens) * rectify.mm_per_px,
+        mm_per_px_std=_relative_scale_std(board, lens) * rectify.mm_per_px,
         contrast_grey_levels=float(np.median(board.contrast)),
         noise_grey_levels=board.noise,
         lens=lens,
@@ -260,7 +259,7 @@ def _relative_scale_std(board: BoardFit, lens: LensKind) -> float:
     if lens == "paper":
         _, scale = fit_published_pin_map(board)
         return anchored_mm_per_px_std(board.points_mm, integer_pin_centres_px(board), pitch_mm) / scale
-    return board.lens_fit.mm_per_px_error(pitch_mm) / central_mm_per_px(board.lens, pitch_mm)
+    return board.lens_fit.mm_per_px_std(pitch_mm) / central_mm_per_px(board.lens, pitch_mm)
 
 
 def _ball_quality(images: CalibrationImages, ball: BallFit) -> BallQuality:
@@ -268,31 +267,31 @@ def _ball_quality(images: CalibrationImages, ball: BallFit) -> BallQuality:
     circle = ball.press.circle
     return BallQuality(
         method=ball.method,
-        radius_px=circle.radius_px,
-        radius_mm=ball.press.edge_radius_mm,
+        contact_radius_px=circle.radius_px,
+        contact_radius_mm=ball.press.edge_radius_mm,
         ball_radius_mm=ball.press.ball.radius_mm,
-        deepest_mm=ball.deepest_mm,
-        fit_mae_mm=ball.fit_mae_mm,
-        half_mae_mm=ball.half_mae_mm,
+        max_indentation_mm=ball.max_indentation_mm,
+        reconstruction_mae_mm=ball.reconstruction_mae_mm,
+        cross_validation_mae_mm=ball.cross_validation_mae_mm,
         range_mm=ball.curve.max_indentation_mm,
         noise_mm=ball.noise_mm,
-        drop_grey_levels=circle.drop,
+        darkening_grey_levels=circle.drop,
         asymmetry=circle.asymmetry,
-        overexposed=float((to_grey_float(images.ball_reference) >= OVEREXPOSED).mean()),
+        overexposed_fraction=float((to_grey_float(images.ball_reference) >= OVEREXPOSED).mean()),
     )
 
 
 def _board_warnings(board: BoardFit) -> list[str]:
     """What a person should know about the board press."""
     found = []
-    if board.missing:
+    if board.missing_pins:
         found.append(
             f"found {int(board.found.sum())} of {board.board.count} pins; predicted from the others: "
-            f"{'; '.join(board.missing)}; press harder there, or hold the board flatter, for a better lens"
+            f"{'; '.join(board.missing_pins)}; press harder there, or hold the board flatter, for a better lens"
         )
-    if board.lens_fit.left_out_rms_mm > 0.04 * board.board.pitch_mm:
+    if board.lens_fit.leave_one_out_rms_mm > 0.04 * board.board.pitch_mm:
         found.append(
-            f"pins are predicted only to {board.lens_fit.left_out_rms_mm:.2f} mm (0.03 to 0.06 mm is usual); "
+            f"pins are predicted only to {board.lens_fit.leave_one_out_rms_mm:.2f} mm (0.03 to 0.06 mm is usual); "
             "focus the camera and press the board evenly"
         )
     return found
@@ -304,8 +303,8 @@ def repeat_calibration(folder: SensorFolder, method: DepthMethod) -> Calibration
     Raises `SensorFolderDamaged` where images are missing (imported sensors have none), and what `calibrate` raises.
     """
     names = CalibrationImages.__dataclass_fields__
-    images = CalibrationImages(**{name: folder.image(name, read_image).image for name in names})
+    images = CalibrationImages(**{name: folder.stored_image(name).image for name in names})
     record = folder.record
-    lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "lens"
+    lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "model"
     settings = CalibrationSettings(lens, record.grid.camera_rotation_deg, method, record.depth.smoothing)
     return calibrate(images, record.design, settings, record.id)

@@ -1,36 +1,87 @@
-"""A calibration → a sensor folder."""
+"""Writing a sensor folder: `sensor.toml`, the four images and the certificate, all or nothing."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 
 import cv2
 import msgspec
+import tomli_w
 
-from ninedtact.atomic_write import write_file_atomically
+from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, create_sensor_folder, to_sensor_toml
-from ninedtact.calibration.sensor_record import StoredImage
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
+from ninedtact.calibration.sensor_record import SensorRecord, StoredImage
+from ninedtact.errors import NinedtactError
+
+CERTIFICATE_FILE = "certificate.html"
+IMAGE_FOLDER = "images"
+PIXEL_MAP_FILE = "rectification.npy"
+ORIGINAL_FOLDER = "original_9dtact"
+"""Folder in an imported sensor that keeps the original project's files as they were."""
+_FORCE_FILE = "force.toml"
+"""The force calibration with known loads (`force.adaptation_file`)."""
+
+
+class SensorFolderNotReplaceable(NinedtactError):
+    """A sensor cannot be written there without overwriting something else."""
 
 
 def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
-    """Write images, record and certificate, all or nothing; an older calibration of that name is replaced.
+    """Write a calibration as a sensor folder, all or nothing; an older sensor folder at `out` is replaced.
 
-    Raises `SensorFolderRefused` where something else is in the way, `FileNotWritten` and `OSError` from the disk.
+    Raises `SensorFolderNotReplaceable` where something else is in the way, `FileNotWritten` and `OSError` from the disk.
+
+    >>> folder = ninedtact.save_sensor(Path("my_sensor"), ninedtact.calibrate(images))
     """
     with create_sensor_folder(out) as folder:
         record = msgspec.structs.replace(calibration.record, images=_save_images(folder, calibration.images))
         write_file_atomically(folder / SENSOR_FILE, to_sensor_toml(record))
-        write_file_atomically(folder / "certificate.html", render_certificate_html(calibration).encode())
+        write_file_atomically(folder / CERTIFICATE_FILE, render_certificate_html(calibration).encode())
     return SensorFolder(out, record)
 
 
 def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredImage]:
-    """Store the four images losslessly, and what identifies them."""
-    (folder / "images").mkdir()
+    """Store the four images losslessly; return their paths in the folder and their hashes."""
+    (folder / IMAGE_FOLDER).mkdir()
     entries = {}
     for name, image in vars(images).items():
         content = cv2.imencode(".png", image)[1].tobytes()
-        entries[name] = StoredImage(f"images/{name}.png", sha256(content).hexdigest())
+        entries[name] = StoredImage(f"{IMAGE_FOLDER}/{name}.png", sha256(content).hexdigest())
         write_file_atomically(folder / entries[name].file, content)
     return entries
+
+
+def to_sensor_toml(record: SensorRecord) -> bytes:
+    """Return the record as the text of `sensor.toml`."""
+    return tomli_w.dumps(msgspec.to_builtins(record, builtin_types=(type(record.created),))).encode()
+
+
+@contextmanager
+def create_sensor_folder(out: Path | str) -> Iterator[Path]:
+    """Yield a folder to fill, which takes the place of `out` when the block ends without an error.
+
+    A sensor that was at `out` is replaced; raises `SensorFolderNotReplaceable` where anything else is.
+    """
+    final = Path(out)
+    require_replaceable_folder(final)
+    with create_folder_atomically(final) as partial:
+        yield partial
+
+
+def require_replaceable_folder(final: Path) -> None:
+    """Raise `SensorFolderNotReplaceable` unless the folder is new, empty, or a sensor folder with nothing else in it."""
+    is_sensor = (final / SENSOR_FILE).is_file()
+    if foreign := list_foreign_files(final, lambda file: is_sensor and _is_sensor_file(file)):
+        raise SensorFolderNotReplaceable(
+            f"expected to write a new or empty folder, or a sensor folder, got {final} with other content ({foreign[0]}); move "
+            "that away, or choose another name"
+        )
+
+
+def _is_sensor_file(file: str) -> bool:
+    """Return whether a path within a sensor folder is one that this program writes there."""
+    files = (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, _FORCE_FILE)
+    return file in files or file.startswith((f"{IMAGE_FOLDER}/", f"{ORIGINAL_FOLDER}/"))

@@ -1,4 +1,8 @@
-"""What `sensor.toml` holds, field by field, as it stands in the file. Readable, diffable, enough to rebuild everything."""
+"""The schema of `sensor.toml`: every table and key of a calibrated sensor, in the order of the file.
+
+The file is readable and diffable, and together with the stored images it is enough to rebuild the sensor. Every `std` is one
+standard deviation.
+"""
 
 from datetime import datetime
 
@@ -12,12 +16,12 @@ from ninedtact.shape.depth import DepthCurve, Smoothing
 from ninedtact.shape.loss import Loss
 from ninedtact.simulation.illumination import BrightnessModel
 
-SENSOR_FORMAT = 3
-"""Rises when an older program could no longer read the file."""
+SENSOR_FORMAT = 4
+"""Rises with every change that makes older files unreadable; such a file is refused, and calibrated again from its images."""
 
 
-class LensModelTable(Struct, tag_field="kind", tag="lens", frozen=True, forbid_unknown_fields=True):
-    """`shape.lens.LensModel`, its parameters in image units."""
+class LensModelTable(Struct, tag_field="kind", tag="model", frozen=True, forbid_unknown_fields=True):
+    """The parameters of `shape.lens.LensModel`: homography, distortion centre, radial and tangential terms, in image units."""
 
     homography: tuple[float, float, float, float, float, float, float, float]
     centre: tuple[float, float]
@@ -26,78 +30,85 @@ class LensModelTable(Struct, tag_field="kind", tag="lens", frozen=True, forbid_u
 
 
 class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
-    """`shape.pin_map.PinMap`: the paper's map through these pins."""
+    """The pins through which the paper's map goes (`shape.pin_map.PinMap`): on the skin and in the raw image."""
 
     points_mm: list[tuple[float, float]]
     points_px: list[tuple[float, float]]
 
 
 class PixelMapTable(Struct, tag_field="kind", tag="map", frozen=True, forbid_unknown_fields=True):
-    """A rectification given pixel by pixel in a file of the folder, as the original project stores it."""
+    """A rectification given pixel by pixel in a file of the folder, as imported from the original project."""
 
     file: str
     sha256: str
 
 
 class GridTable(Struct, frozen=True, forbid_unknown_fields=True):
-    """The rectified grid and the raw image."""
+    """The rectified grid and the size of the raw image."""
 
     mm_per_px: float
     raw_rows: int
     raw_cols: int
     calibrated_area_mm: tuple[float, float, float, float]
-    """x from, x to, y from, y to."""
+    """Smallest and largest x, then smallest and largest y, of the area that the board's pins cover."""
     camera_rotation_deg: CameraRotation = 0
 
 
 class StoredImage(Struct, frozen=True, forbid_unknown_fields=True):
-    """One image that the sensor was calibrated from."""
+    """One image that the sensor was calibrated from: its path in the folder and its hash."""
 
     file: str
     sha256: str
 
 
 class BoardQuality(Struct, frozen=True, forbid_unknown_fields=True):
-    """How good the camera calibration is."""
+    """The quality of the camera calibration."""
 
     pins_found: int
     pins_expected: int
-    missing: list[str]
-    loo_rms_mm: float
+    missing_pins: list[str]
+    leave_one_out_rms_mm: float
     """Root mean square of the leave-one-out error: each pin predicted from all others."""
-    loo_max_mm: float
-    loo_rms_mm_original: float
-    """The same of the paper's way on the same image."""
+    leave_one_out_max_mm: float
+    published_method_rms_mm: float
+    """Leave-one-out error (RMS) of the paper's method on the same image."""
     mm_per_px: float
-    mm_per_px_error: float
+    mm_per_px_std: float
     contrast_grey_levels: float
+    """Median darkening of the imprints."""
     noise_grey_levels: float
+    """Standard deviation of one raw pixel."""
     lens: str
     camera_rotation_deg: CameraRotation
 
 
 class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
-    """How good the depth calibration is."""
+    """The quality of the depth calibration."""
 
     method: DepthMethod
-    radius_px: float
-    radius_mm: float
-    """Of the contact circle."""
+    contact_radius_px: float
+    contact_radius_mm: float
     ball_radius_mm: float
-    deepest_mm: float
-    fit_mae_mm: float
-    half_mae_mm: float
+    max_indentation_mm: float
+    """Depth of the ball's lowest point."""
+    reconstruction_mae_mm: float
+    """Mean absolute error of the ball's reconstructed surface."""
+    cross_validation_mae_mm: float
+    """Mean absolute error of one half of the disc, reconstructed with the curve of the other half, over four cuts."""
     range_mm: float
-    """Deepest indentation that the curve covers."""
+    """Largest indentation that the depth curve covers."""
     noise_mm: float
-    drop_grey_levels: float
+    """Standard deviation of one pixel's height from image to image."""
+    darkening_grey_levels: float
+    """Darkening at the deepest point."""
     asymmetry: float
-    overexposed: float
-    """Part of the reference image at or above 250."""
+    """Unevenness of the bulge around the disc, as a fraction of the darkening."""
+    overexposed_fraction: float
+    """Fraction of the reference image at or above grey level 250."""
 
 
 class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
-    """The figures of the calibration."""
+    """The quality of both calibrations, and warnings in words."""
 
     board: BoardQuality
     ball: BallQuality
@@ -105,73 +116,73 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The depth curve and what follows it."""
+    """The depth curve and the corrections before and after it."""
 
     method: DepthMethod
     noise_mm: float
     smoothing: Smoothing
     curve: DepthCurve
-    loss: Loss = Loss()
+    dimming: Loss = Loss()
+    """The light that the whole image loses to what is dark."""
     deblurring: Deblurring | None = None
-    """The point-spread that a fine reading undoes, where it is known."""
+    """The point-spread that a fine reconstruction removes, where it is known."""
 
 
 class FittedParameterTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One number of the twin, how certain it is, and what it is hardest to tell from."""
+    """One parameter of the twin, its uncertainty, and the parameter that it is most correlated with."""
 
     value: float
-    deviation: float | None = None
-    closest: str | None = None
+    std: float | None = None
+    most_correlated_with: str | None = None
     correlation: float | None = None
 
 
 class TwinFitQuality(Struct, frozen=True, forbid_unknown_fields=True):
-    """The fit of mechanics and light to the ball press."""
+    """The fit of contact mechanics and light to the ball press."""
 
-    rmse_grey_radial: float
-    """Of the radial brightness profile, grey levels."""
-    rmse_grey_image: float
-    """Of the whole image within 8 mm of the contact, grey levels."""
+    radial_rmse_grey_levels: float
+    """Root mean square residual of the radial brightness profile."""
+    image_rmse_grey_levels: float
+    """Root mean square residual of the whole image within 8 mm of the contact."""
     depth_mm: float
     drag_mm: tuple[float, float]
-    """How far the ball was dragged after the press."""
-    independent_points: float
-    """As many observations the unexplained rest is worth."""
-    seconds: float
+    """Displacement of the ball along the skin after the press."""
+    effective_observations: float
+    """Effective number of independent observations, from the correlation of the residual."""
+    duration_s: float
     parameters: dict[str, FittedParameterTable]
 
 
 class BoardPressTable(Struct, frozen=True, forbid_unknown_fields=True):
-    """The board's image as the twin draws it."""
+    """The fit of the twin to the image of the pressed board."""
 
-    believed: bool
-    """Whether it looks as drawn; if not, lens and nearness are without it."""
+    accepted: bool
+    """Whether the image agrees with the twin's prediction. Where not, the lens and the viewing distance do not use the fit."""
     depth_mm: float
-    """Of the imprints."""
-    depth_error_mm: float
-    inverse_distance_per_mm: float
-    inverse_distance_error_per_mm: float
+    """Depth of the imprints."""
+    depth_std_mm: float
+    nearness_per_mm: float
+    inverse_distance_std_per_mm: float
     point_spread_mm: float
-    """Under the pins; the ball's is in the light."""
-    unexplained_grey: float
-    """Root mean square over the board, grey levels."""
-    contrast_grey: float
-    """Of the imprints in the raw image, grey levels."""
+    """Point spread under the pins; that under the ball is in the light."""
+    residual_rms_grey_levels: float
+    contrast_grey_levels: float
+    """Median darkening of the imprints in the raw image."""
 
 
 class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What stands in for the sensor when it is not there."""
+    """The sensor's digital twin."""
 
     gel: Gel
-    """With the thickness that the image of the press shows."""
-    light: BrightnessModel
+    """The design's gel with the thickness that the ball press shows."""
+    light: Light
     noise_grey_levels: float
     fit: TwinFitQuality
-    imprints: BoardPressTable | None = None
+    board_press: BoardPressTable | None = None
 
 
 class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The whole file."""
+    """The whole file `sensor.toml`."""
 
     format: int
     id: str

@@ -63,7 +63,7 @@ DESCRIPTION = "The software of the 9DTact tactile sensor: images in, calibrated 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 1 the work failed (one line says why), 2 usage."""
     try:
-        return _parse_arguments(arguments).run()
+        return parse_arguments(arguments).run()
     except NinedtactError as refusal:
         return _report_failure(str(refusal))
     except KeyboardInterrupt:
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
 
 
-def _parse_arguments(arguments: Sequence[str] | None) -> Command:
+def parse_arguments(arguments: Sequence[str] | None) -> Command:
     """Turn the command line into one command."""
     return tyro.cli(Command, prog="ninedtact", description=DESCRIPTION, args=arguments)
 

@@ -42,7 +42,7 @@ def require_sensor_or_design(sensor: Path | None, design: Path | None) -> None:
 class CalibrationOptions:
     """How to calibrate; the defaults suit every sensor seen so far."""
 
-    lens: Literal["lens", "paper"] = "lens"
+    lens: Literal["model", "paper"] = "model"
     """Lens model, or the paper's map (central anchors, equidistant grid, cubic radial basis) for reproduction."""
     camera_rotation_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
     """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""

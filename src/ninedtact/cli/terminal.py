@@ -1,7 +1,4 @@
-"""What a command says on standard output: one JSON object for scripts, or lines for a person.
-
-Ctrl-C, or a termination, that ends a recording well: what is being written is written to its end.
-"""
+"""The commands and the terminal: one result on standard output, and a way to end long work with Ctrl-C."""
 
 import json
 import signal
@@ -13,47 +10,44 @@ from types import FrameType
 from typing import Any
 
 
-def print_result(as_json: bool, figures: Mapping[str, Any], lines: Iterable[str]) -> int:
-    """Print one or the other; the exit code of work that is done."""
-    if as_json:
-        print(json.dumps(figures, indent=2, ensure_ascii=False))
-    else:
-        print("\n".join(lines))
+def print_result(as_json: bool, result: Mapping[str, Any], report_lines: Iterable[str]) -> int:
+    """Print the result as one JSON object, or its report for a person; return the exit code 0."""
+    print(json.dumps(result, indent=2, ensure_ascii=False) if as_json else "\n".join(report_lines))
     return 0
 
 
 @dataclass
 class StopSignal:
-    """When to stop: asked by Ctrl-C, or after some time."""
+    """Whether long work is to end: after a Ctrl-C or a termination, or after a given time."""
 
     seconds: float | None = None
-    asked: bool = False
+    requested: bool = False
     began_at: float = 0.0
 
     @property
     def now(self) -> bool:
-        """Whether it is time."""
-        return self.asked or (self.seconds is not None and self.elapsed_s >= self.seconds)
+        """Whether the work is to end now."""
+        return self.requested or (self.seconds is not None and self.elapsed_s >= self.seconds)
 
     @property
     def elapsed_s(self) -> float:
-        """Since it began."""
+        """Seconds since the work began."""
         return monotonic() - self.began_at
 
-    def ask(self, number: int, at: FrameType | None) -> None:
-        """The signal handler: once is asked politely, twice is Ctrl-C as ever."""
-        if self.asked:
+    def request(self, number: int, at: FrameType | None) -> None:
+        """Handle a signal: the first one requests the end, the second one raises `KeyboardInterrupt`."""
+        if self.requested:
             raise KeyboardInterrupt
-        self.asked = True
+        self.requested = True
 
 
 @contextmanager
 def stop_on_signal(seconds: float | None = None) -> Iterator[StopSignal]:
-    """While the block runs, the first Ctrl-C or termination only asks."""
-    until = StopSignal(seconds, began_at=monotonic())
-    before = {number: signal.signal(number, until.ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    """Turn the first Ctrl-C or termination during the block into a request, so that files are completed."""
+    stop = StopSignal(seconds, began_at=monotonic())
+    before = {number: signal.signal(number, stop.request) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield until
+        yield stop
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -58,9 +58,9 @@ class BallFit:
     method: DepthMethod
     curve: DepthCurve
     press: BallPress
-    fit_mae_mm: float
+    reconstruction_mae_mm: float
     """Mean absolute error of the reconstructed height inside the disc."""
-    half_mae_mm: float
+    cross_validation_mae_mm: float
     """The same on one half of the disc with the curve of the other half, mean over four cuts."""
     warnings: tuple[str, ...]
     noise_mm: float = 0.0
@@ -69,7 +69,7 @@ class BallFit:
     """The fit of mechanics and light, by the method that makes one."""
 
     @property
-    def deepest_mm(self) -> float:
+    def max_indentation_mm(self) -> float:
         """Depth of the ball's lowest point."""
         if self.physical is not None:
             return self.physical.fit.named["depth_mm"]
@@ -142,12 +142,21 @@ def _fit_by_physics(
 ) -> BallFit:
     """Mechanics and light together, and how well the result reads the ball back."""
     physical = PhysicsDepthFit(fit_twin(press.before, press.after, press.circle, design, beliefs, near))
-    require_explained_by_ball(physical.fit.rmse_grey_image, press.circle)
-    curve, half_mae_mm = physical.curve(physical.disc), physical.half_mae_mm()
+    require_explained_by_ball(physical.fit.image_rmse_grey_levels, press.circle)
+    curve, cross_validation_mae_mm = physical.curve(physical.disc), physical.cross_validation_mae_mm()
     placed = press.about(physical.centre_px)
-    fit_mae_mm, honest = physical.error_mm(curve, physical.disc), physical.honest(curve, half_mae_mm)
+    reconstruction_mae_mm, honest = (
+        physical.error_mm(curve, physical.disc),
+        physical.honest(curve, cross_validation_mae_mm),
+    )
     return BallFit(
-        "physics", honest, placed, fit_mae_mm, half_mae_mm, asymmetry_warnings(press.circle), physical=physical
+        "physics",
+        honest,
+        placed,
+        reconstruction_mae_mm,
+        cross_validation_mae_mm,
+        asymmetry_warnings(press.circle),
+        physical=physical,
     )
 
 
@@ -158,10 +167,15 @@ def _fit_by_contact_disc(press: BallPress, method: DepthMethod) -> BallFit:
     half_errors = [
         press.error_mm(press.curve(signal, press.disc & half), press.disc & ~half) for half in press.halves()
     ]
-    half_mae_mm = float(np.mean(half_errors))
-    honest = replace(curve, error_mm=tuple(np.hypot(curve.error_mm, half_mae_mm).tolist()))
+    cross_validation_mae_mm = float(np.mean(half_errors))
+    honest = replace(curve, error_mm=tuple(np.hypot(curve.error_mm, cross_validation_mae_mm).tolist()))
     return BallFit(
-        method, honest, press, press.error_mm(curve, press.disc), half_mae_mm, asymmetry_warnings(press.circle)
+        method,
+        honest,
+        press,
+        press.error_mm(curve, press.disc),
+        cross_validation_mae_mm,
+        asymmetry_warnings(press.circle),
     )
 
 

@@ -105,9 +105,9 @@ class PhysicsDepthFit:
         bulges = ((0.0, bright), (0.0, BULGE_MM)) if bright > 0 else ((0.0,), (0.0,))
         return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * KNOTS, *bulges)
 
-    def honest(self, curve: DepthCurve, half_mae_mm: float) -> DepthCurve:
+    def honest(self, curve: DepthCurve, cross_validation_mae_mm: float) -> DepthCurve:
         """With errors: how it reads the ball, one half by the other, and how well the depth of the press is known."""
-        reading = np.hypot(self.error_mm(curve, self.disc), half_mae_mm)
+        reading = np.hypot(self.error_mm(curve, self.disc), cross_validation_mae_mm)
         known = self.fit.confidence.deviation["depth_mm"] / self.fit.named["depth_mm"]
         errors = np.hypot(reading, known * np.array(curve.indentation_mm))
         return replace(curve, error_mm=tuple(errors.tolist()))
@@ -127,7 +127,7 @@ class PhysicsDepthFit:
         before, loss = self.fit.forward.observed.before, Loss(self.fit.light.global_dimming)
         return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
 
-    def half_mae_mm(self) -> float:
+    def cross_validation_mae_mm(self) -> float:
         """One half of the disc read with the curve of the other half, mean over four cuts."""
         x, y = self.fit.forward.observed.place_mm
         left, upper = x < self.fit.named["x_mm"], y < self.fit.named["y_mm"]

@@ -65,7 +65,7 @@ class BoardFit:
         return self.lens_fit.lens if self.refined is None else self.refined
 
     @property
-    def missing(self) -> list[str]:
+    def missing_pins(self) -> list[str]:
         """Names of the pins that were predicted."""
         return [f"column {column + 1}, row {row + 1}" for column, row in self.nodes[~self.found].tolist()]
 

@@ -8,6 +8,7 @@ No board: said with what was seen, and with what to do about it.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -51,13 +52,13 @@ class BoardCandidate:
     @property
     def miss_mm(self) -> float:
         """Median left-out error: how far from a lens this lattice is."""
-        return float(np.median(np.hypot(*self.fit.left_out_mm.T)))
+        return float(np.median(np.hypot(*self.fit.leave_one_out_errors_mm.T)))
 
     @property
     def agreeing_px(self) -> Points:
         """Spots that lie where the lens through all of them puts them."""
         pitch_mm = np.hypot(*(self.fit.points_mm[1] - self.fit.points_mm[0]))
-        return self.lattice.points_px[np.hypot(*self.fit.left_out_mm.T) < LARGEST * pitch_mm]
+        return self.lattice.points_px[np.hypot(*self.fit.leave_one_out_errors_mm.T) < LARGEST * pitch_mm]
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -84,7 +85,7 @@ def is_plausible_board(sighting: BoardCandidate, board: PinBoard) -> bool:
 
 def _is_unambiguous(sighting: BoardCandidate, board: PinBoard) -> bool:
     """Whether no other sighting could be better."""
-    return len(sighting.lattice) == board.count and sighting.fit.left_out_rms_mm < CLEAR * board.pitch_mm
+    return len(sighting.lattice) == board.count and sighting.fit.leave_one_out_rms_mm < CLEAR * board.pitch_mm
 
 
 def _generate_board_candidates(
@@ -107,12 +108,19 @@ UNTOUCHED = 4.0
 
 
 class BoardNotFound(NinedtactError):
-    """The pin board is not in the image, or not enough of it."""
+    """The pin board is not in the image, or too little of it. Holds what was detected, for a drawing."""
 
-    def __init__(self, sentence: str, found: int, expected: int, seen_px: Points, change: Float32[Array, "rows cols"]):
+    def __init__(
+        self, sentence: str, found: int, expected: int, detected_px: Points, change: Float32[Array, "rows cols"]
+    ) -> None:
         super().__init__(sentence)
         self.found, self.expected = found, expected
-        self.seen_px, self.change = seen_px, change
+        self.detected_px, self.change = detected_px, change
+
+    def with_drawing(self, path: Path) -> "BoardNotFound":
+        """Return the same error, its message with the path of a drawing of what was detected."""
+        sentence = f"{self}; what was detected is drawn in {path}"
+        return BoardNotFound(sentence, self.found, self.expected, self.detected_px, self.change)
 
 
 def make_board_not_found_error(

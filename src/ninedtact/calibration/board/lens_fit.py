@@ -34,7 +34,7 @@ class LensFit:
         return self.lens.to_px(self.points_mm) - self.points_px
 
     @cached_property
-    def left_out_mm(self) -> Points:
+    def leave_one_out_errors_mm(self) -> Points:
         """For every pin, where the model fitted to all others puts it, minus where it is, in mm on the skin.
 
         The exact update of the linearised fit (PRESS, Allen 1974): residual / (1 − leverage), a 2×2 block per pin; it
@@ -46,11 +46,11 @@ class LensFit:
         return np.asarray(np.linalg.solve(self.lens.px_per_mm(self.points_mm), left_out_px)[..., 0])
 
     @property
-    def left_out_rms_mm(self) -> float:
+    def leave_one_out_rms_mm(self) -> float:
         """Root mean square length of the left-out errors."""
-        return rms_vector_length(self.left_out_mm)
+        return rms_vector_length(self.leave_one_out_errors_mm)
 
-    def mm_per_px_error(self, reach_mm: float) -> float:
+    def mm_per_px_std(self, reach_mm: float) -> float:
         """Standard error of `central_mm_per_px`, from the fit's covariance."""
         freedom = max(self.residual_px.size - self.derivative.shape[1], 1)
         variance = (self.residual_px**2).sum() / freedom
@@ -68,7 +68,7 @@ def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
     fits = [
         refine_lens(points_mm, points_px, with_radial_terms(near, terms)) for terms in affordable or RADIAL_TERMS[:1]
     ]
-    return min(fits, key=lambda fit: fit.left_out_rms_mm)
+    return min(fits, key=lambda fit: fit.leave_one_out_rms_mm)
 
 
 def fit_lens_with_terms(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensFit:

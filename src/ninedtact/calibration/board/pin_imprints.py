@@ -126,5 +126,5 @@ def _is_inside_image(points_px: Points, shape: tuple[int, ...], margin_px: float
 
 def find_stray_pins(fit: LensFit, board: PinBoard) -> Bool[Array, " n"]:
     """Pins that all others contradict."""
-    miss_mm = np.hypot(*fit.left_out_mm.T)
+    miss_mm = np.hypot(*fit.leave_one_out_errors_mm.T)
     return miss_mm > max(STRAY * board.pitch_mm, STRAY_TIMES * float(np.median(miss_mm)))

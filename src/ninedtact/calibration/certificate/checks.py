@@ -100,7 +100,7 @@ def _count_in_words(lines: Sequence[CheckResult], level: CheckLevel) -> str:
 def _check_board(board: BoardQuality) -> list[CheckResult]:
     """How good the camera calibration is."""
     scale_error, contrast = (
-        board.mm_per_px_error / board.mm_per_px,
+        board.mm_per_px_std / board.mm_per_px,
         board.contrast_grey_levels / board.noise_grey_levels,
     )
     return [
@@ -110,14 +110,14 @@ def _check_board(board: BoardQuality) -> list[CheckResult]:
             "press harder there, or hold the board flatter",
         ),
         _make_check_result(
-            LEAVE_ONE_OUT_RMS_MM.level(board.loo_rms_mm),
-            f"Lens: a pin left out of the fit is predicted to {board.loo_rms_mm:.3f} mm RMS "
+            LEAVE_ONE_OUT_RMS_MM.level(board.leave_one_out_rms_mm),
+            f"Lens: a pin left out of the fit is predicted to {board.leave_one_out_rms_mm:.3f} mm RMS "
             f"(expected: at most {LEAVE_ONE_OUT_RMS_MM.good:g} mm)",
             "focus the camera on the skin, and press the board evenly",
         ),
         _make_check_result(
-            LEAVE_ONE_OUT_MAX_MM.level(board.loo_max_mm),
-            f"Worst pin: predicted to {board.loo_max_mm:.3f} mm (expected: at most {LEAVE_ONE_OUT_MAX_MM.good:g} mm)",
+            LEAVE_ONE_OUT_MAX_MM.level(board.leave_one_out_max_mm),
+            f"Worst pin: predicted to {board.leave_one_out_max_mm:.3f} mm (expected: at most {LEAVE_ONE_OUT_MAX_MM.good:g} mm)",
             "find it in the error map below; look there for dirt on the skin, a reflection, or a bent pin of the board",
         ),
         _make_check_result(
@@ -139,8 +139,8 @@ def _check_ball(ball: BallQuality) -> list[CheckResult]:
     """How good the depth calibration is."""
     return [
         _make_check_result(
-            OVEREXPOSED.level(ball.overexposed),
-            f"Light: {ball.overexposed:.1%} of the untouched image is overexposed "
+            OVEREXPOSED.level(ball.overexposed_fraction),
+            f"Light: {ball.overexposed_fraction:.1%} of the untouched image is overexposed "
             f"(expected: at most {OVEREXPOSED.good:.0%})",
             "lower the exposure, the gain or the light",
         ),
@@ -156,8 +156,8 @@ def _check_ball(ball: BallQuality) -> list[CheckResult]:
             "press the ball deeper, 1 to 2 mm",
         ),
         _make_check_result(
-            CROSS_VALIDATION_MAE_MM.level(ball.half_mae_mm),
-            f"Depth: half of the ball, read with the curve of the other half, is {ball.half_mae_mm:.3f} mm off "
+            CROSS_VALIDATION_MAE_MM.level(ball.cross_validation_mae_mm),
+            f"Depth: half of the ball, read with the curve of the other half, is {ball.cross_validation_mae_mm:.3f} mm off "
             f"on average (expected: at most {CROSS_VALIDATION_MAE_MM.good:g} mm)",
             "press a clean ball straight down, and check that its radius is the stated one",
         ),
@@ -177,4 +177,4 @@ def _make_check_result(level: CheckLevel, fact: str, advice: str) -> CheckResult
 
 def _missing_pins_in_words(board: BoardQuality) -> str:
     """The names of the missing pins, where there are any."""
-    return f"; predicted from the others: {'; '.join(board.missing)}" if board.missing else ""
+    return f"; predicted from the others: {'; '.join(board.missing_pins)}" if board.missing_pins else ""

@@ -25,7 +25,7 @@ IMAGES = {
     "residual": plot_ball_residual,
     "cuts": plot_ball_cross_sections,
 }
-LENS_MODEL_TEXT = {"lens": "homography with radial and tangential terms", "paper": "the paper's map through the pins"}
+LENS_MODEL_TEXT = {"model": "homography with radial and tangential terms", "paper": "the paper's map through the pins"}
 DEPTH_METHOD_TEXT = {
     "physics": "contact mechanics and light, fitted to the whole image",
     "ratio": "the ball's cap against the fraction of the untouched brightness",
@@ -76,10 +76,10 @@ def _board_table_rows(board: BoardQuality) -> Rows:
     """The camera calibration's figures, named and with their units."""
     return [
         ("pins found", f"{board.pins_found} of {board.pins_expected}"),
-        ("left-out error, RMS", f"{board.loo_rms_mm:.3f} mm"),
+        ("left-out error, RMS", f"{board.leave_one_out_rms_mm:.3f} mm"),
         ("the same, the original project's way", _published_error_in_words(board)),
-        ("left-out error, largest", f"{board.loo_max_mm:.3f} mm"),
-        ("scale", f"{board.mm_per_px:.5f} ± {board.mm_per_px_error:.5f} mm per pixel"),
+        ("left-out error, largest", f"{board.leave_one_out_max_mm:.3f} mm"),
+        ("scale", f"{board.mm_per_px:.5f} ± {board.mm_per_px_std:.5f} mm per pixel"),
         ("imprint of a pin (median)", f"{board.contrast_grey_levels:.1f} grey levels"),
         ("noise of a raw pixel", f"{board.noise_grey_levels:.2f} grey levels"),
         ("lens", LENS_MODEL_TEXT[board.lens]),
@@ -89,10 +89,10 @@ def _board_table_rows(board: BoardQuality) -> Rows:
 
 def _published_error_in_words(board: BoardQuality) -> str:
     """The original's error on the same images, and how this lens compares."""
-    words = f"{board.loo_rms_mm_original:.3f} mm"
+    words = f"{board.published_method_rms_mm:.3f} mm"
     if board.lens == "paper":
         return words
-    change = board.loo_rms_mm / board.loo_rms_mm_original - 1
+    change = board.leave_one_out_rms_mm / board.published_method_rms_mm - 1
     return f"{words}; the lens above is {abs(change):.0%} {'better' if change < 0 else 'worse'}"
 
 
@@ -113,16 +113,16 @@ def _ball_table_rows(ball: BallQuality) -> Rows:
     """The depth calibration's figures, named and with their units."""
     return [
         ("range", f"0 to {ball.range_mm:.2f} mm"),
-        ("ball read back, mean absolute error", f"{ball.fit_mae_mm:.3f} mm"),
-        ("half of it by the other half's curve", f"{ball.half_mae_mm:.3f} mm"),
+        ("ball read back, mean absolute error", f"{ball.reconstruction_mae_mm:.3f} mm"),
+        ("half of it by the other half's curve", f"{ball.cross_validation_mae_mm:.3f} mm"),
         ("noise of a pixel's depth", f"{ball.noise_mm:.4f} mm"),
         ("ball's radius", f"{ball.ball_radius_mm:g} mm"),
-        ("contact circle's radius", f"{ball.radius_mm:.2f} mm, {ball.radius_px:.1f} pixels"),
-        ("pressed at its deepest", f"{ball.deepest_mm:.2f} mm"),
-        ("darkening there", f"{ball.drop_grey_levels:.1f} grey levels"),
-        ("mean depth per grey level", f"{ball.deepest_mm / ball.drop_grey_levels:.3f} mm"),
+        ("contact circle's radius", f"{ball.contact_radius_mm:.2f} mm, {ball.contact_radius_px:.1f} pixels"),
+        ("pressed at its deepest", f"{ball.max_indentation_mm:.2f} mm"),
+        ("darkening there", f"{ball.darkening_grey_levels:.1f} grey levels"),
+        ("mean depth per grey level", f"{ball.max_indentation_mm / ball.darkening_grey_levels:.3f} mm"),
         ("unevenness of the bulge", f"{ball.asymmetry:.1%} of the darkening"),
-        ("overexposed skin", f"{ball.overexposed:.1%} of the image"),
+        ("overexposed skin", f"{ball.overexposed_fraction:.1%} of the image"),
         ("method", DEPTH_METHOD_TEXT[ball.method]),
     ]
 

@@ -159,7 +159,10 @@ def plot_ball_cross_sections(calibration: Calibration) -> bytes:
         axes.plot(at_mm, calibration.ball.true_mm[along], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="the ball")
     reach = 1.6 * press.edge_radius_mm
-    axes.set(xlim=(-reach, reach), ylim=(1.1 * calibration.ball.deepest_mm, -0.08 * calibration.ball.deepest_mm))
+    axes.set(
+        xlim=(-reach, reach),
+        ylim=(1.1 * calibration.ball.max_indentation_mm, -0.08 * calibration.ball.max_indentation_mm),
+    )
     axes.legend(loc="upper center", fontsize=8, frameon=False, labelcolor=INK)
     return figure_to_png(figure)
 
@@ -230,24 +233,25 @@ def twin_table_rows(twin: TwinTable) -> list[tuple[str, str]]:
     """Every parameter with its standard deviation, and what it is hardest to tell from."""
     fit = twin.fit
     rows = [
-        ("unexplained, whole image", f"{fit.rmse_grey_image:.2f} grey levels"),
-        ("unexplained, radial profile", f"{fit.rmse_grey_radial:.2f} grey levels"),
-        ("worth independent observations", f"{fit.independent_points:.0f}"),
+        ("unexplained, whole image", f"{fit.image_rmse_grey_levels:.2f} grey levels"),
+        ("unexplained, radial profile", f"{fit.radial_rmse_grey_levels:.2f} grey levels"),
+        ("worth independent observations", f"{fit.effective_observations:.0f}"),
     ]
-    if twin.imprints is not None:
-        rows += _board_press_table_rows(twin.imprints)
+    if twin.board_press is not None:
+        rows += _board_press_table_rows(twin.board_press)
     for name, found in fit.parameters.items():
-        sure = "" if found.deviation is None else f" ± {found.deviation:.3f}"
-        beside = "" if found.closest is None else f", {found.correlation:+.2f} with {found.closest.replace('_', ' ')}"
+        other = found.most_correlated_with
+        sure = "" if found.std is None else f" ± {found.std:.3f}"
+        beside = "" if other is None else f", {found.correlation:+.2f} with {other.replace('_', ' ')}"
         rows.append((name.replace("_", " "), f"{found.value:.3f}{sure}{beside}"))
     return rows
 
 
 def _board_press_table_rows(told: BoardPressTable) -> list[tuple[str, str]]:
     """What the board's image told, and whether it was taken."""
-    taken = "taken into the lens" if told.believed else "not taken: the board is not as drawn"
+    taken = "taken into the lens" if told.accepted else "not taken: the board is not as drawn"
     return [
-        ("board: imprints' depth", f"{told.depth_mm:.2f} mm ± {told.depth_error_mm:.2f}, {taken}"),
-        ("board: nearness per mm", f"{told.inverse_distance_per_mm:.3f} ± {told.inverse_distance_error_per_mm:.3f}"),
-        ("board: unexplained", f"{told.unexplained_grey:.2f} of {told.contrast_grey:.1f} grey levels"),
+        ("board: imprints' depth", f"{told.depth_mm:.2f} mm ± {told.depth_std_mm:.2f}, {taken}"),
+        ("board: nearness per mm", f"{told.nearness_per_mm:.3f} ± {told.inverse_distance_std_per_mm:.3f}"),
+        ("board: unexplained", f"{told.residual_rms_grey_levels:.2f} of {told.contrast_grey_levels:.1f} grey levels"),
     ]

@@ -60,7 +60,7 @@ def _plot_missing_pins(axes: "Axes", board: BoardFit) -> None:
     missing_px, (rows, cols) = board.points_px[~board.found], board.change.shape
     axes.plot(*missing_px.T, "o", color=MISSING, markerfacecolor="none", markersize=10, markeredgewidth=1.6)
     ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
-    for name, (x, y) in zip(board.missing, missing_px.tolist(), strict=True):
+    for name, (x, y) in zip(board.missing_pins, missing_px.tolist(), strict=True):
         side = {0: "left", 1: "center", 2: "right"}[int(3 * np.clip(x / cols, 0, 0.99))]
         lift, stand = (10, "bottom") if y > rows / 2 else (-10, "top")
         style: dict[str, Any] = {"color": MISSING, "fontsize": 7.5, "ha": side, "va": stand, "bbox": ground}
@@ -118,7 +118,7 @@ def _leave_one_out_errors_mm(calibration: Calibration) -> Points:
     """The left-out errors of the lens that the sensor was given."""
     board = calibration.board
     if not isinstance(calibration.record.lens, PinMapTable):
-        return board.lens_fit.left_out_mm
+        return board.lens_fit.leave_one_out_errors_mm
     seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
     return np.array([_leave_one_out_error_mm(seen_mm, centres_px, pin) for pin in range(len(seen_mm))])
 

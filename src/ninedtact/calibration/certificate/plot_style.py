@@ -48,8 +48,8 @@ def draw_board_not_found(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:
     canvas = cv2.cvtColor(stretch_contrast(error.change), cv2.COLOR_GRAY2BGR)
     rows, cols = error.change.shape
     long_side = max(rows, cols)
-    inside = ((error.seen_px >= 0) & (error.seen_px < (cols, rows))).all(axis=1)
-    for x, y in np.rint(error.seen_px[inside] * 2**FRACTION_BITS).astype(int).tolist():
+    inside = ((error.detected_px >= 0) & (error.detected_px < (cols, rows))).all(axis=1)
+    for x, y in np.rint(error.detected_px[inside] * 2**FRACTION_BITS).astype(int).tolist():
         cv2.circle(canvas, (x, y), long_side * 2**FRACTION_BITS // 50, SPOT_BGR, 2, cv2.LINE_AA, FRACTION_BITS)
     _write_caption(
         canvas, f"found {error.found} of {error.expected} pins; spots circled: {inside.sum()}", long_side / 1300

@@ -21,7 +21,7 @@ from ninedtact.calibration.brightness import (
 from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
 from ninedtact.calibration.drift.skin_motion import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.image_file import read_image, require_image_size
+from ninedtact.capture.image_file import require_image_size
 from ninedtact.quantities import Coverage, Frame, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification
@@ -99,8 +99,8 @@ class DriftMeasurement:
 
 def load_calibrated_reference(sensor: SensorFolder) -> CalibratedReference:
     """What to compare with; raises `SensorFolderDamaged`, also for an imported sensor, which has no images."""
-    lens_image = sensor.image("board_reference", read_image).image
-    depth_image = sensor.image("ball_reference", read_image).image
+    lens_image = sensor.stored_image("board_reference").image
+    depth_image = sensor.stored_image("ball_reference").image
     return CalibratedReference(lens_image, depth_image, sensor.rectification, sensor.record.depth.curve)
 
 

@@ -38,13 +38,12 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     write_original_calibration,
 )
 from ninedtact.calibration.procedure import calibrated_area_mm
+from ninedtact.calibration.save import ORIGINAL_FOLDER, PIXEL_MAP_FILE, create_sensor_folder, to_sensor_toml
 from ninedtact.calibration.sensor_folder import (
     SENSOR_FILE,
     SensorFolder,
     build_projection,
-    create_sensor_folder,
     load_sensor,
-    to_sensor_toml,
 )
 from ninedtact.calibration.sensor_record import (
     SENSOR_FORMAT,
@@ -55,7 +54,6 @@ from ninedtact.calibration.sensor_record import (
     PixelMapTable,
     SensorRecord,
 )
-from ninedtact.capture.image_file import read_image
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Coverage
@@ -92,7 +90,7 @@ def _depth_list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
 def _mean_reference_grey(sensor: SensorFolder) -> float:
     """Mean grey level of the untouched skin before the ball; raises `SensorFolderDamaged`."""
     rectify = sensor.rectification
-    rectified = rectify(sensor.image("ball_reference", read_image))
+    rectified = rectify(sensor.stored_image("ball_reference"))
     return float(rectified.grey[rectify.coverage != Coverage.OUT_OF_VIEW].mean())
 
 
@@ -150,9 +148,6 @@ def _extend_source_px(
     return extended
 
 
-KEPT = "upstream"
-"""Folder in an imported sensor that keeps the four files as they were, so that an export can give them back."""
-MAP = "rectification.npy"
 CAMERA_NOISE = 0.5
 """Grey levels of one pixel; no image came with the folder, and the cameras seen so far have 0.42."""
 USUAL_GREY = 160
@@ -170,11 +165,11 @@ def import_original_calibration(
     source = find_original_sensor_folder(folder, ORIGINAL_FILES)
     calibration = read_original_calibration(source, design.field_of_view)
     with create_sensor_folder(out) as partial:
-        write_npy(partial / MAP, calibration.source_px(design.field_of_view))
+        write_npy(partial / PIXEL_MAP_FILE, calibration.source_px(design.field_of_view))
         for file in ORIGINAL_FILES:
-            (partial / KEPT / file).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source / file, partial / KEPT / file)
-        digest = sha256((partial / MAP).read_bytes()).hexdigest()
+            (partial / ORIGINAL_FOLDER / file).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source / file, partial / ORIGINAL_FOLDER / file)
+        digest = sha256((partial / PIXEL_MAP_FILE).read_bytes()).hexdigest()
         record = _make_imported_record(calibration, design, sensor_id or source.resolve().name, digest)
         write_file_atomically(partial / SENSOR_FILE, to_sensor_toml(record))
     return load_sensor(out)
@@ -194,7 +189,7 @@ def _make_imported_record(
         software=f"ninedtact {version('ninedtact')}, imported from the original project",
         design=design,
         grid=GridTable(calibration.mm_per_px, rows, cols, area),
-        lens=PixelMapTable(MAP, digest),
+        lens=PixelMapTable(PIXEL_MAP_FILE, digest),
         depth=DepthTable("table", _typical_noise_mm(curve, rectify), Smoothing(), curve),
     )
 
@@ -233,7 +228,7 @@ def export_original_calibration(sensor: SensorFolder, out: Path) -> None:
 
 def _maps_to_export(sensor: SensorFolder) -> OriginalCalibration:
     """The maps that were imported, or maps made from the sensor's lens."""
-    view, kept = sensor.record.design.field_of_view, sensor.path / KEPT
+    view, kept = sensor.record.design.field_of_view, sensor.path / ORIGINAL_FOLDER
     if not (isinstance(sensor.record.lens, PixelMapTable) and kept.is_dir()):
         row_index, col_index, centre = _build_index_maps(sensor)
         scale = np.array([*centre, sensor.record.grid.mm_per_px], float)

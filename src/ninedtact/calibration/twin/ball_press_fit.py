@@ -132,12 +132,12 @@ class TwinFit:
         return self.forward.contact(ball_press_of(self.named))
 
     @property
-    def rmse_grey_image(self) -> float:
+    def image_rmse_grey_levels(self) -> float:
         """Root mean square of the rest over all observed points."""
         return float(np.sqrt(np.mean(self.rest_grey**2)))
 
     @cached_property
-    def rmse_grey_radial(self) -> float:
+    def radial_rmse_grey_levels(self) -> float:
         """The same of the radial profile, 0.1 to 8 mm from the contact's middle."""
         return float(np.sqrt(np.mean(self.radial_rest[1] ** 2)))
 

@@ -5,7 +5,6 @@ from scipy.interpolate import RBFInterpolator
 
 from ninedtact.calibration.brightness import BgrImage
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.image_file import read_image
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
@@ -30,7 +29,7 @@ def build_sensor_twin(folder: SensorFolder) -> Twin:
         raise TwinMissing(
             f"expected {folder.path} to hold a twin, got a sensor without one; run ninedtact simulate fit --sensor {folder.path}"
         )
-    untouched = folder.image("ball_reference", read_image).image
+    untouched = folder.stored_image("ball_reference").image
     return build_twin(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
 
 

@@ -40,9 +40,9 @@ class Fit:
     def lines(self, twin: "TwinTable") -> Iterator[str]:
         """The fit for a person."""
         fit = twin.fit
-        yield f"twin of {self.sensor} fitted in {fit.seconds:.1f} s"
+        yield f"twin of {self.sensor} fitted in {fit.duration_s:.1f} s"
         yield (
-            f"  unexplained  {fit.rmse_grey_image:.2f} grey levels over the image, {fit.rmse_grey_radial:.2f} of the "
+            f"  unexplained  {fit.image_rmse_grey_levels:.2f} grey levels over the image, {fit.radial_rmse_grey_levels:.2f} of the "
             "radial profile"
         )
         yield f"  press        {fit.depth_mm:.2f} mm deep, dragged by ({fit.drag_mm[0]:+.2f}, {fit.drag_mm[1]:+.2f}) mm"
@@ -53,6 +53,7 @@ class Fit:
 def _format_parameters(fit: "TwinFitQuality") -> Iterator[str]:
     """Every parameter with its standard deviation and what it is hardest to tell from."""
     for name, found in fit.parameters.items():
-        sure = "" if found.deviation is None else f" ± {found.deviation:.3f}"
-        beside = "" if found.closest is None else f"  (correlation with {found.closest} {found.correlation:+.2f})"
+        other = found.most_correlated_with
+        sure = "" if found.std is None else f" ± {found.std:.3f}"
+        beside = "" if other is None else f"  (correlation with {other} {found.correlation:+.2f})"
         yield f"  {name:16s} {found.value:8.3f}{sure}{beside}"
