@@ -66,7 +66,7 @@ def test_the_depth_of_imprints_is_found(together: Calibration) -> None:
     told = together.record.twin.board_press
     assert told.accepted
     assert told.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * told.depth_std_mm, 0.05))
-    assert told.nearness_per_mm == pytest.approx(NEARNESS, abs=0.01)
+    assert told.inverse_distance_per_mm == pytest.approx(NEARNESS, abs=0.01)
 
 
 def test_the_lens_is_not_magnified_by_imprints(together: Calibration, apart: Calibration, twin: Twin) -> None:

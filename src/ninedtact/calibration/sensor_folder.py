@@ -72,7 +72,7 @@ class SensorFolder:
         """Distance from which the skin is viewed: as the physics of the ball press fits it, else as designed."""
         if self.record.depth.method != "physics" or self.record.twin is None:
             return self.record.design.camera.distance_mm
-        inverse_distance_per_mm = self.record.twin.light.nearness_per_mm
+        inverse_distance_per_mm = self.record.twin.light.inverse_distance_per_mm
         return 1 / inverse_distance_per_mm if inverse_distance_per_mm > _MIN_INVERSE_DISTANCE_PER_MM else float("inf")
 
     @cached_property

@@ -161,7 +161,7 @@ class BoardPressTable(Struct, frozen=True, forbid_unknown_fields=True):
     depth_mm: float
     """Depth of the imprints."""
     depth_std_mm: float
-    nearness_per_mm: float
+    inverse_distance_per_mm: float
     inverse_distance_std_per_mm: float
     point_spread_mm: float
     """Point spread under the pins; that under the ball is in the light."""
@@ -175,7 +175,7 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
 
     gel: Gel
     """The design's gel with the thickness that the ball press shows."""
-    light: Light
+    light: BrightnessModel
     noise_grey_levels: float
     fit: TwinFitQuality
     board_press: BoardPressTable | None = None
