@@ -86,7 +86,9 @@ class BoardPressFit:
     @property
     def beliefs(self) -> tuple[ParameterPrior, ...]:
         """For the fit of the ball."""
-        told = ParameterPrior("inverse_distance_per_mm", self.press.inverse_distance_per_mm, self.deviation.inverse_distance_per_mm)
+        told = ParameterPrior(
+            "inverse_distance_per_mm", self.press.inverse_distance_per_mm, self.deviation.inverse_distance_per_mm
+        )
         return (told,) if self.accepted else ()
 
 

@@ -252,6 +252,9 @@ def _board_press_table_rows(told: BoardPressTable) -> list[tuple[str, str]]:
     taken = "taken into the lens" if told.accepted else "not taken: the board is not as drawn"
     return [
         ("board: imprints' depth", f"{told.depth_mm:.2f} mm ± {told.depth_std_mm:.2f}, {taken}"),
-        ("board: inverse viewing distance (1/mm)", f"{told.inverse_distance_per_mm:.3f} ± {told.inverse_distance_std_per_mm:.3f}"),
+        (
+            "board: inverse viewing distance (1/mm)",
+            f"{told.inverse_distance_per_mm:.3f} ± {told.inverse_distance_std_per_mm:.3f}",
+        ),
         ("board: unexplained", f"{told.residual_rms_grey_levels:.2f} of {told.contrast_grey_levels:.1f} grey levels"),
     ]
