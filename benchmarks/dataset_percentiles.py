@@ -7,9 +7,9 @@ from tempfile import TemporaryDirectory
 import tyro
 from figures import Figure, answer, at_most
 
-from ninedtact.dataset.generation.job import make_dataset
-from ninedtact.dataset.generation.percentiles import REAL
-from ninedtact.dataset.generation.settings import DatasetSettings
+from ninedtact.dataset.generation.generate import generate_dataset
+from ninedtact.dataset.generation.settings import GenerationSettings
+from ninedtact.dataset.statistics import REAL_PERCENTILES
 
 ALLOWED = 25.0
 """% of each axis's span from 5 to 95."""
@@ -20,12 +20,12 @@ def dataset_percentiles(
 ) -> None:
     """Measure. Images are small here: the wrenches are as likely with large ones."""
     with TemporaryDirectory() as folder:
-        settings = DatasetSettings(pairs, size=(32, 24), seed=seed)
-        made = make_dataset(Path(folder), settings, workers, progress=not json)
-    figures = []
-    for number, (axis, found) in enumerate(made.percentiles.items()):
-        worst = 100 * max(abs(part) for part in made.off[axis])
-        figures.append(Figure(f"{axis}, 5 / 50 / 95", three(found), peer=three(REAL[number].tolist())))
+        settings = GenerationSettings(pairs, size=(32, 24), seed=seed)
+        made = generate_dataset(Path(folder), settings, workers, progress=not json)
+    figures, errors = [], made.statistics.percentile_errors
+    for number, (axis, found) in enumerate(made.statistics.percentiles.items()):
+        worst = 100 * max(abs(part) for part in errors[axis])
+        figures.append(Figure(f"{axis}, 5 / 50 / 95", three(found), peer=three(REAL_PERCENTILES[number].tolist())))
         figures.append(at_most(f"{axis}, largest difference, % of the real span", worst, ALLOWED))
     answer(f"{pairs} pairs of twins beside real wrenches, N and N·m about 35 mm below the skin", figures, json)
 

@@ -9,10 +9,10 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least
 
-from ninedtact.dataset.columns import write_rows, write_untouched
-from ninedtact.dataset.generation.pair import png
-from ninedtact.dataset.reader import DataSet
-from ninedtact.dataset.rows import Row, UntouchedImage
+from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
+from ninedtact.dataset.reader import TactileDataset, load_dataset
+from ninedtact.dataset.schema import DatasetRow, ReferenceImage
+from ninedtact.dataset.stored_images import encode_png
 
 WANTED_PER_S = 2000
 BATCH = 64
@@ -24,7 +24,7 @@ def dataset_reading(pairs: int = 2000, json: bool = False) -> None:
     with TemporaryDirectory() as folder:
         write_set(Path(folder), pairs)
         decoding, opening = opened(Path(folder)), opened(Path(folder))
-        data = DataSet.open(folder)
+        data = load_dataset(folder)
         figures = [
             at_least("images a second with wrench and reference, batches of 64", batched(data), WANTED_PER_S),
             Figure("the same, one by one", one_by_one(data)),
@@ -40,32 +40,36 @@ def write_set(folder: Path, pairs: int) -> None:
     (folder / "data").mkdir()
     skin = np.linspace(130, 160, 460) + np.zeros((345, 1))
 
-    def row(number: int) -> Row:
+    def row(number: int) -> DatasetRow:
         noisy = (skin + rng.normal(0, 0.7, skin.shape)).astype(np.uint8)
         wrench = np.array([0, 0, -3, 0, 0, 0], np.float32)
-        return Row(str(number), png(noisy), "skin", wrench, "cup", "c", number, None, "s", "rule", "b", 0.052)
+        return DatasetRow(
+            str(number), encode_png(noisy), "skin", wrench, "cup", "c", number, None, "s", "rule", "b", 0.052
+        )
 
     half = pairs // 2
     for file, numbers in enumerate((range(half), range(half, pairs))):
-        write_rows(folder / "data" / f"train-{file:05d}-of-00002.parquet", map(row, numbers))
-    write_untouched(folder / "references.parquet", [UntouchedImage("skin", png(skin.astype(np.uint8)), "s")])
+        write_pair_file(folder / "data" / f"train-{file:05d}-of-00002.parquet", map(row, numbers))
+    write_reference_file(
+        folder / "references.parquet", [ReferenceImage("skin", encode_png(skin.astype(np.uint8)), "s")]
+    )
 
 
 def opened(folder: Path) -> tuple[float, float]:
     """CPU and wall time of opening."""
     began = process_time(), perf_counter()
-    DataSet.open(folder)
+    load_dataset(folder)
     return process_time() - began[0], perf_counter() - began[1]
 
 
-def batched(data: DataSet) -> float:
+def batched(data: TactileDataset) -> float:
     """Pairs a second of CPU time."""
     rng, began = np.random.default_rng(0), process_time()
     read = sum(len(batch.images) for _ in range(10) for batch in data.batches(BATCH, rng))
     return read / (process_time() - began)
 
 
-def one_by_one(data: DataSet) -> float:
+def one_by_one(data: TactileDataset) -> float:
     """Pairs a second of CPU time."""
     order, began = np.random.default_rng(0).permutation(len(data)), process_time()
     for number in order:

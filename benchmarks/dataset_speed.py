@@ -8,8 +8,8 @@ from time import perf_counter, process_time
 import tyro
 from figures import Figure, answer, at_most
 
-from ninedtact.dataset.generation.job import make_dataset, make_file
-from ninedtact.dataset.generation.settings import DatasetSettings
+from ninedtact.dataset.generation.generate import generate_dataset, generate_file
+from ninedtact.dataset.generation.settings import GenerationSettings
 
 WANTED, ALLOWED_MINUTES = 10_000, 20.0
 
@@ -18,7 +18,7 @@ def dataset_speed(pairs: int = 1000, workers: int = os.cpu_count() or 1, json: b
     """Measure."""
     with TemporaryDirectory() as folder:
         began = perf_counter()
-        make_dataset(Path(folder), DatasetSettings(pairs), workers, progress=not json)
+        generate_dataset(Path(folder), GenerationSettings(pairs), workers, progress=not json)
         minutes = (perf_counter() - began) / 60
         size = sum(path.stat().st_size for path in Path(folder).rglob("*.parquet"))
     one = cpu_ms()
@@ -36,7 +36,7 @@ def cpu_ms(pairs: int = 100) -> float:
     """Of one file in this process, whoever else uses the machine."""
     with TemporaryDirectory() as folder:
         began = process_time()
-        made = make_file(Path(folder) / "one.parquet", DatasetSettings(pairs, sensors=2), 0)
+        made = generate_file(Path(folder) / "one.parquet", GenerationSettings(pairs, sensors=2), 0)
     return 1e3 * (process_time() - began) / made
 
 

@@ -18,9 +18,8 @@ from figures import Figure, answer, at_least
 from tallied import Tally
 
 from ninedtact.capture.sampling_rule import SamplingRuleSettings
-from ninedtact.dataset.generation.bench import set_up
-from ninedtact.dataset.generation.session import Session
-from ninedtact.dataset.generation.settings import DatasetSettings, Shares
+from ninedtact.dataset.generation.session import GenerationSession, make_setup
+from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
 from ninedtact.simulation.batched.device import Device, device_named
 from ninedtact.simulation.batched.play import play
 from ninedtact.simulation.batched.requests import Asked, Bench, Felt, Look, Step, answer_of
@@ -117,12 +116,12 @@ class Clock:
 
 def run(way_of: Callable[[list[Bench]], Way], many: int, batches: int, threads: int) -> Clock:
     """Some batches of this many sessions, after a few that do not count."""
-    settings = DatasetSettings(
-        1000 * many, sensors=min(SENSORS, many), session_pairs=1000, shares=Shares(0, 0), rule=EVERY
+    settings = GenerationSettings(
+        1000 * many, sensors=min(SENSORS, many), session_pairs=1000, shares=KindShares(0, 0), rule=EVERY
     )
-    benches = [set_up(number, settings) for number in range(settings.sensors)]
+    benches = [make_setup(number, settings) for number in range(settings.sensors)]
     clock = Clock(way_of(benches))
-    sessions = [Session(number, settings, benches[number % len(benches)]) for number in range(many)]
+    sessions = [GenerationSession(number, settings, benches[number % len(benches)]) for number in range(many)]
     going = play(sessions, clock, threads)  # type: ignore[arg-type]
     while clock.batches < WARM_UP:
         next(going)
@@ -139,7 +138,7 @@ def extrapolated(device: Device, many: int) -> Iterator[Figure]:
     tally = Tally()
     run(lambda benches: tally.of(room(benches, device, many).answers), many, 1, 1)
     step, look = tally.last(Step), tally.last(Look)
-    patch_points = set_up(0, DatasetSettings()).twin.model.skin.patch.place_mm[0].size
+    patch_points = make_setup(0, GenerationSettings()).twin.model.skin.patch.place_mm[0].size
     bytes_each = step.bytes / step.answers + look.bytes / look.answers
     operations = step.operations + look.operations
     yield Figure("operations of one batch, solved and drawn", operations)

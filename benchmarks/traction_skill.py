@@ -18,8 +18,8 @@ import tyro
 from ninedtact import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.dataset.generation.job import make_dataset
-from ninedtact.dataset.generation.settings import DatasetSettings
+from ninedtact.dataset.generation.generate import generate_dataset
+from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.errors import NinedtactError
 from ninedtact.force.traction.estimator import TractionForce, traction_force
 from ninedtact.force.traction.explained import Effort
@@ -102,7 +102,9 @@ def make_if_missing(dataset: Path) -> None:
     """4,000 pairs of 40 sensors and objects of 18 families."""
     if not (dataset / "README.md").is_file():
         names = tuple(name for name in generated_object_names(PAPER_COUNT) if name.rsplit("_", 1)[0] in FAMILIES)
-        make_dataset(dataset, DatasetSettings(pairs=4000, sensors=40, seed=1, size=(240, 180), names=names), workers=2)
+        generate_dataset(
+            dataset, GenerationSettings(pairs=4000, sensors=40, seed=1, size=(240, 180), object_names=names), workers=2
+        )
 
 
 def judged(

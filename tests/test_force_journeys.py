@@ -132,9 +132,7 @@ def test_an_estimator_is_judged_on_a_data_set_by_sensors_that_calibrate_themselv
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pairs = tmp_path / "pairs"
-    of_twin = (
-        "--pairs 14 --sensors 1 --names ball:4 star_01 --pitch-mm 0.4 --workers 1 --no-contact 0.2 --compliant-base 0"
-    )
+    of_twin = "--pairs 14 --sensors 1 --object-names ball:4 star_01 --pitch-mm 0.4 --workers 1 --no-contact 0.2 --compliant-base 0"
     asked(capsys, "simulate", "dataset", "--out", pairs, *of_twin.split(), "--finite-strain", "0")
     told = asked(capsys, "evaluate", "--data", pairs, "--workers", "1", "--out", tmp_path / "report")
     assert told["pairs"] == 14 and told["skill"][2] > 0.6 and told["no_contact"]["largest_force_n"] == 0

@@ -163,6 +163,6 @@ def test_a_stopped_data_set_says_that_it_goes_on(
     def interrupted(*of: object, **how: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ninedtact.dataset.generation.job.make_dataset", interrupted)
+    monkeypatch.setattr("ninedtact.dataset.generation.generate.generate_dataset", interrupted)
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs")]) == 1
-    assert "again to go on where it stopped" in capsys.readouterr().err
+    assert "again to continue where it stopped" in capsys.readouterr().err

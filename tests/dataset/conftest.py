@@ -3,15 +3,15 @@ from pathlib import Path
 import pytest
 from little_sources import LittleTree, little_tree
 
-from ninedtact.dataset.generation.job import make_dataset
-from ninedtact.dataset.generation.settings import DatasetSettings, Shares
+from ninedtact.dataset.generation.generate import generate_dataset
+from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
 
-TWINS = DatasetSettings(
+TWINS = GenerationSettings(
     pairs=18,
     size=(64, 48),
     sensors=2,
-    names=("ball:3", "cylinder:2,5", "cone"),
-    shares=Shares(0.12, 0.12),
+    object_names=("ball:3", "cylinder:2,5", "cone"),
+    shares=KindShares(0.12, 0.12),
     pitch_mm=0.5,
     session_pairs=3,
     sessions_per_file=2,
@@ -22,7 +22,7 @@ TWINS = DatasetSettings(
 def twins(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small data set of the twin; not to be changed."""
     folder = tmp_path_factory.mktemp("twins") / "twins"
-    make_dataset(folder, TWINS)
+    generate_dataset(folder, TWINS)
     return folder
 
 

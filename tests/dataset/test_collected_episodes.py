@@ -11,11 +11,10 @@ from little_sources import touched, untouched
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_record import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
-from ninedtact.cli.dataset.build import read_rectification
-from ninedtact.dataset.build import Built, build
-from ninedtact.dataset.report import NothingUsable
-from ninedtact.dataset.sources.detect import Finder
-from ninedtact.dataset.sources.source import Statements
+from ninedtact.dataset.build import BuildResult, build_dataset
+from ninedtact.dataset.quality_report import NoUsablePairs
+from ninedtact.dataset.sources.find_sources import find_sources
+from ninedtact.dataset.sources.source import SourceConventions
 from ninedtact.design import FieldOfView, SensorDesign
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
@@ -65,14 +64,14 @@ def episode(path: Path, attached: dict[str, bytes] | None = None) -> None:
             )
 
 
-def built_from(out: Path, source: Path, statements: Statements = Statements()) -> Built:
-    return build(out, Finder(read_rectification, statements).sources([str(source)]))
+def built_from(out: Path, source: Path, conventions: SourceConventions = SourceConventions()) -> BuildResult:
+    return build_dataset(out, find_sources([str(source)], conventions))
 
 
 def test_pairs_are_rectified_with_the_sensor_that_rides_along(sensor: SensorFolder, tmp_path: Path) -> None:
     episode(tmp_path / "in" / "monday.mcap", sensor_folder_attachments(sensor.path))
     built = built_from(tmp_path / "out", tmp_path / "in")
-    assert built.report.listed == []
+    assert built.report.findings == []
     rows = rows_in(tmp_path / "out")
     assert [row["id"] for row in rows] == ["monday-c0/000", "monday-c1/000"]
     skin = untouched(rows=RAW[0], cols=RAW[1])
@@ -82,19 +81,19 @@ def test_pairs_are_rectified_with_the_sensor_that_rides_along(sensor: SensorFold
         images = (touched(skin, 3.0, tare), skin)
         expected = [np.rint(sensor.rectification(Frame(image)).grey).astype(np.uint8) for image in images]
         assert np.array_equal(decoded(row["image"]), expected[0])
-        assert np.array_equal(references[row["reference"]], expected[1])
+        assert np.array_equal(references[row["reference_id"]], expected[1])
         assert row["wrench"] == pytest.approx(SIX, abs=1e-6)
         assert (row["object"], row["sensor"], row["kind"]) == (f"cup_{tare}", "little", "rule")
-        assert (row["gap_ms"], row["time_ns"]) == (0, 1_000_000_000 * (tare + 1) + 100)
+        assert (row["wrench_delay_ms"], row["time_ns"]) == (0, 1_000_000_000 * (tare + 1) + 100)
         assert row["mm_per_px"] == pytest.approx(MM_PER_PX)
 
 
 def test_a_recording_without_its_sensor_needs_one_named(sensor: SensorFolder, tmp_path: Path) -> None:
     episode(tmp_path / "in" / "bare.mcap")
-    with pytest.raises(NothingUsable, match="1 unreadable"):
+    with pytest.raises(NoUsablePairs, match="1 unreadable"):
         built_from(tmp_path / "none", tmp_path / "in")
-    stated = Statements(sensor_folder=sensor.path)
-    assert built_from(tmp_path / "out", tmp_path / "in" / "bare.mcap", stated).contents.pairs == 2
+    stated = SourceConventions(sensor_folder=sensor.path)
+    assert built_from(tmp_path / "out", tmp_path / "in" / "bare.mcap", stated).statistics.pairs == 2
 
 
 def test_a_damaged_recording_is_listed_and_the_others_are_read(sensor: SensorFolder, tmp_path: Path) -> None:
@@ -103,4 +102,4 @@ def test_a_damaged_recording_is_listed_and_the_others_are_read(sensor: SensorFol
     (tmp_path / "in" / "odd.mcap").write_bytes(b"no recording")
     built = built_from(tmp_path / "out", tmp_path / "in")
     assert listed(built.report) == {("unreadable", "in/odd")}
-    assert built.contents.pairs == 2
+    assert built.statistics.pairs == 2

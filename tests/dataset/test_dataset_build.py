@@ -19,18 +19,17 @@ from built_sets import built_from, listed, references_in, rows_in, sources_at
 from little_sources import LittleTree, little_episode, little_tree
 
 from ninedtact.atomic_write import FileNotWritten
-from ninedtact.dataset.build import BuildSettings, build
+from ninedtact.dataset.build import BuildSettings, build_dataset
 from ninedtact.dataset.card import LicenceImpossible
-from ninedtact.dataset.checks import CheckImpossible, CheckSettings
-from ninedtact.dataset.columns import DataSetDamaged
-from ninedtact.dataset.folder import FolderTaken
-from ninedtact.dataset.report import NothingUsable
+from ninedtact.dataset.checks import CheckSettings, CheckSettingsImpossible
+from ninedtact.dataset.folder import DatasetFolderTaken, DatasetUnfinished
+from ninedtact.dataset.parquet_files import DatasetDamaged
+from ninedtact.dataset.quality_report import NoUsablePairs
 from ninedtact.dataset.sources.source import SourceUnknown
-from ninedtact.dataset.sources.table import DataSetUnfinished
-from ninedtact.dataset.workers import WorkersImpossible
+from ninedtact.dataset.worker_pool import WorkersImpossible
 from ninedtact.simulation.rectified import mm_per_px
 
-KEPT = ("reference", "wrench", "object", "contact", "step", "time_ns", "sensor", "kind")
+KEPT = ("reference_id", "wrench", "object", "contact_id", "step", "time_ns", "sensor", "kind")
 BUILD = """
 import sys
 from ninedtact.cli import main
@@ -45,7 +44,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_the_twin_s_output_comes_through_byte_by_byte(twins: Path, tmp_path: Path) -> None:
     built = built_from(tmp_path / "out", twins)
-    assert built.report.listed == []
+    assert built.report.findings == []
     before, after = rows_in(twins), rows_in(tmp_path / "out")
     assert len(before) == len(after) == 18
     for old, new in zip(before, after, strict=True):
@@ -72,9 +71,9 @@ def test_several_sources_keep_their_ids_apart(twins: Path, tree: LittleTree, tmp
     assert len(rows) == len({row["id"] for row in rows}) == 2 * 18 + 2 * 6 + 5
     assert {row["source"] for row in rows} == {"twins", "again", "Dataset", "lab2", "press"}
     assert built.report.counts == {"duplicate image": 18 + 6}
-    assert {row["reference"] for row in rows} <= set(references_in(tmp_path / "out"))
-    of_twins = {row["contact"] for row in rows if row["source"] == "twins"}
-    assert not of_twins & {row["contact"] for row in rows if row["source"] == "again"}
+    assert {row["reference_id"] for row in rows} <= set(references_in(tmp_path / "out"))
+    of_twins = {row["contact_id"] for row in rows if row["source"] == "twins"}
+    assert not of_twins & {row["contact_id"] for row in rows if row["source"] == "again"}
     both = [{row["object"] for row in rows if row["source"] == name} for name in ("twins", "again")]
     assert both[0] == both[1]
 
@@ -97,7 +96,7 @@ def test_what_is_listed_is_kept_or_dropped_as_asked(tree: LittleTree, tmp_path: 
     kept = built_from(tmp_path / "kept", tree.root)
     dropped = built_from(tmp_path / "dropped", tree.root, settings=BuildSettings(drop=True))
     assert listed(kept.report) == listed(dropped.report) == wanted
-    assert (kept.contents.pairs, dropped.contents.pairs) == (6, 4)
+    assert (kept.statistics.pairs, dropped.statistics.pairs) == (6, 4)
     names = [row["id"] for row in rows_in(tmp_path / "dropped")]
     assert names == ["Dataset/1/1", "Dataset/1/3", "Dataset/2/1", "Dataset/2/2"]
     assert "left out" in (tmp_path / "dropped" / "README.md").read_text()
@@ -107,7 +106,7 @@ def test_a_card_says_what_a_person_needs(tree: LittleTree, twins: Path, tmp_path
     built_from(tmp_path / "out", tree.root, twins, settings=BuildSettings(licence="CC-BY-4.0"))
     card = (tmp_path / "out" / "README.md").read_text()
     assert "\nlicense: cc-by-4.0\n" in card
-    for said in ("35 mm below the skin", "seed 0", "24 pairs (", "Fz", "nothing found", "skin's\ncentre"):
+    for said in ("35 mm below the skin", "seed 0", "24 pairs (", "Fz", "no faults found", "skin's\ncentre"):
         assert said.replace("\n", " ") in card.replace("\n", " ")
     with pytest.raises(LicenceImpossible, match="mit"):
         BuildSettings(licence="do what you like\nsplit: none")
@@ -129,7 +128,7 @@ def test_a_killed_build_goes_on_and_ends_the_same(tmp_path: Path) -> None:
     for number in range(20):
         little_episode(tmp_path / "in" / f"{number}.npz", steps=12, seed=number)
     job = subprocess.Popen([sys.executable, "-c", BUILD, str(tmp_path / "killed"), str(tmp_path / "in")])
-    third, until = tmp_path / "killed" / "parts" / "00002.notes.json", monotonic() + 60
+    third, until = tmp_path / "killed" / "parts" / "00002.check.json", monotonic() + 60
     while not third.is_file() and job.poll() is None and monotonic() < until:
         sleep(0.002)
     job.send_signal(signal.SIGKILL)
@@ -152,11 +151,11 @@ def test_a_stop_while_files_are_put_together_is_made_good(tree: LittleTree, tmp_
     whole = built_from(tmp_path / "whole", tree.root, tmp_path / "press.npz")
     stopped = tmp_path / "stopped"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ninedtact.dataset.build.write_untouched", interrupted)
+        patch.setattr("ninedtact.dataset.build._unique_references", interrupted)
         with pytest.raises(KeyboardInterrupt):
             built_from(stopped, tree.root, tmp_path / "press.npz")
     assert len(list((stopped / "data").iterdir())) == 2
-    with pytest.raises(DataSetUnfinished, match="finish"):
+    with pytest.raises(DatasetUnfinished, match="finish"):
         sources_at(stopped)[0].parts()
     built_from(stopped, tree.root, tmp_path / "press.npz")
     assert contents(stopped) == contents(whole.folder)
@@ -169,20 +168,20 @@ def interrupted(*_: object) -> None:
 def test_a_finished_one_is_left_as_it_is(tree: LittleTree, tmp_path: Path) -> None:
     built_from(tmp_path / "out", tree.root)
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
-    assert built_from(tmp_path / "out", tree.root).contents.pairs == 6
+    assert built_from(tmp_path / "out", tree.root).statistics.pairs == 6
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
 
 
 def test_other_sources_are_not_mixed_in(tree: LittleTree, twins: Path, tmp_path: Path) -> None:
     built_from(tmp_path / "out", tree.root)
-    with pytest.raises(FolderTaken, match="another source"):
+    with pytest.raises(DatasetFolderTaken, match="another source"):
         built_from(tmp_path / "out", tree.root, twins)
     tree.add("3", "1", 3.0, 5)
-    with pytest.raises(FolderTaken, match="another source Dataset"):
+    with pytest.raises(DatasetFolderTaken, match="another source Dataset"):
         built_from(tmp_path / "out", tree.root)
-    with pytest.raises(FolderTaken, match="something else"):
+    with pytest.raises(DatasetFolderTaken, match="something else"):
         built_from(tmp_path, tree.root)
-    with pytest.raises(FolderTaken, match="outside of the sources"):
+    with pytest.raises(DatasetFolderTaken, match="outside of the sources"):
         built_from(tree.root / "out", tree.root)
 
 
@@ -191,10 +190,10 @@ def test_several_workers_make_the_same(tmp_path: Path) -> None:
         little_episode(tmp_path / "in" / f"{number}.npz", seed=number)
     one = built_from(tmp_path / "one", tmp_path / "in")
     with joblib.parallel_config("threading"):
-        build(tmp_path / "two", sources_at(tmp_path / "in"), workers=3)
+        build_dataset(tmp_path / "two", sources_at(tmp_path / "in"), workers=3)
     assert contents(one.folder) == contents(tmp_path / "two")
     with pytest.raises(WorkersImpossible, match="1 worker"):
-        build(tmp_path / "none", sources_at(tmp_path / "in"), workers=0)
+        build_dataset(tmp_path / "none", sources_at(tmp_path / "in"), workers=0)
 
 
 def test_a_full_disk_is_one_sentence_and_nothing_half(tree: LittleTree, tmp_path: Path) -> None:
@@ -202,7 +201,7 @@ def test_a_full_disk_is_one_sentence_and_nothing_half(tree: LittleTree, tmp_path
     with full_disk(6000), pytest.raises(FileNotWritten, match=r"expected to write .*; free the disk"):
         built_from(tmp_path / "full", tree.root)
     assert not list((tmp_path / "full" / "parts").iterdir())
-    assert built_from(tmp_path / "full", tree.root).contents.pairs == 6
+    assert built_from(tmp_path / "full", tree.root).statistics.pairs == 6
 
 
 @contextmanager
@@ -239,25 +238,25 @@ def test_damaged_data_sets_are_refused(twins: Path, tmp_path: Path) -> None:
     shutil.copytree(twins, copy)
     first, *_, last = sorted((copy / "data").iterdir())
     last.rename(tmp_path / "last")
-    with pytest.raises(DataSetUnfinished, match="got 2"):
+    with pytest.raises(DatasetUnfinished, match="got 2"):
         sources_at(copy)[0].parts()
     (tmp_path / "last").rename(last)
     first.write_bytes(first.read_bytes()[:1000])
-    with pytest.raises(DataSetDamaged, match="whole Parquet file"):
+    with pytest.raises(DatasetDamaged, match="whole Parquet file"):
         built_from(tmp_path / "out", copy)
     pq.write_table(pq.read_table(last).drop_columns(["wrench"]), first)
-    with pytest.raises(DataSetDamaged, match="columns image and wrench"):
+    with pytest.raises(DatasetDamaged, match=r"columns id, image, .* got no column wrench"):
         built_from(tmp_path / "out", copy)
 
 
 def test_nothing_usable_is_a_refusal_that_names_the_list(tmp_path: Path) -> None:
     tree = little_tree(tmp_path / "Dataset", objects=1, pairs=1)
     tree.put_wrench("1", "1", np.full(6, np.inf))
-    with pytest.raises(NothingUsable, match=r"1 not finite.*report\.json"):
+    with pytest.raises(NoUsablePairs, match=r"1 not finite.*report\.json"):
         built_from(tmp_path / "out", tree.root)
     assert (tmp_path / "out" / "report.json").is_file()
 
 
 def test_limits_that_mean_nothing_are_refused() -> None:
-    with pytest.raises(CheckImpossible, match="above zero"):
-        CheckSettings(gap_ms=0)
+    with pytest.raises(CheckSettingsImpossible, match="above zero"):
+        CheckSettings(max_delay_ms=0)

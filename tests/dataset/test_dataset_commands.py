@@ -11,7 +11,7 @@ from built_sets import rows_in
 from little_sources import LittleTree, little_tree
 
 from ninedtact.cli import main
-from ninedtact.dataset.sheet import NothingToShow, contact_sheet
+from ninedtact.dataset.preview_image import NothingToPreview, render_preview
 
 
 def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
@@ -28,16 +28,16 @@ def test_build_check_and_show(tree: LittleTree, tmp_path: Path, capsys: pytest.C
         capsys, "build", f"lab={tree.root}", "--out", out, "--workers", 1, "--licence", "mit", "--json"
     )
     built = json.loads(said)
-    assert (code, built["pairs"], built["objects"], built["findings"]) == (0, 6, 2, {"pulling": 1})
+    assert (code, built["pairs"], built["objects"], built["faults"]) == (0, 6, 2, {"pulling": 1})
     code, said, _ = told(capsys, "check", out, "--workers", 1)
     assert code == 0
-    assert "1 pulling: F_z above zero" in said
-    assert json.loads((out / "check.json").read_text())["listed"][0]["id"] == "lab/1/2"
+    assert "1 pulling: F_z is above zero" in said
+    assert json.loads((out / "check.json").read_text())["findings"][0]["id"] == "lab/1/2"
     code, said, _ = told(capsys, "show", out, "--pairs", 4)
     assert code == 0
     assert "6 pairs" in said
     assert "3 lab/1, 3 lab/2" in said
-    assert cv2.imread(str(out / "sheet.png")).shape[1] == 4 * 244
+    assert cv2.imread(str(out / "preview.png")).shape[1] == 4 * 244
 
 
 def test_what_sources_do_not_say_may_be_stated(
@@ -106,7 +106,7 @@ def test_ctrl_c_says_that_it_goes_on(
     monkeypatch.setattr("ninedtact.dataset.build.make_part", interrupted)
     code, _, error = told(capsys, "build", tree.root, "--out", tmp_path / "out", "--workers", 1, "--json")
     assert code == 1
-    assert "go on where it stopped" in error
+    assert "continue where it stopped" in error
 
 
 def test_a_sheet_shows_what_is_darker_in_red(tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_a_sheet_shows_what_is_darker_in_red(tmp_path: Path) -> None:
 
     tree = little_tree(tmp_path / "Dataset", objects=1, pairs=3)
     built_from(tmp_path / "out", tree.root)
-    sheet = contact_sheet(tmp_path / "out", 3).astype(int)
+    sheet = render_preview(tmp_path / "out", 3).astype(int)
     reds = [sheet[:180, left : left + 240, 2].mean() for left in (0, 244, 488)]
     assert reds == sorted(reds)
     assert reds[0] > 3
@@ -130,5 +130,5 @@ def test_a_sheet_of_nothing_is_refused(tmp_path: Path, twins: Path) -> None:
     shutil.copytree(twins, tmp_path / "bare")
     references = tmp_path / "bare" / "references.parquet"
     pq.write_table(pq.read_table(references).slice(0, 0), references)
-    with pytest.raises(NothingToShow, match="ninedtact dataset check"):
-        contact_sheet(tmp_path / "bare")
+    with pytest.raises(NothingToPreview, match="ninedtact dataset check"):
+        render_preview(tmp_path / "bare")

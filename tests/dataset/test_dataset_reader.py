@@ -14,10 +14,10 @@ from built_sets import built_from, decoded, references_in, rows_in
 from little_sources import LittleTree
 
 from ninedtact.atomic_write import FileNotWritten
-from ninedtact.dataset.columns import DataSetDamaged
-from ninedtact.dataset.decoded import SizeImpossible
-from ninedtact.dataset.reader import DataSet
-from ninedtact.dataset.sources.source import Statements
+from ninedtact.dataset.image_cache import ImageSizeImpossible
+from ninedtact.dataset.parquet_files import DatasetDamaged
+from ninedtact.dataset.reader import load_dataset
+from ninedtact.dataset.sources.source import SourceConventions
 from ninedtact.simulation.rectified import mm_per_px
 
 
@@ -29,22 +29,22 @@ def folder(twins: Path, tmp_path: Path) -> Path:
 
 
 def test_rows_are_those_of_the_files(folder: Path) -> None:
-    pairs, rows, untouched = DataSet.open(folder, size=(64, 48)), rows_in(folder), references_in(folder)
+    pairs, rows, untouched = load_dataset(folder, size=(64, 48)), rows_in(folder), references_in(folder)
     assert len(pairs) == len(rows) == 18
     assert np.array_equal(pairs.wrenches, np.array([row["wrench"] for row in rows], np.float32))
-    for name in ("object", "contact", "sensor", "kind"):
-        assert list(getattr(pairs, f"{name}s").each) == [row[name] for row in rows]
+    for name, column in (("object", "object"), ("contact", "contact_id"), ("sensor", "sensor"), ("kind", "kind")):
+        assert list(getattr(pairs, f"{name}s").values) == [row[column] for row in rows]
     assert list(pairs.times_ns) == [row["time_ns"] for row in rows]
     assert len(set(pairs.ids)) == 18
     batch = pairs.batch(np.array([17, 3, 3]))
     for image, reference, at in zip(batch.images, batch.references, batch.indices, strict=True):
         assert np.array_equal(image, decoded(rows[at]["image"]))
-        assert np.array_equal(reference, untouched[rows[at]["reference"]])
+        assert np.array_equal(reference, untouched[rows[at]["reference_id"]])
     assert np.array_equal(batch.wrenches, pairs.wrenches[[17, 3, 3]])
 
 
 def test_images_are_means_over_areas_at_the_size_asked_for(folder: Path) -> None:
-    pairs, rows = DataSet.open(folder, size=(32, 24)), rows_in(folder)
+    pairs, rows = load_dataset(folder, size=(32, 24)), rows_in(folder)
     images = pairs.images(np.arange(18))
     assert images.shape == (18, 24, 32)
     for image, row in zip(images, rows, strict=True):
@@ -55,8 +55,8 @@ def test_images_are_means_over_areas_at_the_size_asked_for(folder: Path) -> None
 
 def test_a_built_set_reads_like_the_twin_s(folder: Path, tmp_path: Path) -> None:
     built_from(tmp_path / "built", folder)
-    theirs, ours = DataSet.open(folder, size=(32, 24)), DataSet.open(tmp_path / "built", size=(32, 24))
-    assert np.array_equal(theirs.files.images, ours.files.images)
+    theirs, ours = load_dataset(folder, size=(32, 24)), load_dataset(tmp_path / "built", size=(32, 24))
+    assert np.array_equal(theirs.decoded.images, ours.decoded.images)
     assert list(theirs.ids) == list(ours.ids)
     assert np.array_equal(theirs.mm_per_px, ours.mm_per_px)
     assert theirs.sources.names == ours.sources.names == ("pairs",)
@@ -64,23 +64,23 @@ def test_a_built_set_reads_like_the_twin_s(folder: Path, tmp_path: Path) -> None
 
 def test_what_is_not_known_is_said_so(tree: LittleTree, folder: Path, tmp_path: Path) -> None:
     built_from(tmp_path / "out", tree.root, folder)
-    pairs = DataSet.open(tmp_path / "out", size=(32, 24))
-    of_tree = pairs.sources.each == "Dataset"
+    pairs = load_dataset(tmp_path / "out", size=(32, 24))
+    of_tree = pairs.sources.values == "Dataset"
     assert of_tree.sum() == 6
     assert (pairs.times_ns[of_tree] == -1).all()
     assert np.isnan(pairs.mm_per_px[of_tree]).all()
     assert pairs.mm_per_px[~of_tree] == pytest.approx(mm_per_px((32, 24)))
-    built_from(tmp_path / "scaled", tree.root, statements=Statements(mm_per_px=0.5))
-    assert DataSet.open(tmp_path / "scaled", size=(24, 18)).mm_per_px == pytest.approx(1.0)
+    built_from(tmp_path / "scaled", tree.root, conventions=SourceConventions(mm_per_px=0.5))
+    assert load_dataset(tmp_path / "scaled", size=(24, 18)).mm_per_px == pytest.approx(1.0)
 
 
 def test_some_pairs_are_a_data_set_too(folder: Path) -> None:
-    pairs = DataSet.open(folder, size=(32, 24))
-    wanted = pairs.kinds.each == "rule"
-    some = pairs.take(wanted)
+    pairs = load_dataset(folder, size=(32, 24))
+    wanted = pairs.kinds.values == "rule"
+    some = pairs.select(wanted)
     assert len(some) == wanted.sum()
-    assert set(some.kinds.each) == {"rule"}
-    last = some.take(np.array([len(some) - 1]))
+    assert set(some.kinds.values) == {"rule"}
+    last = some.select(np.array([len(some) - 1]))
     at = np.flatnonzero(wanted)[-1]
     assert last.ids[0] == pairs.ids[at]
     assert np.array_equal(last.batch(np.array([0])).images, pairs.images(np.array([at])))
@@ -88,7 +88,7 @@ def test_some_pairs_are_a_data_set_too(folder: Path) -> None:
 
 
 def test_batches_hold_every_pair_once(folder: Path) -> None:
-    pairs = DataSet.open(folder, size=(32, 24))
+    pairs = load_dataset(folder, size=(32, 24))
     batches = list(pairs.batches(5, np.random.default_rng(1)))
     assert [len(batch.images) for batch in batches] == [5, 5, 5, 3]
     order = np.concatenate([batch.indices for batch in batches])
@@ -98,37 +98,37 @@ def test_batches_hold_every_pair_once(folder: Path) -> None:
 
 
 def test_splits_go_by_its_names(folder: Path) -> None:
-    pairs = DataSet.open(folder, size=(32, 24))
-    named = pairs.named()
+    pairs = load_dataset(folder, size=(32, 24))
+    named = pairs.to_split_pairs()
     assert named.ids == list(pairs.ids)
-    assert list(named.column("objects")) == list(pairs.objects.each)
-    assert list(named.column("contacts")) == list(pairs.contacts.each)
+    assert list(named.column("objects")) == list(pairs.objects.values)
+    assert list(named.column("contacts")) == list(pairs.contacts.values)
 
 
 def test_what_is_handed_out_is_a_copy(folder: Path) -> None:
-    pairs = DataSet.open(folder, size=(32, 24))
+    pairs = load_dataset(folder, size=(32, 24))
     pairs.images(np.array([0]))[:] = 7
     assert (pairs.images(np.array([0])) != 7).any()
-    assert not pairs.files.images.flags.writeable
+    assert not pairs.decoded.images.flags.writeable
 
 
 def test_images_are_decoded_once_and_again_where_the_files_changed(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     decoded_files: list[str] = []
-    from ninedtact.dataset import decoded as room
+    from ninedtact.dataset import image_cache as room
 
-    monkeypatch.setattr(room, "decode_file", noting(room.decode_file, decoded_files))
-    DataSet.open(folder, size=(32, 24))
-    DataSet.open(folder, size=(32, 24))
+    monkeypatch.setattr(room, "_decode_file", noting(room._decode_file, decoded_files))
+    load_dataset(folder, size=(32, 24))
+    load_dataset(folder, size=(32, 24))
     assert len(decoded_files) == 4
     first = min((folder / "data").iterdir())
     first.touch()
-    DataSet.open(folder, size=(32, 24))
+    load_dataset(folder, size=(32, 24))
     assert len(decoded_files) == 4
     table = pq.read_table(first)
     pq.write_table(table.take(list(reversed(range(table.num_rows)))), first)
-    again = DataSet.open(folder, size=(32, 24))
+    again = load_dataset(folder, size=(32, 24))
     assert len(decoded_files) == 8
     assert len(list((folder / "cache").glob("32x24-*"))) == 1
     row = rows_in(folder)[0]
@@ -148,9 +148,9 @@ def noting(function, told):  # type: ignore[no-untyped-def]
 
 
 def test_several_threads_decode_the_same(folder: Path, tmp_path: Path) -> None:
-    one = DataSet.open(folder, (32, 24), tmp_path / "one")
-    three = DataSet.open(folder, (32, 24), tmp_path / "three", threads=3)
-    assert np.array_equal(one.files.images, three.files.images)
+    one = load_dataset(folder, (32, 24), tmp_path / "one")
+    three = load_dataset(folder, (32, 24), tmp_path / "three", threads=3)
+    assert np.array_equal(one.decoded.images, three.decoded.images)
     assert not (folder / "cache").exists()
 
 
@@ -159,7 +159,7 @@ def test_what_a_killed_process_left_is_removed(folder: Path) -> None:
 
     left = folder / "cache" / f".32x24-abc.{socket.gethostname()}.999999999.making"
     left.mkdir(parents=True)
-    DataSet.open(folder, size=(32, 24))
+    load_dataset(folder, size=(32, 24))
     assert not left.exists()
 
 
@@ -168,20 +168,20 @@ def test_a_full_disk_is_one_sentence_and_nothing_half(folder: Path) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (4000, before[1]))
     try:
         with pytest.raises(FileNotWritten, match="free the disk, or name another folder"):
-            DataSet.open(folder, size=(32, 24))
+            load_dataset(folder, size=(32, 24))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert [path.name for path in (folder / "cache").iterdir()] == ["files.json"]
-    assert len(DataSet.open(folder, size=(32, 24))) == 18
+    assert len(load_dataset(folder, size=(32, 24))) == 18
 
 
 def test_a_cache_that_may_not_be_made_is_told(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(FileNotWritten, match="another one for decoded images"):
-        DataSet.open(folder, cache=tmp_path / "file")
+        load_dataset(folder, cache=tmp_path / "file")
 
 
-@pytest.mark.parametrize("column", ["wrench", "reference"])
+@pytest.mark.parametrize("column", ["wrench", "reference_id"])
 def test_pairs_that_nothing_can_be_learnt_from_are_refused(folder: Path, column: str) -> None:
     first = min((folder / "data").iterdir())
     table = pq.read_table(first)
@@ -189,25 +189,25 @@ def test_pairs_that_nothing_can_be_learnt_from_are_refused(folder: Path, column:
     values[2] = [0, 0, float("nan"), 0, 0, 0] if column == "wrench" else None
     at = table.schema.get_field_index(column)
     pq.write_table(table.set_column(at, table.schema.field(at), pa.array(values, table.schema.field(at).type)), first)
-    with pytest.raises(DataSetDamaged, match=r"1 (not finite|without reference).*--drop"):
-        DataSet.open(folder)
+    with pytest.raises(DatasetDamaged, match=r"1 (not finite|without reference).*--drop"):
+        load_dataset(folder)
 
 
 def test_damaged_images_and_impossible_sizes_are_refused(folder: Path) -> None:
-    with pytest.raises(SizeImpossible, match="at least 8 x 8"):
-        DataSet.open(folder, size=(4, 3))
+    with pytest.raises(ImageSizeImpossible, match="at least 8 x 8"):
+        load_dataset(folder, size=(4, 3))
     first = min((folder / "data").iterdir())
     rows = pq.read_table(first).to_pylist()
     rows[1]["image"]["bytes"] = rows[1]["image"]["bytes"][:50]
     pq.write_table(pa.Table.from_pylist(rows, pq.read_schema(first)), first)
-    with pytest.raises(DataSetDamaged, match=r"cut short.*row 1 of .*--drop"):
-        DataSet.open(folder)
+    with pytest.raises(DatasetDamaged, match=r"cut short.*row 1 of .*--drop"):
+        load_dataset(folder)
     assert not list((folder / "cache").glob("*x*"))
 
 
 def test_training_reads_thousands_of_images_a_second(folder: Path) -> None:
     """2,000 a second on one core is asked for; measured are some 70,000 (benchmarks/dataset_reading.py)."""
-    pairs, rng = DataSet.open(folder), np.random.default_rng(0)
+    pairs, rng = load_dataset(folder), np.random.default_rng(0)
     began = process_time()
     for _ in range(100):
         pairs.batch(rng.integers(0, len(pairs), 64))

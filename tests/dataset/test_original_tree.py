@@ -11,15 +11,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from little_sources import LittleTree, grey, mixed_of, touched, untouched, wrench_about_sensor
 
-from ninedtact.dataset.report import NothingUsable
-from ninedtact.dataset.rows import LeftOut, Row
-from ninedtact.dataset.sources.source import SourceUnknown, Statements, axes_of
+from ninedtact.dataset.quality_report import NoUsablePairs
+from ninedtact.dataset.schema import DatasetRow, RejectedItem
+from ninedtact.dataset.sources.source import SourceConventions, SourceUnknown, parse_axes
 from ninedtact.errors import NinedtactError
 
 
 def test_images_references_and_wrenches_are_the_stored_ones(tree: LittleTree, tmp_path: Path) -> None:
     built = built_from(tmp_path / "out", tree.root)
-    assert built.report.listed == []
+    assert built.report.findings == []
     rows = rows_in(tmp_path / "out")
     assert [row["id"] for row in rows] == [f"Dataset/{thing}/{number}" for thing in (1, 2) for number in (1, 2, 3)]
     (reference,) = references_in(tmp_path / "out").values()
@@ -28,7 +28,7 @@ def test_images_references_and_wrenches_are_the_stored_ones(tree: LittleTree, tm
         thing, number = (int(part) for part in row["id"].split("/")[1:])
         image = touched(tree.skin, 1.5 + number, 10 * thing + number)
         assert np.array_equal(decoded(row["image"]), grey(image))
-        assert row["object"] == row["contact"] == f"Dataset/{thing}"
+        assert row["object"] == row["contact_id"] == f"Dataset/{thing}"
         assert (row["kind"], row["sensor"], row["step"], row["time_ns"]) == ("rule", "Dataset", number, None)
 
 
@@ -43,16 +43,16 @@ def test_torques_are_moved_from_the_force_sensor_to_the_skin(tree: LittleTree, t
 
 def test_another_origin_and_other_axes_may_be_stated(tree: LittleTree, tmp_path: Path) -> None:
     """-x -y -z: what the skin does to the object, turned around."""
-    stated = Statements(origin_mm=(0.0, 0.0, 0.0), axes=("-x", "-y", "-z"), mm_per_px=0.05, sensor="ours")
-    built_from(tmp_path / "out", tree.root, statements=stated)
+    stated = SourceConventions(origin_mm=(0.0, 0.0, 0.0), axes=("-x", "-y", "-z"), mm_per_px=0.05, sensor="ours")
+    built_from(tmp_path / "out", tree.root, conventions=stated)
     (row, *_) = rows_in(tmp_path / "out")
     assert row["wrench"] == pytest.approx(-np.load(tree.root / "wrench/1/1.npy"), rel=1e-6)
     assert (row["sensor"], row["mm_per_px"]) == ("ours", pytest.approx(0.05))
     with pytest.raises(SourceUnknown, match="each letter once"):
-        Statements(axes=("+x", "+x", "+z"))
+        SourceConventions(axes=("+x", "+x", "+z"))
     for wrong in ("x,y", "", "xyz", "x,y,z,z", "*x,y,z", "x,y,"):
         with pytest.raises(SourceUnknown, match="each letter once"):
-            axes_of(wrong)
+            parse_axes(wrong)
 
 
 def test_a_mixed_image_alone_holds_image_and_reference_even_where_it_wrapped(tmp_path: Path) -> None:
@@ -62,18 +62,18 @@ def test_a_mixed_image_alone_holds_image_and_reference_even_where_it_wrapped(tmp
     assert (grey(tree.skin).astype(int) - grey(image)).max() > 85
     tree.put_image("mixed_image", "1", "1", mixed_of(image, tree.skin))
     tree.put_wrench("1", "1", wrench_about_sensor(9.0))
-    assert built_from(tmp_path / "out", tmp_path / "in").report.listed == []
+    assert built_from(tmp_path / "out", tmp_path / "in").report.findings == []
     (row,) = rows_in(tmp_path / "out")
     assert np.array_equal(decoded(row["image"]), grey(image))
 
 
 def test_images_alone_have_no_reference_unless_one_is_named(tree: LittleTree, tmp_path: Path) -> None:
     (tree.root / "mixed_image").rename(tmp_path / "elsewhere")
-    with pytest.raises(NothingUsable, match="6 no reference"):
+    with pytest.raises(NoUsablePairs, match="6 no reference"):
         built_from(tmp_path / "none", tree.root)
     named = tmp_path / "skin.png"
     cv2.imwrite(str(named), tree.skin)
-    assert built_from(tmp_path / "out", tree.root, statements=Statements(reference=named)).report.listed == []
+    assert built_from(tmp_path / "out", tree.root, conventions=SourceConventions(reference=named)).report.findings == []
     assert len(references_in(tmp_path / "out")) == 1
 
 
@@ -95,8 +95,8 @@ def test_what_is_missing_or_odd_is_listed(tree: LittleTree, tmp_path: Path) -> N
         ("missing wrench", "Dataset/1/1"),
         ("missing image", "Dataset/1/2"),
         ("unreadable", "Dataset/1/3"),
-        ("other norm", "Dataset/2/1"),
-        ("other mixed image", "Dataset/2/2"),
+        ("norm differs", "Dataset/2/1"),
+        ("mixed image differs", "Dataset/2/2"),
         ("unreadable", "Dataset/2/3"),
         ("not finite", "Dataset/2/4"),
         ("unreadable", "Dataset/wrench/2/notes.txt"),
@@ -148,8 +148,8 @@ def test_every_file_ends_in_a_row_or_in_the_list(files: list[tuple[str, str, str
         except NinedtactError as refusal:
             assert "expected" in str(refusal)
             return
-        rows = {item.id for item in items if isinstance(item, Row)}
-        left_out = {item.id for item in items if isinstance(item, LeftOut)}
+        rows = {item.id for item in items if isinstance(item, DatasetRow)}
+        left_out = {item.id for item in items if isinstance(item, RejectedItem)}
         assert not rows & left_out
         for file in (path for path in root.rglob("*") if path.is_file() and not path.name.startswith(".")):
             kind, *middle, name = file.relative_to(root).parts

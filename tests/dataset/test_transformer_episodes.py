@@ -8,20 +8,22 @@ import pytest
 from built_sets import built_from, decoded, listed, references_in, rows_in
 from little_sources import grey, little_episode, untouched
 
-from ninedtact.dataset.report import NothingUsable
-from ninedtact.dataset.sources.source import Statements
+from ninedtact.dataset.quality_report import NoUsablePairs
+from ninedtact.dataset.sources.source import SourceConventions
 
 
 def test_images_forces_and_references_are_the_stored_ones(tmp_path: Path) -> None:
     arrays = little_episode(tmp_path / "force" / "p3_static" / "0_press_10.npz")
-    built = built_from(tmp_path / "out", f"htt={tmp_path / 'force'}", statements=Statements(sensor="9dtact_nus"))
-    assert built.report.listed == []
+    built = built_from(
+        tmp_path / "out", f"htt={tmp_path / 'force'}", conventions=SourceConventions(sensor="9dtact_nus")
+    )
+    assert built.report.findings == []
     rows = rows_in(tmp_path / "out")
     assert [row["id"] for row in rows] == [f"htt/p3_static/0_press_10/{step:05d}" for step in range(5)]
     assert np.array([row["wrench"] for row in rows]) == pytest.approx(arrays["6d_force"] - 1.5, abs=1e-6)
     for row, image in zip(rows, arrays["tactile_img"], strict=True):
         assert np.array_equal(decoded(row["image"]), grey(image[..., ::-1]))
-        assert (row["object"], row["contact"]) == ("htt/probe_3", "htt/p3_static/0_press_10")
+        assert (row["object"], row["contact_id"]) == ("htt/probe_3", "htt/p3_static/0_press_10")
         assert (row["sensor"], row["time_ns"], row["mm_per_px"]) == ("9dtact_nus", None, None)
     assert [row["kind"] for row in rows] == ["light_touch", *["stream"] * 4]
     (reference,) = references_in(tmp_path / "out").values()
@@ -44,7 +46,7 @@ def test_axes_that_are_turned_are_told_and_may_be_stated(tmp_path: Path) -> None
     little_episode(tmp_path / "e.npz", **{"6d_force": turned, "ref_force": None})
     built = built_from(tmp_path / "as_is", tmp_path / "e.npz")
     assert built.report.counts == {"pulling": 4}
-    stated = built_from(tmp_path / "stated", tmp_path / "e.npz", statements=Statements(axes=("+y", "+x", "-z")))
+    stated = built_from(tmp_path / "stated", tmp_path / "e.npz", conventions=SourceConventions(axes=("+y", "+x", "-z")))
     assert stated.report.counts == {}
     assert rows_in(tmp_path / "stated")[-1]["wrench"][:3] == pytest.approx([0.4, 0, -4])
 
@@ -79,9 +81,9 @@ def test_what_is_no_episode_is_listed_and_the_others_are_read(
     little_episode(tmp_path / "in" / "odd.npz", **changes)
     built = built_from(tmp_path / "out", tmp_path / "in")
     assert len(rows_in(tmp_path / "out")) == 5
-    (finding,) = built.report.listed
+    (finding,) = built.report.findings
     assert (finding.fault.value, finding.id) == ("unreadable", "in/odd")
-    assert re.search(says, finding.says)
+    assert re.search(says, finding.message)
 
 
 @pytest.mark.parametrize("harm", [damage, scramble])
@@ -96,5 +98,5 @@ def test_a_damaged_file_is_listed(tmp_path: Path, harm: object) -> None:
 
 def test_nothing_but_damage_is_refused(tmp_path: Path) -> None:
     (tmp_path / "e.npz").write_bytes(b"no zip")
-    with pytest.raises(NothingUsable, match="1 unreadable"):
+    with pytest.raises(NoUsablePairs, match="1 unreadable"):
         built_from(tmp_path / "out", tmp_path / "e.npz")

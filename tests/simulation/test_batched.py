@@ -15,10 +15,11 @@ import pytest
 import torch
 
 from ninedtact.cli import main
-from ninedtact.dataset.generation.bench import set_up
-from ninedtact.dataset.generation.hand import Hand
-from ninedtact.dataset.generation.job import Made, make_dataset
-from ninedtact.dataset.generation.settings import DatasetImpossible, DatasetSettings, Shares
+from ninedtact.dataset.folder import DatasetFolderTaken
+from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset
+from ninedtact.dataset.generation.press_trajectory import PressSettings
+from ninedtact.dataset.generation.session import make_setup
+from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics import skin
 from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
@@ -32,13 +33,13 @@ from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.sensor_population import MechanicsShares
 from ninedtact.simulation.twin import PoseOutOfView
 
-SMALL = DatasetSettings(
+SMALL = GenerationSettings(
     pairs=18,
     size=(48, 36),
     sensors=3,
-    names=("ball:3", "gear_07", "cylinder:2,5", "screw_02"),
-    shares=Shares(0.1, 0.15),
-    kinds=MechanicsShares(0.34, 0.33),
+    object_names=("ball:3", "gear_07", "cylinder:2,5", "screw_02"),
+    shares=KindShares(0.1, 0.15),
+    mechanics=MechanicsShares(0.34, 0.33),
     pitch_mm=0.5,
     session_pairs=3,
     sessions_per_file=2,
@@ -57,18 +58,18 @@ def one_thread() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def by_processor(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    return make_dataset(tmp_path_factory.mktemp("dataset") / "processor", SMALL)
+def by_processor(tmp_path_factory: pytest.TempPathFactory) -> GenerationResult:
+    return generate_dataset(tmp_path_factory.mktemp("dataset") / "processor", SMALL)
 
 
 @pytest.fixture(scope="module")
-def together(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    return make_dataset(tmp_path_factory.mktemp("dataset") / "together", SMALL, workers=2, device="torch-cpu")
+def together(tmp_path_factory: pytest.TempPathFactory) -> GenerationResult:
+    return generate_dataset(tmp_path_factory.mktemp("dataset") / "together", SMALL, workers=2, device="torch-cpu")
 
 
 @pytest.fixture(scope="module")
 def room() -> Room:
-    benches = [set_up(number, SMALL) for number in range(SMALL.sensors)]
+    benches = [make_setup(number, SMALL) for number in range(SMALL.sensors)]
     return Room(range(SMALL.sensors), benches, Device("torch-cpu"), 8, print)
 
 
@@ -95,38 +96,38 @@ def assert_same_pairs(found: Path, wanted: Path) -> None:
         assert (shown != expected).mean() < 0.01
 
 
-def test_the_pairs_are_those_of_the_processor(together: Made, by_processor: Made) -> None:
-    assert together.kinds == by_processor.kinds
+def test_the_pairs_are_those_of_the_processor(together: GenerationResult, by_processor: GenerationResult) -> None:
+    assert together.statistics.kinds == by_processor.statistics.kinds
     assert_same_pairs(together.folder, by_processor.folder)
     assert {row["sensor"] for row in rows(together.folder)} == {f"twin_0_{number:03d}" for number in range(3)}
 
 
-def test_a_batch_of_another_size_makes_the_same_pairs(tmp_path: Path, together: Made) -> None:
-    make_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", at_once=3)
+def test_a_batch_of_another_size_makes_the_same_pairs(tmp_path: Path, together: GenerationResult) -> None:
+    generate_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", sessions_per_batch=3)
     assert_same_pairs(tmp_path / "pairs", together.folder)
 
 
-def test_what_is_missing_is_made_again_with_the_same_bytes(tmp_path: Path, together: Made) -> None:
+def test_what_is_missing_is_made_again_with_the_same_bytes(tmp_path: Path, together: GenerationResult) -> None:
     before = contents(together.folder)
     path = together.folder / "data" / "train-00001-of-00003.parquet"
     path.unlink()
     other = together.folder / "data" / "train-00000-of-00003.parquet"
     age = other.stat().st_mtime_ns
-    again = make_dataset(together.folder, SMALL, device="torch-cpu")
+    again = generate_dataset(together.folder, SMALL, device="torch-cpu")
     assert again.new_files == 1
     assert contents(together.folder) == before
     assert other.stat().st_mtime_ns == age
 
 
-def test_kinds_of_devices_are_not_mixed(together: Made, by_processor: Made) -> None:
+def test_kinds_of_devices_are_not_mixed(together: GenerationResult, by_processor: GenerationResult) -> None:
     assert together.device == "torch-cpu"
     assert json.loads((together.folder / "settings.json").read_text())["device"] == "torch-cpu"
     assert "with `--device torch-cpu`" in (together.folder / "README.md").read_text()
-    assert "device" not in json.loads((by_processor.folder / "settings.json").read_text())
-    with pytest.raises(DatasetImpossible, match=r"another device \(device: cpu instead of torch-cpu\)"):
-        make_dataset(together.folder, SMALL)
-    with pytest.raises(DatasetImpossible, match=r"another device \(device: torch-cpu instead of cpu\)"):
-        make_dataset(by_processor.folder, SMALL, device="torch-cpu")
+    assert json.loads((by_processor.folder / "settings.json").read_text())["device"] == "cpu"
+    with pytest.raises(DatasetFolderTaken, match=r"another device \(device: cpu instead of torch-cpu\)"):
+        generate_dataset(together.folder, SMALL)
+    with pytest.raises(DatasetFolderTaken, match=r"another device \(device: torch-cpu instead of cpu\)"):
+        generate_dataset(by_processor.folder, SMALL, device="torch-cpu")
 
 
 class FullMemory:
@@ -147,11 +148,11 @@ class FullMemory:
     ids=["torch", "cufft"],
 )
 def test_a_full_memory_halves_the_batch_and_is_told(
-    tmp_path: Path, together: Made, monkeypatch: pytest.MonkeyPatch, trouble: Exception
+    tmp_path: Path, together: GenerationResult, monkeypatch: pytest.MonkeyPatch, trouble: Exception
 ) -> None:
     monkeypatch.setattr(skin, "forward_transform", FullMemory(2, trouble))
     said: list[str] = []
-    make_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", tell=said.append)
+    generate_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", notify=said.append)
     assert said == [
         "the memory of torch-cpu is too small for 6 contacts at once; going on with 3",
         "the memory of torch-cpu is too small for 3 contacts at once; going on with 1",
@@ -163,7 +164,7 @@ def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(skin, "forward_transform", FullMemory(0, torch.OutOfMemoryError("CUDA out of memory.")))
-    options = "--pairs 2 --sensors 2 --size 32 24 --names ball:3 --pitch-mm 0.5 --device torch-cpu"
+    options = "--pairs 2 --sensors 2 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --device torch-cpu"
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split()]) == 1
     told = capsys.readouterr().err
     assert "ninedtact: the memory of torch-cpu is too small for 2 contacts at once; going on with 1\n" in told
@@ -222,10 +223,12 @@ def test_objects_side_by_side_are_each_their_own(poses: list[Pose]) -> None:
 
 
 def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None:
-    faint = Hand(load_n=(0.1, 0.01), load_within_n=(0.05, 0.2), stations=(1, 1))
-    settings = replace(SMALL, hand=faint, shares=Shares(0, 0), names=("ball:4",), pairs=3, sensors=1, pitch_mm=1.0)
-    with pytest.raises(DatasetImpossible, match="press harder"):
-        make_dataset(tmp_path / "faint", settings, device="torch-cpu")
+    faint = PressSettings(load_n=(0.1, 0.01), load_range_n=(0.05, 0.2), targets=(1, 1))
+    settings = replace(
+        SMALL, press=faint, shares=KindShares(0, 0), object_names=("ball:4",), pairs=3, sensors=1, pitch_mm=1.0
+    )
+    with pytest.raises(GenerationImpossible, match="press harder"):
+        generate_dataset(tmp_path / "faint", settings, device="torch-cpu")
 
 
 @pytest.mark.parametrize("name", ["tpu", "cuda:x", "CPU", "cpu:0", ""])
@@ -284,7 +287,7 @@ def test_without_torch_the_extra_is_named(
 
 
 def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
-    options = "--pairs 2 --sensors 1 --size 32 24 --names ball:3 --pitch-mm 0.5 --workers 1 --json"
+    options = "--pairs 2 --sensors 1 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --workers 1 --json"
     device = "--device cpu" if devices.driver_there() else ""
     arguments = ["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split(), *device.split()]
     check = (
@@ -296,5 +299,5 @@ def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
 
 
 def test_no_session_at_once_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DatasetImpossible, match="1 session at once"):
-        make_dataset(tmp_path / "pairs", SMALL, at_once=0)
+    with pytest.raises(GenerationImpossible, match="1 session per batch"):
+        generate_dataset(tmp_path / "pairs", SMALL, sessions_per_batch=0)

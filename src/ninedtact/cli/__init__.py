@@ -13,8 +13,7 @@ import tyro
 from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.check import CheckCommand
 from ninedtact.cli.collect import Collect
-from ninedtact.cli.dataset import DESCRIPTION as DATASET
-from ninedtact.cli.dataset import Dataset
+from ninedtact.cli.dataset import DATASET_DESCRIPTION, DatasetCommand
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.doctor import Doctor
 from ninedtact.cli.export import Export
@@ -46,7 +45,7 @@ Command = (
     | Annotated[Record, tyro.conf.subcommand("record")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Export, tyro.conf.subcommand("export")]
-    | Annotated[Dataset, tyro.conf.subcommand("dataset", description=DATASET)]
+    | Annotated[DatasetCommand, tyro.conf.subcommand("dataset", description=DATASET_DESCRIPTION)]
     | Annotated[ImportCalibrationCommand, tyro.conf.subcommand("import-calibration")]
     | Annotated[ExportCalibrationCommand, tyro.conf.subcommand("export-calibration")]
     | Annotated[Train, tyro.conf.subcommand("train")]

@@ -1,165 +1,230 @@
-"""Sources → one data set: cut into parts, made by several processes, checked, put together, and gone on with after a stop.
+"""Building one data set from sources: cut into parts, read in several processes, checked, and put together.
 
     sources ──parts──▶ parts/00000.pairs.parquet … ──checks──▶ report.json ──put together──▶ data/, references.parquet, README.md
 
-Every file appears whole or not at all. A build that was killed is run again with the same words: it makes what is
-missing and ends with the same data set.
+Every part depends on its source alone, and every file appears whole or not at all. A build that was stopped is run again with
+the same arguments: it makes the parts that are missing and ends with the same data set.
 """
 
-from collections import Counter
+import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import msgspec
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.dataset.card import Contents, card, require_licence
-from ninedtact.dataset.check import summed
-from ninedtact.dataset.checks import CheckSettings
-from ninedtact.dataset.columns import bytes_of, copy_rows, rows_of, six, write_untouched
-from ninedtact.dataset.folder import BuildFolder, begin, remove_parts
-from ninedtact.dataset.generation.percentiles import lines
-from ninedtact.dataset.parts import PartFiles, make_part
-from ninedtact.dataset.report import Report, read_report, require_usable, write_report
-from ninedtact.dataset.rows import UntouchedImage, writable
-from ninedtact.dataset.sources.source import Part, Source
-from ninedtact.dataset.workers import as_done
+from ninedtact.dataset.card import format_build_card, require_licence
+from ninedtact.dataset.checks import CheckSettings, FileCheck, check_pair_file, combine_file_checks
+from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_folder
+from ninedtact.dataset.parquet_files import copy_pair_file, iterate_rows, write_pair_file, write_reference_file
+from ninedtact.dataset.quality_report import (
+    PairFinding,
+    QualityReport,
+    read_quality_report,
+    require_usable_pairs,
+    write_quality_report,
+)
+from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, to_utf8
+from ninedtact.dataset.sources.source import Source, SourcePart
+from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_statistics
+from ninedtact.dataset.stored_images import stored_image_bytes
+from ninedtact.dataset.worker_pool import require_workers, run_in_processes
 
 
 @dataclass(frozen=True)
 class BuildSettings:
-    """What is done with the sources."""
+    """How a data set is built from its sources."""
 
     checks: CheckSettings = CheckSettings()
     drop: bool = False
-    """Leave out the pairs that the checks list."""
+    """Leave out the pairs that have faults."""
     licence: str | None = None
-    """Of the data, as Hugging Face names it."""
+    """Licence of the data, as Hugging Face names it; raises `LicenceImpossible`."""
 
     def __post_init__(self) -> None:
         require_licence(self.licence)
 
 
 @dataclass(frozen=True)
-class Built:
-    """A finished data set."""
+class BuildResult:
+    """A data set that was built."""
 
     folder: Path
-    report: Report
-    contents: Contents
+    report: QualityReport
+    statistics: DatasetStatistics
 
 
-def build(
+def build_dataset(
     out: Path,
     sources: Sequence[Source],
     settings: BuildSettings = BuildSettings(),
     workers: int = 1,
     *,
     progress: bool = False,
-) -> Built:
-    """Make a data set, or go on with one; raises `SourceUnknown`, `FolderTaken`, `NothingUsable`, `FileNotWritten`."""
-    folder = BuildFolder(out)
+) -> BuildResult:
+    """Build a data set from sources, or continue a build that was stopped.
+
+    out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes. Raises
+    `SourceUnknown`, `DatasetFolderTaken`, `NoUsablePairs`, `FileNotWritten`, `WorkersImpossible`.
+    """
+    folder = DatasetFolder(out)
     parts = [part for source in sources for part in source.parts()]
-    begin(folder, as_table(sources, settings), sources)
-    if not folder.finished:
-        made_by_workers(folder, parts, settings, workers, progress)
-        put_together(folder, sources, len(parts), settings)
+    begin_dataset_folder(folder, _identify_build(sources, settings), [source.path for source in sources])
+    if not folder.is_finished:
+        _make_missing_parts(folder, parts, settings, workers, progress)
+        _combine_parts(folder, sources, len(parts), settings)
     remove_parts(folder)
-    return Built(out, read_report(folder.report), contents_of(folder))
+    return BuildResult(out, read_quality_report(folder.report), _folder_statistics(folder))
 
 
-def as_table(sources: Sequence[Source], settings: BuildSettings) -> dict[str, Any]:
-    """Plain values by which the build is known again."""
-    said = {it.name: f"{it.what}, {it.path.resolve()}, {it.fingerprint()}, {it.statements}" for it in sources}
-    named = {f"source {name}": writable(words) for name, words in said.items()}
-    return {**asdict(settings), **named}
+def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[str, Any]:
+    """Return plain values by which a stopped build is recognised."""
+    described = {
+        f"source {source.name}": to_utf8(
+            f"{source.description}, {source.path.resolve()}, {source.fingerprint()}, {source.conventions}"
+        )
+        for source in sources
+    }
+    return {**asdict(settings), **described}
 
 
-def made_by_workers(
-    folder: BuildFolder, parts: Sequence[Part], settings: BuildSettings, workers: int, progress: bool
+def _make_missing_parts(
+    folder: DatasetFolder, parts: Sequence[SourcePart], settings: BuildSettings, workers: int, progress: bool
 ) -> None:
-    """Make the parts that are missing, in any order."""
+    """Make the parts that no earlier run made, in any order."""
     from tqdm import tqdm
 
-    files = [PartFiles(folder.parts, number) for number in range(len(parts))]
-    jobs = [(part, file, settings.checks) for part, file in zip(parts, files, strict=True) if not file.done]
+    require_workers(workers)
+    make_folder(folder.parts)
+    files = [_PartFiles(folder.parts, number) for number in range(len(parts))]
+    jobs = [(part, file, settings.checks) for part, file in zip(parts, files, strict=True) if not file.is_made]
     with tqdm(total=len(parts), initial=len(parts) - len(jobs), unit="file", disable=not progress) as bar:
-        for _, pairs in as_done(make_part, jobs, workers):
+        for _, pairs in run_in_processes(make_part, jobs, workers):
             bar.set_postfix(pairs=pairs, refresh=False)
             bar.update()
 
 
-def put_together(folder: BuildFolder, sources: Sequence[Source], parts: int, settings: BuildSettings) -> None:
-    """Check across parts, and make one data set of them; raises `NothingUsable`, `FileNotWritten`."""
-    files = [PartFiles(folder.parts, number) for number in range(parts)]
-    checks = [file.check() for file in files]
-    report = summed(checks, [file.pairs.name for file in files], settings.drop)
-    write_report(folder.report, report)
-    require_usable(report, folder.report)
-    unwanted = unwanted_rows(report) if settings.drop else {}
+@dataclass(frozen=True)
+class _PartFiles:
+    """The files of one part; they are kept until the data set is finished."""
+
+    folder: Path
+    number: int
+
+    @property
+    def pairs(self) -> Path:
+        return self.folder / f"{self.number:05d}.pairs.parquet"
+
+    @property
+    def references(self) -> Path:
+        return self.folder / f"{self.number:05d}.references.parquet"
+
+    @property
+    def check(self) -> Path:
+        """The result of the part's check, which is written last."""
+        return self.folder / f"{self.number:05d}.check.json"
+
+    @property
+    def is_made(self) -> bool:
+        return self.check.is_file()
+
+    def read_check(self) -> FileCheck:
+        return msgspec.json.decode(self.check.read_bytes(), type=FileCheck)
+
+
+@dataclass
+class _PartReader:
+    """Separates the rows of a part from its reference images and from what is rejected."""
+
+    part: SourcePart
+    file: str
+    references: dict[str, ReferenceImage] = field(default_factory=dict)
+    findings: list[PairFinding] = field(default_factory=list)
+
+    def rows(self) -> Iterator[DatasetRow]:
+        """Yield all rows; afterwards `references` and `findings` are complete."""
+        number = 0
+        for item in self.part.items():
+            if isinstance(item, ReferenceImage):
+                self.references.setdefault(item.id, item)
+            elif isinstance(item, RejectedItem):
+                self.findings.append(PairFinding(item.fault, to_utf8(item.id), to_utf8(item.message), None, self.file))
+            else:
+                self.findings += [
+                    PairFinding(fault, to_utf8(item.id), to_utf8(message), number, self.file)
+                    for fault, message in item.faults
+                ]
+                yield item
+                number += 1
+
+
+def make_part(part: SourcePart, files: _PartFiles, settings: CheckSettings) -> int:
+    """Write the files of one part and return its number of pairs; raises `FileNotWritten`."""
+    reader = _PartReader(part, files.pairs.name)
+    write_pair_file(files.pairs, reader.rows())
+    write_reference_file(files.references, reader.references.values())
+    check = check_pair_file(files.pairs, files.references, settings)
+    check.findings = [*reader.findings, *check.findings]
+    write_file_atomically(files.check, msgspec.json.encode(check))
+    return len(check.ids)
+
+
+def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int, settings: BuildSettings) -> None:
+    """Check across parts and make one data set of them; raises `NoUsablePairs`, `FileNotWritten`."""
+    files = [_PartFiles(folder.parts, number) for number in range(count)]
+    checks = [file.read_check() for file in files]
+    report = combine_file_checks(checks, [file.pairs.name for file in files], settings.drop)
+    write_quality_report(folder.report, report)
+    require_usable_pairs(report, folder.report)
+    unwanted = _rows_with_faults(report) if settings.drop else {}
     kept = [
         file
         for file, check in zip(files, checks, strict=True)
         if len(check.ids) > len(unwanted.get(file.pairs.name, ()))
     ]
     for number, file in enumerate(kept):
-        move_pairs(file.pairs, folder.pairs(number, len(kept)), unwanted.get(file.pairs.name, set()))
-    write_untouched(folder.references, untouched_once(files))
-    text = card(contents_of(folder), sources, settings.licence, report, version("ninedtact"))
-    write_file_atomically(folder.card, text.encode())
+        _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
+    write_reference_file(folder.references, _unique_references(files))
+    card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
+    write_file_atomically(folder.card, card.encode())
 
 
-def unwanted_rows(report: Report) -> dict[str, set[int]]:
-    """The rows of each part that something is against."""
+def _rows_with_faults(report: QualityReport) -> dict[str, set[int]]:
+    """Return the numbers of the rows with faults by file."""
     rows: dict[str, set[int]] = {}
-    for finding in report.listed:
+    for finding in report.findings:
         if finding.row is not None:
-            rows.setdefault(finding.part, set()).add(finding.row)
+            rows.setdefault(finding.file, set()).add(finding.row)
     return rows
 
 
-def move_pairs(part: Path, final: Path, unwanted: set[int]) -> None:
-    """A part's pairs to their place, without some; what is there already stays."""
-    if final.is_file():
+def _move_pair_file(part: Path, target: Path, unwanted: set[int]) -> None:
+    """Move a part's pairs into `data/`, without some rows; a file that is there already stays."""
+    if target.is_file():
         return
     if unwanted:
-        copy_rows(part, final, unwanted)
+        copy_pair_file(part, target, unwanted)
     else:
-        part.replace(final)
+        part.replace(target)
 
 
-def untouched_once(files: Sequence[PartFiles]) -> Iterator[UntouchedImage]:
-    """The untouched images of all parts, each one once."""
-    told: set[str] = set()
+def _unique_references(files: Sequence[_PartFiles]) -> Iterator[ReferenceImage]:
+    """Yield the reference images of all parts, each id once."""
+    known: set[str] = set()
     for file in files:
-        for row in rows_of(file.untouched):
-            if row["reference"] not in told:
-                told.add(row["reference"])
-                yield UntouchedImage(row["reference"], bytes_of(row["image"]) or b"", row["sensor"])
+        for row in iterate_rows(file.references):
+            if row["reference_id"] not in known:
+                known.add(row["reference_id"])
+                yield ReferenceImage(row["reference_id"], stored_image_bytes(row["image"]) or b"", row["sensor"])
 
 
-def contents_of(folder: BuildFolder) -> Contents:
-    """Count what is in the finished files."""
-    return contents_in(sorted((folder.path / "data").glob("*.parquet")))
+def _folder_statistics(folder: DatasetFolder) -> DatasetStatistics:
+    return compute_dataset_statistics(sorted((folder.path / "data").glob("*.parquet")))
 
 
-def contents_in(files: Sequence[Path]) -> Contents:
-    """Count what is in these files."""
-    kinds: Counter[str] = Counter()
-    sensors: Counter[str] = Counter()
-    objects: Counter[str] = Counter()
-    wrenches: dict[bool, list[Any]] = {True: [], False: []}
-    for file in files:
-        for row in rows_of(file, ("kind", "sensor", "object", "wrench")):
-            kind = row.get("kind") or "rule"
-            kinds[kind] += 1
-            sensors[row.get("sensor") or ""] += 1
-            objects[row.get("object") or ""] += 1
-            wrenches[kind == "rule"].append(six(row["wrench"]))
-    found = np.array(wrenches[True] or wrenches[False], float).reshape(-1, 6)
-    finite = found[np.isfinite(found).all(1)]
-    table = list(lines(finite)) if len(finite) else ["no finite wrench"]
-    return Contents(dict(sorted(kinds.items())), dict(sorted(sensors.items())), dict(sorted(objects.items())), table)
+def remove_parts(folder: DatasetFolder) -> None:
+    """Remove the parts of a finished data set."""
+    shutil.rmtree(folder.parts, ignore_errors=True)

@@ -1,13 +1,11 @@
-"""What is looked for in every pair. Findings are listed and counted; only a person drops pairs.
+"""Checks of every pair of a data set. Faults are listed and counted; pairs are only left out where a person asks for it.
 
-Whether an image is darker where it is touched: means over tiles of 6 x 6 pixels or more, the darkest one below the median
-one. In the twin's data untouched skin comes to 0.5 grey levels by its noise, and 2 N to more than 0.8, on every object and
-sensor.
+Darkening: the image is averaged over tiles of at least 6 x 6 pixels, and the darkest tile is compared with the median one. In
+simulated data, noise alone comes to 0.5 grey levels, and 2 N to more than 0.8 with every object and sensor.
 """
 
-from collections import OrderedDict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -18,175 +16,172 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from ninedtact.dataset.columns import bytes_of, rows_of, six
-from ninedtact.dataset.rows import Fault, Finding, NotAImage, decoded
+from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
+from ninedtact.dataset.parquet_files import iterate_rows, wrench_vector
+from ninedtact.dataset.quality_report import PairFault, PairFinding, QualityReport, make_quality_report
+from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
+from ninedtact.dataset.worker_pool import run_in_processes
 from ninedtact.errors import NinedtactError
 
-Grey = UInt8[Array, "rows cols"]
-Six = tuple[float, float, float, float, float, float]
-MOST_TILES, TILE_PX = 40, 6
-KEPT_IMAGES = 32
-COLUMNS = ("image", "reference", "wrench", "id", "gap_ms")
-AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+_GreyImage = UInt8[Array, "rows cols"]
+_MOST_TILES, _TILE_PX = 40, 6
+_CHECKED_COLUMNS = ("id", "image", "reference_id", "wrench", "wrench_delay_ms")
+_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
-class CheckImpossible(NinedtactError):
+class CheckSettingsImpossible(NinedtactError):
     """Limits that no pair could meet."""
 
 
 @dataclass(frozen=True)
 class CheckSettings:
-    """From where on a pair is worth a look."""
+    """The limits beyond which a pair is listed."""
 
-    largest: Six = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
-    """N and N·m about the skin's centre: twice what the paper collected."""
+    max_wrench: tuple[float, float, float, float, float, float] = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
+    """Largest absolute values in N and N·m about the skin's centre: twice what the paper collected."""
     pulling_above_n: float = 0.3
-    """F_z."""
-    gap_ms: float = 20.0
-    """From image to wrench."""
+    """Largest F_z."""
+    max_delay_ms: float = 20.0
+    """Largest time between image and wrench."""
     pressed_n: float = 2.0
-    """A load that is always seen …"""
-    faintest_levels: float = 0.6
-    """… by so much darkening at least."""
-    untouched_n: float = 0.05
-    """A force that is none …"""
-    unfelt_levels: float = 6.0
-    """… and goes with less darkening than this."""
+    """Load from which the image must be darker by `min_darkening_levels`."""
+    min_darkening_levels: float = 0.6
+    zero_force_n: float = 0.05
+    """Force below which the darkening must be less than `max_zero_force_darkening_levels`."""
+    max_zero_force_darkening_levels: float = 6.0
 
     def __post_init__(self) -> None:
         limits = (
-            *self.largest,
+            *self.max_wrench,
             self.pulling_above_n,
-            self.gap_ms,
+            self.max_delay_ms,
             self.pressed_n,
-            self.faintest_levels,
-            self.unfelt_levels,
+            self.min_darkening_levels,
+            self.max_zero_force_darkening_levels,
         )
-        if not (min(limits) > 0 and self.untouched_n >= 0):
-            raise CheckImpossible(f"expected limits above zero, got {self}; correct them")
+        if not (min(limits) > 0 and self.zero_force_n >= 0):
+            raise CheckSettingsImpossible(f"expected limits above zero, got {self}; correct them")
 
 
 class FileCheck(msgspec.Struct):
-    """What one file holds, and what is wrong with it by itself."""
+    """The result of checking one file by itself, and what is needed to find duplicates across files."""
 
     ids: list[str]
-    seen: list[str]
-    """A digest of each image."""
-    findings: list[Finding]
+    image_digests: list[str]
+    """Empty where the image cannot be read."""
+    findings: list[PairFinding]
 
 
-@dataclass
-class Untouched:
-    """The untouched images by id, as files in memory, the last few decoded."""
+def check_dataset(
+    folder: Path, settings: CheckSettings = CheckSettings(), workers: int = 1, *, progress: bool = False
+) -> QualityReport:
+    """Check every pair of a data set in several processes; nothing is changed.
 
-    files: Iterable[Path]
-    images: OrderedDict[str, Grey] = field(default_factory=OrderedDict, init=False)
+    Raises `DatasetDamaged`, `WorkersImpossible`.
+    """
+    from tqdm import tqdm
 
-    def __post_init__(self) -> None:
-        self.contents = {row["reference"]: bytes_of(row["image"]) for file in self.files for row in rows_of(file)}
-
-    def __getitem__(self, name: str | None) -> Grey | None:
-        """The image of this id, if it is there and whole."""
-        if name is None or name not in self.contents:
-            return None
-        if name not in self.images:
-            try:
-                self.images[name] = decoded(self.contents[name])
-            except NotAImage:
-                return None
-            if len(self.images) > KEPT_IMAGES:
-                self.images.popitem(last=False)
-        return self.images[name]
+    files = find_pair_files(folder)
+    jobs = [(file, folder / REFERENCES_FILE, settings) for file in files]
+    checks: dict[int, FileCheck] = {}
+    with tqdm(unit="pair", disable=not progress) as bar:
+        for number, check in run_in_processes(check_pair_file, jobs, workers):
+            checks[number] = check
+            bar.update(len(check.ids))
+    return combine_file_checks([checks[number] for number in range(len(files))], [file.name for file in files])
 
 
-def checked_file(path: Path, untouched: Untouched, settings: CheckSettings) -> FileCheck:
-    """All pairs of one file, each by itself; raises `DataSetDamaged`."""
-    check = FileCheck([], [], [])
-    for number, row in enumerate(rows_of(path, COLUMNS)):
-        name = row.get("id") or f"{path.stem.split('-of-')[0]}-{number:05d}"
+def combine_file_checks(checks: list[FileCheck], names: list[str], dropped: bool = False) -> QualityReport:
+    """Return the report of all files, including the duplicates across them; names are those of the files."""
+    findings = [finding for check in checks for finding in check.findings]
+    pairs = sum(len(check.ids) for check in checks)
+    return make_quality_report(pairs, [*findings, *_find_duplicates(checks, names)], dropped)
+
+
+def check_pair_file(path: Path, references: Path, settings: CheckSettings) -> FileCheck:
+    """Check every pair of one file by itself; raises `DatasetDamaged`."""
+    store, check = ReferenceImageStore(references), FileCheck([], [], [])
+    for number, row in enumerate(iterate_rows(path, _CHECKED_COLUMNS)):
         try:
-            image = decoded(bytes_of(row["image"]))
-        except NotAImage as trouble:
-            faults = [(Fault.UNREADABLE, str(trouble))]
-            seen = ""
+            image = decode_stored_image(row["image"])
+        except StoredImageUnreadable as error:
+            faults, digest = [(PairFault.UNREADABLE, str(error))], ""
         else:
-            faults = list(faults_of(image, untouched[row.get("reference")], row, settings))
-            seen = blake2b(image.tobytes(), digest_size=12, salt=f"{image.shape[1]}".encode()).hexdigest()
-        check.ids.append(name)
-        check.seen.append(seen)
-        check.findings += [Finding(fault, name, says, number, path.name) for fault, says in faults]
+            faults = list(_find_pair_faults(image, store.find(row["reference_id"]), row, settings))
+            digest = blake2b(image.tobytes(), digest_size=12, salt=f"{image.shape[1]}".encode()).hexdigest()
+        check.ids.append(row["id"])
+        check.image_digests.append(digest)
+        check.findings += [PairFinding(fault, row["id"], message, number, path.name) for fault, message in faults]
     return check
 
 
-def faults_of(
+def _find_pair_faults(
     image: UInt8[Array, "_ _"], reference: UInt8[Array, "_ _"] | None, row: dict[str, Any], settings: CheckSettings
-) -> Iterator[tuple[Fault, str]]:
-    """What is wrong with one pair."""
-    wrench = six(row["wrench"])
-    if not np.isfinite(wrench).all():
-        yield Fault.NOT_FINITE, f"the wrench is {said(wrench)}"
+) -> Iterator[tuple[PairFault, str]]:
+    """Yield every fault of one pair with a message."""
+    wrench, delay_ms = wrench_vector(row["wrench"]), row["wrench_delay_ms"]
+    is_finite = bool(np.isfinite(wrench).all())
+    if is_finite:
+        yield from _find_wrench_faults(wrench, settings)
     else:
-        yield from faults_of_wrench(wrench, settings)
-    gap_ms = row.get("gap_ms")
-    if gap_ms is not None and not abs(gap_ms) <= settings.gap_ms:
-        yield Fault.UNSYNCHRONISED, f"{gap_ms:.1f} ms from image to wrench, more than {settings.gap_ms:g} ms"
+        yield PairFault.NOT_FINITE, f"the wrench is {' '.join(f'{value:.3g}' for value in wrench)}"
+    if delay_ms is not None and not abs(delay_ms) <= settings.max_delay_ms:
+        limit = f"more than {settings.max_delay_ms:g} ms"
+        yield PairFault.UNSYNCHRONISED, f"{delay_ms:.1f} ms from image to wrench, {limit}"
     if reference is None:
-        yield Fault.NO_REFERENCE, f"no whole untouched image is called {row.get('reference')!r}"
+        yield PairFault.NO_REFERENCE, f"no readable reference image has the id {row['reference_id']!r}"
     elif reference.shape != image.shape:
-        yield Fault.WRONG_SIZE, f"{side(image)}, and its reference {side(reference)}"
-    elif np.isfinite(wrench).all():
-        yield from faults_between(image, reference, wrench, settings)
+        yield PairFault.WRONG_SIZE, f"{_describe_size(image)}, and its reference image {_describe_size(reference)}"
+    elif is_finite:
+        yield from _find_contradictions(image, reference, wrench, settings)
 
 
-def faults_of_wrench(wrench: Array, settings: CheckSettings) -> Iterator[tuple[Fault, str]]:
-    """Too large, or of the wrong sign."""
-    beyond = np.abs(wrench) > np.array(settings.largest)
+def _find_wrench_faults(wrench: Array, settings: CheckSettings) -> Iterator[tuple[PairFault, str]]:
+    """Yield a fault where the wrench is too large or of the wrong sign."""
+    beyond = np.abs(wrench) > np.array(settings.max_wrench)
     if beyond.any():
         axis = int(np.argmax(beyond))
         unit = "N" if axis < 3 else "N·m"
-        yield Fault.OUT_OF_RANGE, f"{AXES[axis]} of {wrench[axis]:.4g} {unit}, beyond {settings.largest[axis]:g} {unit}"
+        limit = f"beyond {settings.max_wrench[axis]:g} {unit}"
+        yield PairFault.OUT_OF_RANGE, f"{_AXES[axis]} of {wrench[axis]:.4g} {unit}, {limit}"
     if wrench[2] > settings.pulling_above_n:
-        yield Fault.PULLING, f"Fz of {wrench[2]:+.3g} N; pressing is below zero"
+        yield PairFault.PULLING, f"Fz of {wrench[2]:+.3g} N; pressing is below zero"
 
 
-def faults_between(image: Grey, reference: Grey, wrench: Array, settings: CheckSettings) -> Iterator[tuple[Fault, str]]:
-    """Image and wrench that tell different things."""
-    levels = darkening(image, reference)
-    if wrench[2] <= -settings.pressed_n and levels < settings.faintest_levels:
-        yield Fault.NOT_DARKER, f"Fz of {wrench[2]:.3g} N, and {levels:.2g} grey levels of darkening"
-    if np.abs(wrench[:3]).max() <= settings.untouched_n and levels > settings.unfelt_levels:
-        yield Fault.UNFELT, f"a force of nothing, and {levels:.2g} grey levels of darkening"
+def _find_contradictions(
+    image: _GreyImage, reference: _GreyImage, wrench: Array, settings: CheckSettings
+) -> Iterator[tuple[PairFault, str]]:
+    """Yield a fault where image and wrench contradict each other."""
+    levels = max_darkening_levels(image, reference)
+    if wrench[2] <= -settings.pressed_n and levels < settings.min_darkening_levels:
+        yield PairFault.NO_DARKENING, f"Fz of {wrench[2]:.3g} N, and {levels:.2g} grey levels of darkening"
+    is_zero_force = np.abs(wrench[:3]).max() <= settings.zero_force_n
+    if is_zero_force and levels > settings.max_zero_force_darkening_levels:
+        yield PairFault.NO_MEASURED_FORCE, f"zero force, and {levels:.2g} grey levels of darkening"
 
 
-def darkening(image: Grey, reference: Grey) -> float:
-    """By how many grey levels the darkest place is darker than most."""
+def max_darkening_levels(image: _GreyImage, reference: _GreyImage) -> float:
+    """Return by how many grey levels the darkest tile is darker than the median tile, relative to the reference image."""
     change = np.subtract(reference, image, dtype=np.float32)
-    grid = tuple(max(1, min(MOST_TILES, side // TILE_PX)) for side in change.shape[::-1])
+    grid = tuple(max(1, min(_MOST_TILES, side // _TILE_PX)) for side in change.shape[::-1])
     tiles = cv2.resize(change, grid, interpolation=cv2.INTER_AREA)
     return float(tiles.max() - np.median(tiles))
 
 
-def repeated(checks: Iterable[FileCheck], files: Iterable[str]) -> Iterator[Finding]:
-    """Images and ids that came before, in the order of the files."""
-    ids: dict[str, str] = {}
-    images: dict[str, str] = {}
+def _find_duplicates(checks: Iterable[FileCheck], files: Iterable[str]) -> Iterator[PairFinding]:
+    """Yield a finding for every image and id that came before, in the order of the files."""
+    id_places: dict[str, str] = {}
+    image_ids: dict[str, str] = {}
     for check, file in zip(checks, files, strict=True):
-        for number, (name, seen) in enumerate(zip(check.ids, check.seen, strict=True)):
-            if name in ids:
-                says = f"{ids[name]} has the same id"
-                yield Finding(Fault.DUPLICATE_ID, name, says, number, file)
-            if seen and seen in images:
-                says = f"{images[seen]} shows the same, pixel by pixel"
-                yield Finding(Fault.DUPLICATE_IMAGE, name, says, number, file)
-            ids.setdefault(name, f"row {number} of {file}")
-            images.setdefault(seen, name)
+        for number, (name, digest) in enumerate(zip(check.ids, check.image_digests, strict=True)):
+            if name in id_places:
+                yield PairFinding(PairFault.DUPLICATE_ID, name, f"{id_places[name]} has the same id", number, file)
+            if digest and digest in image_ids:
+                message = f"{image_ids[digest]} has the same image, pixel by pixel"
+                yield PairFinding(PairFault.DUPLICATE_IMAGE, name, message, number, file)
+            id_places.setdefault(name, f"row {number} of {file}")
+            image_ids.setdefault(digest, name)
 
 
-def said(wrench: Array) -> str:
-    """Six numbers, short."""
-    return " ".join(f"{value:.3g}" for value in wrench)
-
-
-def side(image: Grey) -> str:
-    """Columns and rows in words."""
+def _describe_size(image: _GreyImage) -> str:
     return f"{image.shape[1]} x {image.shape[0]} pixels"

@@ -1,121 +1,162 @@
-"""The folder of a data set that is being built: begun once, and known again.
+"""The folder of a data set: where its files are, how it is begun, and how a stopped build or generation is recognised.
 
-`settings.json` comes first, `parts/` holds what was made so far, `README.md` comes last: where it is, the data set is finished.
+settings.json        what the data set is made from; written first
+data/                files of pairs
+references.parquet   reference images (no contact)
+sensors.json         all parameters of simulated sensors, in a generated data set
+report.json          what the checks found, in a built data set
+README.md            the card; written last: where it is, the data set is finished
 """
 
 import json
-import shutil
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
-from ninedtact.dataset.generation.folder import as_json, clear_halves
-from ninedtact.dataset.generation.job import CARD
-from ninedtact.dataset.report import REPORT
-from ninedtact.dataset.sources.source import Source
-from ninedtact.dataset.sources.table import REFERENCES, SETTINGS
+from ninedtact.dataset.parquet_files import DatasetDamaged, require_pair_columns
+from ninedtact.dataset.schema import DATASET_FORMAT
 from ninedtact.errors import NinedtactError
 
+REFERENCES_FILE, SETTINGS_FILE, SENSORS_FILE = "references.parquet", "settings.json", "sensors.json"
+REPORT_FILE = "report.json"
+_FILE_COUNT = re.compile(r"-of-(\d+)\.parquet$")
 
-class FolderTaken(NinedtactError):
-    """A folder that holds something else, or a data set of other sources."""
+
+class DatasetUnfinished(DatasetDamaged):
+    """A data set some of whose files are still missing."""
+
+
+class DatasetFolderTaken(NinedtactError):
+    """A folder that holds something else, or a data set that was begun with other settings."""
 
 
 @dataclass(frozen=True)
-class BuildFolder:
-    """Where things are in it."""
+class DatasetFolder:
+    """The paths of a data set's files."""
 
     path: Path
 
     @property
     def settings(self) -> Path:
-        """What was asked for."""
-        return self.path / SETTINGS
+        """The settings that the data set was begun with."""
+        return self.path / SETTINGS_FILE
 
     @property
     def card(self) -> Path:
-        """What a person reads."""
-        return self.path / CARD
+        """README.md, which is written last."""
+        return self.path / "README.md"
 
     @property
     def report(self) -> Path:
-        """What the checks found."""
-        return self.path / REPORT
+        """The findings of the checks."""
+        return self.path / REPORT_FILE
 
     @property
     def references(self) -> Path:
-        """The untouched images."""
-        return self.path / REFERENCES
+        """The file of reference images."""
+        return self.path / REFERENCES_FILE
+
+    @property
+    def sensors(self) -> Path:
+        """The parameters of the simulated sensors."""
+        return self.path / SENSORS_FILE
 
     @property
     def parts(self) -> Path:
-        """What was made so far."""
+        """The folder of the parts that a build has made so far."""
         return self.path / "parts"
 
-    def pairs(self, number: int, of: int) -> Path:
-        """One file of pairs."""
-        return self.path / "data" / f"train-{number:05d}-of-{of:05d}.parquet"
-
     @property
-    def finished(self) -> bool:
+    def is_finished(self) -> bool:
         """Whether nothing is left to do."""
         return self.card.is_file()
 
-
-def begin(folder: BuildFolder, wanted: dict[str, Any], sources: Iterable[Source]) -> None:
-    """Make the folder, or see that it holds an earlier run of the same; raises `FolderTaken`, `FileNotWritten`."""
-    resolved = {"ninedtact": version("ninedtact"), **json.loads(json.dumps(wanted))}
-    if folder.settings.is_file():
-        require_same(folder.settings, resolved)
-    else:
-        require_empty(folder.path, sources)
-        make_folders(folder)
-        write_file_atomically(folder.settings, as_json(resolved))
-    clear_halves(folder.path)
-    if not folder.finished:
-        make_folders(folder)
+    def pair_file(self, number: int, count: int) -> Path:
+        """Return the path of one of this many files of pairs."""
+        return self.path / "data" / f"train-{number:05d}-of-{count:05d}.parquet"
 
 
-def require_empty(path: Path, sources: Iterable[Source]) -> None:
-    """Refuse a folder that holds something, or that lies in a source."""
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise FolderTaken(
-            f"expected an empty folder or a data set to go on with, got {path}, which holds something else; give another"
+def find_pair_files(folder: Path) -> list[Path]:
+    """Return all files of pairs of a data set in order.
+
+    Raises `DatasetDamaged`, `DatasetFormatUnknown` and, if files are missing, `DatasetUnfinished`.
+    """
+    files = sorted(path for path in (folder / "data").glob("*.parquet") if not path.name.startswith("."))
+    if not files:
+        raise DatasetDamaged(
+            f"expected a data set, got {folder} without Parquet files in {folder / 'data'}; give the folder that "
+            "'ninedtact dataset build' or 'ninedtact simulate dataset' made"
         )
-    for source in sources:
-        if source.path.is_dir() and path.resolve().is_relative_to(source.path.resolve()):
-            raise FolderTaken(f"expected a folder outside of the sources, got {path} in {source.path}; give another")
+    numbered = _FILE_COUNT.search(files[-1].name)
+    if numbered and int(numbered[1]) != len(files):
+        raise DatasetUnfinished(
+            f"expected {int(numbered[1])} files in {folder / 'data'}, got {len(files)}; finish it with the command that began it"
+        )
+    if not (folder / REFERENCES_FILE).is_file():
+        raise DatasetUnfinished(
+            f"expected {folder / REFERENCES_FILE}, got no such file; finish the data set with the command that began it"
+        )
+    for file in files:
+        require_pair_columns(file)
+    return files
 
 
-def require_same(kept: Path, resolved: dict[str, Any]) -> None:
+def begin_dataset_folder(folder: DatasetFolder, settings: Mapping[str, Any], source_paths: Iterable[Path] = ()) -> None:
+    """Make the folder of a new data set, or check that it was begun with the same settings.
+
+    The version of the program and of the format belong to the settings. Half-written files of a stopped run are removed.
+    Raises `DatasetFolderTaken`, also for a new folder inside one of the sources, and `FileNotWritten`.
+    """
+    resolved = {"ninedtact": version("ninedtact"), "format": DATASET_FORMAT, **json.loads(json.dumps(settings))}
+    if folder.settings.is_file():
+        _require_same_settings(folder.settings, resolved)
+    else:
+        _require_free_folder(folder.path, source_paths)
+        make_folder(folder.path / "data")
+        write_file_atomically(folder.settings, to_json_bytes(resolved))
+    for half_written in folder.path.rglob(".*.partial"):
+        half_written.unlink(missing_ok=True)
+    make_folder(folder.path / "data")
+
+
+def make_folder(path: Path, advice: str = "correct the path or its permissions") -> None:
+    """Make a folder with its parents; raises `FileNotWritten`."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise FileNotWritten(f"expected to make the folder {path}, got: {reason}; {advice}") from error
+
+
+def to_json_bytes(value: Any) -> bytes:
+    """Return a value as JSON for people and programs."""
+    return (json.dumps(value, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def _require_free_folder(path: Path, source_paths: Iterable[Path]) -> None:
+    """Refuse a folder that holds something else or lies in a source."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise DatasetFolderTaken(
+            f"expected an empty folder or a data set to continue, got {path}, which holds something else; give another"
+        )
+    for source in source_paths:
+        if source.is_dir() and path.resolve().is_relative_to(source.resolve()):
+            raise DatasetFolderTaken(f"expected a folder outside of the sources, got {path} in {source}; give another")
+
+
+def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
     """Refuse to mix two data sets in one folder."""
     try:
         found = json.loads(kept.read_text())
     except (OSError, ValueError):
         found = {}
-    differing = sorted(name for name in {*found, *resolved} if found.get(name) != resolved.get(name))
-    if differing:
+    if differing := sorted(name for name in {*found, *resolved} if found.get(name) != resolved.get(name)):
         name = differing[0]
-        raise FolderTaken(
+        raise DatasetFolderTaken(
             f"expected what {kept.parent} was begun with, got another {', '.join(differing)} ({name}: {resolved.get(name)} "
-            f"instead of {found.get(name)}); name the same sources and options to go on, or another folder"
+            f"instead of {found.get(name)}); give the same sources and options to continue, or another folder"
         )
-
-
-def make_folders(folder: BuildFolder) -> None:
-    """For pairs and for parts; raises `FileNotWritten`."""
-    try:
-        for path in (folder.path / "data", folder.parts):
-            path.mkdir(parents=True, exist_ok=True)
-    except OSError as trouble:
-        raise FileNotWritten(
-            f"expected to make the folder {folder.path}, got: {trouble.strerror or trouble}; correct the path or its permissions"
-        ) from trouble
-
-
-def remove_parts(folder: BuildFolder) -> None:
-    """What was needed until now."""
-    shutil.rmtree(folder.parts, ignore_errors=True)

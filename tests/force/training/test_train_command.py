@@ -14,10 +14,10 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
 from ninedtact.cli.force.own_sensors import calibrate_twins, sensors_for, tell_refused
-from ninedtact.dataset.columns import write_rows, write_untouched
-from ninedtact.dataset.heights import height_pairs
-from ninedtact.dataset.rows import Row, UntouchedImage
-from ninedtact.dataset.sensor_heights import SensorMissing
+from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
+from ninedtact.dataset.height_cache import load_height_pairs
+from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
+from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import grey_of
 from ninedtact.force.inputs import Channels, InputSettings, NetworkInput, height_channels
@@ -48,22 +48,22 @@ def data_set(
 ) -> Path:
     """Two files of presses by some objects on two sensors."""
     (folder / "data").mkdir(parents=True)
-    write_untouched(
+    write_reference_file(
         folder / "references.parquet",
-        [UntouchedImage(f"{name}/0", png(image_of(0, 99, size)), name) for name in "ab"],
+        [ReferenceImage(f"{name}/0", png(image_of(0, 99, size)), name) for name in "ab"],
     )
     rows = [row_of(number, objects, size) for number in range(pairs)]
     if bad:
         rows[3].wrench[2] = np.nan
     for part in range(2):
-        write_rows(folder / "data" / f"train-0000{part}-of-00002.parquet", rows[part::2])
+        write_pair_file(folder / "data" / f"train-0000{part}-of-00002.parquet", rows[part::2])
     return folder
 
 
-def row_of(number: int, objects: int, size: tuple[int, int]) -> Row:
+def row_of(number: int, objects: int, size: tuple[int, int]) -> DatasetRow:
     load, sensor = 0.5 + number / 4, "ab"[number // 2 % 2]
     wrench = np.array([0.1 * load, -0.05 * load, -load, 0.001 * number, 0.002, 0.0001 * load], np.float32)
-    return Row(
+    return DatasetRow(
         *(f"{number:03d}", png(image_of(load, number, size)), f"{sensor}/0", wrench, f"thing_{number % objects}"),
         *(f"c{number}", 0, None, sensor, "rule", "made by hand", MM_PER_PX),
     )
@@ -84,7 +84,7 @@ def sensors(tmp_path_factory: pytest.TempPathFactory, twin_sensor: SensorFolder)
 
 
 def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_sensor: SensorFolder) -> None:
-    pairs = height_pairs(folder, sensors_for(folder, sensors, 1, progress=False).by_name, GRID.grid)
+    pairs = load_height_pairs(folder, sensors_for(folder, sensors, 1, progress=False).by_name, GRID.grid)
     assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(24)]
     row = pairs.ids.tolist().index("005")
     reader = twin_sensor.shape.reader_against(grey_of(image_of(0, 99), MM_PER_PX))
@@ -97,15 +97,15 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
 
 def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calibrated = sensors_for(folder, sensors, 1, progress=False).by_name
-    whole = height_pairs(folder, calibrated, GRID.grid)
+    whole = load_height_pairs(folder, calibrated, GRID.grid)
     first, second = sorted(folder.glob("cache/heights-*/*.npy"))
     second.unlink()
     read: list[str] = []
     monkeypatch.setattr(
-        "ninedtact.dataset.sensor_heights.write_file_atomically",
+        "ninedtact.dataset.height_cache.write_file_atomically",
         lambda path, *content: read.append(path.name) or write_file_atomically(path, *content),
     )
-    again = height_pairs(folder, calibrated, GRID.grid)
+    again = load_height_pairs(folder, calibrated, GRID.grid)
     assert read == [second.name] and first.is_file()
     np.testing.assert_array_equal(again.z_mm, whole.z_mm)
 
@@ -151,17 +151,17 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
 def test_images_that_no_calibration_fits_are_refused(sensors: Path, tmp_path: Path) -> None:
     small = data_set(tmp_path / "small", pairs=4, size=(64, 48))
     calibrated = sensors_for(small, sensors, 1, progress=False).by_name
-    with pytest.raises(SensorMissing, match="460 x 345, as sensor 'a'"):
-        height_pairs(small, calibrated, GRID.grid)
+    with pytest.raises(SensorCalibrationMissing, match="460 x 345, as sensor 'a'"):
+        load_height_pairs(small, calibrated, GRID.grid)
     del calibrated["b"]
-    with pytest.raises(SensorMissing, match="'b'"):
-        height_pairs(small, calibrated, GRID.grid)
+    with pytest.raises(SensorCalibrationMissing, match="'b'"):
+        load_height_pairs(small, calibrated, GRID.grid)
 
 
 def test_pairs_of_a_twin_that_could_not_be_calibrated_are_left_out(folder: Path, sensors: Path, tmp_path: Path) -> None:
     calibrated = sensors_for(folder, sensors, 1, progress=False).by_name
-    whole = height_pairs(folder, calibrated, GRID.grid)
-    some = height_pairs(folder, {"a": calibrated["a"]}, GRID.grid, tmp_path / "cache", left_out=["b"])
+    whole = load_height_pairs(folder, calibrated, GRID.grid)
+    some = load_height_pairs(folder, {"a": calibrated["a"]}, GRID.grid, tmp_path / "cache", left_out=["b"])
     of_a = whole.sensors == "a"
     assert 0 < of_a.sum() < len(of_a) and (some.sensors == "a").all()
     np.testing.assert_array_equal(some.z_mm, whole.z_mm[of_a])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from ninedtact.cli.force.estimators import BOTH, PHYSICS
 
 if TYPE_CHECKING:
-    from ninedtact.dataset.sensor_heights import CalibratedSensor
+    from ninedtact.dataset.calibrated_readings import CalibratedSensor
     from ninedtact.force.estimator import ForceEstimator
     from ninedtact.force.evaluation import WrenchPredictions
     from ninedtact.simulation.sensor_population import SampledSensor
@@ -35,13 +35,15 @@ class JudgedData:
         from tqdm import tqdm
 
         from ninedtact.cli.force.own_sensors import members_of
-        from ninedtact.dataset.readings import readings
+        from ninedtact.dataset.calibrated_readings import iterate_readings
         from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions
 
         (sensors, refused), members = self.calibrated(), members_of(self.folder)
         estimators: dict[str, ForceEstimator] = {}
         truth, found, error, objects, names = [], [], [], [], []
-        for pair in tqdm(readings(self.folder, sensors, self.every, refused), unit="pair", disable=not self.progress):
+        for pair in tqdm(
+            iterate_readings(self.folder, sensors, self.every, refused), unit="pair", disable=not self.progress
+        ):
             if pair.sensor not in estimators:
                 estimators[pair.sensor] = self.estimator(sensors[pair.sensor], members.get(pair.sensor))
             estimator = estimators[pair.sensor]

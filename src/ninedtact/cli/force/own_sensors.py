@@ -12,7 +12,7 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.dataset.sensor_heights import CalibratedSensor
+    from ninedtact.dataset.calibrated_readings import CalibratedSensor
     from ninedtact.simulation.sensor_population import SampledSensor
 
 REFUSED = "refused.txt"
@@ -26,12 +26,12 @@ class SensorsNotKnown(NinedtactError):
 
 def members_of(data: Path) -> dict[str, "SampledSensor"]:
     """The twins of a data set that was simulated, by name; none of another."""
-    from ninedtact.dataset.generation.folder import MEMBERS
+    from ninedtact.dataset.folder import SENSORS_FILE
     from ninedtact.simulation.sensor_population import sampled_sensor_from_json
 
-    if not (data / MEMBERS).is_file():
+    if not (data / SENSORS_FILE).is_file():
         return {}
-    tables: list[dict[str, Any]] = json.loads((data / MEMBERS).read_text())
+    tables: list[dict[str, Any]] = json.loads((data / SENSORS_FILE).read_text())
     return {table["name"]: sampled_sensor_from_json(table) for table in tables}
 
 
@@ -68,11 +68,11 @@ def calibrate_twins(
     """Each from its own board and ball, as a person would, those that are there already apart; why some could not be."""
     from tqdm import tqdm
 
-    from ninedtact.dataset.workers import as_done
+    from ninedtact.dataset.worker_pool import run_in_processes
 
     jobs = [(member, folder / name) for name, member in members.items() if not is_tried(folder / name)]
     with tqdm(total=len(jobs), unit="sensor", disable=not (progress and jobs)) as bar:
-        for _ in as_done(calibrate_twin, jobs, workers):
+        for _ in run_in_processes(calibrate_twin, jobs, workers):
             bar.update()
     return {name: (folder / name / REFUSED).read_text() for name in members if (folder / name / REFUSED).is_file()}
 
@@ -114,7 +114,7 @@ def read(folder: Path) -> "CalibratedSensor":
     """What heights are read by; raises `SensorFolderDamaged`."""
     from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
     from ninedtact.cli.force.estimators import gel_of
-    from ninedtact.dataset.sensor_heights import CalibratedSensor
+    from ninedtact.dataset.calibrated_readings import CalibratedSensor
 
     sensor = load_sensor(folder)
     return CalibratedSensor(sensor.shape, gel_of(sensor), sha256((folder / SENSOR_FILE).read_bytes()).hexdigest())

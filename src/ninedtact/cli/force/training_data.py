@@ -35,13 +35,13 @@ class TrainingData:
         """Heights by the calibration of each sensor."""
         import numpy as np
 
-        from ninedtact.dataset.heights import height_pairs
+        from ninedtact.dataset.height_cache import load_height_pairs
         from ninedtact.force.training.examples import TrainingExamples
         from ninedtact.force.traits import traits_of
 
         sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
         tell_refused(sensors.refused)
-        pairs = height_pairs(
+        pairs = load_height_pairs(
             self.folder,
             sensors.by_name,
             self.grid.grid,
@@ -56,13 +56,13 @@ class TrainingData:
 
     def of_images(self) -> tuple["TrainingExamples", Sequence[str]]:
         """Grey images with their references."""
-        from ninedtact.dataset.reader import DataSet
+        from ninedtact.dataset.reader import load_dataset
         from ninedtact.force.training.examples import TrainingExamples
 
         size = self.grid.cols, self.grid.rows
-        pairs = DataSet.open(self.folder, size, threads=self.workers, progress=self.progress)
-        names = pairs.objects.each.tolist(), pairs.sensors.each.tolist()
-        codes, files = pairs.references.codes, pairs.files
+        pairs = load_dataset(self.folder, size, threads=self.workers, progress=self.progress)
+        names = pairs.objects.values.tolist(), pairs.sensors.values.tolist()
+        codes, files = pairs.references.codes, pairs.decoded
         return TrainingExamples(
             files.images, pairs.wrenches, *names, references=files.references, reference_of=codes
         ), pairs.ids.tolist()

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.simulate.dataset import Dataset
+from ninedtact.cli.simulate.dataset import SimulateDatasetCommand
 from ninedtact.cli.simulate.fit import Fit
 from ninedtact.cli.simulate.objects import Objects
 from ninedtact.cli.simulate.press import Press
@@ -12,7 +12,7 @@ from ninedtact.cli.simulate.press import Press
 Simulate = (
     Annotated[Fit, tyro.conf.subcommand("fit")]
     | Annotated[Press, tyro.conf.subcommand("press")]
-    | Annotated[Dataset, tyro.conf.subcommand("dataset")]
+    | Annotated[SimulateDatasetCommand, tyro.conf.subcommand("dataset")]
     | Annotated[Objects, tyro.conf.subcommand("objects")]
 )
 """Its subcommands."""

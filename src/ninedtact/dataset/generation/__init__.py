@@ -1,11 +1,7 @@
-"""Pairs of image and wrench from the twins of a population.
+"""Generation of data sets with simulated sensors: settings go in, a folder of pairs of image and exact wrench comes out.
 
-job.py          the whole data set, made by several processes, gone on with after a stop; read this first
-settings.py     what is asked for; folder.py where it is kept, and how it is known again
-hand.py         how a person presses: how hard, where, how far dragged, twisted and tilted
-touch.py        one object on one sensor, station by station
-session.py      one sensor for some fifty pairs: touches, and what the sampling rule keeps of them; deck.py deals the objects
-asking.py       what a session asks of its sensor (bench.py), and the processor's answers; together/ those of a GPU, to many at once
-pair.py         one row; table.py rows as Parquet that Hugging Face `datasets` opens; card.py what a person reads
-percentiles.py  the wrenches beside the real ones
+`generate.py` makes the whole data set and continues one that was stopped; read it first. `settings.py` holds everything that
+decides about the pairs. `session.py` makes some fifty pairs with one sensor; it presses objects by `press_trajectory.py` and keeps
+what the sampling rule selects. Its contact steps and renders are requests, which `ninedtact.simulation.batched` answers one by one
+on the processor or in batches on a GPU.
 """

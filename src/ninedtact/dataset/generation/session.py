@@ -1,101 +1,157 @@
-"""One sensor for some fifty pairs: untouched skin, light touches, and what the sampling rule keeps of longer ones."""
+"""One session: some fifty pairs with one simulated sensor, without contact, of light touches, and of scripted presses."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
 from ninedtact.capture.sampling_rule import SamplingRule
-from ninedtact.dataset.generation.deck import dealt, object_of
-from ninedtact.dataset.generation.pair import Kind, Pair, png, quotas
-from ninedtact.dataset.generation.settings import DatasetImpossible, DatasetSettings
-from ninedtact.dataset.generation.touch import Touch
+from ninedtact.dataset.generation.press_trajectory import ScriptedPress
+from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
+from ninedtact.dataset.schema import NO_OBJECT, DatasetRow
+from ninedtact.dataset.stored_images import encode_png
+from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.batched.requests import Asking, Bench, Felt, Look
-from ninedtact.simulation.rectified import mm_per_px
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.simulation.rectified import grey_eye, mm_per_px
 
-STEP_NS = 100_000_000
-"""Between two steps of a touch: ten a second."""
-LIGHTEST_N = 0.02
-VAIN_TOUCHES = 30
-"""In a row, after which there is no hope."""
+_STEP_NS = 100_000_000
+"""Time between two steps of a press: ten a second."""
+_LIGHTEST_N = 0.02
+_MAX_FRUITLESS_PRESSES = 30
+"""Presses in a row without a pair, after which the session is given up."""
+_OBJECT_SHIFT = 7
+"""Shift of each session's first object in the shuffled list: about as many presses as a session makes."""
 
 
 @dataclass
-class Session:
-    """Session `number` of a data set: the same whichever others are made, and whoever answers it."""
+class GenerationSession:
+    """Session `number` of a data set. Its pairs do not depend on which other sessions are made, or on who answers its requests."""
 
     number: int
-    settings: DatasetSettings
-    bench: Bench
-    """Sensors take turns."""
-    made: list[Pair] = field(default_factory=list, init=False)
-    touches: int = field(default=0, init=False)
-    steps: int = field(default=0, init=False)
+    settings: GenerationSettings
+    setup: Bench
+    rows: list[DatasetRow] = field(default_factory=list, init=False)
+    """The pairs so far."""
+    _presses: int = field(default=0, init=False)
+    _steps: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        self.rng = np.random.default_rng([self.settings.seed, 1, self.number])
-        self.rule = SamplingRule(self.settings.rule, self.rng)
-        self.left = quotas(self.number, self.settings)
+        self._rng = np.random.default_rng([self.settings.seed, 1, self.number])
+        self._rule = SamplingRule(self.settings.rule, self._rng)
+        self._missing = _session_quotas(self.number, self.settings)
 
-    def asking(self) -> Asking[list[Pair]]:
-        """All pairs of the session; raises `DatasetImpossible` where nothing can be collected."""
-        deck = dealt(self.settings, self.number)
-        vain = 0
-        while any(self.left.values()):
-            before = len(self.made)
-            yield from self.one_touch(next(deck))
-            vain = vain + 1 if len(self.made) == before else 0
-            if vain > VAIN_TOUCHES:
-                raise DatasetImpossible(
-                    f"expected pairs from presses, got none from {VAIN_TOUCHES} of them; press harder, or loosen the rule"
+    def asking(self) -> Asking[list[DatasetRow]]:
+        """Yield the session's requests; the result is its pairs. Raises `GenerationImpossible` where presses give no pairs."""
+        objects = _session_objects(self.settings, self.number)
+        fruitless = 0
+        while any(self._missing.values()):
+            before = len(self.rows)
+            yield from self._press_once(next(objects))
+            fruitless = fruitless + 1 if len(self.rows) == before else 0
+            if fruitless > _MAX_FRUITLESS_PRESSES:
+                raise GenerationImpossible(
+                    f"expected pairs from presses, got none from {_MAX_FRUITLESS_PRESSES} of them; press harder, or loosen the rule"
                 )
-        return self.made
+        return self.rows
 
-    def one_touch(self, name: str) -> Asking[None]:
-        """The skin before it, then one object's touch, as long as pairs of its kinds are missing."""
-        self.touches += 1
-        if self.left["no_contact"]:
-            yield from self.keep(None, "none", "no_contact")
-        if self.left["light_touch"]:
-            touch = self.touch(name)
-            felt = yield from touch.lightly(float(self.rng.uniform(LIGHTEST_N, self.settings.light_below_n)))
-            if felt and self.is_light(felt):
-                yield from self.keep(felt, name, "light_touch")
-        if self.left["rule"]:
-            self.touches += 1
-            yield from self.kept(name)
+    def _press_once(self, object_name: str) -> Asking[None]:
+        """Add a pair of every kind that is still missing: without contact, of a light touch, and of one press."""
+        self._presses += 1
+        if self._missing["no_contact"]:
+            yield from self._add_row(None, NO_OBJECT, "no_contact")
+        if self._missing["light_touch"]:
+            press = self._start_press(object_name)
+            load_n = float(self._rng.uniform(_LIGHTEST_N, self.settings.light_below_n))
+            contact = yield from press.press_lightly(load_n)
+            if contact and -self.settings.light_below_n < contact.wrench.force_n[2] < 0:
+                yield from self._add_row(contact, object_name, "light_touch")
+        if self._missing["rule"]:
+            self._presses += 1
+            yield from self._add_selected_rows(object_name)
 
-    def kept(self, name: str) -> Asking[None]:
-        """What the rule keeps of one touch."""
-        self.rule.end_contact()
-        touch = self.touch(name)
-        for aim in touch.aims():
-            felt = yield from touch.stepped(aim)
-            if felt is None:
+    def _add_selected_rows(self, object_name: str) -> Asking[None]:
+        """Add what the sampling rule selects of one press."""
+        self._rule.end_contact()
+        press = self._start_press(object_name)
+        for target in press.targets():
+            contact = yield from press.step_towards(target)
+            if contact is None:
                 return
-            self.steps += 1
-            if self.rule.keeps(felt.wrench):
-                yield from self.keep(felt, name, "rule")
-            if not self.left["rule"]:
+            self._steps += 1
+            if self._rule.keeps(contact.wrench):
+                yield from self._add_row(contact, object_name, "rule")
+            if not self._missing["rule"]:
                 return
 
-    def touch(self, name: str) -> Touch:
-        """An object in the hand."""
-        return Touch(self.bench, object_of(name, self.settings.objects_seed), self.settings.hand, self.rng)
+    def _start_press(self, object_name: str) -> ScriptedPress:
+        indenter = load_object(object_name, self.settings.objects_seed)
+        return ScriptedPress(self.setup, indenter, self.settings.press, self._rng)
 
-    def is_light(self, felt: Felt) -> bool:
-        """Whether it weighs as little as it was meant to: gel that stiffens weighs more."""
-        return bool(-self.settings.light_below_n < felt.wrench.force_n[2] < 0)
-
-    def keep(self, felt: Felt | None, name: str, kind: Kind) -> Asking[None]:
-        """What is seen and weighed now."""
-        self.left[kind] -= 1
-        six = felt.wrench.six if felt else np.zeros(6)
-        factor = yield Look(self.bench, felt.seen if felt else None)
-        sensor = self.bench.member.name
-        pair = Pair(
-            png(self.bench.eye.shot(factor, self.rng)),
-            *(sensor, six.astype(np.float32), name, f"{self.number:05d}-{self.touches:03d}"),
-            *(self.steps, self.steps * STEP_NS, sensor, kind),
-            mm_per_px(self.settings.size, self.settings.design),
+    def _add_row(self, contact: Felt | None, object_name: str, kind: str) -> Asking[None]:
+        """Request an image of the contact and add it with its wrench."""
+        self._missing[kind] -= 1
+        wrench = contact.wrench.six if contact else np.zeros(6)
+        factor = yield Look(self.setup, contact.seen if contact else None)
+        image = self.setup.eye.shot(factor, self._rng)
+        sensor = self.setup.member.name
+        self.rows.append(
+            DatasetRow(
+                id=self._row_id(len(self.rows)),
+                image=encode_png(image),
+                reference_id=sensor,
+                wrench=wrench.astype(np.float32),
+                object=object_name,
+                contact_id=f"{self.number:05d}-{self._presses:03d}",
+                step=self._steps,
+                time_ns=self._steps * _STEP_NS,
+                sensor=sensor,
+                kind=kind,
+                source=None,
+                mm_per_px=mm_per_px(self.settings.size, self.settings.design),
+            )
         )
-        self.made.append(pair)
+
+    def _row_id(self, index: int) -> str:
+        """Return the id of a row of this session: the numbers of its file and of its row there."""
+        file, session_in_file = divmod(self.number, self.settings.sessions_per_file)
+        return f"train-{file:05d}-{session_in_file * self.settings.pairs_per_session + index:05d}"
+
+
+def make_setup(number: int, settings: GenerationSettings) -> Bench:
+    """Return the simulated sensor of this number, ready for contact steps and renders."""
+    parameters = settings.sensor_parameters(number)
+    return Bench(parameters, parameters.twin(settings.pitch_mm), grey_eye(parameters, settings.size))
+
+
+@lru_cache(maxsize=2)
+def cached_setup(number: int, settings: GenerationSettings) -> Bench:
+    """Return the simulated sensor of this number, kept while the next one is in use."""
+    return make_setup(number, settings)
+
+
+@lru_cache(maxsize=64)
+def load_object(name: str, seed: int) -> Indenter:
+    """Return the object of this name, made once; raises `UnknownObject`."""
+    return indenter_from_name(name, seed)
+
+
+def _session_objects(settings: GenerationSettings, session: int) -> Iterator[str]:
+    """Yield names of objects for one session without end, such that over all sessions all objects come equally often."""
+    names = settings.selected_objects
+    order = np.random.default_rng([settings.seed, 2]).permutation(len(names))
+    at = session * _OBJECT_SHIFT
+    while True:
+        yield names[order[at % len(names)]]
+        at += 1
+
+
+def _session_quotas(number: int, settings: GenerationSettings) -> dict[str, int]:
+    """Return how many pairs of each kind a session makes, such that the shares hold over all sessions."""
+    first = number * settings.pairs_per_session
+    end = min(first + settings.pairs_per_session, settings.pairs)
+    shares = {"no_contact": settings.shares.no_contact, "light_touch": settings.shares.light_touch}
+    counts = {kind: round(share * end) - round(share * first) for kind, share in shares.items()}
+    others = min(sum(counts.values()), end - first)
+    return {**counts, "rule": end - first - others}

@@ -1,120 +1,124 @@
-"""What a data set is asked to be. The resolved settings are kept beside it: from them and the version it can be made again."""
+"""The settings of a generated data set. They are stored beside it; with the same version they give the same data set again."""
 
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from ninedtact.capture.sampling_rule import SamplingRuleSettings
-from ninedtact.dataset.generation.hand import Hand
+from ninedtact.dataset.generation.press_trajectory import PressSettings
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
 from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
 from ninedtact.simulation.twin import PITCH_MM
 
-FEWEST_PX = 16
+_SMALLEST_PX = 16
 
 
-class DatasetImpossible(NinedtactError):
-    """A data set that cannot be made."""
+class GenerationImpossible(NinedtactError):
+    """A data set that cannot be generated."""
 
 
 @dataclass(frozen=True)
-class Shares:
-    """The part of all pairs that the paper's rule would not collect."""
+class KindShares:
+    """The shares of pairs that the paper's sampling rule would not collect."""
 
     no_contact: float = 0.03
-    """Nothing touches, and the wrench is zero."""
+    """Share of pairs in which nothing touches and the wrench is zero."""
     light_touch: float = 0.05
-    """The load is below `DatasetSettings.light_below_n`."""
+    """Share of pairs whose load is below `GenerationSettings.light_below_n`."""
 
     def __post_init__(self) -> None:
         if not (min(self.no_contact, self.light_touch) >= 0 and self.no_contact + self.light_touch <= 1):
-            raise DatasetImpossible(
+            raise GenerationImpossible(
                 f"expected shares from 0 to 1, together at most 1, got {self.no_contact} without contact and "
                 f"{self.light_touch} touching lightly; correct them"
             )
 
 
 @dataclass(frozen=True)
-class DatasetSettings:
-    """All that decides about its bytes."""
+class GenerationSettings:
+    """Everything that decides about the bytes of a generated data set."""
 
     pairs: int = 10_000
     size: tuple[int, int] = (460, 345)
-    """Columns and rows of the rectified images; all sizes show the width of the sensing area."""
+    """Columns and rows of the rectified images; images of every size show the width of the sensing area."""
     sensors: int = 20
+    """Number of different sensors, which take turns."""
     objects: int = PAPER_COUNT
-    """The first so many generated objects; ignored where names are given."""
-    names: tuple[str, ...] = ()
-    """Objects by name, in place of the first `objects` ones."""
+    """Number of generated objects; ignored if objects are named."""
+    object_names: tuple[str, ...] = ()
+    """Names of objects to use in place of the first `objects` generated ones."""
     seed: int = 0
-    """Of sensors, hands and noise."""
+    """Of sensors, presses and noise."""
     objects_seed: int = 0
-    """Of generated objects: one name and one such seed, one shape, whatever the data set."""
-    shares: Shares = Shares()
-    kinds: MechanicsShares = MechanicsShares()
+    """Of generated objects: a name and a seed are one shape in every data set."""
+    shares: KindShares = KindShares()
+    mechanics: MechanicsShares = MechanicsShares()
+    """Shares of sensors whose gel is not linear on a rigid base."""
     light_below_n: float = 0.3
     pitch_mm: float = PITCH_MM
-    """Of the grid on which contacts are solved."""
+    """Pitch of the grid on which contacts are solved."""
     session_pairs: int = 50
-    """With one sensor, before the next one's turn; fewer where not all sensors would have one."""
+    """Pairs with one sensor before the next one's turn; fewer if otherwise not all sensors would have one."""
     sessions_per_file: int = 5
     design: SensorDesign = SensorDesign()
-    """What all sensors were meant to be."""
+    """The design that all sensors vary about."""
     rule: SamplingRuleSettings = SamplingRuleSettings()
-    hand: Hand = field(default_factory=Hand)
+    press: PressSettings = field(default_factory=PressSettings)
 
     def __post_init__(self) -> None:
         for name in ("pairs", "sensors", "objects", "session_pairs", "sessions_per_file"):
             if getattr(self, name) < 1:
-                raise DatasetImpossible(f"expected {name} of at least 1, got {getattr(self, name)}; ask for more")
+                raise GenerationImpossible(
+                    f"expected {name} of at least 1, got {getattr(self, name)}; give a larger number"
+                )
         if self.seed < 0:
-            raise DatasetImpossible(f"expected a seed of zero or more, got {self.seed}; give another")
-        if min(self.size) < FEWEST_PX:
-            raise DatasetImpossible(
-                f"expected images of at least {FEWEST_PX} x {FEWEST_PX} pixels, got {self.size[0]} x {self.size[1]}; give "
-                f"columns and rows, as 460 345"
+            raise GenerationImpossible(f"expected a seed of zero or more, got {self.seed}; give another")
+        if min(self.size) < _SMALLEST_PX:
+            raise GenerationImpossible(
+                f"expected images of at least {_SMALLEST_PX} x {_SMALLEST_PX} pixels, got {self.size[0]} x {self.size[1]}; give "
+                "columns and rows, as 460 345"
             )
         if not (self.light_below_n > 0 and 0.05 <= self.pitch_mm <= 1):
-            raise DatasetImpossible(
+            raise GenerationImpossible(
                 f"expected light touches below a load above zero and a grid pitch from 0.05 to 1 mm, got "
                 f"{self.light_below_n} N and {self.pitch_mm} mm; correct them"
             )
 
     @property
-    def object_names(self) -> tuple[str, ...]:
-        """All of them."""
-        return self.names or tuple(generated_object_names(self.objects))
+    def selected_objects(self) -> tuple[str, ...]:
+        """Names of all objects that press."""
+        return self.object_names or tuple(generated_object_names(self.objects))
 
     @property
     def pairs_per_session(self) -> int:
-        """All sessions but the last hold as many."""
+        """Number of pairs of every session but the last, which may have fewer."""
         return max(1, min(self.session_pairs, self.pairs // self.sensors))
 
     @property
     def pairs_per_file(self) -> int:
-        """All files but the last hold as many."""
+        """Number of pairs of every file but the last, which may have fewer."""
         return self.pairs_per_session * self.sessions_per_file
 
     @property
     def files(self) -> int:
-        """How many."""
+        """Number of files."""
         return -(-self.pairs // self.pairs_per_file)
 
     @property
     def sessions(self) -> int:
-        """How many, the last one perhaps shorter."""
+        """Number of sessions."""
         return -(-self.pairs // self.pairs_per_session)
 
-    def member(self, number: int) -> SampledSensor:
-        """The sensor of this number."""
-        return sample_sensor(number, self.seed, self.kinds, self.design)
+    def sensor_parameters(self, number: int) -> SampledSensor:
+        """Return all parameters of the sensor of this number."""
+        return sample_sensor(number, self.seed, self.mechanics, self.design)
 
-    def sessions_of(self, file: int) -> range:
-        """Numbers of the sessions whose pairs are in this file."""
+    def sessions_of_file(self, file: int) -> range:
+        """Return the numbers of the sessions whose pairs are in this file."""
         first = file * self.sessions_per_file
         return range(first, min(first + self.sessions_per_file, self.sessions))
 
-    def as_table(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+    def to_json_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
         return asdict(self)

@@ -1,9 +1,6 @@
-"""Where pairs come from; each kind of source is cut into parts that become one file each.
+"""Sources of pairs for `build_dataset`: paths go in (`find_sources`), `Source` objects that yield rows come out.
 
-source.py    what every source answers, and what is stated about foreign ones (torque origin, axes, scale)
-detect.py    which kind a path is
-table.py     a data set of the twin, or one that was built before
-tree.py      the original project's Dataset folder; pair_files.py one image and wrench of it
-htt.py       force episodes of the Heterogeneous Tactile Transformer (.npz); frames.py reads their images one by one
-episodes.py  recordings of `ninedtact collect` (.mcap)
+`source.py` says what every source answers and what a person may state about it. The kinds: recordings of `ninedtact collect`
+(`recordings.py`), the original project's Dataset folder (`original_9dtact.py`), force episodes of the Heterogeneous Tactile
+Transformer (`htt_episodes.py`), and data sets of the same format, built or generated (`existing_dataset.py`).
 """

@@ -13,7 +13,7 @@ from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.cli.force.model.live_proof import Shown
-    from ninedtact.dataset.generation.settings import DatasetSettings
+    from ninedtact.dataset.generation.settings import GenerationSettings
     from ninedtact.force.card import Card
 
 LEARN, JUDGE, TRAINING, SENSOR = "learn", "judge", "training", "sensor"
@@ -75,11 +75,11 @@ class Make:
         figures = {"model": str(self.model), "card": str(self.out / PAGE), "evaluation": card.evaluation}
         return print_result(self.json, figures, self.lines(card, shown))
 
-    def simulated(self, name: str, settings: "DatasetSettings") -> None:
+    def simulated(self, name: str, settings: "GenerationSettings") -> None:
         """One data set, whole."""
-        from ninedtact.dataset.generation.job import make_dataset
+        from ninedtact.dataset.generation.generate import generate_dataset
 
-        make_dataset(self.out / name, settings, self.workers, progress=not self.json, device="auto")
+        generate_dataset(self.out / name, settings, self.workers, progress=not self.json, device="auto")
 
     def trained(self, recipe: Recipe) -> None:
         """A model that knows how good it is on what it was checked with."""

@@ -8,7 +8,7 @@ from ninedtact.design import SensorDesign
 if TYPE_CHECKING:
     from ninedtact.cli.force.train import Precision
     from ninedtact.cli.force.training_data import HeldOut
-    from ninedtact.dataset.generation.settings import DatasetSettings
+    from ninedtact.dataset.generation.settings import GenerationSettings
 
 HELD_OUT = frozenset(
     (
@@ -40,31 +40,31 @@ class Recipe:
     """What all twins were meant to be."""
 
     @property
-    def to_learn(self) -> "DatasetSettings":
+    def to_learn(self) -> "GenerationSettings":
         """Sensors of all mechanics, objects that are not held out."""
-        from ninedtact.dataset.generation.settings import DatasetSettings
+        from ninedtact.dataset.generation.settings import GenerationSettings
 
-        return DatasetSettings(
+        return GenerationSettings(
             self.pairs,
             sensors=self.sensors,
-            names=objects(held_out=False),
+            object_names=objects(held_out=False),
             seed=LEARN_SEED,
             pitch_mm=self.pitch_mm,
             design=self.design,
         )
 
     @property
-    def to_judge(self) -> "DatasetSettings":
+    def to_judge(self) -> "GenerationSettings":
         """Other sensors, most of them with the mechanics that estimators assume, and the objects held out."""
-        from ninedtact.dataset.generation.settings import DatasetSettings
+        from ninedtact.dataset.generation.settings import GenerationSettings
         from ninedtact.simulation.sensor_population import MechanicsShares
 
-        return DatasetSettings(
+        return GenerationSettings(
             self.judged_pairs,
             sensors=self.judged_sensors,
-            names=objects(held_out=True),
+            object_names=objects(held_out=True),
             seed=JUDGE_SEED,
-            kinds=MechanicsShares(compliant_base=0.15, finite_strain=0.15),
+            mechanics=MechanicsShares(compliant_base=0.15, finite_strain=0.15),
             pitch_mm=self.judged_pitch_mm,
             design=self.design,
         )

@@ -1,0 +1,121 @@
+"""Readings of a data set: every stored image measured with the calibration of the sensor that took it."""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray as Array
+
+from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
+from ninedtact.dataset.parquet_files import DatasetDamaged, iterate_rows, wrench_vector
+from ninedtact.dataset.schema import NO_OBJECT
+from ninedtact.dataset.stored_images import StoredImageUnreadable, decode_stored_image, read_reference_values
+from ninedtact.design import Gel, SensingArea
+from ninedtact.errors import NinedtactError
+from ninedtact.quantities import Frame, Rectified
+from ninedtact.reading import Reading
+from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.depth import DepthReader
+
+READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
+"""Columns that `FileDepthReader` needs."""
+
+
+class SensorCalibrationMissing(NinedtactError):
+    """Images of a sensor whose calibration was not given, or was made with images of another size."""
+
+
+@dataclass(frozen=True)
+class CalibratedSensor:
+    """The calibration of one sensor of a data set."""
+
+    shape: CalibratedShape
+    gel: Gel
+    digest: str
+    """Differs between any two calibrations."""
+
+
+@dataclass(frozen=True)
+class LabelledReading:
+    """A reading with the wrench that belongs to it."""
+
+    reading: Reading
+    wrench: Float32[Array, "6"]
+    """The measured or simulated wrench, N and N·m about the skin's centre."""
+    object: str
+    sensor: str
+    kind: str
+
+
+def iterate_readings(
+    folder: Path, sensors: Mapping[str, CalibratedSensor], every: int = 1, left_out: Collection[str] = ()
+) -> Iterator[LabelledReading]:
+    """Yield every n-th pair of a data set as a reading, without those of the sensors that are left out.
+
+    Raises `SensorCalibrationMissing`, `DatasetDamaged`.
+    """
+    number = 0
+    for file in find_pair_files(folder):
+        depth_reader = FileDepthReader(file, sensors)
+        for row in iterate_rows(file, (*READ_COLUMNS, "wrench", "object", "kind")):
+            number += 1
+            if (number - 1) % every == 0 and row["sensor"] not in left_out:
+                reading = depth_reader.read(row)
+                wrench, object_name = wrench_vector(row["wrench"]), str(row["object"] or NO_OBJECT)
+                yield LabelledReading(reading, wrench, object_name, row["sensor"] or "", str(row["kind"] or ""))
+
+
+@dataclass
+class FileDepthReader:
+    """Measures the images of one Parquet file, each with its own sensor's calibration and its own reference image."""
+
+    file: Path
+    sensors: Mapping[str, CalibratedSensor]
+    _readers: dict[tuple[str, str], DepthReader] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        ids = {row["reference_id"] for row in iterate_rows(self.file, ["reference_id"])}
+        self._references = read_reference_values(self.file.parents[1] / REFERENCES_FILE, ids)
+
+    def read(self, row: Mapping[str, Any]) -> Reading:
+        """Return the reading of a row; its raw frame is empty. Raises `SensorCalibrationMissing`, `DatasetDamaged`."""
+        sensor, reference_id = row["sensor"] or "", row["reference_id"]
+        image = self._decode_rectified(row["image"], row["mm_per_px"])
+        if (sensor, reference_id) not in self._readers:
+            reference = self._decode_rectified(self._references[reference_id], row["mm_per_px"])
+            self._readers[sensor, reference_id] = self._bind_depth_reader(sensor, reference)
+        reader = self._readers[sensor, reference_id]
+        if image.grey.shape != reader.reference.grey.shape:
+            raise DatasetDamaged(
+                f"expected images of sensor {sensor!r} as large as its reference, {reader.reference.grey.shape}, got "
+                f"{image.grey.shape}; leave them out: ninedtact dataset build --drop"
+            )
+        return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
+
+    def _bind_depth_reader(self, name: str, reference: Rectified) -> DepthReader:
+        """Return the sensor's depth reader for this reference image; raises `SensorCalibrationMissing`."""
+        if name not in self.sensors:
+            raise SensorCalibrationMissing(
+                f"expected the calibration of every sensor, got none of {name!r}; give a folder that holds a sensor folder of "
+                "each name"
+            )
+        shape = self.sensors[name].shape
+        calibrated = shape.rectify.coverage.shape
+        if reference.grey.shape != calibrated:
+            raise SensorCalibrationMissing(
+                f"expected images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with, got "
+                f"{reference.grey.shape[1]} x {reference.grey.shape[0]}; make the data set at that size"
+            )
+        return shape.reader_against(reference)
+
+    def _decode_rectified(self, stored: Any, mm_per_px: float | None) -> Rectified:
+        """Return a stored image with its scale, that of the published sensing area if unknown; raises `DatasetDamaged`."""
+        advice = f"leave it out: ninedtact dataset build --drop --out NEW {self.file.parents[1]}"
+        try:
+            grey = decode_stored_image(stored).astype(np.float32)
+        except StoredImageUnreadable as error:
+            raise DatasetDamaged(f"{error} (in {self.file}); {advice}") from error
+        return Rectified(grey, mm_per_px or SensingArea().width_mm / grey.shape[1])

@@ -1,0 +1,205 @@
+"""A generated data set from beginning to end: cut into files, made by several processes or on a GPU, continued after a stop.
+
+Every file depends on the settings and its own number alone, and appears whole or not at all. So a run that was killed continues
+with the missing files and ends with the same bytes. Processes are joblib's, so a cluster is one line around the call
+(`dataset.worker_pool`). A GPU is used by one process, which advances many sessions together.
+
+On a GPU, which sessions form one batch depends on the settings and on the size of a batch, never on what is there already:
+arithmetic on a device rounds by the shape of its batch, and a run that continues must end with the same bytes. So a batch with
+missing files is computed again as a whole, and only those files are written.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from warnings import warn
+
+import numpy as np
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.dataset.card import format_generation_card
+from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, to_json_bytes
+from ninedtact.dataset.generation.session import GenerationSession, cached_setup, load_object, make_setup
+from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
+from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
+from ninedtact.dataset.schema import ReferenceImage
+from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_statistics
+from ninedtact.dataset.stored_images import encode_png
+from ninedtact.dataset.worker_pool import require_workers, run_in_processes
+from ninedtact.simulation.batched.device import Device, device_named
+from ninedtact.simulation.batched.play import play
+from ninedtact.simulation.batched.requests import alone
+from ninedtact.simulation.batched.room import Room
+
+SESSIONS_PER_BATCH = 256
+"""Sessions that a GPU advances together. More are not faster, and hold some 3 MB of images each in memory."""
+
+
+@dataclass(frozen=True)
+class GenerationResult:
+    """A data set that was generated."""
+
+    folder: Path
+    statistics: DatasetStatistics
+    new_files: int
+    """Number of files that this run made; the others were there."""
+    device: str
+    """The kind of device that all files were made on."""
+
+
+def generate_dataset(
+    out: Path,
+    settings: GenerationSettings,
+    workers: int = 1,
+    *,
+    progress: bool = False,
+    device: str = "cpu",
+    sessions_per_batch: int = SESSIONS_PER_BATCH,
+    notify: Callable[[str], None] = warn,
+) -> GenerationResult:
+    """Generate a data set with simulated sensors, or continue a run that was stopped.
+
+    Args:
+        out: folder of the data set: new, empty, or begun with the same settings.
+        settings: everything that decides about the pairs.
+        workers: number of processes, or with a GPU number of threads that make noise and PNG files.
+        progress: whether to show a progress bar.
+        device: a name that `simulation.batched.device` knows.
+        sessions_per_batch: number of sessions that a GPU advances together.
+        notify: is called with a sentence when the memory of a GPU is too small for a batch.
+
+    Raises `GenerationImpossible`, `WorkersImpossible`, `UnknownObject`, `DatasetFolderTaken`, `FileNotWritten`, `DeviceMissing`.
+    """
+    require_workers(workers)
+    if sessions_per_batch < 1:
+        raise GenerationImpossible(
+            f"expected at least 1 session per batch, got {sessions_per_batch}; give a larger number"
+        )
+    on = device_named(device)
+    folder = DatasetFolder(out)
+    _begin_generation(folder, settings, on.kind)
+    missing = [number for number in range(settings.files) if not folder.pair_file(number, settings.files).is_file()]
+    if on.many:
+        pair_counts = _BatchedGeneration(folder, settings, on, sessions_per_batch, workers, notify).make_files(missing)
+    else:
+        pair_counts = _make_files_in_processes(folder, settings, missing, workers)
+    _consume_with_progress(pair_counts, settings, missing, progress)
+    return _finish_generation(folder, settings, len(missing), on.kind)
+
+
+def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, device: str) -> None:
+    """Write what all files share, or check that the folder was begun with the same settings on this kind of device."""
+    if not folder.settings.is_file():
+        for name in settings.object_names:
+            load_object(name, settings.objects_seed)  # unknown names are refused before anything is written
+    begin_dataset_folder(folder, {"device": device, **settings.to_json_dict()})
+    if not folder.sensors.is_file():
+        sensors = [settings.sensor_parameters(number).as_table() for number in range(settings.sensors)]
+        write_file_atomically(folder.sensors, to_json_bytes(sensors))
+    if not folder.references.is_file():
+        write_reference_file(folder.references, _render_references(settings))
+
+
+def _render_references(settings: GenerationSettings) -> Iterator[ReferenceImage]:
+    """Yield the reference image (no contact) of every sensor, as taken when it was switched on."""
+    for number in range(settings.sensors):
+        setup, rng = cached_setup(number, settings), np.random.default_rng([settings.seed, 3, number])
+        name = setup.member.name
+        yield ReferenceImage(name, encode_png(setup.eye.image(None, rng)), name)
+
+
+def _consume_with_progress(
+    pair_counts: Iterable[int], settings: GenerationSettings, missing: list[int], progress: bool
+) -> None:
+    """Wait until all files are made, with a progress bar; pair_counts yields numbers of new pairs."""
+    from tqdm import tqdm
+
+    there = (settings.files - len(missing)) * settings.pairs_per_file
+    with tqdm(total=settings.pairs, initial=min(there, settings.pairs), unit="pair", disable=not progress) as bar:
+        for pairs in pair_counts:
+            bar.update(pairs)
+
+
+def _make_files_in_processes(
+    folder: DatasetFolder, settings: GenerationSettings, missing: list[int], workers: int
+) -> Iterator[int]:
+    """Make the missing files in any order; yield how many pairs each has."""
+    jobs = [(folder.pair_file(number, settings.files), settings, number) for number in missing]
+    yield from (pairs for _, pairs in run_in_processes(generate_file, jobs, workers))
+
+
+def generate_file(path: Path, settings: GenerationSettings, number: int) -> int:
+    """Make one file of pairs on the processor and return how many they are; raises `FileNotWritten`."""
+    rows = []
+    for session in settings.sessions_of_file(number):
+        setup = cached_setup(session % settings.sensors, settings)
+        rows += alone(GenerationSession(session, settings, setup).asking())
+    write_pair_file(path, rows)
+    return len(rows)
+
+
+@dataclass
+class _BatchedGeneration:
+    """Makes files in batches of sessions on one device."""
+
+    folder: DatasetFolder
+    settings: GenerationSettings
+    device: Device
+    sessions_per_batch: int
+    """A batch consists of whole files; a file with more sessions is a batch of its own."""
+    threads: int
+    notify: Callable[[str], None]
+    executor: Room | None = field(default=None, init=False)
+    """That of the batch before."""
+
+    def make_files(self, missing: Sequence[int]) -> Iterator[int]:
+        """Make the missing files; yield numbers of new pairs from time to time."""
+        files_per_batch = max(1, self.sessions_per_batch // self.settings.sessions_per_file)
+        for first in range(0, self.settings.files, files_per_batch):
+            batch = range(first, min(first + files_per_batch, self.settings.files))
+            if wanted := [number for number in batch if number in missing]:
+                yield from self._make_batch(batch, wanted)
+
+    def _make_batch(self, batch: range, wanted: Sequence[int]) -> Iterator[int]:
+        """Run the sessions of one batch; every wanted file is written when its last session has ended."""
+        executor = self.executor = self._next_executor(batch)
+        files = {number: self._make_sessions(number, executor) for number in batch}
+        sessions = [session for sessions in files.values() for session in sessions]
+        unwritten, known = set(wanted), 0
+        for running in play(sessions, executor, self.threads):
+            new = sum(len(session.rows) for number in wanted for session in files[number])
+            yield new - known
+            known = new
+            ended = {number for number in unwritten if running.isdisjoint(self.settings.sessions_of_file(number))}
+            for number in sorted(ended):
+                rows = [row for session in files[number] for row in session.rows]
+                write_pair_file(self.folder.pair_file(number, self.settings.files), rows)
+            unwritten -= ended
+
+    def _make_sessions(self, file: int, executor: Room) -> list[GenerationSession]:
+        sensors = self.settings.sensors
+        return [
+            GenerationSession(number, self.settings, executor.bench(number % sensors))
+            for number in self.settings.sessions_of_file(file)
+        ]
+
+    def _next_executor(self, batch: range) -> Room:
+        """Return an executor with the sensors of these files; it keeps the setups and the batch size of the one before."""
+        before = dict(zip(self.executor.numbers, self.executor.benches, strict=True)) if self.executor else {}
+        sessions = (session for number in batch for session in self.settings.sessions_of_file(number))
+        numbers = sorted({session % self.settings.sensors for session in sessions})
+        setups = [before.get(number) or make_setup(number, self.settings) for number in numbers]
+        batch_size = self.executor.at_once if self.executor else self.sessions_per_batch
+        return Room(numbers, setups, self.device, batch_size, self.notify)
+
+
+def _finish_generation(
+    folder: DatasetFolder, settings: GenerationSettings, new_files: int, device: str
+) -> GenerationResult:
+    """Read back what was made and write the card."""
+    files = [folder.pair_file(number, settings.files) for number in range(settings.files)]
+    statistics = compute_dataset_statistics(files)
+    card = format_generation_card(settings, statistics, version("ninedtact"), device)
+    write_file_atomically(folder.card, card.encode())
+    return GenerationResult(folder.path, statistics, new_files, device)

@@ -1,0 +1,133 @@
+"""The skin's heights in the images of a data set on a network's grid, computed once with each sensor's calibration.
+
+    cache/heights-<digest>/train-00000-of-00040.npy …      (n, rows, cols) float16 mm, one file for each Parquet file
+
+The digest is that of the data, the grid and the calibrations. Every file appears whole or not at all, so that a computation that
+was stopped continues.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float16, Float32, Shaped
+from numpy import ndarray as Array
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.dataset.calibrated_readings import (
+    READ_COLUMNS,
+    CalibratedSensor,
+    FileDepthReader,
+    SensorCalibrationMissing,
+)
+from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
+from ninedtact.dataset.image_cache import digest_files, make_cache_folder
+from ninedtact.dataset.parquet_files import iterate_rows, wrench_array
+from ninedtact.dataset.reader import column_names, read_pair_columns
+from ninedtact.dataset.schema import NO_OBJECT
+from ninedtact.dataset.worker_pool import run_in_processes
+from ninedtact.force.places import PlaceGrid, heights_at_places
+
+
+@dataclass(frozen=True)
+class HeightPairs:
+    """Pairs of height grid and wrench, in the order of the files."""
+
+    ids: Shaped[Array, " n"]
+    z_mm: Float16[Array, "n rows cols"]
+    """Negative where the skin is pressed in."""
+    wrenches: Float32[Array, "n 6"]
+    """N and N·m about the skin's centre."""
+    objects: Shaped[Array, " n"]
+    sensors: Shaped[Array, " n"]
+
+
+def load_height_pairs(
+    folder: Path,
+    sensors: Mapping[str, CalibratedSensor],
+    grid: PlaceGrid,
+    cache: Path | None = None,
+    workers: int = 1,
+    *,
+    left_out: Collection[str] = (),
+    progress: bool = False,
+) -> HeightPairs:
+    """Return all height grids of a data set without those of the sensors that are left out; missing ones are computed now.
+
+    Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`.
+    """
+    table = read_pair_columns(folder)
+    names = np.array(column_names(table, "sensor"))
+    kept = ~np.isin(names, list(left_out))
+    _require_calibrations(names[kept], sensors)
+    files = find_pair_files(folder)
+    cache = folder / "cache" if cache is None else cache
+    target = cache / f"heights-{_digest_inputs(files, cache, sensors, grid)}"
+    make_cache_folder(target)
+    _compute_missing_files(files, target, sensors, grid, workers, progress)
+    z_mm = np.concatenate([np.load(_height_file(target, file), mmap_mode="r") for file in files])
+    ids, objects = np.array(table["id"].to_pylist()), np.array(column_names(table, "object", NO_OBJECT))
+    return HeightPairs(ids[kept], z_mm[kept], wrench_array(table)[kept], objects[kept], names[kept])
+
+
+def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, CalibratedSensor]) -> None:
+    """Refuse images of sensors without calibration."""
+    if missing := sorted(set(names.tolist()) - set(sensors)):
+        raise SensorCalibrationMissing(
+            f"expected the calibration of every sensor, got none of {len(missing)} (such as {missing[0]!r}); give a folder that "
+            "holds a sensor folder of each name"
+        )
+
+
+def _digest_inputs(files: Sequence[Path], cache: Path, sensors: Mapping[str, CalibratedSensor], grid: PlaceGrid) -> str:
+    """Return a digest of everything that the heights depend on."""
+    calibrations = sorted((name, sensor.digest) for name, sensor in sensors.items())
+    data = digest_files([*files, files[0].parents[1] / REFERENCES_FILE], cache)
+    return blake2b(repr((data, calibrations, grid)).encode(), digest_size=6).hexdigest()
+
+
+def _height_file(folder: Path, pair_file: Path) -> Path:
+    return folder / f"{pair_file.stem}.npy"
+
+
+def _compute_missing_files(
+    files: Sequence[Path],
+    target: Path,
+    sensors: Mapping[str, CalibratedSensor],
+    grid: PlaceGrid,
+    workers: int,
+    progress: bool,
+) -> None:
+    """Compute the files that no earlier run computed, in several processes."""
+    from tqdm import tqdm
+
+    missing = [file for file in files if not _height_file(target, file).is_file()]
+    jobs = [(file, _height_file(target, file), _select_sensors(file, sensors), grid) for file in missing]
+    with tqdm(total=len(files), initial=len(files) - len(missing), unit="file", disable=not progress) as bar:
+        for _ in run_in_processes(_compute_height_file, jobs, workers):
+            bar.update()
+
+
+def _select_sensors(file: Path, sensors: Mapping[str, CalibratedSensor]) -> dict[str, CalibratedSensor]:
+    """Return the calibrations of the sensors in one file: a process is sent no others."""
+    names = {row["sensor"] or "" for row in iterate_rows(file, ["sensor"])}
+    return {name: sensors[name] for name in names if name in sensors}
+
+
+def _compute_height_file(file: Path, target: Path, sensors: Mapping[str, CalibratedSensor], grid: PlaceGrid) -> None:
+    """Write the heights of one Parquet file; they are zero for sensors that are not given.
+
+    Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`.
+    """
+    reader = FileDepthReader(file, sensors)
+    rows = list(iterate_rows(file, READ_COLUMNS))
+    z_mm = np.zeros((len(rows), grid.rows, grid.cols), np.float16)
+    for number, row in enumerate(rows):
+        if (row["sensor"] or "") in sensors:
+            z_mm[number] = heights_at_places(reader.read(row).height, grid)
+    content = BytesIO()
+    np.save(content, z_mm)
+    write_file_atomically(target, content.getbuffer())

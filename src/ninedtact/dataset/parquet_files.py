@@ -1,0 +1,147 @@
+"""Reading and writing the Parquet files of a data set: pairs, reference images, and whole columns.
+
+Files are written whole or not at all. Rows are read and written in groups, so that a file may be larger than memory.
+"""
+
+from collections.abc import Collection, Container, Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Float32
+from numpy import ndarray as Array
+
+from ninedtact.atomic_write import open_atomic_file
+from ninedtact.dataset.schema import (
+    DATASET_FORMAT,
+    FORMAT_KEY,
+    PAIR_COLUMNS,
+    REFERENCE_COLUMNS,
+    Column,
+    DatasetRow,
+    ReferenceImage,
+    arrow_schema,
+    reference_to_columns,
+    row_to_columns,
+)
+from ninedtact.errors import NinedtactError
+
+_ROWS_PER_GROUP = 100
+"""Rows in memory at once, and the smallest unit that a reader can pick."""
+_NO_WRENCH = [float("nan")] * 6
+
+
+class DatasetDamaged(NinedtactError):
+    """A folder that is not a data set, or a file of it that is not whole."""
+
+
+class DatasetFormatUnknown(DatasetDamaged):
+    """A data set whose format is not the one that this version reads."""
+
+
+def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
+    """Write a file of pairs; raises `FileNotWritten`."""
+    _write_parquet_file(path, map(row_to_columns, rows), PAIR_COLUMNS)
+
+
+def write_reference_file(path: Path, references: Iterable[ReferenceImage]) -> None:
+    """Write a file of reference images; raises `FileNotWritten`."""
+    _write_parquet_file(path, map(reference_to_columns, references), REFERENCE_COLUMNS)
+
+
+def copy_pair_file(path: Path, target: Path, unwanted_rows: Container[int]) -> None:
+    """Copy a file of pairs without some of its rows; raises `FileNotWritten`, `DatasetDamaged`."""
+    kept = (row for number, row in enumerate(iterate_rows(path)) if number not in unwanted_rows)
+    _write_parquet_file(target, kept, PAIR_COLUMNS)
+
+
+def _write_parquet_file(path: Path, rows: Iterator[dict[str, Any]], columns: tuple[Column, ...]) -> None:
+    """Write rows of column values; this is the only place that writes Parquet."""
+    schema = arrow_schema(columns)
+    with open_atomic_file(path) as file, pq.ParquetWriter(file, schema, compression="snappy") as writer:
+        while group := list(islice(rows, _ROWS_PER_GROUP)):
+            writer.write_table(pa.Table.from_pylist(group, schema=schema))
+
+
+def iterate_rows(path: Path, columns: Collection[str] | None = None) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a file one by one as column values, all columns or the named ones; raises `DatasetDamaged`."""
+    file = open_parquet_file(path)
+    try:
+        for batch in file.iter_batches(_ROWS_PER_GROUP, columns=columns and list(columns)):
+            yield from batch.to_pylist()
+    except (pa.ArrowException, OSError) as error:
+        raise _parquet_damage(path, error) from error
+
+
+def iterate_rows_at(path: Path, numbers: Collection[int]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of these numbers in ascending order; raises `DatasetDamaged`."""
+    file, begin = open_parquet_file(path), 0
+    for group in range(file.num_row_groups):
+        end = begin + file.metadata.row_group(group).num_rows
+        wanted = sorted(number - begin for number in numbers if begin <= number < end)
+        if wanted:
+            try:
+                yield from file.read_row_group(group).take(wanted).to_pylist()
+            except (pa.ArrowException, OSError) as error:
+                raise _parquet_damage(path, error) from error
+        begin = end
+
+
+def read_columns(paths: Sequence[Path], columns: Sequence[str]) -> Any:
+    """Return whole columns of several files as one Arrow table; raises `DatasetDamaged`."""
+    tables = []
+    for path in paths:
+        try:
+            tables.append(pq.read_table(path, columns=list(columns)))
+        except (pa.ArrowException, OSError) as error:
+            raise _parquet_damage(path, error) from error
+    return pa.concat_tables(tables)
+
+
+def wrench_array(table: Any) -> Float32[Array, "n 6"]:
+    """Return the column `wrench` of an Arrow table; not a number where a wrench is missing."""
+    column = table["wrench"].combine_chunks()
+    if column.null_count == 0:
+        values = column.flatten().to_numpy(zero_copy_only=False)
+    else:
+        values = np.array([wrench or _NO_WRENCH for wrench in column.to_pylist()])
+    return np.array(values, np.float32).reshape(-1, 6)
+
+
+def wrench_vector(value: Any) -> Float32[Array, "6"]:
+    """Return the wrench of one row; not a number where it is missing."""
+    numbers = [float("nan") if number is None else number for number in (value or _NO_WRENCH)]
+    return np.asarray(numbers, np.float32)
+
+
+def open_parquet_file(path: Path) -> Any:
+    """Open a Parquet file; raises `DatasetDamaged`."""
+    try:
+        return pq.ParquetFile(path)
+    except (pa.ArrowException, OSError) as error:
+        raise _parquet_damage(path, error) from error
+
+
+def require_pair_columns(path: Path) -> None:
+    """Refuse a file that is not one of pairs in the current format; raises `DatasetDamaged`, `DatasetFormatUnknown`."""
+    schema = open_parquet_file(path).schema_arrow
+    found = (schema.metadata or {}).get(FORMAT_KEY)
+    if found != str(DATASET_FORMAT).encode():
+        raise DatasetFormatUnknown(
+            f"expected a data set of format {DATASET_FORMAT} in {path}, got {'no format' if found is None else found.decode()}; "
+            "make it again from its sources with 'ninedtact dataset build' or 'ninedtact simulate dataset'"
+        )
+    expected = [column.name for column in PAIR_COLUMNS]
+    if missing := [name for name in expected if name not in schema.names]:
+        raise DatasetDamaged(
+            f"expected the columns {', '.join(expected)} in {path}, got no column {missing[0]}; give the folder of a data set "
+            "of pairs"
+        )
+
+
+def _parquet_damage(path: Path, error: Exception) -> DatasetDamaged:
+    reason = (str(error).splitlines() or [type(error).__name__])[0]
+    return DatasetDamaged(f"expected a whole Parquet file in {path}, got: {reason}; copy it again or build it again")

@@ -1,0 +1,137 @@
+"""What the checks of a data set found: faults of single pairs, listed in a JSON file and counted."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
+from pathlib import Path
+
+import msgspec
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.errors import NinedtactError
+
+
+class NoUsablePairs(NinedtactError):
+    """Not one pair of the data set can be trained with."""
+
+
+class FaultsFound(NinedtactError):
+    """The checks found faults where none are accepted."""
+
+
+class PairFault(StrEnum):
+    """What can be wrong with a pair of image and wrench."""
+
+    MISSING_IMAGE = "missing image"
+    MISSING_WRENCH = "missing wrench"
+    UNREADABLE = "unreadable"
+    NO_REFERENCE = "no reference"
+    NOT_FINITE = "not finite"
+    OUT_OF_RANGE = "out of range"
+    PULLING = "pulling"
+    UNSYNCHRONISED = "unsynchronised"
+    WRONG_SIZE = "wrong size"
+    NO_DARKENING = "no darkening"
+    NO_MEASURED_FORCE = "no measured force"
+    DUPLICATE_IMAGE = "duplicate image"
+    DUPLICATE_ID = "duplicate id"
+    NORM_DIFFERS = "norm differs"
+    MIXED_IMAGE_DIFFERS = "mixed image differs"
+
+
+FAULT_MEANINGS = {
+    PairFault.MISSING_IMAGE: "a wrench without an image; it cannot become a pair",
+    PairFault.MISSING_WRENCH: "an image without a wrench; it cannot become a pair",
+    PairFault.UNREADABLE: "a file that is damaged or of another kind; it cannot become a pair",
+    PairFault.NO_REFERENCE: "no reference image (no contact) belongs to it",
+    PairFault.NOT_FINITE: "the wrench contains a value that is not a finite number",
+    PairFault.OUT_OF_RANGE: "a force or torque is larger than this sensor is used with",
+    PairFault.PULLING: "F_z is above zero: the object would pull at the skin; the axes of the force sensor may be turned",
+    PairFault.UNSYNCHRONISED: "image and wrench were taken too far apart in time",
+    PairFault.WRONG_SIZE: "the image and its reference image differ in size",
+    PairFault.NO_DARKENING: "the wrench presses hard, but no place of the image is darker than in the reference image",
+    PairFault.NO_MEASURED_FORCE: "the image shows a contact, but the wrench is zero",
+    PairFault.DUPLICATE_IMAGE: "an earlier pair has the same image",
+    PairFault.DUPLICATE_ID: "an earlier pair has the same id",
+    PairFault.NORM_DIFFERS: "_norm.npy and .npy of the original project contradict each other",
+    PairFault.MIXED_IMAGE_DIFFERS: "mixed_image and image of the original project contradict each other",
+}
+"""What each fault means, for the report and README.md."""
+
+_UNUSABLE_FAULTS = frozenset({PairFault.UNREADABLE, PairFault.NO_REFERENCE, PairFault.NOT_FINITE})
+"""A pair with one of these cannot be trained with; with the others it may be a good one."""
+
+
+class PairFinding(msgspec.Struct, frozen=True):
+    """One fault of one pair."""
+
+    fault: PairFault
+    id: str
+    message: str
+    row: int | None = None
+    """Row number in its file; None if it could not become a row."""
+    file: str = ""
+
+
+class QualityReport(msgspec.Struct, frozen=True):
+    """All findings in a data set."""
+
+    pairs: int
+    """Number of pairs that were checked."""
+    without_fault: int
+    usable: int
+    """Number of pairs in the data set that can be trained with."""
+    counts: dict[str, int]
+    """Number of findings by fault."""
+    dropped: bool
+    """Whether pairs with findings were left out of the data set."""
+    findings: list[PairFinding]
+
+    def summary_lines(self) -> Iterator[str]:
+        """Yield the counts as lines of text."""
+        if not self.findings:
+            yield f"{self.pairs} pairs checked, no faults found"
+            return
+        consequence = "left out" if self.dropped else "kept"
+        yield f"{self.pairs} pairs checked; {self.pairs - self.without_fault} have faults and are {consequence}:"
+        for fault, meaning in FAULT_MEANINGS.items():
+            if count := self.counts.get(fault.value):
+                yield f"{count:8d} {fault.value}: {meaning}"
+
+
+def make_quality_report(pairs: int, findings: Iterable[PairFinding], dropped: bool = False) -> QualityReport:
+    """Count the findings of a data set of this many pairs."""
+    findings = list(findings)
+    in_rows = [finding for finding in findings if finding.row is not None]
+    faulty = {(finding.file, finding.row) for finding in in_rows}
+    unusable = {(finding.file, finding.row) for finding in in_rows if dropped or finding.fault in _UNUSABLE_FAULTS}
+    counts = dict(sorted(Counter(finding.fault.value for finding in findings).items()))
+    return QualityReport(pairs, pairs - len(faulty), pairs - len(unusable), counts, dropped, findings)
+
+
+def write_quality_report(path: Path, report: QualityReport) -> None:
+    """Write a report as JSON; raises `FileNotWritten`."""
+    write_file_atomically(path, msgspec.json.format(msgspec.json.encode(report), indent=1), b"\n")
+
+
+def read_quality_report(path: Path) -> QualityReport:
+    """Read a report that `write_quality_report` wrote."""
+    return msgspec.json.decode(path.read_bytes(), type=QualityReport)
+
+
+def require_usable_pairs(report: QualityReport, report_path: Path) -> None:
+    """Raise `NoUsablePairs` if not one pair can be trained with."""
+    if report.usable < 1:
+        counted = sorted(report.counts.items(), key=lambda item: -item[1])
+        reasons = ", ".join(f"{count} {fault}" for fault, count in counted) or "the sources are empty"
+        raise NoUsablePairs(
+            f"expected pairs to train with, got none that is usable ({reasons}); {report_path} lists them all: correct the "
+            "sources, or state what they lack"
+        )
+
+
+def require_no_faults(report: QualityReport, report_path: Path) -> None:
+    """Raise `FaultsFound` if the report contains any finding."""
+    if report.findings:
+        counted = ", ".join(f"{count} {fault}" for fault, count in report.counts.items())
+        raise FaultsFound(f"expected no faults, got {counted}; {report_path} lists them, --drop leaves them out")
