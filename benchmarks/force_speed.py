@@ -18,10 +18,10 @@ from turns import Tasks, Times, in_turns
 from ninedtact import Frame
 from ninedtact.cli.force.estimators import on_sensor
 from ninedtact.design import Gel
-from ninedtact.force.model_file import read_model
-from ninedtact.force.network_force import NetworkForce, doubts_about
+from ninedtact.force.model_file import read_force_model
+from ninedtact.force.network_force import NetworkForce, prediction_warnings
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.calibrated_shape import CalibratedShape
 
 ESTIMATE, BOTH = "height → wrench", "frame → height and wrench"
 REQUIRED_MS = {ESTIMATE: 5.0, BOTH: 8.0}
@@ -49,7 +49,7 @@ def tasks(path: Path, reading: str) -> Tasks:
     images, shape = real_sensor("sensor_a")
     shape = shape if reading == "fine" else shape.fast()
     rectify, depth = shape.rectify, shape.depth_reader(Frame(images["ball_reference"]))
-    estimator = NetworkForce(read_model(path))
+    estimator = NetworkForce(read_force_model(path))
     frames = [Frame(images[name]) for name in PRESSED]
 
     def read(frame: Frame) -> Reading:
@@ -61,10 +61,10 @@ def tasks(path: Path, reading: str) -> Tasks:
     six = estimator.model(shown[0][None]).wrench[0]
     return {
         ESTIMATE: lambda call: estimator.estimate(readings[call % 3]),
-        "of it: gate": lambda call: estimator.touching(readings[call % 3]),
+        "of it: gate": lambda call: estimator.contact_test(readings[call % 3]),
         "of it: input": lambda call: estimator.input(readings[call % 3]),
         "of it: network": lambda call: estimator.model(shown[call % 3][None]),
-        "of it: doubts": lambda call: list(doubts_about(shown[call % 3], six, estimator.model.card)),
+        "of it: warnings": lambda call: list(prediction_warnings(shown[call % 3], six, estimator.model.card)),
         "frame → height": lambda call: read(frames[call % 3]),
         BOTH: lambda call: estimator.estimate(read(frames[call % 3])),
         **(by_both(shape, readings[0]) if reading == "fine" else {}),
@@ -80,7 +80,7 @@ def by_both(shape: CalibratedShape, held: Reading) -> Tasks:
 def trained_for_a_moment(folder: Path) -> Path:
     from dataclasses import replace
 
-    from ninedtact.force.splits import Rows
+    from ninedtact.force.dataset_split import SplitRows
     from ninedtact.force.training.examples import TrainingExamples
     from ninedtact.force.training.settings import DEFAULT_TRAINING, ComputeSettings
     from ninedtact.force.training.train import train_network
@@ -88,7 +88,7 @@ def trained_for_a_moment(folder: Path) -> Path:
     rng, names = np.random.default_rng(0), ["any"] * 80
     heights = rng.normal(0, 0.1, (80, DEFAULT_TRAINING.input.rows, DEFAULT_TRAINING.input.cols))
     examples = TrainingExamples(heights, rng.normal(0, 1, (80, 6)).astype(np.float32), names, names)
-    rows, settings = Rows(np.arange(64), np.arange(64, 80)), replace(DEFAULT_TRAINING, epochs=1)
+    rows, settings = SplitRows(np.arange(64), np.arange(64, 80)), replace(DEFAULT_TRAINING, epochs=1)
     trained = train_network(examples, rows, settings, folder / "model", machine=ComputeSettings(accelerator="cpu"))
     assert trained is not None
     return trained.path

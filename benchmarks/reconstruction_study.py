@@ -19,7 +19,7 @@ from ninedtact import CalibrationImages, Frame, Rectified, calibrate
 from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.shape.calibrated import mean_rectified
+from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.depth import DepthReader, Smoothing
 from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
@@ -77,7 +77,7 @@ def sensor_errors(who: SampledSensor, presses: int, seed: int) -> dict[str, Erro
             **vars(simulate_calibration_images(twin, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES))
         )
     )
-    untouched = mean_rectified([made.rectify(Frame(twin.renderer(None, 100 + number))) for number in range(10)])
+    untouched = mean_rectified_image([made.rectify(Frame(twin.renderer(None, 100 + number))) for number in range(10)])
     readers, rng = dict(readings(made, untouched)), np.random.default_rng(seed)
     pressed = [press_errors(who, made, readers, rng, 200 + number) for number in range(presses)]
     return {name: Errors(*np.mean([errors[name] for errors in pressed], axis=0)) for name in readers}
@@ -91,7 +91,7 @@ def readings(made: Calibration, untouched: Rectified) -> Iterator[tuple[str, Dep
         fit = (
             made.ball if name == "physics" else fit_ball(made.rectify, images.ball_reference, images.ball, design, name)
         )
-        reader = fit.reader(untouched, made.rectify.coverage)
+        reader = fit.reader(untouched, made.rectify.height_source)
         yield name, reader
         if name == "physics":
             yield "physics, fast", replace(reader, deblurring=None, smoothing=Smoothing())

@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 from traction_skill import bench
 
-from ninedtact.force.traction.explained import Effort
+from ninedtact.force.traction.inversion import SolverSettings
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter_primitives import Cylinder
 from ninedtact.quantities import Traction, WrenchEstimate
@@ -40,7 +40,7 @@ def traction_image(
     cv2.setNumThreads(1)
     who, rng = sample_sensor(number, seed=1), np.random.default_rng(0)
     eye = grey_eye(who, SIZE)
-    set_up = bench(who, eye.image(None, rng), folders, 1.96, Effort())
+    set_up = bench(who, eye.image(None, rng), folders, 1.96, SolverSettings())
     assert set_up is not None
     figure, rows = plt.subplots(len(PRESSES), 3, figsize=(11.5, 5.6), squeeze=False, layout="constrained")
     for row, (indenter, press) in zip(rows, PRESSES, strict=True):

@@ -15,8 +15,8 @@ import tyro
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.force.traction.evidence import ByHeight
-from ninedtact.force.traction.ground import YIELDING
+from ninedtact.force.traction.observation import HeightObservationModel
+from ninedtact.force.traction.substrate import COMPLIANT_BASE
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
@@ -77,7 +77,7 @@ CASES = (
     Case("ν = 0.48 assumed, 0.50 true", gel=replace(GEL, poisson_ratio=0.48)),
     Case("0.5 mm blur not undone", seen=blurred),
     Case("compliant base", kind="compliant_base"),
-    Case("compliant base, told", kind="compliant_base", base=YIELDING),
+    Case("compliant base, told", kind="compliant_base", base=COMPLIANT_BASE),
     Case("finite strain", kind="finite_strain"),
 )
 
@@ -125,7 +125,7 @@ def press(rng: np.random.Generator, to_depth: bool) -> ScriptedPress:
 def line(case: Case, contacts: list[Contact]) -> None:
     """One row of the table."""
     rng, start = np.random.default_rng(1), process_time()
-    estimator = TractionForce(ByHeight(), case.gel, case.base)
+    estimator = TractionForce(HeightObservationModel(), case.gel, case.base)
     true, read, error = [], [], []
     for contact in contacts:
         estimator.forget()

@@ -21,13 +21,13 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.dataset.generation.generate import generate_dataset
 from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.errors import NinedtactError
-from ninedtact.force.traction.estimator import TractionForce, traction_force
-from ninedtact.force.traction.explained import Effort
+from ninedtact.force.traction.estimator import TractionForce, build_traction_force
+from ninedtact.force.traction.inversion import SolverSettings
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Coverage, Doubt, Frame, Rectified, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, Frame, HeightSource, Rectified, WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
@@ -79,7 +79,7 @@ def traction_skill(
     sensors: tuple[int, int] = (20, 40),
     every: int = 1,
     weight_n: float = WEIGHT_N,
-    effort: Effort = Effort(),
+    effort: SolverSettings = SolverSettings(),
 ) -> None:
     """Judge sensors from the first to before the second; of their images, each `every`th of the ordinary ones."""
     cv2.setNumThreads(1)
@@ -89,7 +89,7 @@ def traction_skill(
     for kind in ("bonded", "finite_strain", "compliant_base"):
         show(kind, [one for one in found if one.kind == "rule" and one.mechanics == kind])
     show("all", [one for one in found if one.kind == "rule"])
-    whole = [one for one in found if one.kind == "rule" and Doubt.PART_UNSEEN not in one.estimate.doubts]
+    whole = [one for one in found if one.kind == "rule" and EstimateWarning.PART_UNSEEN not in one.estimate.warnings]
     show("all, wholly in view", whole)
     show("bonded, wholly in view", [one for one in whole if one.mechanics == "bonded"])
     show_light(found)
@@ -108,7 +108,7 @@ def make_if_missing(dataset: Path) -> None:
 
 
 def judged(
-    dataset: Path, folders: Path, sensors: tuple[int, int], every: int, weight_n: float, effort: Effort
+    dataset: Path, folders: Path, sensors: tuple[int, int], every: int, weight_n: float, effort: SolverSettings
 ) -> Iterator[Judged]:
     """All images of these sensors, in the data set's order."""
     members = {
@@ -147,7 +147,9 @@ class Bench:
         return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, self.reader(image), reference=self.reader.reference)
 
 
-def bench(who: SampledSensor, reference: np.ndarray, folders: Path, weight_n: float, effort: Effort) -> Bench | None:
+def bench(
+    who: SampledSensor, reference: np.ndarray, folders: Path, weight_n: float, effort: SolverSettings
+) -> Bench | None:
     """Calibrated from its own images, weighed with one weight; none where the calibration is refused."""
     folder = folders / who.name
     if not (folder / "sensor.toml").is_file():
@@ -159,8 +161,8 @@ def bench(who: SampledSensor, reference: np.ndarray, folders: Path, weight_n: fl
             return None
     sensor = load_sensor(folder)
     assert sensor.record.twin is not None
-    estimator = traction_force(sensor.shape, sensor.record.twin.gel)
-    set_up = Bench(reader(sensor.shape, reference), replace(estimator, effort=effort))
+    estimator = build_traction_force(sensor.shape, sensor.record.twin.gel)
+    set_up = Bench(reader(sensor.shape, reference), replace(estimator, solver=effort))
     return weighed(set_up, who, weight_n)
 
 
@@ -172,7 +174,7 @@ def reader(shape: CalibratedShape, reference: np.ndarray) -> DepthReader:
     smoothing = replace(
         FINE_SMOOTHING, first_px=FINE_SMOOTHING.first_px * smaller, second_px=FINE_SMOOTHING.second_px * smaller
     )
-    everywhere = np.full(reference.shape, Coverage.MEASURED, np.uint8)
+    everywhere = np.full(reference.shape, HeightSource.MEASURED, np.uint8)
     before = Rectified(reference.astype(np.float32), pitch)
     return DepthReader(
         shape.curve,
@@ -247,7 +249,7 @@ def line(name: str, values: np.ndarray | list[float]) -> None:
 
 
 def show_light(found: list[Judged]) -> None:
-    """No contact, light touches, and how doubts are shared out."""
+    """No contact, light touches, and how warnings are shared out."""
     empty = [one.estimate for one in found if one.kind == "no_contact"]
     light = [one for one in found if one.kind != "no_contact" and one.true[2] > -1]
     print(f"no contact: {sum(one.touching for one in empty)} of {len(empty)} read as touched")
@@ -259,9 +261,9 @@ def show_light(found: list[Judged]) -> None:
             print(f"{low:g} to {high:g} N: {len(some)} images, {seen:.0%} found, MAE of Fz {off:.3f} N")
     off = np.mean([abs(one.true[2] - one.estimate.wrench.force_n[2]) for one in light])
     print(f"below 1 N: MAE of Fz {off:.3f} N")
-    for doubt in Doubt:
-        part = np.mean([doubt in one.estimate.doubts for one in found])
-        print(f"{doubt.value}: {part:.1%}")
+    for warning in EstimateWarning:
+        part = np.mean([warning in one.estimate.warnings for one in found])
+        print(f"{warning.value}: {part:.1%}")
 
 
 if __name__ == "__main__":

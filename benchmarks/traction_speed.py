@@ -15,30 +15,30 @@ from figures import Figure, answer, at_most
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.force.traction.evidence import ByLight
-from ninedtact.force.traction.explained import Effort
+from ninedtact.force.traction.inversion import SolverSettings
+from ninedtact.force.traction.observation import BrightnessObservationModel
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated import keep_freed_memory
-from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.loss import Loss
+from ninedtact.shape.calibrated_shape import retain_freed_memory
+from ninedtact.shape.depth import DepthCurve, LightLoss
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.twin import default_twin
 
 SHAPE, PX_MM, SCATTERING_MM = (345, 460), 0.0522, 0.5
 DEPTH = np.linspace(0, 2, 21)
 CURVE = DepthCurve("ratio", tuple((0.15 * DEPTH).tolist()), tuple(DEPTH.tolist()), (0.01,) * 21, (0.0, 0.4), (0.0, 1.0))
-PATIENT = Effort(rounds=20, enough=0.02)
+PATIENT = SolverSettings(max_iterations=20, target_decrement=0.02)
 
 
 def traction_speed(frames: int = 60, json: bool = False) -> None:
     """Live against patient."""
     cv2.setNumThreads(1)
-    keep_freed_memory()
+    retain_freed_memory()
     live, patient = (
-        TractionForce(ByLight(CURVE, Loss(), SCATTERING_MM), Gel(), effort=how) for how in (Effort(), PATIENT)
+        TractionForce(BrightnessObservationModel(CURVE, LightLoss(), SCATTERING_MM), Gel(), solver=how)
+        for how in (SolverSettings(), PATIENT)
     )
     ms, off, load = [], [], []
     for number, reading in enumerate(stream(frames)):

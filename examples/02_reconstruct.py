@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from ninedtact import Frame, export, load_sensor, read_image, summarise
-from ninedtact.shape.image import shaded_image
+from ninedtact.shape.relief_image import render_relief
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
@@ -30,4 +30,4 @@ if measured.contact_centre_mm is not None:  # None where nothing touches
 
 options.out.mkdir(parents=True, exist_ok=True)
 export(height, options.out / "height.npy")
-(options.out / "height_shaded.png").write_bytes(shaded_image(height))
+(options.out / "height_shaded.png").write_bytes(render_relief(height))

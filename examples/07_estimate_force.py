@@ -19,10 +19,10 @@ from ninedtact import (
     press_trajectory,
     save_sensor,
 )
-from ninedtact.force.model_file import read_model
+from ninedtact.force.model_file import read_force_model
 from ninedtact.force.network_force import NetworkForce
-from ninedtact.force.shipped import SHIPPED
-from ninedtact.force.traction.estimator import traction_force
+from ninedtact.force.shipped import SHIPPED_MODEL
+from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 
 parser = argparse.ArgumentParser(description=__doc__)
@@ -38,7 +38,11 @@ twin = default_twin()
 save_sensor(options.sensor, calibrate(CalibrationImages(**vars(simulate_calibration_images(twin, frames=4)))))
 folder = load_sensor(options.sensor)
 shape, gel = folder.shape, folder.record.twin.gel
-estimator = NetworkForce(read_model(SHIPPED), gel) if options.force == "network" else traction_force(shape, gel)
+estimator = (
+    NetworkForce(read_force_model(SHIPPED_MODEL), gel)
+    if options.force == "network"
+    else build_traction_force(shape, gel)
+)
 
 motion = press_trajectory(Pose(depth_mm=1.2), drag_mm=(0.8, 0.0))
 stage = PressSimulation(
@@ -56,5 +60,5 @@ with Sensor(SimulatedCamera(stage), shape, depth_reader=untouched, estimator=est
                     "xyz", found.wrench.force_n, found.error, true.force_n, strict=False
                 )
             )
-            doubts = "".join(f", {doubt}" for doubt in found.doubts)
-            print(f"{reading.frame.index / stage.hz:.1f} s, {reading.stage_ms['force']:4.1f} ms: {told}{doubts}")
+            warnings = "".join(f", {warning}" for warning in found.warnings)
+            print(f"{reading.frame.index / stage.hz:.1f} s, {reading.stage_ms['force']:4.1f} ms: {told}{warnings}")

@@ -11,7 +11,7 @@ import pytest
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.cli import main
-from ninedtact.force.adaptation import G_STANDARD
+from ninedtact.force.force_scale import STANDARD_GRAVITY
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.scripted_press import ScriptedPress
@@ -62,7 +62,7 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
         rows = list(csv.DictReader(file))
     assert [float(row["Fz_N"]) for row in rows] == pytest.approx(before[:, 2].tolist())
     stiff = 1.3  # as if the gel were stiffer than designed: the scale would show more
-    grams = -true[:, 2] * stiff / G_STANDARD * 1e3
+    grams = -true[:, 2] * stiff / STANDARD_GRAVITY * 1e3
     weighed = [
         word for path, each in zip(presses(desk), grams, strict=True) for word in ("--press", path, f"{each:.1f}")
     ]

@@ -9,8 +9,8 @@ import pytest
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
-from ninedtact.force.model_file import read_model
-from ninedtact.force.shipped import SHIPPED
+from ninedtact.force.model_file import read_force_model
+from ninedtact.force.shipped import SHIPPED_MODEL
 
 MAKE_SMALLEST = """
 import sys
@@ -33,12 +33,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_model_is_that_of_the_design(made: Path) -> None:
-    assert read_model(made / "model.onnx").card.input.mm_per_px == pytest.approx(0.3 * 27 / 24)
+    assert read_force_model(made / "model.onnx").card.input.mm_per_px == pytest.approx(0.3 * 27 / 24)
     assert load_sensor(made / "sensor").record.design.sensing_area.width_mm == 27
 
 
 def test_the_card_tells_what_it_was_judged_on(made: Path) -> None:
-    card = read_model(made / "model.onnx").card
+    card = read_force_model(made / "model.onnx").card
     table = card.evaluation["all"]
     assert table["pairs"] == 24 and len(table["skill"]) == len(table["skill_35_mm_below"]) == 6
     assert table["no_contact"]["largest_force_n"] == 0 < table["no_contact_without_detection"]["largest_force_n"]
@@ -70,9 +70,9 @@ def test_physics_has_no_gate_to_lift(made: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_the_model_that_ships_is_small_and_its_page_is_in_the_docs(capsys: pytest.CaptureFixture[str]) -> None:
-    assert SHIPPED.stat().st_size < 10e6
+    assert SHIPPED_MODEL.stat().st_size < 10e6
     assert main(["model", "card"]) == 0
     page = (Path(__file__).parents[1] / "docs" / "model_card.md").read_text()
     assert page.strip() == capsys.readouterr().out.strip()
-    judged = read_model(SHIPPED).card.evaluation
+    judged = read_force_model(SHIPPED_MODEL).card.evaluation
     assert judged["all"]["pairs"] >= 10_000 and judged["all"]["no_contact"]["largest_force_n"] == 0

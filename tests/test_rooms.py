@@ -29,7 +29,7 @@ EXCEPTIONS = {("calibration", "simulation.illumination")}
 SHARED_WITHIN_A_LAYER = {("design", "errors"), ("atomic_write", "errors"), ("design_file", "design")}
 
 HEAVY = {
-    "torch": {"force.networks", "force.training", "force.original", "mechanics", "simulation"},
+    "torch": {"force.networks", "force.training", "force.original_network", "mechanics", "simulation"},
     "lightning": {"force.training"},
     "onnx": {"force.training"},
     "onnxruntime": {"force.model_file"},

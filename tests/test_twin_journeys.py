@@ -14,7 +14,7 @@ from ninedtact.cli import main
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
-from ninedtact.shape.height_png import read_height_png
+from ninedtact.shape.export import read_height_png
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.press_simulation import ObjectTrajectory
 from ninedtact.simulation.scripted_press import ScriptedPress

@@ -11,11 +11,11 @@ from .design import SensorDesign
 from .errors import NinedtactError
 from .mechanics.pose import Pose
 from .quantities import (
-    Coverage,
     Deformation,
-    Doubt,
+    EstimateWarning,
     Frame,
     HeightMap,
+    HeightSource,
     Mesh,
     PointCloud,
     Rectified,
@@ -25,13 +25,12 @@ from .quantities import (
 )
 from .reading import Reading
 from .sensor import Sensor
-from .shape.cloud import point_cloud
-from .shape.export import export
-from .shape.height_png import read_height_png
-from .shape.image import height_image, shaded_image
-from .shape.measures import summarise
-from .shape.mesh import surface_mesh
-from .shape.sightlines import from_straight_below
+from .shape.export import export_shape, read_height_png
+from .shape.height_map_image import render_height_map
+from .shape.measures import summarise_shape
+from .shape.orthorectification import orthorectify
+from .shape.relief_image import render_relief
+from .shape.surface import point_cloud, surface_mesh
 from .simulation.objects.catalogue import indenter_from_name
 from .simulation.press_simulation import ObjectTrajectory, PressSimulation
 from .simulation.scripted_press import ScriptedPress
@@ -44,12 +43,12 @@ __all__ = [
     "CalibrationImages",
     "CalibrationSettings",
     "CameraSettings",
-    "Coverage",
     "Deformation",
-    "Doubt",
+    "EstimateWarning",
     "Frame",
     "FrameSource",
     "HeightMap",
+    "HeightSource",
     "LatestFrameSource",
     "Mesh",
     "NinedtactError",
@@ -74,18 +73,18 @@ __all__ = [
     "__version__",
     "calibrate",
     "default_twin",
-    "export",
-    "from_straight_below",
-    "height_image",
+    "export_shape",
     "indenter_from_name",
     "load_sensor",
+    "orthorectify",
     "point_cloud",
     "press_trajectory",
     "read_height_png",
     "read_image",
+    "render_height_map",
+    "render_relief",
     "save_sensor",
-    "shaded_image",
     "source_for",
-    "summarise",
+    "summarise_shape",
     "surface_mesh",
 ]

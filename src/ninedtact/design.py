@@ -71,7 +71,8 @@ class CameraGeometry:
     """The wide-angle camera under the gel, looking straight up through the middle of the skin."""
 
     distance_mm: float = 14.05
-    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards: see `shape.sightlines`."""
+    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards: see
+    `shape.orthorectification`."""
 
     lens_angle_deg: float = 160.0
     """What the lens sees in air, from side to side along the image's diagonal."""

@@ -6,9 +6,9 @@ from functools import cached_property
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.quantities import Doubt, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
-from ninedtact.shape.cloud import point_cloud
-from ninedtact.shape.measures import ShapeSummary, summarise
+from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
+from ninedtact.shape.measures import ShapeSummary, summarise_shape
+from ninedtact.shape.surface import point_cloud
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,14 @@ class Reading:
         return None if self.force is None else self.force.error
 
     @property
-    def warnings(self) -> tuple[Doubt, ...]:
+    def warnings(self) -> tuple[EstimateWarning, ...]:
         """Reasons to distrust the wrench, for example a press beyond the calibrated range; empty where there are none."""
-        return () if self.force is None else self.force.doubts
+        return () if self.force is None else self.force.warnings
 
     @cached_property
     def summary(self) -> ShapeSummary:
         """All measures of the contact: depth, area, volume, centre."""
-        return summarise(self.height)
+        return summarise_shape(self.height)
 
     @property
     def max_indentation_mm(self) -> float:

@@ -13,7 +13,7 @@ from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
 REFERENCE_FRAMES = 10

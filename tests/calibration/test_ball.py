@@ -18,7 +18,7 @@ from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.lens import central_mm_per_px
-from ninedtact.shape.rectification import Rectification, rectification
+from ninedtact.shape.rectification import Rectification, rectification_of_projection
 
 DESIGN = SensorDesign()
 
@@ -26,7 +26,7 @@ DESIGN = SensorDesign()
 @pytest.fixture(scope="module")
 def rectify() -> Rectification:
     area = calibrated_area_mm(DESIGN)
-    return rectification(LENS, DESIGN.field_of_view, central_mm_per_px(LENS, 2.5), LENS.raw_shape, area)
+    return rectification_of_projection(LENS, DESIGN.field_of_view, central_mm_per_px(LENS, 2.5), LENS.raw_shape, area)
 
 
 def fitted(rectify: Rectification, factor, method="ratio") -> BallFit:
@@ -51,7 +51,7 @@ def test_the_ratio_is_one_curve_for_the_whole_image(rectify: Rectification) -> N
     presses = [rectify(Frame(sensor.image(sensor.ball_factor(at, 2.6), 3))) for at in ((0.6, 0.7), (7.0, 5.0))]
     differ_mm = {}
     for method in ("ratio", "table"):
-        depth = DepthReader(fitted(rectify, sensor.ball_factor(), method).curve, before, rectify.coverage)
+        depth = DepthReader(fitted(rectify, sensor.ball_factor(), method).curve, before, rectify.height_source)
         middle, corner = (depth(press).indentation_mm.max() for press in presses)
         differ_mm[method] = abs(corner - middle)
     assert differ_mm["ratio"] < 0.03 < 0.06 < differ_mm["table"]
@@ -76,9 +76,9 @@ def test_a_hundred_levels_darker_is_deep_and_not_wrapped(rectify: Rectification)
     fit = fitted(rectify, KnownSensor().ball_factor(), "table")
     before = rectify(Frame(np.full((480, 640, 3), 160, np.uint8)))
     after = rectify(Frame(np.full((480, 640, 3), 60, np.uint8)))
-    height = DepthReader(fit.curve, before, rectify.coverage)(after)
+    height = DepthReader(fit.curve, before, rectify.height_source)(after)
     assert height.indentation_mm[100:200, 100:200].min() == pytest.approx(fit.curve.max_indentation_mm, abs=1e-4)
-    assert (height.coverage[100:200, 100:200] == 1).all()
+    assert (height.source[100:200, 100:200] == 1).all()
 
 
 REFUSED = {

@@ -27,7 +27,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamage
 from ninedtact.capture.image_file import ImageSizeWrong, read_image
 from ninedtact.cli.check import CheckCommand, NoImageToCheck
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.rectification import rectification
+from ninedtact.shape.rectification import rectification_of_projection
 
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
 
@@ -184,7 +184,9 @@ def drawn() -> tuple[KnownSensor, CalibratedReference]:
     """A skin without any structure, and what is known of it."""
     sensor = KnownSensor()
     design, untouched = sensor.design, np.ones(sensor.lens.raw_shape)
-    rectify = rectification(sensor.lens, design.field_of_view, 0.0521, (480, 640), calibrated_area_mm(design))
+    rectify = rectification_of_projection(
+        sensor.lens, design.field_of_view, 0.0521, (480, 640), calibrated_area_mm(design)
+    )
     curve = DepthCurve("ratio", (0.0, 0.3), (0.0, 1.8), (0.01, 0.01))
     return sensor, CalibratedReference(sensor.image(untouched, 1), sensor.image(untouched, 2), rectify, curve)
 

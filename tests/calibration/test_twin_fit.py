@@ -114,7 +114,7 @@ def test_physics_reads_another_ball_better_than_the_rule(
     after, true = rectify(Frame(twin.renderer(contact, 4))), seen_mm(contact, before.grey.shape, rectify.mm_per_px)
     off = {}
     for method in ("physics", "ratio"):
-        read = fit_ball(rectify, *images, DESIGN, method).reader(before, rectify.coverage)(after)
+        read = fit_ball(rectify, *images, DESIGN, method).reader(before, rectify.height_source)(after)
         off[method] = float(np.abs(read.indentation_mm + np.minimum(true, 0))[true < -0.05].mean())
     assert off["physics"] < 0.03 < 0.06 < off["ratio"]
 
@@ -125,7 +125,7 @@ def test_bulges_are_read_and_nothing_is_read_from_nothing(
     rectify = calibrated_a.rectify
     fit = fit_ball(rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN)
     before = rectify(Frame(twin.renderer(None, 3)))
-    reader = fit.reader(before, rectify.coverage)
+    reader = fit.reader(before, rectify.height_source)
     contact = pressed(twin, Cylinder(3.0, 8.0), Pose(1.0, 0.0, 1.0), (0.5, 0.0))
     read, true = (
         reader(rectify(Frame(twin.renderer(contact, 5)))).z_mm,

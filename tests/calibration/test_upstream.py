@@ -43,7 +43,7 @@ from ninedtact.calibration.sensor_record import (
 from ninedtact.capture.image_file import read_image
 from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
 from ninedtact.design import FieldOfView, SensorDesign
-from ninedtact.quantities import Coverage, Frame
+from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.depth import DepthCurve, Smoothing
 
 REAL = "sensor_a/upstream_layout"
@@ -83,7 +83,7 @@ def test_an_imported_sensor_shows_what_the_original_shows(real_data: Path, tmp_p
     height = sensor.shape.depth_reader(Frame(read_image(real_data / "sensor_a/ball_reference.png")))
     deepest_mm = height(sensor.rectification(Frame(ball))).indentation_mm.max()
     assert deepest_mm == pytest.approx(1.85, abs=0.1)
-    assert (sensor.rectification.coverage == Coverage.OUT_OF_VIEW).sum() == 38
+    assert (sensor.rectification.height_source == HeightSource.OUT_OF_VIEW).sum() == 38
     assert sensor.id == load_sensor(tmp_path / "ours").id == "left finger"
     with pytest.raises(SensorFolderDamaged, match="imported"):
         sensor.stored_image("ball_reference")
@@ -201,7 +201,7 @@ def test_the_original_shows_one_of_our_sensors_to_the_nearest_pixel(tmp_path: Pa
     export_original_calibration(sensor, tmp_path / "sensor_1")
     rows, cols = np.indices((480, 640))
     shown = np.stack([shown_by_original(tmp_path / "sensor_1", axis) for axis in (cols, rows)], axis=-1)
-    seen = sensor.rectification.coverage != Coverage.OUT_OF_VIEW
+    seen = sensor.rectification.height_source != HeightSource.OUT_OF_VIEW
     assert np.abs(shown - sensor.rectification.source_px)[seen].max() <= 0.5 + 1e-3
     found = arrays(tmp_path / "sensor_1")
     assert found[POSITION_SCALE][2] == sensor.record.grid.mm_per_px

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ninedtact.force.deformation import mixed_image
+from ninedtact.force.deformation import encode_mixed_image
 from ninedtact.quantities import Deformation
 
 ROWS, COLS = 36, 48
@@ -39,7 +39,7 @@ def grey(image: np.ndarray) -> np.ndarray:
 def mixed_of(image: np.ndarray, skin: np.ndarray) -> np.ndarray:
     """As the original's collect_data.py writes it."""
     change = grey(skin).astype(np.float32) - grey(image)
-    return mixed_image(
+    return encode_mixed_image(
         Deformation(np.maximum(change, 0), np.maximum(-change, 0), grey(skin).astype(np.float32), mm_per_px=0.5)
     )
 

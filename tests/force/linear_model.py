@@ -7,19 +7,26 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from ninedtact.force.card import FORMAT, Card, TrainingSummary
-from ninedtact.force.inputs import Channels, InputSettings
-from ninedtact.force.likeness import Range
-from ninedtact.force.model_file import INPUT, KEY, SCALE, WRENCH
+from ninedtact.force.model_file import (
+    INPUT_NAME,
+    METADATA_KEY,
+    MODEL_FORMAT,
+    SCALE_NAME,
+    WRENCH_NAME,
+    ModelCard,
+    TrainingSummary,
+)
+from ninedtact.force.network_input import InputChannels, NetworkInputSettings
+from ninedtact.force.out_of_distribution import StatisticRange
 
-SMALL = InputSettings(Channels.HEIGHTS, rows=6, cols=8, mm_per_px=3.0)
+SMALL = NetworkInputSettings(InputChannels.HEIGHTS, rows=6, cols=8, mm_per_px=3.0)
 SUMMARY = TrainingSummary(10, 2, 3, 1, 1, 1, 1.0, {}, {})
 
 
-def a_card(settings: InputSettings = SMALL, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Card:
-    likeness: dict[str, Range] = {"deepest": (0.0, 0.1), "changed": (0.0, 0.1)}
-    return Card(
-        format=FORMAT,
+def a_card(settings: NetworkInputSettings = SMALL, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ModelCard:
+    likeness: dict[str, StatisticRange] = {"deepest": (0.0, 0.1), "changed": (0.0, 0.1)}
+    return ModelCard(
+        format=MODEL_FORMAT,
         name="linear",
         network="none",
         input=settings,
@@ -35,7 +42,7 @@ def a_card(settings: InputSettings = SMALL, about_mm: tuple[float, float, float]
 
 
 def linear_model(
-    card: Card, per_input: np.ndarray | None = None, scale: np.ndarray | None = None, keyed: bool = True
+    card: ModelCard, per_input: np.ndarray | None = None, scale: np.ndarray | None = None, keyed: bool = True
 ) -> onnx.ModelProto:
     """wrench = input · per_input (inputs, 6); the scale is the same for all."""
     shape = card.input.shape
@@ -45,18 +52,18 @@ def linear_model(
     weights = {"flat_shape": np.array([-1, size]), "w": per_input.astype(np.float32)}
     weights |= {"none": np.zeros((size, 6), np.float32), "b": told.astype(np.float32)}
     nodes = [
-        helper.make_node("Reshape", [INPUT, "flat_shape"], ["flat"]),
-        helper.make_node("MatMul", ["flat", "w"], [WRENCH]),
+        helper.make_node("Reshape", [INPUT_NAME, "flat_shape"], ["flat"]),
+        helper.make_node("MatMul", ["flat", "w"], [WRENCH_NAME]),
         helper.make_node("MatMul", ["flat", "none"], ["zero"]),
-        helper.make_node("Add", ["zero", "b"], [SCALE]),
+        helper.make_node("Add", ["zero", "b"], [SCALE_NAME]),
     ]
-    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 6]) for name in (WRENCH, SCALE)]
-    start = helper.make_tensor_value_info(INPUT, TensorProto.FLOAT, ["n", *shape])
+    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 6]) for name in (WRENCH_NAME, SCALE_NAME)]
+    start = helper.make_tensor_value_info(INPUT_NAME, TensorProto.FLOAT, ["n", *shape])
     initial = [numpy_helper.from_array(array, name) for name, array in weights.items()]
     graph = helper.make_graph(nodes, "linear", [start], ends, initial)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
     if keyed:
-        helper.set_model_props(model, {KEY: msgspec.json.encode(card).decode()})
+        helper.set_model_props(model, {METADATA_KEY: msgspec.json.encode(card).decode()})
     return model
 
 

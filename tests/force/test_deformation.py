@@ -6,18 +6,18 @@ import pytest
 import torch
 
 from ninedtact.force.deformation import (
+    ChannelLayout,
     DeformationReader,
     ImagesDoNotMatch,
-    Layout,
     NotAMixedImage,
-    channels,
-    deformation,
-    deformation_image,
-    from_mixed_image,
-    grey_of,
-    mixed_image,
-    network_input,
-    parts,
+    compute_deformation,
+    decode_mixed_image,
+    deformation_channels,
+    encode_mixed_image,
+    rectified_from_stored_image,
+    render_deformation,
+    split_brightness_change,
+    stack_deformation_channels,
 )
 from ninedtact.quantities import Rectified
 
@@ -32,7 +32,9 @@ def noise(seed: int, shape: tuple[int, int] = (345, 460), mm_per_px: float = 0.0
 
 def test_the_original_channels_are_those_of_a_float32_put_into_a_byte() -> None:
     image, reference = EVERY_PAIR
-    made = mixed_image(deformation(grey_of(image, 0.05), grey_of(reference, 0.05)))
+    made = encode_mixed_image(
+        compute_deformation(rectified_from_stored_image(image, 0.05), rectified_from_stored_image(reference, 0.05))
+    )
     change = reference.astype(np.float32) - image.astype(np.float32)
     expected = np.zeros((256, 256, 3), np.uint8)
     expected[:, :, 0] = reference
@@ -44,9 +46,9 @@ def test_the_original_channels_are_those_of_a_float32_put_into_a_byte() -> None:
 
 
 def test_what_the_original_channels_were_made_of_comes_back_exactly() -> None:
-    image, reference = (grey_of(grey, 0.05) for grey in EVERY_PAIR)
-    made = deformation(image, reference)
-    back = from_mixed_image(mixed_image(made), 0.05, stamp_ns=7)
+    image, reference = (rectified_from_stored_image(grey, 0.05) for grey in EVERY_PAIR)
+    made = compute_deformation(image, reference)
+    back = decode_mixed_image(encode_mixed_image(made), 0.05, stamp_ns=7)
     for name in ("darker", "brighter", "reference"):
         assert (getattr(back, name) == getattr(made, name)).all()
     assert (back.mm_per_px, back.stamp_ns) == (0.05, 7)
@@ -55,31 +57,33 @@ def test_what_the_original_channels_were_made_of_comes_back_exactly() -> None:
 
 def test_a_image_that_lost_bits_is_no_mixed_image() -> None:
     image, reference = (cv2.GaussianBlur(grey, (5, 5), 0) for grey in EVERY_PAIR)
-    made = mixed_image(deformation(grey_of(image, 0.05), grey_of(reference, 0.05)))
+    made = encode_mixed_image(
+        compute_deformation(rectified_from_stored_image(image, 0.05), rectified_from_stored_image(reference, 0.05))
+    )
     squeezed = cv2.imdecode(cv2.imencode(".jpg", made)[1], cv2.IMREAD_COLOR)
     with pytest.raises(NotAMixedImage, match=r"expected blue the reference.*got \d+\.\d% of the pixels.*give the PNG"):
-        from_mixed_image(np.asarray(squeezed), 0.05)
+        decode_mixed_image(np.asarray(squeezed), 0.05)
 
 
 def test_colours_become_the_grey_that_the_original_takes() -> None:
     colour = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
-    assert (grey_of(colour, 0.05).grey == cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)).all()
+    assert (rectified_from_stored_image(colour, 0.05).grey == cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)).all()
 
 
 @pytest.mark.parametrize("library", [np.asarray, torch.from_numpy])
 def test_a_darkening_of_a_hundred_levels_is_one_even_between_bytes(library) -> None:
     image, reference = library(np.full((1, 2, 2), 60, np.uint8)), library(np.full((1, 2, 2), 160, np.uint8))
-    darker, brighter = parts(image, reference)
+    darker, brighter = split_brightness_change(image, reference)
     assert (darker == 100).all() and (brighter == 0).all()
-    assert (parts(reference, image)[1] == 100).all()
+    assert (split_brightness_change(reference, image)[1] == 100).all()
 
 
-@pytest.mark.parametrize("layout", Layout)
-def test_a_batch_in_torch_is_what_one_live_image_is(layout: Layout) -> None:
+@pytest.mark.parametrize("layout", ChannelLayout)
+def test_a_batch_in_torch_is_what_one_live_image_is(layout: ChannelLayout) -> None:
     images, reference = np.stack([noise(seed).grey for seed in (1, 2)]), noise(0)
-    live = [network_input(deformation(Rectified(grey, 0.0522), reference), layout) for grey in images]
+    live = [deformation_channels(compute_deformation(Rectified(grey, 0.0522), reference), layout) for grey in images]
     untouched = torch.from_numpy(reference.grey).expand(2, -1, -1)
-    batch = channels(*parts(torch.from_numpy(images), untouched), untouched, layout)
+    batch = stack_deformation_channels(*split_brightness_change(torch.from_numpy(images), untouched), untouched, layout)
     assert batch.dtype == torch.float32 and batch.shape == (2, 3, 345, 460)
     assert (batch.numpy() == np.stack(live)).all()
 
@@ -95,18 +99,18 @@ def area_means(grey: np.ndarray, side: int) -> np.ndarray:
 
 def test_another_size_is_the_mean_over_each_new_pixel_of_both_images() -> None:
     image, reference = noise(1), noise(0)
-    small = deformation(image, reference, (120, 160))
+    small = compute_deformation(image, reference, (120, 160))
     before, after = (area_means(area_means(one.grey, 120).T, 160).T for one in (reference, image))
     assert small.reference == pytest.approx(before, abs=1e-3)
     assert small.darker - small.brighter == pytest.approx(before - after, abs=2e-3)
     assert small.mm_per_px * 160 == pytest.approx(image.mm_per_px * 460)
-    full = deformation(image, reference)
+    full = compute_deformation(image, reference)
     assert full.darker.mean() > 3 * small.darker.mean(), "noise is averaged before its sign is lost"
 
 
 def test_nothing_changed_is_exactly_nothing_at_every_size() -> None:
     for shape in (None, (120, 160), (60, 80), (690, 920)):
-        same = deformation(noise(0), noise(0), shape)
+        same = compute_deformation(noise(0), noise(0), shape)
         assert not same.darker.any() and not same.brighter.any()
 
 
@@ -119,18 +123,18 @@ def test_results_share_no_memory() -> None:
 
 def test_images_that_do_not_belong_together_are_refused() -> None:
     with pytest.raises(ImagesDoNotMatch, match=r"got 460 x 345 pixels at 0\.0522 and 40 x 30 pixels at 0\.0522"):
-        deformation(noise(1), noise(0, (30, 40)))
+        compute_deformation(noise(1), noise(0, (30, 40)))
     with pytest.raises(ImagesDoNotMatch, match="take the reference from the same sensor"):
-        deformation(noise(1), noise(0, mm_per_px=0.06))
+        compute_deformation(noise(1), noise(0, mm_per_px=0.06))
     with pytest.raises(ImagesDoNotMatch, match="got 224 x 224; ask for 224 x 168"):
-        deformation(noise(1), noise(0), (224, 224))
+        compute_deformation(noise(1), noise(0), (224, 224))
     with pytest.raises(ImagesDoNotMatch, match="got 0 x 0; ask for 1 x 1"):
-        deformation(noise(1), noise(0), (0, 0))
+        compute_deformation(noise(1), noise(0), (0, 0))
 
 
 def test_a_person_sees_darker_red_and_brighter_green() -> None:
     reference = Rectified(np.full((1, 4), 100, np.float32), 0.05)
     image = Rectified(np.array([[100, 90, 110, 0]], np.float32), 0.05)
-    shown = deformation_image(deformation(image, reference))
+    shown = render_deformation(compute_deformation(image, reference))
     assert shown.dtype == np.uint8
     assert shown[0].tolist() == [[0, 0, 0], [0, 0, 50], [0, 70, 0], [0, 0, 255]]

@@ -8,14 +8,13 @@ import pytest
 from linear_model import SMALL, a_card, linear_model, written
 from onnx import helper
 
-from ninedtact.force.card import Card
-from ninedtact.force.inputs import InputSettings
-from ninedtact.force.model_file import KEY, ModelUnusable, model_from, read_model
+from ninedtact.force.model_file import METADATA_KEY, ForceModelUnusable, ModelCard, parse_force_model, read_force_model
+from ninedtact.force.network_input import NetworkInputSettings
 
 
 def test_a_card_comes_back_as_it_was_and_the_graph_answers_any_number_of_images(tmp_path: Path) -> None:
     per_input = np.random.default_rng(0).normal(size=(48, 6))
-    model = read_model(written(tmp_path / "model.onnx", linear_model(a_card(), per_input, np.arange(1, 7))))
+    model = read_force_model(written(tmp_path / "model.onnx", linear_model(a_card(), per_input, np.arange(1, 7))))
     assert model.card == a_card()
     inputs = np.random.default_rng(1).normal(size=(5, *SMALL.shape)).astype(np.float32)
     found = model(inputs)
@@ -24,8 +23,8 @@ def test_a_card_comes_back_as_it_was_and_the_graph_answers_any_number_of_images(
 
 
 def told(content: bytes) -> str:
-    with pytest.raises(ModelUnusable) as refusal:
-        model_from(content, "some.onnx")
+    with pytest.raises(ForceModelUnusable) as refusal:
+        parse_force_model(content, "some.onnx")
     sentence = str(refusal.value)
     assert "some.onnx" in sentence and sentence.startswith("expected") and "\n" not in sentence
     return sentence
@@ -38,10 +37,10 @@ def test_a_model_cut_off_anywhere_is_refused() -> None:
     told(content[:-1])
 
 
-def with_card(card: Card | bytes) -> bytes:
+def with_card(card: ModelCard | bytes) -> bytes:
     model = linear_model(a_card(), keyed=False)
     text = card if isinstance(card, bytes) else msgspec.json.encode(card)
-    helper.set_model_props(model, {KEY: text.decode()})
+    helper.set_model_props(model, {METADATA_KEY: text.decode()})
     return model.SerializeToString()
 
 
@@ -49,12 +48,14 @@ def test_what_is_another_thing_is_refused() -> None:
     assert "whole ONNX" in told(b"this is no model")
     assert "without its card" in told(linear_model(a_card(), keyed=False).SerializeToString())
     assert "format 2" in told(with_card(msgspec.structs.replace(a_card(), format=2)))
-    assert "(1, 60, 80)" in told(with_card(msgspec.structs.replace(a_card(), input=InputSettings(SMALL.channels))))
+    assert "(1, 60, 80)" in told(
+        with_card(msgspec.structs.replace(a_card(), input=NetworkInputSettings(SMALL.channels)))
+    )
     other_order = msgspec.json.encode(a_card()).replace(b"height / gel thickness", b"thickness / height")
     assert "thickness / height" in told(with_card(other_order))
     assert "card" in told(with_card(b"[1, 2]")) and "card" in told(with_card(b'{"format": 1}'))
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ModelUnusable, match="No such file"):
-        read_model(tmp_path / "none.onnx")
+    with pytest.raises(ForceModelUnusable, match="No such file"):
+        read_force_model(tmp_path / "none.onnx")

@@ -7,9 +7,9 @@ import pytest
 from linear_model import SMALL, a_card, linear_model
 
 from ninedtact.design import Gel
-from ninedtact.force.model_file import model_from
+from ninedtact.force.model_file import parse_force_model
 from ninedtact.force.network_force import NetworkForce
-from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Rectified, Wrench
+from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, Wrench
 from ninedtact.reading import Reading
 
 ROWS, COLS, MM_PER_PX = 60, 80, 0.3
@@ -19,7 +19,7 @@ def reading(depth_mm: float, noise_mm: float = 0.003) -> Reading:
     """A dent in the middle, and noise."""
     z_mm = np.random.default_rng(0).normal(0, noise_mm, (ROWS, COLS)).astype(np.float32)
     z_mm[25:35, 35:45] -= np.float32(depth_mm)
-    height = HeightMap(z_mm, np.full(z_mm.shape, Coverage.MEASURED, np.uint8), MM_PER_PX, noise_mm, stamp_ns=7)
+    height = HeightMap(z_mm, np.full(z_mm.shape, HeightSource.MEASURED, np.uint8), MM_PER_PX, noise_mm, stamp_ns=7)
     frame = Frame(np.zeros((4, 4, 3), np.uint8), stamp_ns=7)
     return Reading(frame, Rectified(np.full_like(z_mm, 128), MM_PER_PX, 7), height)
 
@@ -28,12 +28,12 @@ def estimator(about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), gel: Gel =
     """Each pixel's height in gel thicknesses presses by as many N, and shears by half."""
     per_input = np.tile([0.5, 0.25, 1.0, 0.0, 0.0, 0.0], (SMALL.rows * SMALL.cols, 1))
     content = linear_model(a_card(about_mm=about_mm), per_input, np.arange(1, 7)).SerializeToString()
-    return NetworkForce(model_from(content, "linear.onnx"), gel)
+    return NetworkForce(parse_force_model(content, "linear.onnx"), gel)
 
 
 def test_without_contact_the_wrench_is_zero_exactly() -> None:
     found = estimator().estimate(reading(0.0))
-    assert not found.touching and not found.wrench.six.any() and found.wrench.stamp_ns == 7 and found.doubts == ()
+    assert not found.touching and not found.wrench.six.any() and found.wrench.stamp_ns == 7 and found.warnings == ()
     assert np.isfinite(found.error).all() and (found.error > 0).all()
 
 
@@ -58,13 +58,13 @@ def test_torques_are_told_about_the_centre_of_the_skin() -> None:
 
 
 def test_what_training_did_not_see_is_doubted() -> None:
-    assert estimator().estimate(reading(0.5)).doubts == ()
+    assert estimator().estimate(reading(0.5)).warnings == ()
     unlike = replace(reading(0.0), height=reading(2.4).height)
-    assert Doubt.UNLIKE_TRAINING in estimator().estimate(unlike).doubts
+    assert EstimateWarning.UNLIKE_TRAINING in estimator().estimate(unlike).warnings
     stiff = estimator()
     per_input = np.full((SMALL.rows * SMALL.cols, 6), 100.0)
-    stiff.model = model_from(linear_model(a_card(), per_input).SerializeToString(), "linear.onnx")
-    assert Doubt.OUT_OF_RANGE in stiff.estimate(reading(0.5)).doubts
+    stiff.model = parse_force_model(linear_model(a_card(), per_input).SerializeToString(), "linear.onnx")
+    assert EstimateWarning.OUT_OF_RANGE in stiff.estimate(reading(0.5)).warnings
 
 
 def test_two_results_share_no_memory() -> None:

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 
 from ninedtact.design import Gel
-from ninedtact.force.traction.estimator import TractionForce, traction_force
-from ninedtact.force.traction.evidence import ByHeight, ByLight, by_light
-from ninedtact.force.traction.explained import Effort
-from ninedtact.force.traction.ground import YIELDING
-from ninedtact.force.traction.refusals import TractionImpossible
+from ninedtact.force.traction.estimator import TractionForce, build_traction_force
+from ninedtact.force.traction.inversion import SolverSettings
+from ninedtact.force.traction.observation import (
+    BrightnessObservationModel,
+    HeightObservationModel,
+    TractionImpossible,
+    build_brightness_observation_model,
+)
+from ninedtact.force.traction.substrate import COMPLIANT_BASE
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.indenter_primitives import Ball
@@ -19,18 +23,16 @@ from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, gel_skin
-from ninedtact.quantities import Coverage, Doubt, Frame, HeightMap, Rectified, centred_axis_mm
+from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, centred_axis_mm
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated import CalibratedShape
-from ninedtact.shape.deblur import Deblurring
-from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.loss import Loss
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.depth import Deblurring, DepthCurve, LightLoss
 from ninedtact.simulation.ground_truth import true_height_map
 
 GEL = Gel()
 PX_MM = 0.2
 WIDE, SQUARE = (90, 120), (90, 90)
-THOROUGH = Effort(rounds=20, enough=0.02)
+THOROUGH = SolverSettings(max_iterations=20, target_decrement=0.02)
 FRAME = Frame(np.zeros((1, 1, 3), np.uint8))
 DEPTH = np.linspace(0, 2, 21)
 CURVE = DepthCurve("ratio", tuple((0.15 * DEPTH).tolist()), tuple(DEPTH.tolist()), (0.01,) * 21, (0.0, 0.4), (0.0, 1.0))
@@ -44,8 +46,8 @@ def dragged(x_mm: float = 1.0, y_mm: float = -0.6, drag_mm: float = 0.5) -> Cont
     return last
 
 
-def reading(z_mm: np.ndarray, coverage: np.ndarray | None = None) -> Reading:
-    seen = np.full(z_mm.shape, Coverage.MEASURED, np.uint8) if coverage is None else coverage
+def reading(z_mm: np.ndarray, source: np.ndarray | None = None) -> Reading:
+    seen = np.full(z_mm.shape, HeightSource.MEASURED, np.uint8) if source is None else source
     grey = Rectified(np.full(z_mm.shape, 150, np.float32), PX_MM)
     return Reading(FRAME, grey, HeightMap(z_mm.astype(np.float32), seen, PX_MM))
 
@@ -55,8 +57,8 @@ def noisy(shape: tuple[int, int] = WIDE, seed: int = 0, contact: Contact | None 
     return z_mm + np.random.default_rng(seed).normal(0, 0.005, shape)
 
 
-def by_height(gel: Gel = GEL, effort: Effort = THOROUGH) -> TractionForce:
-    return TractionForce(ByHeight(), gel, effort=effort)
+def by_height(gel: Gel = GEL, solver: SolverSettings = THOROUGH) -> TractionForce:
+    return TractionForce(HeightObservationModel(), gel, solver=solver)
 
 
 @pytest.mark.parametrize(("x", "y", "drag"), [(1.0, -0.6, 0.5), (-3.0, 2.0, -0.7), (0.0, 0.0, 0.0)])
@@ -64,7 +66,7 @@ def test_the_wrench_of_a_dragged_ball_is_found(x: float, y: float, drag: float) 
     contact = dragged(x, y, drag)
     found, true = by_height().estimate(reading(noisy(contact=contact))), contact.wrench()
     load = -true.force_n[2]
-    assert found.touching and not found.doubts
+    assert found.touching and not found.warnings
     np.testing.assert_allclose(found.wrench.force_n, true.force_n, atol=0.06 * load)
     np.testing.assert_allclose(found.wrench.torque_nm, true.torque_nm, atol=0.5e-3 * load)
 
@@ -73,7 +75,7 @@ def test_untouched_skin_has_no_wrench_at_all() -> None:
     for seed in range(20):
         flat = np.random.default_rng(seed).normal(0, 0.01, WIDE)
         found = by_height().estimate(reading(flat))
-        assert not found.touching and not found.doubts
+        assert not found.touching and not found.warnings
         assert not found.wrench.six.any()
         assert (found.error > 0).all()
 
@@ -139,11 +141,11 @@ def test_a_forgotten_past_changes_nothing() -> None:
 
 
 def test_live_search_is_short() -> None:
-    force = by_height(effort=Effort())
+    force = by_height(solver=SolverSettings())
     force.estimate(reading(noisy()))
-    assert force.last is not None and force.last.rounds <= Effort().rounds
+    assert force.last is not None and force.last.iterations <= SolverSettings().max_iterations
     force.estimate(reading(noisy(seed=1)))
-    assert force.last.rounds == Effort().warm_rounds
+    assert force.last.iterations == SolverSettings().max_warm_iterations
 
 
 def test_error_bars_cover() -> None:
@@ -156,7 +158,9 @@ def test_error_bars_cover() -> None:
 
 
 def test_light_tells_the_same_as_heights() -> None:
-    found = TractionForce(ByLight(CURVE, Loss(), 0.5), GEL, effort=THOROUGH).estimate(lit(dragged()))
+    found = TractionForce(BrightnessObservationModel(CURVE, LightLoss(), 0.5), GEL, solver=THOROUGH).estimate(
+        lit(dragged())
+    )
     true = dragged().wrench().force_n
     np.testing.assert_allclose(found.wrench.force_n, true, atol=0.08 * abs(true[2]))
 
@@ -177,23 +181,26 @@ def lit(contact: Contact) -> Reading:
 def test_a_touch_at_the_border_is_doubted() -> None:
     z_mm = np.roll(noisy(), 50, axis=1)
     z_mm[:, :50] = np.random.default_rng(0).normal(0, 0.005, (90, 50))
-    assert Doubt.PART_UNSEEN in by_height().estimate(reading(z_mm)).doubts
+    assert EstimateWarning.PART_UNSEEN in by_height().estimate(reading(z_mm)).warnings
 
 
 def test_a_touch_deeper_than_calibrated_is_doubted() -> None:
     z_mm = noisy()
-    coverage = np.where(z_mm < -0.8, Coverage.EXTRAPOLATED, Coverage.MEASURED).astype(np.uint8)
-    assert by_height().estimate(reading(z_mm, coverage)).doubts == (Doubt.OUT_OF_RANGE,)
+    source = np.where(z_mm < -0.8, HeightSource.EXTRAPOLATED, HeightSource.MEASURED).astype(np.uint8)
+    assert by_height().estimate(reading(z_mm, source)).warnings == (EstimateWarning.OUT_OF_RANGE,)
 
 
 def test_a_touch_deeper_than_linear_gel_goes_is_doubted() -> None:
     *_, deepest = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL)).follow(
         Ball(4.0), [Pose(0.5, 0.3, depth) for depth in (0.6, 1.2, 1.6, 1.9)]
     )
-    assert Doubt.OUT_OF_RANGE in by_height().estimate(reading(noisy(contact=deepest))).doubts
+    assert EstimateWarning.OUT_OF_RANGE in by_height().estimate(reading(noisy(contact=deepest))).warnings
     read = lit(deepest)
-    assert not (read.height.coverage == Coverage.EXTRAPOLATED).any()
-    assert Doubt.OUT_OF_RANGE in TractionForce(ByLight(CURVE, Loss(), 0.5), GEL).estimate(read).doubts
+    assert not (read.height.source == HeightSource.EXTRAPOLATED).any()
+    assert (
+        EstimateWarning.OUT_OF_RANGE
+        in TractionForce(BrightnessObservationModel(CURVE, LightLoss(), 0.5), GEL).estimate(read).warnings
+    )
 
 
 def test_a_base_that_yields_is_borne_when_it_is_told() -> None:
@@ -201,45 +208,47 @@ def test_a_base_that_yields_is_borne_when_it_is_told() -> None:
     skin = Skin(padded_grid(24, 18, PX_MM, 8.0), layered_compliance((GEL, base)), thickness_mm=8.5)
     *_, contact = ContactModel(skin).follow(Ball(4.0), [Pose(0, 0, 0.6), Pose(0, 0, 1.0), Pose(0.5, 0.2, 1.0)])
     true = contact.wrench().force_n
-    told = replace(by_height(), base=YIELDING).estimate(reading(noisy(contact=contact))).wrench.force_n
+    told = replace(by_height(), base=COMPLIANT_BASE).estimate(reading(noisy(contact=contact))).wrench.force_n
     np.testing.assert_allclose(told, true, atol=0.07 * abs(true[2]))
 
 
 def test_a_search_that_was_cut_short_is_doubted() -> None:
-    hasty = by_height(effort=Effort(rounds=1, solves=1))
-    assert Doubt.NOT_CONVERGED in hasty.estimate(reading(noisy())).doubts
+    hasty = by_height(solver=SolverSettings(max_iterations=1, max_qp_solves=1))
+    assert EstimateWarning.NOT_CONVERGED in hasty.estimate(reading(noisy())).warnings
 
 
 def test_a_curve_without_bulges_is_refused() -> None:
     blind = replace(CURVE, brightening=(0.0,), bulge_mm=(0.0,))
     with pytest.raises(TractionImpossible, match="expected a depth curve that knows bulges"):
-        ByLight(blind, Loss(), 0.5)
+        BrightnessObservationModel(blind, LightLoss(), 0.5)
 
 
 def test_a_reading_without_reference_is_refused() -> None:
     with pytest.raises(TractionImpossible, match="untouched reference"):
-        TractionForce(ByLight(CURVE, Loss(), 0.5), GEL).estimate(replace(lit(dragged()), reference=None))
+        TractionForce(BrightnessObservationModel(CURVE, LightLoss(), 0.5), GEL).estimate(
+            replace(lit(dragged()), reference=None)
+        )
 
 
 def test_a_map_that_is_out_of_view_is_refused() -> None:
-    nowhere = np.full(WIDE, Coverage.OUT_OF_VIEW, np.uint8)
+    nowhere = np.full(WIDE, HeightSource.OUT_OF_VIEW, np.uint8)
     with pytest.raises(TractionImpossible, match="out of view everywhere"):
         by_height().estimate(reading(noisy(), nowhere))
 
 
 def test_a_missing_gel_is_refused() -> None:
     with pytest.raises(TractionImpossible, match="got no gel"):
-        traction_force(bare(Deblurring(0.5)), None)
+        build_traction_force(bare(Deblurring(0.5)), None)
 
 
 def test_a_calibration_that_knows_no_scattering_is_refused() -> None:
     with pytest.raises(TractionImpossible, match="how light scatters"):
-        by_light(bare(None))
+        build_brightness_observation_model(bare(None))
 
 
 def bare(deblurring: Deblurring | None) -> CalibratedShape:
     """A calibration of which nothing but its light is asked."""
     shape = object.__new__(CalibratedShape)
-    for name, value in (("curve", CURVE), ("loss", Loss()), ("deblurring", deblurring)):
+    for name, value in (("curve", CURVE), ("loss", LightLoss()), ("deblurring", deblurring)):
         object.__setattr__(shape, name, value)
     return shape

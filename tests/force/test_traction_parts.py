@@ -6,25 +6,32 @@ import numpy as np
 import pytest
 
 from ninedtact.design import Gel
-from ninedtact.force.traction.brightness import BEYOND, law_of
-from ninedtact.force.traction.cells import Cells, cells_over
-from ninedtact.force.traction.evidence import ByLight
-from ninedtact.force.traction.forward import Forward
-from ninedtact.force.traction.ground import USUAL_RATIO, YIELDING, Ground, ground_of, ratio
-from ninedtact.force.traction.kernels import Kernels
-from ninedtact.force.traction.linearised import Linearised
-from ninedtact.force.traction.observation import averaging, roughness
-from ninedtact.force.traction.pivoting import Quadratic, lowest
-from ninedtact.force.traction.prior import Prior, ShearModes, stiffness
-from ninedtact.force.traction.weigh import Weigh
+from ninedtact.force.contact_detection import estimate_cell_noise
+from ninedtact.force.traction.cell_grid import CellGrid, _averaging_weights, cell_grid_over_image
+from ninedtact.force.traction.forward_model import ForwardModel, InfluenceKernels
+from ninedtact.force.traction.linearisation import (
+    DiscretePrior,
+    LinearisedProblem,
+    TractionPrior,
+    Whitener,
+    pressure_precision_spectrum,
+)
+from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
+from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
+from ninedtact.force.traction.substrate import (
+    COMPLIANT_BASE,
+    TYPICAL_SLOPE_RATIO,
+    Substrate,
+    bulge_to_dent_slope_ratio,
+    identify_substrate,
+)
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.skin import Skin, gel_skin
 from ninedtact.quantities import Traction
-from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.loss import Loss
+from ninedtact.shape.depth import DepthCurve, LightLoss
 
-CELLS = Cells(20, 26, 0.5)
-FORWARD = Forward(CELLS, 2.5, 0.5, 0.6)
+CELLS = CellGrid(20, 26, 0.5)
+FORWARD = ForwardModel(CELLS, 2.5, 0.5, 0.6)
 RNG = np.random.default_rng(0)
 
 
@@ -33,15 +40,15 @@ def drawn(*shape: int) -> np.ndarray:
 
 
 def test_the_view_and_its_cells() -> None:
-    cells = cells_over((345, 460), 0.0522)
+    cells = cell_grid_over_image((345, 460), 0.0522)
     assert cells.image_shape[1] * cells.pitch_mm == pytest.approx(24.0, rel=0.015)
     assert cells.image_shape[0] * cells.pitch_mm == pytest.approx(18.0, rel=0.015)
 
 
 def test_cells_are_means_of_their_pixels() -> None:
-    assert averaging(6, 3)[1:-1] @ np.arange(6) == pytest.approx([0.5, 2.5, 4.5])
-    assert averaging(5, 2)[1:-1] @ np.arange(5) == pytest.approx([0.8, 3.2])
-    assert averaging(345, 26).sum(axis=1) == pytest.approx(np.ones(28), abs=1e-6)
+    assert _averaging_weights(6, 3)[1:-1] @ np.arange(6) == pytest.approx([0.5, 2.5, 4.5])
+    assert _averaging_weights(5, 2)[1:-1] @ np.arange(5) == pytest.approx([0.8, 3.2])
+    assert _averaging_weights(345, 26).sum(axis=1) == pytest.approx(np.ones(28), abs=1e-6)
 
 
 def test_heights_are_those_of_the_contact_mechanics() -> None:
@@ -54,21 +61,23 @@ def test_heights_are_those_of_the_contact_mechanics() -> None:
 
 def test_the_columns_are_what_the_unknowns_do_to_the_light() -> None:
     line = linearised()
-    unknowns = drawn(len(line.columns))
-    seen = FORWARD.scattered(FORWARD.heights(line.tractions(unknowns)) * line.slope) * line.weigh.per_error
+    unknowns = drawn(len(line.jacobian))
+    seen = FORWARD.scatter(FORWARD.heights(line.tractions(unknowns)) * line.slope) * line.whitener.per_error
     scale = float(np.abs(seen).max())
-    np.testing.assert_allclose((unknowns @ line.columns).reshape(CELLS.shape), seen, atol=5e-3 * scale)
+    np.testing.assert_allclose((unknowns @ line.jacobian).reshape(CELLS.shape), seen, atol=5e-3 * scale)
 
 
 def test_the_curvature_is_that_of_the_misfit_and_the_prior() -> None:
     line = linearised()
-    unknowns, count = drawn(len(line.columns)), int(line.touched.sum())
-    seen = (unknowns @ line.columns).reshape(CELLS.shape) / line.weigh.per_error
+    unknowns, count = drawn(len(line.jacobian)), int(line.region.sum())
+    seen = (unknowns @ line.jacobian).reshape(CELLS.shape) / line.whitener.per_error
     pressed = np.zeros(CELLS.patch.shape, np.float32)
-    pressed[line.place] = unknowns[:count]
-    power = np.abs(np.fft.fft2(pressed)) ** 2 * stiffness(np.hypot(*full_waves()), Prior(), CELLS.pitch_mm)
+    pressed[line.contact_cells] = unknowns[:count]
+    power = np.abs(np.fft.fft2(pressed)) ** 2 * pressure_precision_spectrum(
+        np.hypot(*full_waves()), TractionPrior(), CELLS.pitch_mm
+    )
     known = power.mean() / line.depth_mm**2 + np.sum(unknowns[count:] ** 2)
-    misfit = np.vdot(seen, line.weigh(seen))
+    misfit = np.vdot(seen, line.whitener(seen))
     assert unknowns @ line.curvature @ unknowns == pytest.approx(misfit + known, rel=1e-3)
 
 
@@ -77,31 +86,37 @@ def full_waves() -> list[np.ndarray]:
     return list(np.meshgrid(*(2 * np.pi * np.fft.fftfreq(side, CELLS.pitch_mm) for side in CELLS.patch.shape[::-1])))
 
 
-def linearised() -> Linearised:
+def linearised() -> LinearisedProblem:
     """A touch on a sloping law, its errors uneven."""
     touched = np.zeros(CELLS.shape, np.float32)
     touched[6:13, 8:17] = 1
-    slope, weigh = np.abs(drawn(*CELLS.patch.shape)), Weigh(1 + np.abs(drawn(*CELLS.shape)), 0.3)
-    return Linearised(
-        Kernels(FORWARD, Prior()), ShearModes(CELLS, Prior()), touched, touched * 0.5, slope, weigh, depth_mm=0.7
+    slope, weigh = np.abs(drawn(*CELLS.patch.shape)), Whitener(1 + np.abs(drawn(*CELLS.shape)), 0.3)
+    return LinearisedProblem(
+        InfluenceKernels(FORWARD),
+        DiscretePrior(CELLS, TractionPrior()),
+        touched,
+        touched * 0.5,
+        slope,
+        weigh,
+        depth_mm=0.7,
     )
 
 
 def test_scattering_keeps_an_even_light() -> None:
-    lit = FORWARD.scattered(np.ones(CELLS.patch.shape, np.float32))
+    lit = FORWARD.scatter(np.ones(CELLS.patch.shape, np.float32))
     np.testing.assert_allclose(lit, 1, atol=1e-3)
 
 
 def test_modes_have_the_variance_of_the_prior() -> None:
-    modes = ShearModes(CELLS, Prior()).on_cells
+    modes = DiscretePrior(CELLS, TractionPrior()).shear_modes
     deviations = np.sqrt((modes**2).sum(axis=1).mean())
-    assert deviations == pytest.approx(np.hypot(Prior().pull, Prior().spread), rel=0.1)
+    assert deviations == pytest.approx(np.hypot(TractionPrior().pull, TractionPrior().spread), rel=0.1)
 
 
 def test_the_law_of_light_goes_through_the_knots_and_on_beyond() -> None:
     curve = DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 1.0, 2.0), (0.0,) * 3, (0.0, 0.4), (0.0, 1.0))
-    law = law_of(curve)
-    seen = law(np.float32([-2 * BEYOND, -2, -1, 0, 0.5, 1]))
+    law = brightness_law_of_curve(curve)
+    seen = law(np.float32([-2 * _EXTENSION_FACTOR, -2, -1, 0, 0.5, 1]))
     np.testing.assert_allclose(seen, [-0.7, -0.3, -0.1, 0, 0.2, 0.4], atol=1e-6)
     np.testing.assert_allclose(law.slope_per_mm(np.float32([-1.5, -0.5, 0.5])), [0.2, 0.1, 0.4], atol=1e-6)
 
@@ -114,29 +129,29 @@ def test_the_lowest_point_that_is_not_negative_is_found(seed: int) -> None:
     root, seen = rng.normal(size=(60, 40)), rng.normal(size=60)
     below = np.where(np.arange(40) < 30, 0, -np.inf)
     true = lsq_linear(root, seen, (below, np.inf), tol=1e-12).x
-    problem = Quadratic(root.T @ root, root.T @ seen, 30)
+    problem = NonNegativeQP(root.T @ root, root.T @ seen, 30)
     for begin in (np.ones(40, bool), np.arange(40) >= 30):
-        found = lowest(problem, begin, 60)
-        assert found.settled and (found.at[:30] >= 0).all()
-        np.testing.assert_allclose(found.at, true, atol=0.03)
+        found = solve_nonnegative_qp(problem, begin, 60)
+        assert found.converged and (found.x[:30] >= 0).all()
+        np.testing.assert_allclose(found.x, true, atol=0.03)
 
 
 def test_a_search_that_is_cut_short_says_so_and_is_nowhere_negative() -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(60, 40))
-    found = lowest(Quadratic(root.T @ root, root.T @ rng.normal(size=60), 40), np.ones(40, bool), 1)
-    assert not found.settled and (found.at >= 0).all()
+    found = solve_nonnegative_qp(NonNegativeQP(root.T @ root, root.T @ rng.normal(size=60), 40), np.ones(40, bool), 1)
+    assert not found.converged and (found.x >= 0).all()
 
 
 def test_a_common_level_weighs_little() -> None:
-    weigh = Weigh(np.full((8, 8), 10, np.float32), 100.0)
+    weigh = Whitener(np.full((8, 8), 10, np.float32), 100.0)
     assert np.abs(weigh(np.ones((8, 8), np.float32))).max() < 1e-2
 
 
 def test_roughness_is_the_noise_whatever_is_smooth_below() -> None:
     x = np.linspace(0, 3, 60)
     field = (np.sin(x) + drawn(50, 60) * 0.01).astype(np.float32)
-    assert roughness(field) == pytest.approx(0.01, rel=0.15)
+    assert estimate_cell_noise(field) == pytest.approx(0.01, rel=0.15)
 
 
 def test_shear_on_pressed_skin_has_an_arm() -> None:
@@ -148,27 +163,27 @@ def test_shear_on_pressed_skin_has_an_arm() -> None:
     assert sunk.wrench().torque_nm[1] == pytest.approx(-flat.wrench().force_n[0] / 1e3)
 
 
-RIGID = ByLight(
-    DepthCurve("ratio", (0.0, 0.15, 0.3), (0.0, 1.0, 2.0), (0.01,) * 3, (0.0, 0.33), (0.0, 1.0)), Loss(0.5), 0.6
+RIGID = BrightnessObservationModel(
+    DepthCurve("ratio", (0.0, 0.15, 0.3), (0.0, 1.0, 2.0), (0.01,) * 3, (0.0, 0.33), (0.0, 1.0)), LightLoss(0.5), 0.6
 )
 
 
 def test_a_calibration_on_a_rigid_base_is_left_as_it_is() -> None:
-    assert ground_of(RIGID) == Ground(RIGID, None)
+    assert identify_substrate(RIGID) == Substrate(RIGID, None)
 
 
 def test_bulges_too_faint_for_their_dents_tell_a_base_that_yields() -> None:
     faint = replace(RIGID, curve=replace(RIGID.curve, brightening=(0.0, 0.15)))
-    ground = ground_of(faint)
-    assert ground.base == YIELDING
-    assert ratio(ground.evidence.curve) == pytest.approx(USUAL_RATIO)
-    assert ground.evidence.curve.darkening == faint.curve.darkening
+    ground = identify_substrate(faint)
+    assert ground.base == COMPLIANT_BASE
+    assert bulge_to_dent_slope_ratio(ground.observation_model.curve) == pytest.approx(TYPICAL_SLOPE_RATIO)
+    assert ground.observation_model.curve.darkening == faint.curve.darkening
 
 
 def test_heights_on_a_base_that_yields_are_those_of_the_contact_mechanics() -> None:
     tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
     tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
-    skin = Skin(CELLS.patch, layered_compliance((Gel(2.5, 1.0), YIELDING)))
+    skin = Skin(CELLS.patch, layered_compliance((Gel(2.5, 1.0), COMPLIANT_BASE)))
     true = skin.response.displaced_mm(tractions[0], tractions[1:])[0]
-    found = Forward(CELLS, 2.5, 0.5, 0.6, YIELDING).heights(tractions[:, : CELLS.rows, : CELLS.cols])
+    found = ForwardModel(CELLS, 2.5, 0.5, 0.6, COMPLIANT_BASE).heights(tractions[:, : CELLS.rows, : CELLS.cols])
     np.testing.assert_allclose(found, true, atol=1e-4)

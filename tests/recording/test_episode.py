@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.cli import main
-from ninedtact.quantities import Coverage, Frame, HeightMap, Wrench
+from ninedtact.quantities import Frame, HeightMap, HeightSource, Wrench
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import METADATA_RECORD, RECORDING_FORMAT, RecordingMetadata
@@ -36,8 +36,8 @@ SIX = np.array([1.0, -2.0, -7.5, 0.01, -0.02, 0.003])
 def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
     session = RecordingMetadata("a sensor", settings='{"é": 1}', mm_per_px=0.05)
     pressed = np.linspace(-1, 0.2, 12, dtype=np.float32).reshape(3, 4)
-    coverage = np.full((3, 4), Coverage.MEASURED.value, np.uint8)
-    coverage[0, 0] = Coverage.OUT_OF_VIEW
+    source = np.full((3, 4), HeightSource.MEASURED.value, np.uint8)
+    source[0, 0] = HeightSource.OUT_OF_VIEW
     mark = PairLabel(BEGAN_NS, 7, 2, "ball:4", "s-00001", "rule", Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
     event = RecordingEvent(BEGAN_NS + 1, EventKind.REMARK, "Größe", "3 N·m")
     with RecordingWriter(tmp_path / "all.mcap", session, attached={"sensor/images/ball.png": b"\0\1"}) as episode:
@@ -46,7 +46,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         episode.image(Frame(noise(9)[::-1, ::2], BEGAN_NS + 9 * FRAME_NS, 6))
         episode.measured(Wrench(SIX[:3], SIX[3:], np.array([0.0, 0.0, -35.0]), BEGAN_NS))
         episode.estimated(Wrench(-SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
-        episode.height(HeightMap(pressed, coverage, 0.05, stamp_ns=BEGAN_NS), 5)
+        episode.height(HeightMap(pressed, source, 0.05, stamp_ns=BEGAN_NS), 5)
         episode.untouched(frame(3), tare=2)
         episode.pair(mark)
         episode.event(event)

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from ninedtact.quantities import Coverage, HeightMap, centred_axis_mm
+from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
 
 MM_PER_PX = 0.051
 RADIUS_MM, DEPTH_MM = 4.0, 1.9
 
 
 def skin(
-    z_mm: np.ndarray, coverage: np.ndarray | None = None, noise_mm: float = 0.0, camera_mm: float = np.inf
+    z_mm: np.ndarray, source: np.ndarray | None = None, noise_mm: float = 0.0, camera_mm: float = np.inf
 ) -> HeightMap:
     """A height map, all of it measured unless said otherwise."""
-    measured = np.full(z_mm.shape, Coverage.MEASURED, np.uint8)
-    chosen = measured if coverage is None else coverage
+    measured = np.full(z_mm.shape, HeightSource.MEASURED, np.uint8)
+    chosen = measured if source is None else source
     return HeightMap(z_mm.astype(np.float32), chosen, MM_PER_PX, noise_mm, camera_mm, stamp_ns=7)
 
 
@@ -49,8 +49,8 @@ def ball_print(
 
 def with_hole(height: HeightMap) -> HeightMap:
     """The same skin with a corner and a block in the middle out of view, their heights not numbers."""
-    coverage, z_mm = height.coverage.copy(), height.z_mm.copy()
-    rows, cols = coverage.shape
+    source, z_mm = height.source.copy(), height.z_mm.copy()
+    rows, cols = source.shape
     for hidden in (np.s_[:5, :7], np.s_[rows // 2 : rows // 2 + 4, cols // 2 : cols // 2 + 6]):
-        coverage[hidden], z_mm[hidden] = Coverage.OUT_OF_VIEW, np.nan
-    return replace(height, coverage=coverage, z_mm=z_mm)
+        source[hidden], z_mm[hidden] = HeightSource.OUT_OF_VIEW, np.nan
+    return replace(height, source=source, z_mm=z_mm)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, grid, plane, with_hole
 
-from ninedtact.shape.cloud import point_cloud
+from ninedtact.shape.surface import point_cloud
 
 
 @pytest.mark.parametrize("shape", [(30, 41), (31, 40), (2, 2), (1, 5), (5, 1)])

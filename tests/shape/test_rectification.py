@@ -5,9 +5,9 @@ import pytest
 from scipy import ndimage
 
 from ninedtact.design import FieldOfView
-from ninedtact.quantities import Coverage, Frame
+from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.lens import LensModel, PointNotSeen, central_mm_per_px
-from ninedtact.shape.rectification import Rectification, WrongImageSize, rectification
+from ninedtact.shape.rectification import Rectification, WrongImageSize, rectification_of_projection
 
 LENS = LensModel(
     (0.059, -0.0003, 0.025, 0.0002, 0.059, 0.0005, 0.0005, -0.0008),
@@ -21,7 +21,7 @@ RAW = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
 
 
 def made(rows: int = 345, cols: int = 460, mm_per_px: float = SCALE) -> Rectification:
-    return rectification(LENS, FieldOfView(rows, cols), mm_per_px, (480, 640), (-12.5, 12.5, -10.0, 10.0))
+    return rectification_of_projection(LENS, FieldOfView(rows, cols), mm_per_px, (480, 640), (-12.5, 12.5, -10.0, 10.0))
 
 
 @pytest.mark.parametrize("shape", [(345, 460), (344, 459), (121, 160)])
@@ -30,7 +30,7 @@ def test_brightness_comes_from_where_the_lens_says(shape: tuple[int, int]) -> No
     grey = rectify(Frame(RAW)).grey
     raw = RAW @ np.array([0.114, 0.587, 0.299])
     expected = ndimage.map_coordinates(raw, np.moveaxis(rectify.source_px, -1, 0)[::-1], order=1, mode="nearest")
-    seen = rectify.coverage != Coverage.OUT_OF_VIEW
+    seen = rectify.height_source != HeightSource.OUT_OF_VIEW
     # Grey is rounded to whole levels before it is resampled, and OpenCV's weights have steps of 1/32 pixel.
     assert np.abs(grey - expected)[seen].max() < 8
     assert np.abs(grey - expected)[seen].mean() < 0.8
@@ -42,9 +42,12 @@ def test_the_middle_pixel_sees_the_middle_of_the_skin() -> None:
 
 def test_what_lies_outside_the_image_is_said() -> None:
     wide = made(mm_per_px=2 * SCALE)
-    assert wide.coverage[0, 0] == Coverage.OUT_OF_VIEW and wide.coverage[172, 230] == Coverage.MEASURED
     assert (
-        Coverage.EXTRAPOLATED in rectification(LENS, FieldOfView(), SCALE, (480, 640), (-5.0, 5.0, -5.0, 5.0)).coverage
+        wide.height_source[0, 0] == HeightSource.OUT_OF_VIEW and wide.height_source[172, 230] == HeightSource.MEASURED
+    )
+    assert (
+        HeightSource.EXTRAPOLATED
+        in rectification_of_projection(LENS, FieldOfView(), SCALE, (480, 640), (-5.0, 5.0, -5.0, 5.0)).height_source
     )
 
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ninedtact.quantities import Coverage, Rectified
+from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.shape import depth
-from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, looked_up
+from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader, look_up_heights
 from ninedtact.shape.rectification import Rectification
 
 SIZES = st.tuples(st.integers(2, 40), st.integers(2, 40))
@@ -36,11 +36,11 @@ def test_a_pixel_is_what_lies_between_its_four_sources(raw_size, size, seed):
 
 
 @pytest.mark.parametrize("signal", ["difference", "ratio"])
-def test_the_index_is_the_signal_in_steps_and_stays_in_the_table(signal: Signal):
+def test_the_index_is_the_signal_in_steps_and_stays_in_the_table(signal: BrightnessSignal):
     reference = np.linspace(0.5, 255, 256, dtype=np.float32).reshape(16, 16)
     grey = np.random.default_rng(0).permutation(reference.ravel()).reshape(16, 16)
     curve = DepthCurve(signal, (0.0, 1.0), (0.0, 1.0), (0.0, 0.0))
-    reader = DepthReader(curve, Rectified(reference, 0.05), np.full((16, 16), Coverage.MEASURED, np.uint8))
+    reader = DepthReader(curve, Rectified(reference, 0.05), np.full((16, 16), HeightSource.MEASURED, np.uint8))
     change = grey - reference if signal == "difference" else grey / np.maximum(reference, depth.DIMMEST_REFERENCE) - 1
     expected = np.clip(np.rint(depth.ZERO + depth.STEPS[signal] * change.astype(float)), 0, depth.TABLE_SIZE - 1)
     assert np.abs(reader.quantised(grey) - expected).max() <= 1
@@ -53,4 +53,4 @@ def test_both_ways_to_look_up_agree(by_opencv: bool, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(depth, "OPENCV_TAKES_16_BITS", by_opencv)
     table = np.random.default_rng(0).normal(size=depth.TABLE_SIZE).astype(np.float32)
     index = np.arange(depth.TABLE_SIZE, dtype=np.uint16).reshape(256, 256).T.copy()
-    np.testing.assert_array_equal(looked_up(table, index), table[index])
+    np.testing.assert_array_equal(look_up_heights(table, index), table[index])

@@ -9,17 +9,19 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from skins import ball_print, skin, with_hole
 
 from ninedtact.atomic_write import FileNotWritten
-from ninedtact.quantities import Coverage, HeightMap
-from ninedtact.shape.cloud import point_cloud
-from ninedtact.shape.export import FormatUnknown, export, write_ply, write_stl
-from ninedtact.shape.height_png import (
+from ninedtact.quantities import HeightMap, HeightSource
+from ninedtact.shape.export import (
+    FormatUnknown,
     HeightImageUnreadable,
     HeightNotStorable,
-    decoded,
-    height_png,
+    decode_height_png,
+    encode_height_png,
+    export_shape,
     read_height_png,
+    write_ply,
+    write_stl,
 )
-from ninedtact.shape.mesh import solid_mesh, surface_mesh
+from ninedtact.shape.surface import point_cloud, solid_mesh, surface_mesh
 
 HEIGHT = with_hole(ball_print(61, 80, camera_mm=20.0))
 
@@ -30,7 +32,7 @@ def scales(height: HeightMap) -> tuple[float, ...]:
 
 @pytest.mark.parametrize("ending", [".ply", ".stl", ".obj", ".PLY"])
 def test_a_mesh_is_read_by_another_program_with_its_size_area_and_orientation(tmp_path, ending):
-    export(HEIGHT, tmp_path / f"skin{ending}")
+    export_shape(HEIGHT, tmp_path / f"skin{ending}")
     read, wrote = trimesh.load(tmp_path / f"skin{ending}"), surface_mesh(HEIGHT)
     ours = trimesh.Trimesh(wrote.vertices_mm, wrote.faces)
     assert len(read.faces) == len(wrote.faces)
@@ -45,7 +47,7 @@ def test_a_ply_holds_points_with_normals_and_needs_no_triangles(tmp_path):
     read = trimesh.load(tmp_path / "points.ply")
     assert isinstance(read, trimesh.PointCloud)
     np.testing.assert_array_equal(read.vertices, cloud.points_mm)
-    export(HEIGHT, tmp_path / "mesh.ply")
+    export_shape(HEIGHT, tmp_path / "mesh.ply")
     raw = trimesh.load(tmp_path / "mesh.ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
     np.testing.assert_array_equal(np.column_stack([raw[name] for name in ("nx", "ny", "nz")]), cloud.normals)
 
@@ -61,19 +63,19 @@ def test_a_printable_stl_is_watertight_and_its_normals_agree_with_its_corners(tm
 
 
 def test_npy_is_height_in_mm_and_nan_out_of_view(tmp_path):
-    export(HEIGHT, tmp_path / "z.npy")
+    export_shape(HEIGHT, tmp_path / "z.npy")
     read = np.load(tmp_path / "z.npy")
     assert read.dtype == np.float32
     np.testing.assert_array_equal(read, np.where(HEIGHT.in_view, HEIGHT.z_mm, np.nan))
 
 
 def test_each_third_point_may_be_exported(tmp_path):
-    export(HEIGHT, tmp_path / "thin.ply", every=3)
+    export_shape(HEIGHT, tmp_path / "thin.ply", every=3)
     assert len(trimesh.load(tmp_path / "thin.ply").faces) == len(surface_mesh(HEIGHT, every=3).faces)
 
 
 def test_a_height_image_reads_back_as_the_height_map_it_was(tmp_path):
-    export(HEIGHT, tmp_path / "z.png")
+    export_shape(HEIGHT, tmp_path / "z.png")
     read = read_height_png(tmp_path / "z.png")
     assert scales(read) == scales(HEIGHT)
     np.testing.assert_array_equal(read.in_view, HEIGHT.in_view)
@@ -83,24 +85,24 @@ def test_a_height_image_reads_back_as_the_height_map_it_was(tmp_path):
 heights = array_shapes(min_dims=2, max_dims=2, max_side=9).flatmap(
     lambda shape: st.tuples(
         arrays(np.int32, shape, elements=st.integers(-32767, 32767)),
-        arrays(np.uint8, shape, elements=st.sampled_from([Coverage.OUT_OF_VIEW, Coverage.MEASURED])),
+        arrays(np.uint8, shape, elements=st.sampled_from([HeightSource.OUT_OF_VIEW, HeightSource.MEASURED])),
     )
 )
 
 
 @given(heights, st.floats(1e-3, 1), st.floats(0, 1), st.floats(1, None), st.integers(0, 2**63 - 1))
 def test_whole_micrometres_survive_a_height_image_exactly(map_and_view, mm_per_px, noise_mm, camera_mm, stamp_ns):
-    micrometres, coverage = map_and_view
+    micrometres, source = map_and_view
     z_mm = (micrometres / 1000).astype(np.float32)
-    read = decoded(height_png(HeightMap(z_mm, coverage, mm_per_px, noise_mm, camera_mm, stamp_ns)))
-    np.testing.assert_array_equal(read.coverage, coverage)
+    read = decode_height_png(encode_height_png(HeightMap(z_mm, source, mm_per_px, noise_mm, camera_mm, stamp_ns)))
+    np.testing.assert_array_equal(read.source, source)
     np.testing.assert_array_equal(np.rint(read.z_mm[read.in_view] * 1000), micrometres[read.in_view])
     assert scales(read) == (mm_per_px, noise_mm, camera_mm, stamp_ns)
 
 
 @given(st.data())
 def test_a_damaged_height_image_is_refused(tmp_path_factory, data):
-    whole = height_png(HEIGHT)
+    whole = encode_height_png(HEIGHT)
     path = tmp_path_factory.getbasetemp() / "damaged.png"
     place = data.draw(st.integers(0, len(whole) - 1))
     flipped = bytes([whole[place] ^ data.draw(st.integers(1, 255))])
@@ -112,15 +114,15 @@ def test_a_damaged_height_image_is_refused(tmp_path_factory, data):
 @pytest.mark.parametrize("z_mm", [32.8, -32.8, np.inf, np.nan])
 def test_a_height_that_does_not_fit_16_bits_is_refused(z_mm):
     with pytest.raises(HeightNotStorable, match=r"\.npy"):
-        height_png(skin(np.full((2, 2), z_mm)))
+        encode_height_png(skin(np.full((2, 2), z_mm)))
 
 
 @pytest.mark.parametrize("name", ["skin", "skin.jpeg", ".ply/skin"])
 def test_an_ending_that_nobody_can_write_is_refused_by_naming_those_that_can(tmp_path, name):
     with pytest.raises(FormatUnknown, match=r"\.npy, \.png, \.ply, \.stl or \.obj"):
-        export(HEIGHT, tmp_path / name)
+        export_shape(HEIGHT, tmp_path / name)
 
 
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(FileNotWritten, match="make the folder"):
-        export(HEIGHT, tmp_path / "missing" / "skin.ply")
+        export_shape(HEIGHT, tmp_path / "missing" / "skin.ply")

@@ -8,24 +8,23 @@ import numpy as np
 import pytest
 from skins import ball_print, skin, with_hole
 
-from ninedtact.quantities import Coverage
-from ninedtact.shape.image import ColourScale, colourise, height_image, shaded_image
-from ninedtact.shape.image.page import round_number
-from ninedtact.shape.image.sight import Block, sight_of
-from ninedtact.shape.image.viewpoint import viewpoint_of
+from ninedtact.quantities import HeightSource
+from ninedtact.shape.height_map_image import ColourScale, colourise_heights, render_height_map, round_up_to_1_2_5
+from ninedtact.shape.relief_image import render_relief
+from ninedtact.shape.relief_renderer import Block, trace_sightlines, viewpoint_of
 
 
 def extrapolated_bottom(height):
-    coverage = height.coverage.copy()
-    coverage[(height.z_mm < -1.5) & height.in_view] = Coverage.EXTRAPOLATED
-    return skin(height.z_mm, coverage, noise_mm=0.01)
+    source = height.source.copy()
+    source[(height.z_mm < -1.5) & height.in_view] = HeightSource.EXTRAPOLATED
+    return skin(height.z_mm, source, noise_mm=0.01)
 
 
 def test_pressed_is_blue_bulging_is_red_untouched_is_pale_and_unseen_is_grey():
-    coverage = np.full((1, 6), Coverage.MEASURED, np.uint8)
-    coverage[0, 5] = Coverage.OUT_OF_VIEW
+    source = np.full((1, 6), HeightSource.MEASURED, np.uint8)
+    source[0, 5] = HeightSource.OUT_OF_VIEW
     z_mm = np.array([[-9, -1, 0, 0.25, 9, np.nan]])
-    colours = colourise(skin(z_mm, coverage), ColourScale(2.0, 0.5))[0].astype(int)
+    colours = colourise_heights(skin(z_mm, source), ColourScale(2.0, 0.5))[0].astype(int)
     blue, green, red = colours.T
     assert (blue[:2] > red[:2] + 40).all()
     assert (red[3:5] > blue[3:5] + 40).all()
@@ -33,7 +32,7 @@ def test_pressed_is_blue_bulging_is_red_untouched_is_pale_and_unseen_is_grey():
     assert blue[5] == green[5] == red[5] < 200
 
 
-@pytest.mark.parametrize("draw", [height_image, shaded_image])
+@pytest.mark.parametrize("draw", [render_height_map, render_relief])
 @pytest.mark.parametrize(
     "height",
     [
@@ -54,7 +53,7 @@ def test_every_height_map_gives_a_image(draw, height):
 def test_sight_meets_the_skin_where_the_viewpoint_projects_it():
     block = Block(ball_print(61, 80).z_mm, 0.051, -3.0)
     view = viewpoint_of(block.corners, (10.0, 10.0), (290.0, 190.0))
-    seen = sight_of(block, view, 200, 300)
+    seen = trace_sightlines(block, view, 200, 300)
     row, col = np.argwhere(seen.on_skin)[::97].T
     x, y = block.low[0] + seen.col * 0.051, block.low[1] + seen.row * 0.051
     points = np.stack([x, y, seen.z], axis=-1)[row, col].astype(float)
@@ -71,9 +70,9 @@ def test_a_viewpoint_shows_the_whole_block():
 
 @pytest.mark.parametrize(("at_least", "expected"), [(0.3, 0.5), (0.5, 0.5), (1.01, 2.0), (7.0, 10.0), (0.06, 0.1)])
 def test_round_numbers(at_least, expected):
-    assert round_number(at_least) == pytest.approx(expected)
+    assert round_up_to_1_2_5(at_least) == pytest.approx(expected)
 
 
 def test_importing_the_images_does_not_import_matplotlib():
-    check = "import sys, ninedtact.shape.image; sys.exit('matplotlib' in sys.modules)"
+    check = "import sys, ninedtact.shape.height_map_image, ninedtact.shape.relief_image; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, skin, with_hole
 
-from ninedtact.quantities import Coverage
-from ninedtact.shape.measures import ContactRule, summarise
+from ninedtact.quantities import HeightSource
+from ninedtact.shape.measures import ContactRule, summarise_shape
 
 
 @pytest.mark.parametrize("camera_mm", [np.inf, 20.0])
 def test_the_print_of_a_ball_measures_as_a_spherical_cap(camera_mm):
-    summary = summarise(ball_print(at=(1.5, -1.0), camera_mm=camera_mm), ContactRule(at_least_mm=0.0, noise_factor=0.0))
+    summary = summarise_shape(
+        ball_print(at=(1.5, -1.0), camera_mm=camera_mm), ContactRule(at_least_mm=0.0, noise_factor=0.0)
+    )
     assert summary.max_indentation_mm == pytest.approx(DEPTH_MM, abs=1e-3)
     assert summary.contact_area_mm2 == pytest.approx(np.pi * DEPTH_MM * (2 * RADIUS_MM - DEPTH_MM), rel=4e-3)
     assert summary.displaced_volume_mm3 == pytest.approx(np.pi * DEPTH_MM**2 * (RADIUS_MM - DEPTH_MM / 3), rel=1e-3)
@@ -22,7 +24,7 @@ def test_the_print_of_a_ball_measures_as_a_spherical_cap(camera_mm):
 
 def test_noise_alone_is_no_contact_and_displaces_nothing():
     noise = np.random.default_rng(0).normal(0, 0.02, (345, 460))
-    summary = summarise(skin(noise, noise_mm=0.02))
+    summary = summarise_shape(skin(noise, noise_mm=0.02))
     assert summary.contact_threshold_mm == pytest.approx(0.1)
     assert summary.contact_area_mm2 == summary.displaced_volume_mm3 == 0
     assert summary.contact_centre_mm is None
@@ -33,26 +35,26 @@ def test_a_loss_of_light_far_from_a_deep_press_is_no_contact_but_a_second_press_
     two = np.minimum(print_alone.z_mm, ball_print(at=(6.0, 0.0)).z_mm * 0.5)
     dimmed = two.copy()
     dimmed[:40, :] -= 0.15 * DEPTH_MM
-    assert summarise(skin(dimmed)).contact_area_mm2 == pytest.approx(summarise(skin(two)).contact_area_mm2)
-    assert summarise(skin(two)).contact_area_mm2 > 1.9 * summarise(print_alone).contact_area_mm2
+    assert summarise_shape(skin(dimmed)).contact_area_mm2 == pytest.approx(summarise_shape(skin(two)).contact_area_mm2)
+    assert summarise_shape(skin(two)).contact_area_mm2 > 1.9 * summarise_shape(print_alone).contact_area_mm2
 
 
 def test_the_least_threshold_holds_without_noise():
-    assert summarise(skin(np.full((3, 3), -0.049))).contact_area_mm2 == 0
-    assert summarise(skin(np.full((3, 3), -0.051))).contact_area_mm2 == pytest.approx(9 * MM_PER_PX**2)
+    assert summarise_shape(skin(np.full((3, 3), -0.049))).contact_area_mm2 == 0
+    assert summarise_shape(skin(np.full((3, 3), -0.051))).contact_area_mm2 == pytest.approx(9 * MM_PER_PX**2)
 
 
 def test_what_is_out_of_view_does_not_count_and_what_is_extrapolated_is_told():
     height = with_hole(skin(np.full((20, 30), -1.0)))
-    coverage = np.where(height.in_view, Coverage.EXTRAPOLATED, Coverage.OUT_OF_VIEW).astype(np.uint8)
-    coverage[10:, :] = height.coverage[10:, :]
+    source = np.where(height.in_view, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW).astype(np.uint8)
+    source[10:, :] = height.source[10:, :]
     z_mm = np.where(height.in_view, height.z_mm, -9)
-    summary = summarise(replace(height, z_mm=z_mm.astype(np.float32), coverage=coverage))
+    summary = summarise_shape(replace(height, z_mm=z_mm.astype(np.float32), source=source))
     assert summary.max_indentation_mm == 1
     assert summary.contact_area_mm2 == pytest.approx(height.in_view.sum() * MM_PER_PX**2)
     assert summary.extrapolated_share == pytest.approx(height.in_view[:10].sum() / height.in_view.sum())
 
 
 def test_nothing_in_view_is_nothing_measured():
-    summary = summarise(skin(np.full((4, 5), np.nan), np.zeros((4, 5), np.uint8)))
+    summary = summarise_shape(skin(np.full((4, 5), np.nan), np.zeros((4, 5), np.uint8)))
     assert summary.max_indentation_mm == summary.max_bulge_mm == summary.extrapolated_share == 0

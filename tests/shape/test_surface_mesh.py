@@ -6,8 +6,7 @@ import trimesh
 from skins import MM_PER_PX, ball_print, plane, skin, with_hole
 
 from ninedtact.quantities import Mesh
-from ninedtact.shape.cloud import point_cloud
-from ninedtact.shape.mesh import solid_mesh, surface_mesh
+from ninedtact.shape.surface import point_cloud, solid_mesh, surface_mesh
 
 
 def solid(mesh: Mesh) -> trimesh.Trimesh:

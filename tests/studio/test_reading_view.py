@@ -5,7 +5,7 @@ import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane, skin, with_hole
 
 from ninedtact.design import Gel
-from ninedtact.shape.image.palette import ColourScale, colourise
+from ninedtact.shape.height_map_image import ColourScale, colourise_heights
 from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, session_colour_scale, skin_surface
 from ninedtact.studio.scene_3d import gel_block_under_skin
 
@@ -14,7 +14,7 @@ SCALE = ColourScale(2.0, 0.5)
 
 def test_points_are_where_the_skin_is_and_few_enough() -> None:
     height = ball_print(at=(1.0, -2.0), camera_mm=14.05)
-    surface = skin_surface(height, colourise(height, SCALE))
+    surface = skin_surface(height, colourise_heights(height, SCALE))
     points = surface.points_mm
     assert len(points) <= MAX_SURFACE_POINTS < 4 * len(points)
     assert surface.spacing_mm == pytest.approx(2 * MM_PER_PX)
@@ -28,7 +28,7 @@ def test_points_are_where_the_skin_is_and_few_enough() -> None:
 
 def test_triangles_face_outwards_and_join_neighbours() -> None:
     height = plane(120, 160, slope_x=0.2, slope_y=-0.1)
-    surface = skin_surface(height, colourise(height, SCALE))
+    surface = skin_surface(height, colourise_heights(height, SCALE))
     corners = surface.points_mm[surface.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -38,7 +38,7 @@ def test_triangles_face_outwards_and_join_neighbours() -> None:
 
 def test_level_skin_has_the_colour_of_the_map_and_slopes_are_lit_from_the_upper_left() -> None:
     pressed = skin(np.full((30, 40), -1.0))
-    colours = colourise(pressed, SCALE)
+    colours = colourise_heights(pressed, SCALE)
     assert (skin_surface(pressed, colours).colours == colours[0, 0, ::-1]).all()
     left, right = plane(30, 40, slope_x=0.5, slope_y=0), plane(30, 40, slope_x=-0.5, slope_y=0)
     grey = np.full((30, 40, 3), 100, np.uint8)
@@ -47,7 +47,7 @@ def test_level_skin_has_the_colour_of_the_map_and_slopes_are_lit_from_the_upper_
 
 def test_what_is_out_of_view_is_left_out() -> None:
     height = with_hole(ball_print(40, 60))
-    surface = skin_surface(height, colourise(height, SCALE))
+    surface = skin_surface(height, colourise_heights(height, SCALE))
     assert len(surface.points_mm) == len(surface.colours) == height.in_view.sum()
     assert np.isfinite(surface.points_mm).all() and surface.faces.max() < len(surface.points_mm)
 

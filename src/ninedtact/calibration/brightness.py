@@ -7,7 +7,7 @@ from numpy import ndarray as Array
 from scipy import ndimage
 
 from ninedtact.errors import NinedtactError
-from ninedtact.shape.calibrated import UNLIT
+from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 
 BgrImage = UInt8[Array, "_ _ 3"]
 
@@ -44,7 +44,7 @@ def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:
 def require_usable_exposure(name: str, image: BgrImage) -> None:
     """Refuse an image that is black or burnt out."""
     grey = to_grey_float(image)
-    if grey.mean() < UNLIT:
+    if grey.mean() < MIN_LIT_GREY_LEVEL:
         raise ImageUnusable(
             f"expected a lit image for the {name}, got a mean grey level of {grey.mean():.0f} of 255; "
             "switch the sensor's light on and raise the exposure"

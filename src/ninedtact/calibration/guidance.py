@@ -30,7 +30,7 @@ from ninedtact.calibration.brightness import (
 from ninedtact.calibration.procedure import CalibrationSettings, build_rectification
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
-from ninedtact.shape.calibrated import UNLIT
+from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 from ninedtact.shape.rectification import Rectification
 
 AVERAGED = 8
@@ -131,7 +131,7 @@ def _watch_reference(like: BgrImage | None) -> ImageWatcher:
 def _exposure_advice(image: BgrImage) -> str:
     """What to do about the light, if anything."""
     grey = to_grey_float(image)
-    if grey.mean() < 4 * UNLIT:
+    if grey.mean() < 4 * MIN_LIT_GREY_LEVEL:
         return f"too dark (mean {grey.mean():.0f} of 255): switch the light on, raise the exposure"
     if (grey >= OVEREXPOSED).mean() > 0.02:
         return f"overexposed ({(grey >= OVEREXPOSED).mean():.0%} of the image): lower exposure or gain"

@@ -45,7 +45,7 @@ from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px
-from ninedtact.shape.rectification import Area, Rectification, rectification
+from ninedtact.shape.rectification import Area, Rectification, rectification_of_projection
 
 LensKind = Literal["model", "paper"]
 
@@ -136,7 +136,9 @@ def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -
     projection, raw_mm_per_px = _choose_projection(board, kind)
     rows, cols = board.change.shape
     mm_per_px = raw_mm_per_px * max(rows, cols) / design.field_of_view.raw_long_side_px
-    return rectification(projection, design.field_of_view, mm_per_px, (rows, cols), calibrated_area_mm(design))
+    return rectification_of_projection(
+        projection, design.field_of_view, mm_per_px, (rows, cols), calibrated_area_mm(design)
+    )
 
 
 def _choose_projection(board: BoardFit, kind: LensKind) -> tuple[Projection, float]:

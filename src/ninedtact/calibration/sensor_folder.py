@@ -20,10 +20,9 @@ from ninedtact.capture.image_file import read_image
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
-from ninedtact.shape.calibrated import CalibratedShape
-from ninedtact.shape.lens import LensModel, Projection
-from ninedtact.shape.pin_map import PinMap
-from ninedtact.shape.rectification import Rectification, rectification
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.lens import LensModel, PinMap, Projection
+from ninedtact.shape.rectification import Rectification, rectification_of_projection
 
 if TYPE_CHECKING:
     from ninedtact.simulation.twin import Twin
@@ -84,7 +83,7 @@ class SensorFolder:
             source_px = _read_pixel_map(self._verify_file(lens.file, lens.sha256), self.record)
             return Rectification(source_px, grid.mm_per_px, raw_shape, grid.calibrated_area_mm)
         field_of_view = self.record.design.field_of_view
-        return rectification(
+        return rectification_of_projection(
             build_projection(lens, raw_shape), field_of_view, grid.mm_per_px, raw_shape, grid.calibrated_area_mm
         )
 

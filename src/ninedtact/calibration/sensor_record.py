@@ -11,9 +11,7 @@ from msgspec import Struct, field
 from ninedtact.calibration.ball.ball_fit import DepthMethod
 from ninedtact.calibration.board.lattice import CameraRotation
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.shape.deblur import Deblurring
-from ninedtact.shape.depth import DepthCurve, Smoothing
-from ninedtact.shape.loss import Loss
+from ninedtact.shape.depth import Deblurring, DepthCurve, LightLoss, Smoothing
 from ninedtact.simulation.illumination import BrightnessModel
 
 SENSOR_FORMAT = 4
@@ -30,7 +28,7 @@ class LensModelTable(Struct, tag_field="kind", tag="model", frozen=True, forbid_
 
 
 class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
-    """The pins through which the paper's map goes (`shape.pin_map.PinMap`): on the skin and in the raw image."""
+    """The pins through which the paper's map goes (`shape.lens.PinMap`): on the skin and in the raw image."""
 
     points_mm: list[tuple[float, float]]
     points_px: list[tuple[float, float]]
@@ -122,7 +120,7 @@ class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     noise_mm: float
     smoothing: Smoothing
     curve: DepthCurve
-    dimming: Loss = Loss()
+    dimming: LightLoss = LightLoss()
     """The light that the whole image loses to what is dark."""
     deblurring: Deblurring | None = None
     """The point-spread that a fine reconstruction removes, where it is known."""

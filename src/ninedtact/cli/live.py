@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
-    from ninedtact.shape.calibrated import CalibratedShape
+    from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.wrench_poller import WrenchPoller
 

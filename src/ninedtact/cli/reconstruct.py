@@ -61,9 +61,9 @@ class ReconstructCommand:
 
     def result(self, path: Path, name: str, height: "HeightMap", depth: "DepthReader") -> dict[str, Any]:
         """Write one image's files and return its figures."""
-        from ninedtact.shape.measures import summarise
+        from ninedtact.shape.measures import summarise_shape
 
-        measured = summarise(height)
+        measured = summarise_shape(height)
         return {
             "image": str(path),
             **asdict(measured),
@@ -74,16 +74,17 @@ class ReconstructCommand:
     def written(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
         """Write the files of one height map; kind and path of each."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.shape.export import export
-        from ninedtact.shape.image import height_image, shaded_image
+        from ninedtact.shape.export import export_shape
+        from ninedtact.shape.height_map_image import render_height_map
+        from ninedtact.shape.relief_image import render_relief
 
         self.out.mkdir(parents=True, exist_ok=True)
         for ending in self.formats:
             path = self.out / f"{name}_height.{ending}"
-            export(height, path)
+            export_shape(height, path)
             yield ending, path
         if self.drawings:
-            for kind, draw in (("colour", height_image), ("shaded", shaded_image)):
+            for kind, draw in (("colour", render_height_map), ("shaded", render_relief)):
                 path = self.out / f"{name}_{kind}.png"
                 write_file_atomically(path, draw(height))
                 yield f"{kind}_image", path

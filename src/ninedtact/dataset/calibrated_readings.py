@@ -17,7 +17,7 @@ from ninedtact.design import Gel, SensingArea
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
 READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
@@ -103,7 +103,7 @@ class FileDepthReader:
                 "each name"
             )
         shape = self.sensors[name].shape
-        calibrated = shape.rectify.coverage.shape
+        calibrated = shape.rectify.height_source.shape
         if reference.grey.shape != calibrated:
             raise SensorCalibrationMissing(
                 f"expected images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with, got "

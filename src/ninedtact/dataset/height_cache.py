@@ -29,7 +29,7 @@ from ninedtact.dataset.parquet_files import iterate_rows, wrench_array
 from ninedtact.dataset.reader import column_names, read_pair_columns
 from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.dataset.worker_pool import run_in_processes
-from ninedtact.force.places import PlaceGrid, heights_at_places
+from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class HeightPairs:
 def load_height_pairs(
     folder: Path,
     sensors: Mapping[str, CalibratedSensor],
-    grid: PlaceGrid,
+    grid: SkinGrid,
     cache: Path | None = None,
     workers: int = 1,
     *,
@@ -82,7 +82,7 @@ def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, Cali
         )
 
 
-def _digest_inputs(files: Sequence[Path], cache: Path, sensors: Mapping[str, CalibratedSensor], grid: PlaceGrid) -> str:
+def _digest_inputs(files: Sequence[Path], cache: Path, sensors: Mapping[str, CalibratedSensor], grid: SkinGrid) -> str:
     """Return a digest of everything that the heights depend on."""
     calibrations = sorted((name, sensor.digest) for name, sensor in sensors.items())
     data = digest_files([*files, files[0].parents[1] / REFERENCES_FILE], cache)
@@ -97,7 +97,7 @@ def _compute_missing_files(
     files: Sequence[Path],
     target: Path,
     sensors: Mapping[str, CalibratedSensor],
-    grid: PlaceGrid,
+    grid: SkinGrid,
     workers: int,
     progress: bool,
 ) -> None:
@@ -117,7 +117,7 @@ def _select_sensors(file: Path, sensors: Mapping[str, CalibratedSensor]) -> dict
     return {name: sensors[name] for name in names if name in sensors}
 
 
-def _compute_height_file(file: Path, target: Path, sensors: Mapping[str, CalibratedSensor], grid: PlaceGrid) -> None:
+def _compute_height_file(file: Path, target: Path, sensors: Mapping[str, CalibratedSensor], grid: SkinGrid) -> None:
     """Write the heights of one Parquet file; they are zero for sensors that are not given.
 
     Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`.
@@ -127,7 +127,7 @@ def _compute_height_file(file: Path, target: Path, sensors: Mapping[str, Calibra
     z_mm = np.zeros((len(rows), grid.rows, grid.cols), np.float16)
     for number, row in enumerate(rows):
         if (row["sensor"] or "") in sensors:
-            z_mm[number] = heights_at_places(reader.read(row).height, grid)
+            z_mm[number] = orthorectified_heights(reader.read(row).height, grid)
     content = BytesIO()
     np.save(content, z_mm)
     write_file_atomically(target, content.getbuffer())

@@ -5,7 +5,7 @@ are of floating numbers, so nothing wraps. An image and its reference are resize
 the noise of a pixel, halved by its sign, would otherwise turn up as a change. The wrench of an image does not depend
 on its size.
 
-`Layout.ORIGINAL` is the three channels as the original project stores them in `mixed_image`, so that its published weights
+`Layout.ORIGINAL` is the three channels as the original project stores them in `encode_mixed_image`, so that its published weights
 can be used. There, three times a difference is put from float32 into uint8 unbounded (`save_data` of its
 `data_collection/collect_data.py`, `raw_image_2_representation` of its `shape_reconstruction/sensor.py`): more than 85 grey
 levels begin again at zero, modulo 256, on the machines that NumPy is built for (C leaves it open; here it is computed).
@@ -42,13 +42,13 @@ class NotAMixedImage(NinedtactError):
     """An image that the original project's arithmetic cannot have made."""
 
 
-class Layout(StrEnum):
+class ChannelLayout(StrEnum):
     """Which channels a network is shown, in which order; the name is kept with the model."""
 
     PLAIN = "darker, brighter, reference"
     """Grey levels, 0 to 255, floating."""
     ORIGINAL = "reference, 3 brighter, 3 darker (mod 256)"
-    """The original project's `mixed_image`, its bytes as floating numbers."""
+    """The original project's `encode_mixed_image`, its bytes as floating numbers."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class DeformationReader:
         """What is darker and brighter, at the size that was asked for."""
         require_match(rectified, self.reference)
         small = resized(rectified, self.shape)
-        darker, brighter = parts(small.grey, self.small_reference.grey)
+        darker, brighter = split_brightness_change(small.grey, self.small_reference.grey)
         return Deformation(
             darker, brighter, self.small_reference.grey.copy(), self.small_reference.mm_per_px, rectified.stamp_ns
         )
@@ -74,7 +74,9 @@ class DeformationReader:
         return resized(self.reference, self.shape)
 
 
-def deformation(rectified: Rectified, reference: Rectified, shape: tuple[int, int] | None = None) -> Deformation:
+def compute_deformation(
+    rectified: Rectified, reference: Rectified, shape: tuple[int, int] | None = None
+) -> Deformation:
     """One image against its reference. shape: rows and columns. Raises `ImagesDoNotMatch`."""
     return DeformationReader(reference, shape)(rectified)
 
@@ -89,17 +91,19 @@ def resized(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
     return Rectified(grey, rectified.mm_per_px * cols / shape[1], rectified.stamp_ns)
 
 
-def parts(images: Any, references: Any) -> tuple[Any, Any]:
+def split_brightness_change(images: Any, references: Any) -> tuple[Any, Any]:
     """Darker and brighter of images of one size, (…, rows, cols); NumPy's or torch's arrays, of integers too."""
     xp = array_namespace_of(images)
     change = xp.astype(references, xp.float32) - xp.astype(images, xp.float32)
     return xp.clip(change, 0, None), xp.clip(-change, 0, None)
 
 
-def channels(darker: Any, brighter: Any, reference: Any, layout: Layout = Layout.PLAIN) -> Any:
+def stack_deformation_channels(
+    darker: Any, brighter: Any, reference: Any, layout: ChannelLayout = ChannelLayout.PLAIN
+) -> Any:
     """The input of a network, (…, 3, rows, cols) float32, from its parts (…, rows, cols) in NumPy or torch."""
     xp = array_namespace_of(darker)
-    if layout is Layout.PLAIN:
+    if layout is ChannelLayout.PLAIN:
         return xp.stack((darker, brighter, reference), axis=-3)
     tripled = [ORIGINAL_SCALE * xp.round(part) for part in (brighter, darker)]
     # A remainder by hand: NumPy's own is slow on floating numbers.
@@ -107,20 +111,26 @@ def channels(darker: Any, brighter: Any, reference: Any, layout: Layout = Layout
     return xp.stack((xp.round(reference), *wrapped), axis=-3)
 
 
-def network_input(deformation: Deformation, layout: Layout = Layout.PLAIN) -> Float32[Array, "3 rows cols"]:
+def deformation_channels(
+    deformation: Deformation, layout: ChannelLayout = ChannelLayout.PLAIN
+) -> Float32[Array, "3 rows cols"]:
     """One deformation as a network is shown it."""
-    return np.asarray(channels(deformation.darker, deformation.brighter, deformation.reference, layout))
+    return np.asarray(
+        stack_deformation_channels(deformation.darker, deformation.brighter, deformation.reference, layout)
+    )
 
 
-def mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
+def encode_mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     """The original project's image of it: blue the reference, green 3·brighter, red 3·darker, modulo 256.
 
-    Bit for bit where the deformation is of whole grey levels at their own size (`grey_of`).
+    Bit for bit where the deformation is of whole grey levels at their own size (`rectified_from_stored_image`).
     """
-    return np.ascontiguousarray(network_input(deformation, Layout.ORIGINAL).transpose(1, 2, 0).astype(np.uint8))
+    return np.ascontiguousarray(
+        deformation_channels(deformation, ChannelLayout.ORIGINAL).transpose(1, 2, 0).astype(np.uint8)
+    )
 
 
-def from_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, stamp_ns: int = 0) -> Deformation:
+def decode_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, stamp_ns: int = 0) -> Deformation:
     """What the original project's image (BGR) was made of, exactly; raises `NotAMixedImage`."""
     reference, brighter, darker = np.moveaxis(mixed.astype(np.int32), 2, 0)
     brighter, darker = (part * ORIGINAL_INVERSE % LEVELS for part in (brighter, darker))
@@ -134,13 +144,15 @@ def from_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, stamp
     return Deformation(darker, brighter, reference, mm_per_px, stamp_ns)
 
 
-def grey_of(image: UInt8[Array, "rows cols *bgr"], mm_per_px: float, stamp_ns: int = 0) -> Rectified:
+def rectified_from_stored_image(
+    image: UInt8[Array, "rows cols *bgr"], mm_per_px: float, stamp_ns: int = 0
+) -> Rectified:
     """A rectified image as stored, BGR or grey, in whole grey levels as the original project counts them."""
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     return Rectified(np.asarray(grey, np.float32), mm_per_px, stamp_ns)
 
 
-def deformation_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
+def render_deformation(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     """For a person: red where darker, green where brighter, black where nothing changed; BGR."""
     green = cv2.convertScaleAbs(deformation.brighter, alpha=GREEN_PER_LEVEL)
     red = cv2.convertScaleAbs(deformation.darker, alpha=RED_PER_LEVEL)

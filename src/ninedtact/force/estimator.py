@@ -30,12 +30,12 @@ class NoForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Zero, with an error without end: touched or not is all that it says."""
-        return WrenchEstimate(untouched(reading.frame.stamp_ns), np.full(6, np.inf), touching=False)
+        return WrenchEstimate(zero_wrench(reading.frame.stamp_ns), np.full(6, np.inf), touching=False)
 
     def forget(self) -> None:
         """Nothing was remembered."""
 
 
-def untouched(stamp_ns: int = 0) -> Wrench:
+def zero_wrench(stamp_ns: int = 0) -> Wrench:
     """The wrench of nothing, exactly zero."""
     return Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)

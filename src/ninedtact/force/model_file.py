@@ -1,4 +1,6 @@
-"""A force model: one ONNX file that says all about itself.
+"""What a force model says about itself; it is kept in the model's own file.
+
+A force model: one ONNX file that says all about itself.
 
 The graph takes `input` (n, channels, rows, cols) float32 and gives `wrench` (n, 6), N and N·m, and, where the network tells it,
 `scale` (n, 6) of the wrench's Laplace distribution. The metadata's one key `ninedtact` holds the card as JSON.
@@ -11,25 +13,69 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 from jaxtyping import Float32, Float64
+from msgspec import Struct
 from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
-from ninedtact.force.card import FORMAT, Card
+from ninedtact.force.network_input import NetworkInputSettings
+from ninedtact.force.out_of_distribution import StatisticRange
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
-KEY = "ninedtact"
-INPUT, WRENCH, SCALE = "input", "wrench", "scale"
+
+MODEL_FORMAT = 1
+"""Rises when an older program could no longer use the file."""
+SixNumbers = tuple[float, float, float, float, float, float]
+
+
+class TrainingSummary(Struct, frozen=True, forbid_unknown_fields=True):
+    """Where a model comes from."""
+
+    pairs: int
+    validation_pairs: int
+    objects: int
+    sensors: int
+    epochs: int
+    best_epoch: int
+    seconds: float
+    settings: dict[str, Any]
+    versions: dict[str, str]
+
+
+class ModelCard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a user of the model must know."""
+
+    format: int
+    name: str
+    network: str
+    input: NetworkInputSettings
+    about_mm: tuple[float, float, float]
+    """The point that the graph's torques are about."""
+    modulus_mpa: float
+    """Shear modulus of the gel that the graph's wrench is for; the wrench grows in proportion to a sensor's."""
+    lowest: SixNumbers
+    highest: SixNumbers
+    """Of the wrenches that it was trained with, about the skin's centre."""
+    likeness: dict[str, StatisticRange]
+    """Numbers of the images that it was trained with (`likeness.py`)."""
+    training: TrainingSummary
+    evaluation: dict[str, Any]
+    """Tables of `Evaluation.as_table`, by the name of what was evaluated on."""
+    licence: str
+
+
+METADATA_KEY = "ninedtact"
+INPUT_NAME, WRENCH_NAME, SCALE_NAME = "input", "wrench", "scale"
 FATAL = 4
 
 
-class ModelUnusable(NinedtactError):
+class ForceModelUnusable(NinedtactError):
     """A file that is no force model, or one that this program cannot use."""
 
 
 @dataclass(frozen=True)
-class Prediction:
+class WrenchPrediction:
     """Wrenches of many images."""
 
     wrench: Float64[Array, "n 6"]
@@ -41,26 +87,26 @@ class Prediction:
 class ForceModel:
     """A model that is ready to answer, on one thread."""
 
-    card: Card
+    card: ModelCard
     session: "InferenceSession"
 
-    def __call__(self, inputs: Float32[Array, "n channels rows cols"]) -> Prediction:
+    def __call__(self, inputs: Float32[Array, "n channels rows cols"]) -> WrenchPrediction:
         """As the graph says, for a gel of `card.modulus_mpa` and about `card.about_mm`."""
-        found = [np.asarray(array, np.float64) for array in self.session.run(None, {INPUT: inputs})]
-        return Prediction(found[0], found[1] if len(found) > 1 else np.full_like(found[0], np.inf))
+        found = [np.asarray(array, np.float64) for array in self.session.run(None, {INPUT_NAME: inputs})]
+        return WrenchPrediction(found[0], found[1] if len(found) > 1 else np.full_like(found[0], np.inf))
 
 
-def read_model(path: Path | str) -> ForceModel:
-    """Read and check a model; raises `ModelUnusable`."""
+def read_force_model(path: Path | str) -> ForceModel:
+    """Read and check a model; raises `ForceModelUnusable`."""
     try:
         content = Path(path).read_bytes()
     except OSError as trouble:
-        raise ModelUnusable(f"expected a force model, got: {trouble}; give the .onnx file of one") from trouble
-    return model_from(content, str(path))
+        raise ForceModelUnusable(f"expected a force model, got: {trouble}; give the .onnx file of one") from trouble
+    return parse_force_model(content, str(path))
 
 
-def model_from(content: bytes, name: str) -> ForceModel:
-    """The model in a file's bytes; raises `ModelUnusable`, which calls it by this name."""
+def parse_force_model(content: bytes, name: str) -> ForceModel:
+    """The model in a file's bytes; raises `ForceModelUnusable`, which calls it by this name."""
     session = session_of(content, name)
     card = card_of(session, name)
     require_graph(session, card, name)
@@ -68,11 +114,11 @@ def model_from(content: bytes, name: str) -> ForceModel:
 
 
 def session_of(content: bytes, name: str) -> "InferenceSession":
-    """ONNX Runtime on one thread; raises `ModelUnusable`."""
+    """ONNX Runtime on one thread; raises `ForceModelUnusable`."""
     try:
         from onnxruntime import InferenceSession, SessionOptions
     except ImportError as trouble:
-        raise ModelUnusable(
+        raise ForceModelUnusable(
             f"expected ONNX Runtime to run the network in {name}, got: {trouble}; pip install 'ninedtact[force]', or estimate "
             "without a network: --force physics"
         ) from trouble
@@ -84,43 +130,43 @@ def session_of(content: bytes, name: str) -> "InferenceSession":
         return InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as trouble:  # ONNX Runtime's own exceptions have no base but this
         said = (str(trouble).splitlines() or [""])[0]
-        raise ModelUnusable(
+        raise ForceModelUnusable(
             f"expected a whole ONNX model in {name}, got {len(content)} bytes that are none ({said}); copy or train it again"
         ) from trouble
 
 
-def card_of(session: "InferenceSession", name: str) -> Card:
-    """What the model says about itself; raises `ModelUnusable`."""
-    text = session.get_modelmeta().custom_metadata_map.get(KEY)
+def card_of(session: "InferenceSession", name: str) -> ModelCard:
+    """What the model says about itself; raises `ForceModelUnusable`."""
+    text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
     if text is None:
-        raise ModelUnusable(
+        raise ForceModelUnusable(
             f"expected a model that ninedtact wrote in {name}, got an ONNX file without its card; give one that 'ninedtact "
             "train' made"
         )
     try:
         table = msgspec.json.decode(text, type=dict[str, Any])
-        if table.get("format") != FORMAT:
-            raise ModelUnusable(
-                f"expected {name} in format {FORMAT}, got format {table.get('format')}; update ninedtact, or train again"
+        if table.get("format") != MODEL_FORMAT:
+            raise ForceModelUnusable(
+                f"expected {name} in format {MODEL_FORMAT}, got format {table.get('format')}; update ninedtact, or train again"
             )
-        return msgspec.convert(table, Card)
+        return msgspec.convert(table, ModelCard)
     except (msgspec.MsgspecError, NinedtactError) as trouble:
-        if isinstance(trouble, ModelUnusable):
+        if isinstance(trouble, ForceModelUnusable):
             raise
-        raise ModelUnusable(
+        raise ForceModelUnusable(
             f"expected the card of {name} as the program wrote it, got: {trouble}; copy or train it again"
         ) from trouble
 
 
-def require_graph(session: "InferenceSession", card: Card, name: str) -> None:
+def require_graph(session: "InferenceSession", card: ModelCard, name: str) -> None:
     """Refuse a graph that takes or gives something else than its card says."""
     taken = [(one.name, tuple(one.shape[1:])) for one in session.get_inputs()]
     given = [(one.name, tuple(one.shape[1:])) for one in session.get_outputs()]
-    expected = [(INPUT, card.input.shape)]
-    if taken != expected or given not in ([(WRENCH, (6,))], [(WRENCH, (6,)), (SCALE, (6,))]):
-        raise ModelUnusable(
-            f"expected a graph in {name} from {expected[0][1]} to {WRENCH} and {SCALE}, got {told(taken)} to {told(given)}; "
-            "train it again"
+    expected = [(INPUT_NAME, card.input.shape)]
+    if taken != expected or given not in ([(WRENCH_NAME, (6,))], [(WRENCH_NAME, (6,)), (SCALE_NAME, (6,))]):
+        raise ForceModelUnusable(
+            f"expected a graph in {name} from {expected[0][1]} to {WRENCH_NAME} and {SCALE_NAME}, got {told(taken)} to "
+            f"{told(given)}; train it again"
         )
 
 

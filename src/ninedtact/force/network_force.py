@@ -9,17 +9,15 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
-from ninedtact.force.card import Card
-from ninedtact.force.estimator import ForceEstimator, untouched
-from ninedtact.force.gate import Touching, is_touched
-from ninedtact.force.inputs import NetworkInput
-from ninedtact.force.likeness import is_unlike
-from ninedtact.force.model_file import ForceModel, Prediction
-from ninedtact.force.traits import Traits
-from ninedtact.quantities import Doubt, Wrench, WrenchEstimate
+from ninedtact.force.contact_detection import ContactTest, detect_contact
+from ninedtact.force.estimator import ForceEstimator, zero_wrench
+from ninedtact.force.model_file import ForceModel, ModelCard, WrenchPrediction
+from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
+from ninedtact.force.out_of_distribution import is_out_of_distribution
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
-DEVIATIONS_PER_SCALE = sqrt(2)
+STD_PER_LAPLACE_SCALE = sqrt(2)
 """Of a Laplace distribution."""
 BEYOND = 0.05
 """A wrench may exceed training's by this part of its range before it is doubted."""
@@ -32,30 +30,30 @@ class NetworkForce(ForceEstimator):
     model: ForceModel
     gel: Gel = field(default_factory=Gel)
     """Its modulus scales the wrench."""
-    touching: Touching = is_touched
-    traits: Traits | None = None
+    contact_test: ContactTest = detect_contact
+    traits: SensorFeatures | None = None
     """Of the sensor, for networks that ask; usual ones where nothing but the gel is known."""
 
     def __post_init__(self) -> None:
         self.name = self.model.card.name
-        self.input = NetworkInput(self.model.card.input, self.traits or Traits(self.gel.thickness_mm))
+        self.input = NetworkInputBuilder(self.model.card.input, self.traits or SensorFeatures(self.gel.thickness_mm))
         self.error_untouched: Float64[Array, 6] | None = None
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """The wrench of the object on the skin about the skin's centre, zero exactly where nothing touches."""
-        if not self.touching(reading):
-            return WrenchEstimate(untouched(reading.frame.stamp_ns), self.error_of_nothing(reading), touching=False)
+        if not self.contact_test(reading):
+            return WrenchEstimate(zero_wrench(reading.frame.stamp_ns), self.error_of_nothing(reading), touching=False)
         seen = self.input(reading)
         found = self.estimate_many(seen[None])
         wrench = Wrench(found.wrench[0, :3], found.wrench[0, 3:], stamp_ns=reading.frame.stamp_ns)
-        doubts = tuple(doubts_about(seen, found.wrench[0] / self.stiffer, self.model.card))
-        return WrenchEstimate(wrench, DEVIATIONS_PER_SCALE * found.scale[0], touching=True, doubts=doubts)
+        warnings = tuple(prediction_warnings(seen, found.wrench[0] / self.stiffer, self.model.card))
+        return WrenchEstimate(wrench, STD_PER_LAPLACE_SCALE * found.scale[0], touching=True, warnings=warnings)
 
-    def estimate_many(self, inputs: Float32[Array, "n channels rows cols"]) -> Prediction:
+    def estimate_many(self, inputs: Float32[Array, "n channels rows cols"]) -> WrenchPrediction:
         """Without the gate: wrenches about the skin's centre, for this gel, and the scales of their Laplace distributions."""
         found = self.model(inputs)
-        scaled = Prediction(found.wrench * self.stiffer, found.scale * self.stiffer)
-        return moved_to_skin(scaled, self.model.card.about_mm)
+        scaled = WrenchPrediction(found.wrench * self.stiffer, found.scale * self.stiffer)
+        return move_prediction_to_skin_centre(scaled, self.model.card.about_mm)
 
     @property
     def stiffer(self) -> float:
@@ -68,7 +66,7 @@ class NetworkForce(ForceEstimator):
             flat = replace(reading.height, z_mm=np.zeros_like(reading.height.z_mm))
             rectified = reading.rectified if reading.reference is None else reading.reference
             seen = self.input(replace(reading, height=flat, rectified=rectified))
-            self.error_untouched = DEVIATIONS_PER_SCALE * self.estimate_many(seen[None]).scale[0]
+            self.error_untouched = STD_PER_LAPLACE_SCALE * self.estimate_many(seen[None]).scale[0]
         return self.error_untouched.copy()
 
     def forget(self) -> None:
@@ -76,19 +74,19 @@ class NetworkForce(ForceEstimator):
         self.error_untouched = None
 
 
-def doubts_about(
-    seen: Float32[Array, "channels rows cols"], wrench: Float64[Array, "6"], card: Card
-) -> Iterator[Doubt]:
+def prediction_warnings(
+    seen: Float32[Array, "channels rows cols"], wrench: Float64[Array, "6"], card: ModelCard
+) -> Iterator[EstimateWarning]:
     """Whether training knew such wrenches and such images."""
     low, high = np.array(card.lowest), np.array(card.highest)
     margin = BEYOND * (high - low)
     if (wrench < low - margin).any() or (wrench > high + margin).any():
-        yield Doubt.OUT_OF_RANGE
-    if is_unlike(seen, card.input.channels, card.likeness):
-        yield Doubt.UNLIKE_TRAINING
+        yield EstimateWarning.OUT_OF_RANGE
+    if is_out_of_distribution(seen, card.input.channels, card.likeness):
+        yield EstimateWarning.UNLIKE_TRAINING
 
 
-def moved_to_skin(found: Prediction, about_mm: tuple[float, float, float]) -> Prediction:
+def move_prediction_to_skin_centre(found: WrenchPrediction, about_mm: tuple[float, float, float]) -> WrenchPrediction:
     """The same with torques about the skin's centre; the errors of forces add to theirs."""
     if not any(about_mm):
         return found
@@ -98,4 +96,6 @@ def moved_to_skin(found: Prediction, about_mm: tuple[float, float, float]) -> Pr
     by_force = np.abs(np.cross(np.eye(3), arm_m))
     with np.errstate(invalid="ignore"):  # where no scale is told it is infinite, and stays so
         scale = np.hypot(found.scale[:, 3:], np.sqrt(found.scale[:, :3] ** 2 @ by_force**2))
-    return Prediction(np.concatenate([found.wrench[:, :3], torque], 1), np.concatenate([found.scale[:, :3], scale], 1))
+    return WrenchPrediction(
+        np.concatenate([found.wrench[:, :3], torque], 1), np.concatenate([found.scale[:, :3], scale], 1)
+    )

@@ -2,4 +2,4 @@
 
 from pathlib import Path
 
-SHIPPED = Path(__file__).parent / "shipped.onnx"
+SHIPPED_MODEL = Path(__file__).parent / "shipped.onnx"

@@ -5,11 +5,11 @@ image rows, z outward through the skin (right-handed, as the camera sees it). Ar
 an array of n samples is index (n − 1)/2. Lengths are mm; stamps are ns of the monotonic clock, taken on arrival.
 """
 
-from ninedtact.quantities.force import Deformation, Doubt, Traction, Wrench, WrenchEstimate
+from ninedtact.quantities.force import Deformation, EstimateWarning, Traction, Wrench, WrenchEstimate
 from ninedtact.quantities.shape import (
-    Coverage,
     Frame,
     HeightMap,
+    HeightSource,
     Mesh,
     PointCloud,
     Rectified,
@@ -17,11 +17,11 @@ from ninedtact.quantities.shape import (
 )
 
 __all__ = [
-    "Coverage",
     "Deformation",
-    "Doubt",
+    "EstimateWarning",
     "Frame",
     "HeightMap",
+    "HeightSource",
     "Mesh",
     "PointCloud",
     "Rectified",

@@ -82,7 +82,7 @@ class Traction:
         return np.concatenate([self.shear_mpa, -self.pressure_mpa[None]]).astype(float)
 
 
-class Doubt(StrEnum):
+class EstimateWarning(StrEnum):
     """Why an estimate should not be believed as it is."""
 
     OUT_OF_RANGE = "out of range"
@@ -104,6 +104,6 @@ class WrenchEstimate:
     """Standard deviation of each of `wrench.six`, N and N·m."""
     touching: bool
     """Without contact the wrench is zero, exactly."""
-    doubts: tuple[Doubt, ...] = ()
+    warnings: tuple[EstimateWarning, ...] = ()
     traction: Traction | None = None
     """Where the estimator knows it."""

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
 
-class Coverage(IntEnum):
+class HeightSource(IntEnum):
     """What a height at one pixel rests on."""
 
     OUT_OF_VIEW = 0
@@ -49,8 +49,8 @@ class HeightMap:
     """
 
     z_mm: Float32[Array, "rows cols"]
-    coverage: UInt8[Array, "rows cols"]
-    """A `Coverage` value per pixel."""
+    source: UInt8[Array, "rows cols"]
+    """A `HeightSource` value per pixel."""
     mm_per_px: float
     noise_mm: float = 0.0
     """Standard deviation of one pixel's height from one image to the next, as the calibration measured it."""
@@ -66,7 +66,7 @@ class HeightMap:
     @property
     def in_view(self) -> Bool[Array, "rows cols"]:
         """Where the camera sees the skin at all."""
-        return self.coverage != Coverage.OUT_OF_VIEW.value
+        return self.source != HeightSource.OUT_OF_VIEW.value
 
     @cached_property
     def axes_mm(self) -> tuple[Float32[Array, " cols"], Float32[Array, " rows"]]:

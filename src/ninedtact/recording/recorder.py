@@ -12,7 +12,7 @@ from ninedtact.reading import Reading
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
 IMAGES_AT_MOST = 128

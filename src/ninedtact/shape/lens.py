@@ -3,14 +3,21 @@
 The plane is seen through window and gel by a wide-angle lens: a homography (tilt, distance, position) followed by
 radial and tangential terms about a free centre (Brown 1971, as in OpenCV's camera model; docs/references.md). Points
 are (x, y): mm on the skin (sensor frame), pixels in the image (columns, rows; pixel centres at integers).
+
+The paper's own projection: five central anchors, an equidistant grid, a cubic radial-basis map through all pins.
+
+docs/references.md: 9DTact, section on camera calibration. It passes exactly through every pin, so it carries every
+pin's error into the map; the lens model is the default, this one is for reproducing the paper.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
+from scipy.interpolate import RBFInterpolator
 
 from ninedtact.errors import NinedtactError
 
@@ -98,7 +105,7 @@ class LensModel:
 
     def px_per_mm(self, points_mm: Points) -> Float[Array, "n 2 2"]:
         """Jacobian of `to_px`: rows are pixel axes, columns are mm axes."""
-        return jacobian(self, np.asarray(points_mm, float))
+        return projection_jacobian(self, np.asarray(points_mm, float))
 
     def to_mm(self, points_px: Points) -> Points:
         """Skin points in mm that appear at these pixels; raises `PointNotSeen` where there is none."""
@@ -122,7 +129,7 @@ class LensModel:
         return (points_px - self.to_px(origin)) @ np.linalg.inv(self.px_per_mm(origin)[0]).T
 
 
-def jacobian(projection: Projection, points_mm: Points, step_mm: float = 1e-3) -> Float[Array, "n 2 2"]:
+def projection_jacobian(projection: Projection, points_mm: Points, step_mm: float = 1e-3) -> Float[Array, "n 2 2"]:
     """Central differences of any projection: pixels per mm, rows pixel axes, columns mm axes."""
     columns = [
         (projection.to_px(points_mm + step) - projection.to_px(points_mm - step)) / (2 * step_mm)
@@ -137,3 +144,20 @@ def central_mm_per_px(projection: Projection, reach_mm: float) -> float:
     points = np.array([(0, 0), (reach_mm, 0), (-reach_mm, 0), (0, reach_mm), (0, -reach_mm)], float)
     middle, *around = projection.to_px(points)
     return float(reach_mm / np.hypot(*(np.array(around) - middle).T).mean())
+
+
+@dataclass(frozen=True)
+class PinMap:
+    """Cubic radial-basis interpolation from the skin to the image."""
+
+    points_mm: Points
+    points_px: Points
+
+    def to_px(self, points_mm: Points) -> Points:
+        """Pixels (x, y) at which skin points appear."""
+        return np.asarray(self.interpolator(np.asarray(points_mm, float)))
+
+    @cached_property
+    def interpolator(self) -> RBFInterpolator:
+        """The map, solved once."""
+        return RBFInterpolator(self.points_mm, self.points_px, kernel="cubic")

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray as Array
 
-from ninedtact.quantities import Coverage, HeightMap
-from ninedtact.shape.sightlines import footprint_mm2, spread
+from ninedtact.quantities import HeightMap, HeightSource
+from ninedtact.shape.surface import pixel_footprint_mm2, sightline_scale
 
 
 @dataclass(frozen=True)
@@ -45,24 +45,24 @@ class ShapeSummary:
     """Part of the contact area that lies beyond what the calibration covered, 0 to 1."""
 
 
-def summarise(height: HeightMap, rule: ContactRule = ContactRule()) -> ShapeSummary:
+def summarise_shape(height: HeightMap, rule: ContactRule = ContactRule()) -> ShapeSummary:
     """Measure one height map; what is out of view does not count."""
-    touched = contact(height, rule)
+    touched = contact_mask(height, rule)
     # Only inside the contact: rectified noise over the whole image adds up to cubic millimetres.
-    area_mm2 = np.where(touched, footprint_mm2(height), np.float32(0))
+    area_mm2 = np.where(touched, pixel_footprint_mm2(height), np.float32(0))
     volume_mm3 = area_mm2 * np.where(touched, -height.z_mm, np.float32(0))
     return ShapeSummary(
         max_indentation_mm=max_indentation_mm(height),
         max_bulge_mm=max_bulge_mm(height),
         contact_area_mm2=float(area_mm2.sum(dtype=np.float64)),
         displaced_volume_mm3=float(volume_mm3.sum(dtype=np.float64)),
-        contact_centre_mm=centre_mm(height, volume_mm3),
+        contact_centre_mm=contact_centre_mm(height, volume_mm3),
         contact_threshold_mm=rule.threshold_mm(height.noise_mm),
-        extrapolated_share=share(height.coverage == Coverage.EXTRAPOLATED, touched),
+        extrapolated_share=share(height.source == HeightSource.EXTRAPOLATED, touched),
     )
 
 
-def contact(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[Array, "rows cols"]:
+def contact_mask(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[Array, "rows cols"]:
     """Where the skin is pressed in by more than drift, noise and loss of light explain."""
     beyond = height.in_view & (height.z_mm < -rule.threshold_mm(height.noise_mm))
     deep = beyond & (height.z_mm <= -rule.share_of_deepest * max_indentation_mm(height))
@@ -82,13 +82,13 @@ def max_bulge_mm(height: HeightMap) -> float:
     return float(np.max(height.z_mm, where=height.in_view, initial=0))
 
 
-def centre_mm(height: HeightMap, weight: Float32[Array, "rows cols"]) -> tuple[float, float] | None:
+def contact_centre_mm(height: HeightMap, weight: Float32[Array, "rows cols"]) -> tuple[float, float] | None:
     """Weighted mean position of the skin, None without any weight."""
     total = weight.sum(dtype=np.float64)
     if total == 0:
         return None
     u, v = height.axes_mm
-    moment = np.where(weight > 0, weight * spread(height), np.float32(0))
+    moment = np.where(weight > 0, weight * sightline_scale(height), np.float32(0))
     along_x, along_y = moment.sum(axis=0, dtype=np.float64), moment.sum(axis=1, dtype=np.float64)
     return float(along_x @ u / total), float(along_y @ v / total)
 

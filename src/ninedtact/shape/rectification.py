@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import FieldOfView
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Coverage, Frame, Rectified, centred_axis_mm
+from ninedtact.quantities import Frame, HeightSource, Rectified, centred_axis_mm
 from ninedtact.shape.lens import Projection
 
 Area = tuple[float, float, float, float]
@@ -58,12 +58,12 @@ class Rectification:
         return np.ascontiguousarray(self.source_px[..., 0]), np.ascontiguousarray(self.source_px[..., 1])
 
     @cached_property
-    def coverage(self) -> UInt8[Array, "rows cols"]:
-        """`Coverage` of every pixel as far as the lens goes, before any depth is known."""
+    def height_source(self) -> UInt8[Array, "rows cols"]:
+        """`HeightSource` of every pixel as far as the lens goes, before any depth is known."""
         rows, cols = self.raw_shape
         x, y = self.source_px[..., 0], self.source_px[..., 1]
         seen = (x >= -0.5) & (x <= cols - 0.5) & (y >= -0.5) & (y <= rows - 0.5)
-        return np.where(seen, self.calibrated, Coverage.OUT_OF_VIEW).astype(np.uint8)
+        return np.where(seen, self.calibrated, HeightSource.OUT_OF_VIEW).astype(np.uint8)
 
     @property
     def calibrated(self) -> UInt8[Array, "rows cols"]:
@@ -71,10 +71,10 @@ class Rectification:
         x, y = skin_grid_mm(self.source_px.shape[:2], self.mm_per_px)
         left, right, top, bottom = self.calibrated_area_mm
         inside = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
-        return np.where(inside, Coverage.MEASURED, Coverage.EXTRAPOLATED).astype(np.uint8)
+        return np.where(inside, HeightSource.MEASURED, HeightSource.EXTRAPOLATED).astype(np.uint8)
 
 
-def rectification(
+def rectification_of_projection(
     projection: Projection,
     field_of_view: FieldOfView,
     mm_per_px: float,

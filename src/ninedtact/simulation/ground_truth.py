@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact import Contact
-from ninedtact.quantities import Coverage, HeightMap, centred_axis_mm
+from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
 from ninedtact.simulation.seeing import Sight, grid, sampled
 
 PRESSED_MM = 0.05
@@ -27,16 +27,16 @@ def true_height_map(
     z_mm = sight.height_mm(
         contact.skin.patch, contact.centre_mm, to_numpy(contact.height_mm).astype(np.float32), fine=True
     )
-    coverage = np.full(shape, Coverage.MEASURED, np.uint8)
+    source = np.full(shape, HeightSource.MEASURED, np.uint8)
     return HeightMap(
-        z_mm, coverage, mm_per_px, camera_distance_mm=1 / inverse_distance_per_mm if inverse_distance_per_mm else np.inf
+        z_mm, source, mm_per_px, camera_distance_mm=1 / inverse_distance_per_mm if inverse_distance_per_mm else np.inf
     )
 
 
 def true_height_map_like(contact: Contact, seen: HeightMap, inverse_distance_per_mm: float) -> HeightMap:
     """The heights that a reconstruction should have given, pixel by pixel."""
     true = true_height_map(contact, seen.z_mm.shape, seen.mm_per_px, inverse_distance_per_mm)
-    return replace(true, coverage=seen.coverage, stamp_ns=seen.stamp_ns)
+    return replace(true, source=seen.source, stamp_ns=seen.stamp_ns)
 
 
 def mean_height_error_mm(true: HeightMap, seen: HeightMap) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from viser import GuiUplotHandle, ViserServer, uplot
 
 from ninedtact.quantities import Wrench
-from ninedtact.shape.image.palette import ColourScale
+from ninedtact.shape.height_map_image import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.page_controller import SensorStatus
 from ninedtact.studio.scene_3d import ARC_DEG_PER_MNM, MM_PER_N, format_signed_tenths

@@ -18,8 +18,8 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
-from ninedtact.shape.export import export
-from ninedtact.shape.image.palette import ColourScale
+from ninedtact.shape.export import export_shape
+from ninedtact.shape.height_map_image import ColourScale
 from ninedtact.studio.reading_view import ReadingView, render_reading, session_colour_scale
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.wrench_poller import WrenchPoller, WrenchSnapshot
@@ -95,7 +95,7 @@ def _save_reading_files(reading: Reading, folder: Path) -> list[Path]:
     image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
     write_file_atomically(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())
     for path in heights:
-        export(reading.height, path)
+        export_shape(reading.height, path)
     return [image, *heights]
 
 

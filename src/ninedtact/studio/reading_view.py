@@ -11,11 +11,10 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
-from ninedtact.shape.cloud import point_cloud
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.image.palette import ColourScale, colourise
-from ninedtact.shape.measures import ShapeSummary, summarise
-from ninedtact.shape.mesh import faces_between
+from ninedtact.shape.height_map_image import ColourScale, colourise_heights
+from ninedtact.shape.measures import ShapeSummary, summarise_shape
+from ninedtact.shape.surface import point_cloud, triangulate_view
 
 MAX_SURFACE_POINTS = 40_000
 """What a browser draws smoothly even without a graphics card; figures are measured on the full map, never on this."""
@@ -43,7 +42,7 @@ def skin_surface(height: HeightMap, colours_bgr: UInt8[Array, "rows cols 3"]) ->
     cloud, seen = point_cloud(height, every), height.in_view[::every, ::every]
     colours = colours_bgr[::every, ::every][seen][:, ::-1]
     return SkinSurface(
-        cloud.points_mm, _shade_colours(colours, cloud.normals), faces_between(seen), every * height.mm_per_px
+        cloud.points_mm, _shade_colours(colours, cloud.normals), triangulate_view(seen), every * height.mm_per_px
     )
 
 
@@ -87,8 +86,8 @@ class ReadingView:
 
 def render_reading(reading: Reading, scale: ColourScale) -> ReadingView:
     """Draw a reading, heights in the colours of `scale`."""
-    heights = colourise(reading.height, scale)
-    surface, summary = skin_surface(reading.height, heights), summarise(reading.height)
+    heights = colourise_heights(reading.height, scale)
+    surface, summary = skin_surface(reading.height, heights), summarise_shape(reading.height)
     return ReadingView(reading, reading.frame.image, heights, surface, summary)
 
 

@@ -19,7 +19,7 @@ from ninedtact.capture.latest_frame import NoRecentFrame
 from ninedtact.errors import NinedtactError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
-from ninedtact.shape.calibrated import ReferenceUnusable
+from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.measures import max_indentation_mm
 
 NS_PER_S = 1e9

@@ -3,16 +3,16 @@
 import pytest
 import torch
 
-from ninedtact.force.inputs import Channels, InputSettings
-from ninedtact.force.networks import NAMES, Labels, NetworkUnknown, WrenchNetwork, network
-from ninedtact.force.networks.moments import Moments, MomentsNetwork
+from ninedtact.force.network_input import InputChannels, NetworkInputSettings
+from ninedtact.force.networks import NETWORK_NAMES, LabelScale, NetworkUnknown, WrenchNetwork, build_network
+from ninedtact.force.networks.wrench_network import Moments, MomentsNetwork
 
 UNIT = (0.5, 0.5, 2.0, 0.01, 0.01, 0.003)
 CELL_PX = 4
 
 
 def test_the_same_touch_elsewhere_is_the_same_force_with_another_arm() -> None:
-    settings = InputSettings(Channels.HEIGHTS, 120, 140, 0.3)
+    settings = NetworkInputSettings(InputChannels.HEIGHTS, 120, 140, 0.3)
     torch.manual_seed(0)
     net = MomentsNetwork(settings, 6, UNIT, blocks=1).double().eval()
     for weights in net.cells.parameters():
@@ -33,7 +33,7 @@ def test_the_same_touch_elsewhere_is_the_same_force_with_another_arm() -> None:
 
 
 def test_cells_lie_symmetric_about_the_centre_of_the_skin() -> None:
-    moments = Moments(InputSettings(), UNIT)
+    moments = Moments(NetworkInputSettings(), UNIT)
     everywhere = torch.zeros(1, 6, 15, 20)
     everywhere[:, 2] = 1.0
     found = moments(everywhere)[0]
@@ -41,10 +41,10 @@ def test_cells_lie_symmetric_about_the_centre_of_the_skin() -> None:
     assert float(moments.x_m[0, 0]) == pytest.approx(-19 / 2 * 1.2e-3)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("densenet161", "densenet201")])
+@pytest.mark.parametrize("name", [name for name in NETWORK_NAMES if name not in ("densenet161", "densenet201")])
 def test_every_network_gives_a_wrench_and_a_scale_above_zero(name: str) -> None:
-    settings = InputSettings(Channels.DEFORMATION, 40, 40, 0.6)
-    net = WrenchNetwork(name, settings, Labels(UNIT, (0.0,) * 6)).eval()
+    settings = NetworkInputSettings(InputChannels.DEFORMATION, 40, 40, 0.6)
+    net = WrenchNetwork(name, settings, LabelScale(UNIT, (0.0,) * 6)).eval()
     with torch.no_grad():
         wrench, scale = net(255 * torch.rand(2, 3, 40, 40))
     assert wrench.shape == scale.shape == (2, 6)
@@ -52,8 +52,8 @@ def test_every_network_gives_a_wrench_and_a_scale_above_zero(name: str) -> None:
 
 
 def test_labels_turn_numbers_into_newtons() -> None:
-    settings = InputSettings(Channels.HEIGHTS, 8, 8, 3.0)
-    net = WrenchNetwork("moments", settings, Labels((2.0,) * 6, (-1.0,) * 6), with_scale=False).eval()
+    settings = NetworkInputSettings(InputChannels.HEIGHTS, 8, 8, 3.0)
+    net = WrenchNetwork("moments", settings, LabelScale((2.0,) * 6, (-1.0,) * 6), with_scale=False).eval()
     with torch.no_grad():
         (wrench,) = net(torch.rand(3, 1, 8, 8))
     assert torch.equal(wrench, torch.full((3, 6), -1.0))
@@ -61,8 +61,8 @@ def test_labels_turn_numbers_into_newtons() -> None:
 
 def test_what_no_network_takes_is_refused() -> None:
     with pytest.raises(NetworkUnknown, match="one of moments"):
-        network("alexnet", InputSettings(), 6, UNIT)
+        build_network("alexnet", NetworkInputSettings(), 6, UNIT)
     with pytest.raises(NetworkUnknown, match="multiples of 4"):
-        network("moments", InputSettings(rows=61), 6, UNIT)
+        build_network("moments", NetworkInputSettings(rows=61), 6, UNIT)
     with pytest.raises(NetworkUnknown, match="32 x 32"):
-        network("resnet18", InputSettings(rows=20), 6, UNIT)
+        build_network("resnet18", NetworkInputSettings(rows=20), 6, UNIT)

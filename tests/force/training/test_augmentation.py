@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from ninedtact.force.network_input import TYPICAL_FEATURES
 from ninedtact.force.training.augmentation import (
     NO_AUGMENTATION,
     Augmentation,
@@ -18,7 +19,6 @@ from ninedtact.force.training.augmentation import (
     apply_transform,
 )
 from ninedtact.force.training.examples import TrainingBatch
-from ninedtact.force.traits import USUAL
 
 ROWS, COLS, MM_PER_PX = 60, 80, 0.3
 X, Y = (MM_PER_PX * (torch.arange(side) - (side - 1) / 2) for side in (COLS, ROWS))
@@ -26,7 +26,7 @@ X, Y = (MM_PER_PX * (torch.arange(side) - (side - 1) / 2) for side in (COLS, ROW
 
 def usual(n: int) -> torch.Tensor:
     """Traits of sensors that are like others."""
-    return torch.from_numpy(np.tile(USUAL.row, (n, 1)))
+    return torch.from_numpy(np.tile(TYPICAL_FEATURES.row, (n, 1)))
 
 
 def images(n: int) -> Tensor:

@@ -5,7 +5,7 @@ import pytest
 import torch
 from toy import of_heights, of_images
 
-from ninedtact.force.inputs import Channels
+from ninedtact.force.network_input import InputChannels
 from ninedtact.force.training.examples import BatchDataset, SeededBatchSampler
 from ninedtact.force.training.trained_network import LAPLACE_QUANTILES, fit_scale_correction
 
@@ -41,8 +41,8 @@ def test_a_batch_is_a_copy_and_carries_its_own_references() -> None:
     assert batch.references[:, 0, 0].tolist() == [120, 150]
     batch.wrench[:] = 0
     assert examples.wrench[0].any()
-    assert batch.network_input(Channels.DEFORMATION).shape == (2, 3, 16, 24)
-    heights = BatchDataset(of_heights())[np.array([0, 3])].to_float().network_input(Channels.HEIGHTS_AND_GEL)
+    assert batch.network_input(InputChannels.DEFORMATION).shape == (2, 3, 16, 24)
+    heights = BatchDataset(of_heights())[np.array([0, 3])].to_float().network_input(InputChannels.HEIGHTS_AND_GEL)
     assert torch.equal(heights[:, 1], torch.ones(2, 16, 24))
 
 

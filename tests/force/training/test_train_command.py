@@ -19,14 +19,19 @@ from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.errors import NinedtactError
-from ninedtact.force.deformation import grey_of
-from ninedtact.force.inputs import Channels, InputSettings, NetworkInput, height_channels
-from ninedtact.force.model_file import read_model
-from ninedtact.force.traits import Traits
+from ninedtact.force.deformation import rectified_from_stored_image
+from ninedtact.force.model_file import read_force_model
+from ninedtact.force.network_input import (
+    InputChannels,
+    NetworkInputBuilder,
+    NetworkInputSettings,
+    SensorFeatures,
+    stack_height_channels,
+)
 from ninedtact.simulation.sensor_population import sample_sensor
 
 MM_PER_PX = 0.0522
-GRID = InputSettings(Channels.HEIGHTS_AND_GEL, 16, 24, 1.0)
+GRID = NetworkInputSettings(InputChannels.HEIGHTS_AND_GEL, 16, 24, 1.0)
 ON_CPU = ("--accelerator", "cpu")
 
 
@@ -87,10 +92,10 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
     pairs = load_height_pairs(folder, sensors_for(folder, sensors, 1, progress=False).by_name, GRID.grid)
     assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(24)]
     row = pairs.ids.tolist().index("005")
-    reader = twin_sensor.shape.reader_against(grey_of(image_of(0, 99), MM_PER_PX))
-    height = reader(grey_of(image_of(0.5 + 5 / 4, 5), MM_PER_PX))
-    live = NetworkInput(GRID, Traits(2.2)).of_height(height)
-    kept = height_channels(pairs.z_mm[row].astype(np.float32), Traits(2.2).row, GRID.channels)
+    reader = twin_sensor.shape.reader_against(rectified_from_stored_image(image_of(0, 99), MM_PER_PX))
+    height = reader(rectified_from_stored_image(image_of(0.5 + 5 / 4, 5), MM_PER_PX))
+    live = NetworkInputBuilder(GRID, SensorFeatures(2.2)).of_height(height)
+    kept = stack_height_channels(pairs.z_mm[row].astype(np.float32), SensorFeatures(2.2).row, GRID.channels)
     np.testing.assert_allclose(kept, live, atol=1e-3)
     assert pairs.wrenches[row, 2] == np.float32(-1.75) and pairs.objects[row] == "thing_2" and pairs.sensors[row] == "a"
 
@@ -126,9 +131,9 @@ def test_trained_from_the_command_line(
     assert main(["train", *options, "--name", "little", "--json", *ON_CPU]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["model"] == str(out / "model.onnx") and (found["pairs"], found["held_out"]["pairs"]) == (16, 8)
-    card = read_model(out / "model.onnx").card
+    card = read_force_model(out / "model.onnx").card
     assert (card.name, card.network) == ("little", "moments")
-    assert (card.input.channels, card.input.rows, card.input.mm_per_px) == (Channels.HEIGHTS_AND_SENSOR, 16, 1.0)
+    assert (card.input.channels, card.input.rows, card.input.mm_per_px) == (InputChannels.HEIGHTS_AND_SENSOR, 16, 1.0)
     assert "another settings" in told(capsys, [*options, "--name", "little", "--seed", "1"])
 
 

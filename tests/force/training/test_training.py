@@ -11,10 +11,10 @@ import pytest
 import torch
 from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
-from ninedtact.force.inputs import Channels
-from ninedtact.force.model_file import read_model
+from ninedtact.force.dataset_split import SplitRows
+from ninedtact.force.model_file import read_force_model
+from ninedtact.force.network_input import InputChannels
 from ninedtact.force.networks import WrenchNetwork
-from ninedtact.force.splits import Rows
 from ninedtact.force.training import train as fitting
 from ninedtact.force.training.augmentation import NO_AUGMENTATION
 from ninedtact.force.training.examples import ExamplesUnusable, TrainingExamples, move_torque_reference
@@ -52,7 +52,7 @@ def test_the_folder_holds_all_that_was_learnt_and_noted(trained: TrainingResult)
 
 
 def test_the_file_says_all_about_itself(trained: TrainingResult) -> None:
-    card = read_model(trained.path).card
+    card = read_force_model(trained.path).card
     wrench = of_heights().wrench[ROWS.train]
     assert card == trained.model.card
     assert (card.input, card.about_mm, card.modulus_mpa) == (toy_settings().input, (0.0, 0.0, 0.0), 0.093)
@@ -89,7 +89,7 @@ def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: Trainin
     copy = tmp_path / "model.onnx"
     copy.write_bytes(trained.path.read_bytes())
     rewrite_card(copy, msgspec.structs.replace(trained.model.card, evaluation={"test": {"skill": [0.9]}}), copy)
-    again, shown = read_model(copy), np.zeros((1, *toy_settings().input.shape), np.float32)
+    again, shown = read_force_model(copy), np.zeros((1, *toy_settings().input.shape), np.float32)
     assert again.card.evaluation == {"test": {"skill": [0.9]}}
     np.testing.assert_array_equal(again(shown).wrench, trained.model(shown).wrench)
 
@@ -166,7 +166,7 @@ def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) ->
 def test_presets_are_as_published() -> None:
     paper = TRAINING_PRESETS["paper"]
     assert (paper.network, paper.batch, paper.learning_rate, paper.epochs) == ("densenet169", 64, 5e-4, 200)
-    assert (paper.input.channels, paper.input.rows, paper.input.cols) == (Channels.DEFORMATION, 345, 460)
+    assert (paper.input.channels, paper.input.rows, paper.input.cols) == (InputChannels.DEFORMATION, 345, 460)
     assert (paper.optimiser, paper.weight_decay, paper.scale_weight) == ("adam", 0.0, 0.0)
     with pytest.raises(TrainingImpossible, match="epochs"):
         toy_settings().__class__(epochs=0)
@@ -175,14 +175,14 @@ def test_presets_are_as_published() -> None:
 @pytest.mark.parametrize(
     ("examples", "rows", "says"),
     [
-        (of_heights(), Rows(np.arange(0), np.arange(4)), "got 0 and 4"),
-        (of_heights(), Rows(np.arange(4), np.arange(0)), "got 4 and 0"),
+        (of_heights(), SplitRows(np.arange(0), np.arange(4)), "got 0 and 4"),
+        (of_heights(), SplitRows(np.arange(4), np.arange(0)), "got 4 and 0"),
         (of_images(), ROWS, "got images with references"),
         (replace(of_heights(), images=np.zeros((PAIRS, 8, 8))), ROWS, "got 8 x 8"),
     ],
 )
 def test_what_cannot_be_learnt_from_is_refused(
-    examples: TrainingExamples, rows: Rows, says: str, tmp_path: Path
+    examples: TrainingExamples, rows: SplitRows, says: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ExamplesUnusable, match=says):
         train_network(examples, rows, toy_settings(), tmp_path / "out", machine=CPU)

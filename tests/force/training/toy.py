@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ninedtact.force.inputs import Channels, InputSettings
-from ninedtact.force.splits import Rows
+from ninedtact.force.dataset_split import SplitRows
+from ninedtact.force.network_input import InputChannels, NetworkInputSettings
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import DEFAULT_TRAINING, TrainingSettings
 from ninedtact.quantities import centred_axis_mm
 
-GRID = InputSettings(rows=16, cols=24, mm_per_px=0.6)
+GRID = NetworkInputSettings(rows=16, cols=24, mm_per_px=0.6)
 PAIRS = 160
-ROWS = Rows(np.arange(128), np.arange(128, PAIRS))
+ROWS = SplitRows(np.arange(128), np.arange(128, PAIRS))
 
 
 def toy_settings(**changes: object) -> TrainingSettings:
@@ -46,4 +46,4 @@ def of_images() -> TrainingExamples:
     return replace(heights, images=images, references=references, reference_of=of)
 
 
-IMAGES = replace(GRID, channels=Channels.DEFORMATION)
+IMAGES = replace(GRID, channels=InputChannels.DEFORMATION)

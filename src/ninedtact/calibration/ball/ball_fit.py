@@ -42,13 +42,19 @@ from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, fit_twin
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, Rectified
-from ninedtact.shape.deblur import Deblurring
-from ninedtact.shape.depth import FINE_SMOOTHING, DepthCurve, DepthReader, Signal, Smoothing
-from ninedtact.shape.loss import Loss
+from ninedtact.shape.depth import (
+    FINE_SMOOTHING,
+    BrightnessSignal,
+    Deblurring,
+    DepthCurve,
+    DepthReader,
+    LightLoss,
+    Smoothing,
+)
 from ninedtact.shape.rectification import Rectification
 
 DepthMethod = Literal["physics", "ratio", "table"]
-SIGNAL: dict[DepthMethod, Signal] = {"table": "difference", "ratio": "ratio"}
+SIGNAL: dict[DepthMethod, BrightnessSignal] = {"table": "difference", "ratio": "ratio"}
 
 
 @dataclass(frozen=True)
@@ -86,19 +92,19 @@ class BallFit:
         return self.press.disc if self.physical is None else self.physical.disc
 
     @property
-    def loss(self) -> Loss:
+    def loss(self) -> LightLoss:
         """The light that the whole image loses, where the method knows it."""
-        return Loss() if self.physical is None else Loss(self.physical.fit.light.global_dimming)
+        return LightLoss() if self.physical is None else LightLoss(self.physical.fit.light.global_dimming)
 
     @property
     def deblurring(self) -> Deblurring | None:
         """The point-spread that reading undoes, where the method knows it."""
         return None if self.physical is None else self.physical.deblurring
 
-    def reader(self, before: Rectified, coverage: UInt8[Array, "rows cols"]) -> DepthReader:
+    def reader(self, before: Rectified, source: UInt8[Array, "rows cols"]) -> DepthReader:
         """How the calibrated sensor reads, against this untouched image."""
         smoothing = self.press.smoothing if self.deblurring is None else FINE_SMOOTHING
-        return DepthReader(self.curve, before, coverage, smoothing, loss=self.loss, deblurring=self.deblurring)
+        return DepthReader(self.curve, before, source, smoothing, loss=self.loss, deblurring=self.deblurring)
 
 
 def fit_ball(
@@ -130,7 +136,7 @@ def fit_ball(
     )
     # Two images' noise is in their difference; a reading against an averaged reference has one image's.
     noise = estimate_pixel_noise(relative_brightness_change(reference, press)) / np.sqrt(2)
-    reader = partial(fit.reader, coverage=rectify.coverage)
+    reader = partial(fit.reader, source=rectify.height_source)
     return replace(fit, noise_mm=simulate_height_noise_mm(reader, rectify, reference, noise))
 
 
@@ -198,5 +204,5 @@ def simulate_height_noise_mm(
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
     noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
     before, after = (Rectified(rectify.resampled(image), rectify.mm_per_px) for image in (raw, noisy))
-    height = replace(reader(before), loss=Loss())(after)
+    height = replace(reader(before), loss=LightLoss())(after)
     return float(np.std(height.z_mm[height.in_view]))

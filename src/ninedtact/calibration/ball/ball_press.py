@@ -20,18 +20,20 @@ from scipy.optimize import isotonic_regression, minimize
 from ninedtact.calibration.ball.contact_circle import ContactCircle
 from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.design import BallGauge, CameraGeometry
-from ninedtact.quantities import Coverage, Rectified
-from ninedtact.shape.depth import DepthCurve, DepthReader, Signal, Smoothing
+from ninedtact.quantities import HeightSource, Rectified
+from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader, Smoothing
 from ninedtact.shape.rectification import skin_grid_mm
 
-LEVEL: dict[Signal, float] = {"difference": 1.0, "ratio": 1 / 160}
+LEVEL: dict[BrightnessSignal, float] = {"difference": 1.0, "ratio": 1 / 160}
 """Width of one entry of the list: a grey level, and what a grey level is in an image of usual brightness."""
 FIRST_LEVEL = 4
 """Below this the curve is a straight line from zero: the edge of the disc is blurred, so its own first levels would
 turn one grey level of drifting light into a tenth of a millimetre."""
 
 
-def fit_monotone_depth_curve(signal: Signal, darkening: Float[Array, " n"], depth_mm: Float[Array, " n"]) -> DepthCurve:
+def fit_monotone_depth_curve(
+    signal: BrightnessSignal, darkening: Float[Array, " n"], depth_mm: Float[Array, " n"]
+) -> DepthCurve:
     """Mean depth of every level of darkening, made monotone by isotonic regression (weights: pixels per level).
 
     Levels that no pixel has are interpolated; brightening pixels near the edge count as level zero.
@@ -47,7 +49,7 @@ def fit_monotone_depth_curve(signal: Signal, darkening: Float[Array, " n"], dept
 
 
 def anchor_depth_curve_at_zero(
-    signal: Signal, darkening: Float[Array, " k"], depth_mm: Float[Array, " k"], error_mm: Float[Array, " k"]
+    signal: BrightnessSignal, darkening: Float[Array, " k"], depth_mm: Float[Array, " k"], error_mm: Float[Array, " k"]
 ) -> DepthCurve:
     """No darkening is no depth."""
     above = darkening > 0
@@ -124,7 +126,7 @@ class BallPress:
         """Radius of the disc."""
         return self.circle.radius_px * self.before.mm_per_px
 
-    def curve(self, signal: Signal, where: Bool[Array, "rows cols"]) -> DepthCurve:
+    def curve(self, signal: BrightnessSignal, where: Bool[Array, "rows cols"]) -> DepthCurve:
         """The monotone curve through the pixels of a region."""
         before, after = self.before.grey[where], self.after.grey[where]
         darkening = before - after if signal == "difference" else 1 - after / np.maximum(before, 1)
@@ -132,7 +134,7 @@ class BallPress:
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
         """Mean absolute error of the reconstructed height, filters included, over a region."""
-        everywhere = np.full(where.shape, Coverage.MEASURED, np.uint8)
+        everywhere = np.full(where.shape, HeightSource.MEASURED, np.uint8)
         height = DepthReader(curve, self.before, everywhere, self.smoothing)(self.after)
         return float(np.abs(height.indentation_mm - self.depth_mm)[where].mean())
 

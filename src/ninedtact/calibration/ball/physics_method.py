@@ -15,10 +15,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.ball_press_model import PATCH
-from ninedtact.quantities import Coverage
-from ninedtact.shape.deblur import Deblurring
-from ninedtact.shape.depth import FINE_SMOOTHING, STEPS, DepthCurve, DepthReader
-from ninedtact.shape.loss import Loss
+from ninedtact.quantities import HeightSource
+from ninedtact.shape.depth import FINE_SMOOTHING, TABLE_STEPS, Deblurring, DepthCurve, DepthReader, LightLoss
 from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.seeing import Sight
 
@@ -95,7 +93,7 @@ class PhysicsDepthFit:
         """Of the ball image, as a reading takes it: lost and scattered light put back."""
         reader = self.reader(self.law(self.fit.light), self.deblurring)
         index = reader.index(self.fit.forward.observed.after.grey)
-        return FINE_SMOOTHING(1 - index.astype(np.float32) / np.float32(STEPS["ratio"]))
+        return FINE_SMOOTHING(1 - index.astype(np.float32) / np.float32(TABLE_STEPS["ratio"]))
 
     def law(self, light: BrightnessModel) -> DepthCurve:
         """The law of light as a depth curve."""
@@ -123,8 +121,8 @@ class PhysicsDepthFit:
 
     def reader(self, curve: DepthCurve, deblurring: Deblurring) -> DepthReader:
         """How the calibrated sensor reads."""
-        everywhere = np.full(self.seen_mm.shape, Coverage.MEASURED, np.uint8)
-        before, loss = self.fit.forward.observed.before, Loss(self.fit.light.global_dimming)
+        everywhere = np.full(self.seen_mm.shape, HeightSource.MEASURED, np.uint8)
+        before, loss = self.fit.forward.observed.before, LightLoss(self.fit.light.global_dimming)
         return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
 
     def cross_validation_mae_mm(self) -> float:

@@ -9,8 +9,7 @@ from scipy.interpolate import RBFInterpolator
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.errors import NinedtactError
-from ninedtact.shape.lens import Points, central_mm_per_px
-from ninedtact.shape.pin_map import PinMap
+from ninedtact.shape.lens import PinMap, Points, central_mm_per_px
 
 Point = Float[Array, "2"]
 

@@ -23,7 +23,7 @@ from ninedtact.calibration.certificate.plot_style import (
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_record import BoardPressTable, TwinTable
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
-from ninedtact.shape.depth import DepthCurve, Signal
+from ninedtact.shape.depth import BrightnessSignal, DepthCurve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 CIRCLE, CURVE = "#ffb000", "#c2410c"
 AXIS_COLOURS = {"x": "#d62f1f", "y": "#0f8a4c"}
-DARKENING: dict[Signal, str] = {
+DARKENING: dict[BrightnessSignal, str] = {
     "ratio": "1 \N{MINUS SIGN} I/I₀ (fraction of the untouched brightness)",
     "difference": "I₀ \N{MINUS SIGN} I (grey levels)",
 }
@@ -96,7 +96,7 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
     return figure_to_png(figure)
 
 
-def _disc_darkening(ball: BallFit, signal: Signal) -> Float[Array, " n"]:
+def _disc_darkening(ball: BallFit, signal: BrightnessSignal) -> Float[Array, " n"]:
     """How much every pixel of the disc darkened, as a curve of this signal counts it."""
     before, after = ball.press.before.grey[ball.disc], ball.press.after.grey[ball.disc]
     after = after / np.float32(1 + ball.loss(ball.press.after.grey, ball.press.before.grey))
@@ -119,9 +119,9 @@ def _plot_curve_with_band(axes: "Axes", curve: DepthCurve) -> None:
     )
 
 
-def _add_other_signal_axis(axes: "Axes", signal: Signal, mean_grey: float) -> "SecondaryAxis":
+def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: float) -> "SecondaryAxis":
     """On top, the other method's signal, as it is where the untouched skin has the disc's mean brightness."""
-    other: Signal = "ratio" if signal == "difference" else "difference"
+    other: BrightnessSignal = "ratio" if signal == "difference" else "difference"
     factor = mean_grey if signal == "ratio" else 1 / mean_grey
     top = axes.secondary_xaxis("top", functions=(lambda at: np.multiply(at, factor), lambda at: np.divide(at, factor)))
     top.set_xlabel(f"{DARKENING[other]} where I₀ = {mean_grey:.0f}", color=PALE_INK, fontsize=8)
@@ -145,7 +145,7 @@ def plot_ball_residual(calibration: Calibration) -> bytes:
 def _reconstruct_ball_mm(calibration: Calibration) -> Float32[Array, "rows cols"]:
     """Depth of the ball as the calibrated sensor reads it, filters included."""
     fit = calibration.ball
-    return fit.reader(fit.press.before, calibration.rectify.coverage)(fit.press.after).indentation_mm
+    return fit.reader(fit.press.before, calibration.rectify.height_source)(fit.press.after).indentation_mm
 
 
 def plot_ball_cross_sections(calibration: Calibration) -> bytes:

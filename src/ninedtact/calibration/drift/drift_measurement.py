@@ -22,7 +22,7 @@ from ninedtact.calibration.drift.brightness_change import BrightnessChange, sepa
 from ninedtact.calibration.drift.skin_motion import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.image_file import require_image_size
-from ninedtact.quantities import Coverage, Frame, Rectified
+from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification
 
@@ -55,7 +55,7 @@ class CalibratedReference:
     @property
     def seen(self) -> Bool[Array, "rows cols"]:
         """Where the camera sees the skin."""
-        return self.rectify.coverage != Coverage.OUT_OF_VIEW
+        return self.rectify.height_source != HeightSource.OUT_OF_VIEW
 
     @property
     def mm_per_raw_px(self) -> float:

@@ -56,7 +56,7 @@ from ninedtact.calibration.sensor_record import (
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Coverage
+from ninedtact.quantities import HeightSource
 from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
 from ninedtact.shape.rectification import Area, Rectification
 
@@ -91,7 +91,7 @@ def _mean_reference_grey(sensor: SensorFolder) -> float:
     """Mean grey level of the untouched skin before the ball; raises `SensorFolderDamaged`."""
     rectify = sensor.rectification
     rectified = rectify(sensor.stored_image("ball_reference"))
-    return float(rectified.grey[rectify.coverage != Coverage.OUT_OF_VIEW].mean())
+    return float(rectified.grey[rectify.height_source != HeightSource.OUT_OF_VIEW].mean())
 
 
 Index = Int32[Array, "raw_rows raw_cols"]
@@ -198,7 +198,7 @@ def _typical_noise_mm(curve: DepthCurve, rectify: Rectification) -> float:
     """What the noise of a usual camera does to the height."""
     even = np.full((*rectify.raw_shape, 3), USUAL_GREY, np.uint8)
     return simulate_height_noise_mm(
-        partial(DepthReader, curve, lens_coverage=rectify.coverage), rectify, even, CAMERA_NOISE
+        partial(DepthReader, curve, lens_source=rectify.height_source), rectify, even, CAMERA_NOISE
     )
 
 

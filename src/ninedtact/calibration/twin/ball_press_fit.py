@@ -30,7 +30,7 @@ from ninedtact.calibration.twin.ball_press_model import (
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact import Contact
 from ninedtact.quantities import Rectified
-from ninedtact.shape.loss import mean_darkening
+from ninedtact.shape.depth import mean_darkening
 from ninedtact.simulation.illumination import BrightnessModel
 
 

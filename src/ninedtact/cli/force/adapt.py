@@ -12,9 +12,9 @@ from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
-    from ninedtact.force.adaptation import Judged, WeighedPress
     from ninedtact.force.estimator import ForceEstimator
-    from ninedtact.shape.calibrated import CalibratedShape
+    from ninedtact.force.force_scale import ForceScaleFit, KnownLoadPress
+    from ninedtact.shape.calibrated_shape import CalibratedShape
 
 
 class NothingWeighed(NinedtactError):
@@ -46,16 +46,15 @@ class Adapt:
         """Adapt, show by presses left out what it gains, and keep it."""
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.cli.force.estimators import NONE, unadapted
-        from ninedtact.force.adaptation import adapted
-        from ninedtact.force.adaptation_file import write_adaptation
+        from ninedtact.force.force_scale import fit_force_scale, write_force_scale
 
         if self.force == NONE:
             raise NothingWeighed(f"expected an estimator to adapt, got --force {NONE}; name {BOTH} or a force model")
         folder = load_sensor(self.sensor)
         estimator = unadapted(self.force, folder)
         presses = [*self.weighed(folder.shape, estimator)]
-        judged = adapted(presses)
-        kept = None if self.dry_run else str(write_adaptation(self.sensor, estimator.name, judged.adaptation))
+        judged = fit_force_scale(presses)
+        kept = None if self.dry_run else str(write_force_scale(self.sensor, estimator.name, judged.adaptation))
         figures = {
             "estimator": estimator.name,
             **asdict(judged),
@@ -64,11 +63,11 @@ class Adapt:
         }
         return print_result(self.json, figures, lines(presses, judged, kept))
 
-    def weighed(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[WeighedPress]":
-        """Every press as the estimator reads it; raises `AdaptationImpossible`, naming the image."""
+    def weighed(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[KnownLoadPress]":
+        """Every press as the estimator reads it; raises `ForceScaleImpossible`, naming the image."""
         from ninedtact.capture.image_and_video_files import ImageList
         from ninedtact.capture.image_file import read_image
-        from ninedtact.force.adaptation import AdaptationImpossible, WeighedPress, newtons
+        from ninedtact.force.force_scale import ForceScaleImpossible, KnownLoadPress, weight_of_grams_n
         from ninedtact.quantities import Frame
         from ninedtact.sensor import Sensor
 
@@ -79,12 +78,12 @@ class Adapt:
                 estimator.forget()
                 assert reading.force is not None
                 try:
-                    yield WeighedPress(max(0.0, -float(reading.force.wrench.force_n[2])), newtons(grams))
-                except AdaptationImpossible as refusal:
-                    raise AdaptationImpossible(f"{path}: {refusal}") from refusal
+                    yield KnownLoadPress(max(0.0, -float(reading.force.wrench.force_n[2])), weight_of_grams_n(grams))
+                except ForceScaleImpossible as refusal:
+                    raise ForceScaleImpossible(f"{path}: {refusal}") from refusal
 
 
-def lines(presses: "list[WeighedPress]", judged: "Judged", kept: str | None) -> Iterator[str]:
+def lines(presses: "list[KnownLoadPress]", judged: "ForceScaleFit", kept: str | None) -> Iterator[str]:
     """For a person."""
     found = judged.adaptation
     for press in presses:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
-    from ninedtact.shape.calibrated import CalibratedShape
+    from ninedtact.shape.calibrated_shape import CalibratedShape
 
 Point = tuple[float, float, float]
 COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
@@ -112,7 +112,7 @@ class Estimate:
             "time_ns": reading.frame.stamp_ns,
             "touching": force.touching,
             **dict(zip(COLUMNS, [*wrench.six.tolist(), *force.error.tolist()], strict=True)),
-            "doubts": [str(doubt) for doubt in force.doubts],
+            "warnings": [str(warning) for warning in force.warnings],
         }
 
 
@@ -135,9 +135,9 @@ def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     from ninedtact.atomic_write import write_file_atomically
 
     text = StringIO()
-    table = csv.DictWriter(text, ["image", "time_ns", "touching", *COLUMNS, "doubts"])
+    table = csv.DictWriter(text, ["image", "time_ns", "touching", *COLUMNS, "warnings"])
     table.writeheader()
-    table.writerows({**row, "doubts": "; ".join(row["doubts"])} for row in rows)
+    table.writerows({**row, "warnings": "; ".join(row["warnings"])} for row in rows)
     write_file_atomically(path, text.getvalue().encode())
 
 
@@ -151,7 +151,7 @@ def lines(rows: list[dict[str, Any]], out: Path | None) -> Iterator[str]:
         torques = "  ".join(
             f"{name[:2]} {row[name] * 1e3:+.1f} ± {row['e' + name[:2]] * 1e3:.1f}" for name in COLUMNS[3:6]
         )
-        doubts = f"  ({', '.join(row['doubts'])})" if row["doubts"] else ""
-        yield f"{row['image']}: {forces}  {torques} N·mm{doubts}"
+        warnings = f"  ({', '.join(row['warnings'])})" if row["warnings"] else ""
+        yield f"{row['image']}: {forces}  {torques} N·mm{warnings}"
     if out is not None:
         yield f"  wrenches: {out}"

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.design import Gel
     from ninedtact.force.estimator import ForceEstimator
-    from ninedtact.shape.calibrated import CalibratedShape
+    from ninedtact.shape.calibrated_shape import CalibratedShape
 
 BOTH, NETWORK, PHYSICS, NONE = "both", "network", "physics", "none"
 ENDING, WEIGHTS = ".onnx", ".pt"
@@ -26,12 +26,11 @@ class EstimatorUnknown(NinedtactError):
 
 def estimator_for(text: str, folder: "SensorFolder") -> "ForceEstimator":
     """The estimator on this sensor, as its weighed presses adapted it; raises `EstimatorUnknown`, `ModelUnusable`."""
-    from ninedtact.force.adaptation import Adapted
-    from ninedtact.force.adaptation_file import read_adaptation
+    from ninedtact.force.force_scale import ScaledForceEstimator, read_force_scale
 
     plain = unadapted(text, folder)
-    adaptation = read_adaptation(folder.path, plain.name)
-    return Adapted(plain, adaptation) if adaptation.presses else plain
+    adaptation = read_force_scale(folder.path, plain.name)
+    return ScaledForceEstimator(plain, adaptation) if adaptation.presses else plain
 
 
 def unadapted(text: str, folder: "SensorFolder") -> "ForceEstimator":
@@ -46,9 +45,9 @@ def on_sensor(text: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimato
 
         return NoForce()
     if text == PHYSICS:
-        from ninedtact.force.traction.estimator import traction_force
+        from ninedtact.force.traction.estimator import build_traction_force
 
-        return traction_force(shape, gel)
+        return build_traction_force(shape, gel)
     if text.partition(":")[0] == BOTH:
         return together(Path(text.partition(":")[2] or shipped_model()), shape, gel)
     return from_file(shipped_model() if text == NETWORK else Path(text).expanduser(), shape, gel)
@@ -56,21 +55,21 @@ def on_sensor(text: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimato
 
 def shipped_model() -> Path:
     """Of this package."""
-    from ninedtact.force.shipped import SHIPPED
+    from ninedtact.force.shipped import SHIPPED_MODEL
 
-    return SHIPPED
+    return SHIPPED_MODEL
 
 
 def together(model: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """A network and physics."""
-    from ninedtact.force.model_file import read_model
+    from ninedtact.force.fusion import FusedForceEstimator
+    from ninedtact.force.model_file import read_force_model
     from ninedtact.force.network_force import NetworkForce
-    from ninedtact.force.together import TogetherForce
-    from ninedtact.force.traction.estimator import traction_force
-    from ninedtact.force.traits import traits_of
+    from ninedtact.force.network_input import sensor_features_of
+    from ninedtact.force.traction.estimator import build_traction_force
 
-    network = NetworkForce(read_model(model.expanduser()), gel, traits=traits_of(shape, gel))
-    return TogetherForce(network, traction_force(shape, gel))
+    network = NetworkForce(read_force_model(model.expanduser()), gel, traits=sensor_features_of(shape, gel))
+    return FusedForceEstimator(network, build_traction_force(shape, gel))
 
 
 def ungated(estimator: "ForceEstimator") -> "ForceEstimator":
@@ -81,21 +80,21 @@ def ungated(estimator: "ForceEstimator") -> "ForceEstimator":
         raise GateMissing(
             f"expected a force model to ask without its gate, got {estimator.name!r}; drop --ungated, or give --force MODEL.onnx"
         )
-    return replace(estimator, touching=lambda _: True)
+    return replace(estimator, contact_test=lambda _: True)
 
 
 def from_file(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """The network in a file; raises `EstimatorUnknown`, `ModelUnusable`, `WeightsUnusable`."""
     if path.suffix.lower() == ENDING:
-        from ninedtact.force.model_file import read_model
+        from ninedtact.force.model_file import read_force_model
         from ninedtact.force.network_force import NetworkForce
-        from ninedtact.force.traits import traits_of
+        from ninedtact.force.network_input import sensor_features_of
 
-        return NetworkForce(read_model(path), gel, traits=traits_of(shape, gel))
+        return NetworkForce(read_force_model(path), gel, traits=sensor_features_of(shape, gel))
     if path.suffix.lower() == WEIGHTS:
-        from ninedtact.force.original import read_original
+        from ninedtact.force.original_network import read_original_network
 
-        return read_original(path)
+        return read_original_network(path)
     raise EstimatorUnknown(
         f"expected --force {BOTH}, {NETWORK}, {PHYSICS}, {NONE}, a force model (*{ENDING}) or the original's weights (*{WEIGHTS}), "
         f"got '{path}'; name one of these"

@@ -122,16 +122,18 @@ class Train:
 
         Raises `TrainingImpossible`, `NetworkUnknown`.
         """
-        from ninedtact.force.inputs import Channels, with_size, with_width
+        from ninedtact.force.network_input import InputChannels, resize_network_input, scale_network_input_width
         from ninedtact.force.training.settings import TRAINING_PRESETS
 
         preset = TRAINING_PRESETS[self.preset]
         shown = (
-            preset.input if self.channels is None else replace(preset.input, channels=Channels[self.channels.upper()])
+            preset.input
+            if self.channels is None
+            else replace(preset.input, channels=InputChannels[self.channels.upper()])
         )
-        grid = shown if self.size is None else with_size(shown, self.size)
+        grid = shown if self.size is None else resize_network_input(shown, self.size)
         if (width_mm := designed_width_mm(self.data)) is not None:
-            grid = with_width(grid, width_mm)
+            grid = scale_network_input_width(grid, width_mm)
         asked = {
             name: getattr(self, name)
             for name in ("network", "epochs", "batch", "learning_rate")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 from ninedtact.cli.force.own_sensors import members_of, sensors_for, tell_refused
 
 if TYPE_CHECKING:
-    from ninedtact.force.inputs import InputSettings
-    from ninedtact.force.splits import Rows, SplitSettings
+    from ninedtact.force.dataset_split import SplitRows, SplitSettings
+    from ninedtact.force.network_input import NetworkInputSettings
     from ninedtact.force.training.examples import TrainingExamples
     from ninedtact.simulation.sensor_population import SampledSensor
 
@@ -21,7 +21,7 @@ class TrainingData:
     """A folder, and how it is to be read."""
 
     folder: Path
-    grid: "InputSettings"
+    grid: "NetworkInputSettings"
     sensors: Path | None = None
     workers: int = 1
     progress: bool = False
@@ -36,8 +36,8 @@ class TrainingData:
         import numpy as np
 
         from ninedtact.dataset.height_cache import load_height_pairs
+        from ninedtact.force.network_input import sensor_features_of
         from ninedtact.force.training.examples import TrainingExamples
-        from ninedtact.force.traits import traits_of
 
         sensors = sensors_for(self.folder, self.sensors, self.workers, self.progress)
         tell_refused(sensors.refused)
@@ -49,7 +49,7 @@ class TrainingData:
             left_out=sensors.refused,
             progress=self.progress,
         )
-        rows = {name: traits_of(sensor.shape, sensor.gel).row for name, sensor in sensors.by_name.items()}
+        rows = {name: sensor_features_of(sensor.shape, sensor.gel).row for name, sensor in sensors.by_name.items()}
         traits = np.array([rows[name] for name in pairs.sensors.tolist()])
         names = pairs.objects.tolist(), pairs.sensors.tolist()
         return TrainingExamples(pairs.z_mm, pairs.wrenches, *names, sensor_features=traits), pairs.ids.tolist()
@@ -97,24 +97,25 @@ class Division:
     """A split whose part to train is divided, the part to test never looked at."""
     seed: int = 0
 
-    def rows(self, ids: Sequence[str], examples: "TrainingExamples") -> "Rows":
+    def rows(self, ids: Sequence[str], examples: "TrainingExamples") -> "SplitRows":
         """Raises `SplitImpossible`, `SplitUnfit`."""
         import numpy as np
 
-        from ninedtact.force.split_file import read_split
-        from ninedtact.force.splits import Pairs, Rows, split
+        from ninedtact.force.dataset_split import PairLabels, SplitRows, read_split, split_dataset
 
         train = np.arange(len(ids)) if self.split is None else read_split(self.split).rows(ids).train
         some, objects, sensors = (
             np.asarray(names)[train].tolist() for names in (ids, examples.objects, examples.sensors)
         )
-        inner = split(Pairs(some, objects, sensors), self.settings(set(objects), set(sensors), len(some))).rows(some)
-        return Rows(train[inner.train], train[inner.test])
+        inner = split_dataset(
+            PairLabels(some, objects, sensors), self.settings(set(objects), set(sensors), len(some))
+        ).rows(some)
+        return SplitRows(train[inner.train], train[inner.test])
 
     def settings(self, objects: set[str], sensors: set[str], pairs: int) -> "SplitSettings":
         """As many of each as make up the part, and one at least."""
-        from ninedtact.force.splits import NOTHING, SplitSettings
+        from ninedtact.force.dataset_split import NO_OBJECT, SplitSettings
 
         kind = self.held_out or ("sensor_and_object" if len(sensors) > 1 else "object")
-        counts = [max(1, round(self.part * count)) for count in (len(objects - {NOTHING}), len(sensors), pairs)]
+        counts = [max(1, round(self.part * count)) for count in (len(objects - {NO_OBJECT}), len(sensors), pairs)]
         return SplitSettings(kind, objects=counts[0], sensors=counts[1], pairs=counts[2], seed=self.seed)

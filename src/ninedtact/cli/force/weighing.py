@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ninedtact.force.adaptation import WeighedPress
     from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.force.force_scale import KnownLoadPress
     from ninedtact.reading import Reading
-    from ninedtact.shape.calibrated import CalibratedShape
+    from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.sensor_population import SampledSensor
 
 RADIUS_MM, DEPTH_MM = 5.0, 0.8
@@ -22,21 +22,23 @@ UNTOUCHED = 8
 
 def weighed(estimator: "ForceEstimator", member: "SampledSensor", shape: "CalibratedShape") -> "ForceEstimator":
     """The estimator adapted by these presses, as `ninedtact adapt` does it; as it is where it reads one of them as no press."""
-    from ninedtact.force.adaptation import AdaptationImpossible, Adapted, adapted
+    from ninedtact.force.force_scale import ForceScaleImpossible, ScaledForceEstimator, fit_force_scale
 
     try:
-        return Adapted(estimator, adapted(list(presses(estimator, member, shape))).adaptation)
-    except AdaptationImpossible:
+        return ScaledForceEstimator(estimator, fit_force_scale(list(presses(estimator, member, shape))).adaptation)
+    except ForceScaleImpossible:
         return estimator
 
 
-def presses(estimator: "ForceEstimator", member: "SampledSensor", shape: "CalibratedShape") -> "Iterator[WeighedPress]":
+def presses(
+    estimator: "ForceEstimator", member: "SampledSensor", shape: "CalibratedShape"
+) -> "Iterator[KnownLoadPress]":
     """What the estimator reads, and what the scale shows."""
-    from ninedtact.force.adaptation import WeighedPress
+    from ninedtact.force.force_scale import KnownLoadPress
 
     for reading, load_n in readings(member, shape):
         estimator.forget()
-        yield WeighedPress(max(0.0, -float(estimator.estimate(reading).wrench.force_n[2])), load_n)
+        yield KnownLoadPress(max(0.0, -float(estimator.estimate(reading).wrench.force_n[2])), load_n)
 
 
 def readings(member: "SampledSensor", shape: "CalibratedShape") -> "Iterator[tuple[Reading, float]]":

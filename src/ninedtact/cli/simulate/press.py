@@ -91,7 +91,7 @@ class Press:
         import json
 
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.shape.export import export
+        from ninedtact.shape.export import export_shape
         from ninedtact.simulation.ground_truth import true_height_map
 
         self.out.mkdir(parents=True, exist_ok=True)
@@ -101,7 +101,7 @@ class Press:
             write_file_atomically(self.out / name, content)
         height = true_height_map(contact, *self.grid)
         for ending in ("npy", "png"):
-            export(height, self.out / f"height.{ending}")
+            export_shape(height, self.out / f"height.{ending}")
         return {name: str(self.out / name) for name in (*contents, "height.npy", "height.png")}
 
     def contents(self, indenter: "Indenter", contact: "Contact") -> dict[str, bytes]:

@@ -26,7 +26,7 @@ from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, S
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, SourceUnknown
 from ninedtact.dataset.stored_images import encode_png
 from ninedtact.errors import NinedtactError
-from ninedtact.force.deformation import NotAMixedImage, from_mixed_image, grey_of
+from ninedtact.force.deformation import NotAMixedImage, decode_mixed_image, rectified_from_stored_image
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 
 _IMAGE, _MIXED, _WRENCH = "image", "mixed_image", "wrench"
@@ -131,7 +131,7 @@ class _PairFiles:
             return image, None
         mixed = np.ascontiguousarray(read_image(self.mixed))
         try:
-            deformation = from_mixed_image(mixed, 1.0)
+            deformation = decode_mixed_image(mixed, 1.0)
         except NotAMixedImage as error:
             if image is None:
                 raise
@@ -160,7 +160,7 @@ def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
 
 def _read_grey_image(path: Path) -> _GreyImage:
     """Return an image file as grey levels; raises `ImageUnreadable`."""
-    return grey_of(read_image(path), 1.0).grey.astype(np.uint8)
+    return rectified_from_stored_image(read_image(path), 1.0).grey.astype(np.uint8)
 
 
 def _make_reference(grey: _GreyImage, source: str, sensor: str) -> ReferenceImage:

@@ -18,7 +18,7 @@ from ninedtact.dataset.stored_images import encode_png
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
 from ninedtact.recording.saved_pairs import ReferenceImages, SavedPair
-from ninedtact.shape.calibrated import mean_rectified
+from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.rectification import Rectification
 
 RECORDING_SUFFIX = ".mcap"
@@ -84,7 +84,7 @@ class _RecordingPart(SourcePart):
 
 def _mean_reference(references: ReferenceImages, sensor: str, rectify: Rectification) -> ReferenceImage:
     """Return the mean of the reference images, as the live sensor computes it."""
-    mean = mean_rectified([rectify(Frame(image)) for image in references.images])
+    mean = mean_rectified_image([rectify(Frame(image)) for image in references.images])
     return ReferenceImage(references.id, _encode_grey_levels(mean.grey), sensor)
 
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from ninedtact.force.dataset_split import NO_OBJECT
 from ninedtact.force.evaluation.predictions import AXES, FORCES, TORQUES, UNITS, Six, WrenchPredictions
 from ninedtact.force.evaluation.published_results import published_scores_about
-from ninedtact.force.splits import NOTHING
 
 _LOADS_N = (0.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, np.inf)
 """Edges of the bins of |F_z|."""
@@ -130,7 +130,7 @@ def evaluate_predictions(predictions: WrenchPredictions) -> WrenchEvaluation:
         predictions,
         _axis_scores(predictions),
         tuple(_scores_by_load(predictions)),
-        tuple(group for group in _scores_by_name(predictions, predictions.objects) if group.name != NOTHING),
+        tuple(group for group in _scores_by_name(predictions, predictions.objects) if group.name != NO_OBJECT),
         tuple(_scores_by_name(predictions, predictions.sensors)),
         _interval_coverage(predictions),
         _no_contact_scores(predictions),

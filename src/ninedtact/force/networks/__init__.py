@@ -7,7 +7,12 @@
 Numbers are in units of the labels' scale; `wrench.WrenchNetwork` turns them into N and N·m.
 """
 
-from ninedtact.force.networks.named import NAMES, NetworkUnknown, network
-from ninedtact.force.networks.wrench import Labels, WrenchNetwork
+from ninedtact.force.networks.wrench_network import (
+    NETWORK_NAMES,
+    LabelScale,
+    NetworkUnknown,
+    WrenchNetwork,
+    build_network,
+)
 
-__all__ = ["NAMES", "Labels", "NetworkUnknown", "WrenchNetwork", "network"]
+__all__ = ["NETWORK_NAMES", "LabelScale", "NetworkUnknown", "WrenchNetwork", "build_network"]

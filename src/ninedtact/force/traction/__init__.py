@@ -1,11 +1,9 @@
 """Force without training: the tractions under a contact by constrained inversion of the gel's compliance.
 
-estimator.py    TractionForce, top-down; read this first
-evidence.py     what is read: light, or heights; observation.py what a reading shows, on a grid of cells of 0.7 mm
-ground.py       what the gel lies on, and what a base that yields does to a calibration
-gate.py         whether anything touches, and where
-explained.py    where the search begins, when it ends, what it found
-inversion.py    Gauss and Newton over the law of light; linearised.py one round; pivoting.py solves it outright
-forward.py      tractions → heights → light; brightness.py the law; cells.py the grid; kernels.py what each cell does
-prior.py        what is known of presses; weigh.py how far each cell is believed; certainty.py how certain the wrench is
+A calibrated sensor's reading goes in (height, rectified image, reference image); pressure and shear maps, the wrench that they add
+up to, its standard deviation and warnings come out. `estimator.py` is the algorithm top-down: `build_traction_force(shape, gel)`
+returns it. Each stage is one file: `observation` (the signal on the grid of cells of `cell_grid`), `force.contact_detection` (where
+pressure may act),
+`inversion` (Gauss–Newton), `linearisation` (one iteration with the prior), `nonnegative_qp` (its solution), `forward_model`
+(tractions → heights → light), `uncertainty`, and `substrate` (what the gel lies on).
 """

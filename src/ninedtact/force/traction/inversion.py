@@ -1,9 +1,9 @@
-"""The tractions that explain an observation best: Gauss and Newton over the law of light, each round solved outright.
+"""The inversion: tractions that explain an observation best, by Gauss–Newton iteration on the brightness law.
 
-Minimised: ‖(seen − predicted)/σ‖² + ‖pressure‖² and ‖shear modes‖² in the measure of what is known of presses (`prior`),
-with pressure nowhere negative, and both zero where the skin is not pressed in. σ is no choice: it is the noise of this
-image and the error of this sensor's calibration, or what the best explanation leaves, where that is more (discrepancy
-principle; docs/force_physics.md has the sources).
+Minimised: ‖(observed − predicted)/σ‖² + ‖pressure‖² + ‖shear modes‖², the last two in the measure of the prior, with pressure
+nowhere negative, and both zero outside the contact region. Each linearised quadratic programme is solved exactly
+(`nonnegative_qp`). σ is not chosen: it is the noise of this image and the error of this sensor's calibration, or the residual of
+the best explanation, where that is larger (discrepancy principle; docs/force_physics.md has the sources).
 """
 
 from dataclasses import dataclass
@@ -11,102 +11,143 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
-from numpy import ndarray as Array
 
-from ninedtact.force.traction.brightness import BrightnessLaw
-from ninedtact.force.traction.explained import Effort, Explained, Guess
-from ninedtact.force.traction.forward import Forward, Skin
-from ninedtact.force.traction.kernels import Kernels
-from ninedtact.force.traction.linearised import Linearised
-from ninedtact.force.traction.observation import Observation
-from ninedtact.force.traction.pivoting import lowest
-from ninedtact.force.traction.prior import Prior, ShearModes
-from ninedtact.force.traction.weigh import Weigh
+from ninedtact.force.traction.forward_model import ForwardModel, InfluenceKernels, SkinField, Tractions, View
+from ninedtact.force.traction.linearisation import DiscretePrior, LinearisedProblem, TractionPrior, Whitener
+from ninedtact.force.traction.nonnegative_qp import QPSolution, solve_nonnegative_qp
+from ninedtact.force.traction.observation import BrightnessLaw, Observation
 
-View = Float32[Array, "rows cols"]
-
-WINKLER_PER_MM = 3.9
-"""Pressure over indentation in the middle of presses: the first guess."""
-SHALLOWEST_MM = 0.02
+_WINKLER_PER_MM = 3.9
+"""Pressure over indentation in the middle of presses: the initial guess."""
+_MIN_PRIOR_DEPTH_MM = 0.02
 """Indentation below which the prior of pressure is not narrowed any more."""
-LEVEL = 0.003
-"""Standard deviation of the light that the whole image has more or less than it should, relative."""
+_LEVEL_STD = 0.003
+"""Standard deviation of the brightness that the whole image has more or less than it should, relative."""
 
 
 @dataclass(frozen=True)
-class Inversion:
-    """One sensor's, ready for any number of observations."""
+class SolverSettings:
+    """When the iteration ends."""
 
-    forward: Forward
+    max_iterations: int = 4
+    """Linearisations from a cold start."""
+    max_warm_iterations: int = 1
+    """The same where the result of the previous image is the initial guess."""
+    max_qp_solves: int = 30
+    """Solutions of each quadratic programme."""
+    target_decrement: float = 1.0
+    """Newton decrement, in standard deviations of any sum of the unknowns, at which the iteration ends."""
+    max_trusted_decrement: float = 5.0
+    """Newton decrement above which the result is not converged."""
+
+
+@dataclass(frozen=True)
+class InitialGuess:
+    """Where the iteration starts."""
+
+    tractions: Tractions
+    skin_mm: SkinField
+    misfit: float = 1.0
+    iterations: int = 0
+
+
+@dataclass(frozen=True)
+class InversionResult:
+    """The tractions over the shear modulus, and what uncertainty and the next inversion need."""
+
+    tractions: Tractions
+    skin_mm: SkinField
+    """Height of all skin under them."""
+    problem: LinearisedProblem
+    """The last linearisation."""
+    solution: QPSolution
+    misfit: float
+    """Root mean square of the residual over its standard deviation; at least one."""
+    newton_decrement: float
+    """Upper bound of the distance to the optimum, in standard deviations of any sum of the unknowns."""
+    iterations: int = 1
+
+
+@dataclass(frozen=True)
+class TractionInversion:
+    """The inversion for one sensor and size of image, for any number of observations."""
+
+    forward: ForwardModel
     law: BrightnessLaw
-    prior: Prior = Prior()
-    effort: Effort = Effort()
+    prior: TractionPrior = TractionPrior()
+    solver: SolverSettings = SolverSettings()
 
-    @cached_property
-    def modes(self) -> ShearModes:
-        """Smooth ratios of shear to pressure."""
-        return ShearModes(self.forward.cells, self.prior)
+    def invert(self, observation: Observation, region: View, last: InversionResult | None = None) -> InversionResult:
+        """Return the tractions in a contact region; the previous image's result, given as `last`, saves iterations.
 
-    @cached_property
-    def kernels(self) -> Kernels:
-        """What each cell does to the others."""
-        return Kernels(self.forward, self.prior)
+        A previous contact without pressure in the region is no guess: the iteration starts from the heights then.
+        """
+        follows = last is not None and bool((last.tractions[0] * region).any())
+        if last is not None and follows:
+            guess = InitialGuess(last.tractions, last.skin_mm, last.misfit)
+        else:
+            guess = self._guess_from_heights(observation, region)
+        max_iterations = self.solver.max_warm_iterations if follows else self.solver.max_iterations
+        result = self._iterate(observation, region, guess)
+        while result.iterations < max_iterations and result.newton_decrement > self.solver.target_decrement:
+            result = self._iterate(observation, region, result)
+        return result
 
-    def explain(self, seen: Observation, touched: View, last: Explained | None = None) -> Explained:
-        """The tractions under this touch; the last answer, where it follows on, makes it quicker."""
-        rounds = self.effort.rounds if last is None else self.effort.warm_rounds
-        now = self.begun(seen, touched) if last is None else Guess(last.tractions, last.skin_mm, last.misfit)
-        found = self.further(seen, touched, now)
-        while found.rounds < rounds and found.off > self.effort.enough:
-            found = self.further(seen, touched, found)
-        return found
+    def _iterate(
+        self, observation: Observation, region: View, guess: InitialGuess | InversionResult
+    ) -> InversionResult:
+        """One Gauss–Newton iteration: linearise, solve, and measure what the curvature of the law leaves unexplained."""
+        problem = self._linearise(observation, region, guess)
+        offset = self.law(guess.skin_mm) - problem.slope * guess.skin_mm
+        programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
+        free = problem.initially_free(guess.tractions[0])
+        solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
+        tractions = problem.tractions(solution.x)
+        skin_mm = self.forward.heights(tractions)
+        nonlinear = self.forward.scatter(self.law(skin_mm) - offset - problem.slope * skin_mm)
+        decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
+        misfit = self._misfit(observation, skin_mm)
+        return InversionResult(tractions, skin_mm, problem, solution, misfit, decrement, guess.iterations + 1)
 
-    def begun(self, seen: Observation, touched: View) -> Guess:
-        """From the heights as they were read."""
-        tractions = np.zeros((3, *touched.shape), np.float32)
-        tractions[0] = np.maximum(-seen.z_mm, 0) * touched * np.float32(WINKLER_PER_MM)
-        return Guess(tractions, self.around(seen.z_mm))
-
-    def further(self, seen: Observation, touched: View, now: Guess | Explained) -> Explained:
-        """One round."""
-        line = self.linearised(seen, touched, now)
-        flat = self.law(now.skin_mm) - line.slope * now.skin_mm
-        problem = line.quadratic(seen.change - self.forward.scattered(flat))
-        found = lowest(problem, line.free(now.tractions[0]), self.effort.solves)
-        tractions = line.tractions(found.at)
-        skin = self.forward.heights(tractions)
-        bent = self.forward.scattered(self.law(skin) - flat - line.slope * skin)
-        off = line.off(found, bent) if found.settled else np.inf
-        return Explained(tractions, skin, line, found, self.misfit(seen, skin), off, now.rounds + 1)
-
-    def linearised(self, seen: Observation, touched: View, now: Guess | Explained) -> Linearised:
-        """About the skin as it is guessed."""
-        depth_mm = max(float(np.sqrt((seen.z_mm[touched > 0] ** 2).mean())), SHALLOWEST_MM)
-        slope, weigh = self.law.slope_per_mm(now.skin_mm), weighing(seen, now.misfit)
-        carries = self.carrying(now.tractions[0], touched)
-        return Linearised(self.kernels, self.modes, touched, carries, slope, weigh, depth_mm)
-
-    def carrying(self, pressure: View, touched: View) -> View:
-        """Smoothed pressure."""
+    def _linearise(
+        self, observation: Observation, region: View, guess: InitialGuess | InversionResult
+    ) -> LinearisedProblem:
+        """Return the problem linearised about the guessed skin."""
+        depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
-        return np.asarray(cv2.GaussianBlur(pressure * touched, (0, 0), width_px) * touched)
+        carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
+        slope = self.law.slope_per_mm(guess.skin_mm)
+        whitener = _build_whitener(observation, guess.misfit)
+        return LinearisedProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, depth_mm)
 
-    def misfit(self, seen: Observation, skin_mm: Skin) -> float:
-        """What is left over its standard deviation, root mean square; at least one."""
-        rest = seen.change - self.forward.scattered(self.law(skin_mm))
-        weigh = weighing(seen, 1.0)
-        square = float(np.vdot(rest, weigh(rest)))
-        return float(np.sqrt(max(square / max(float(seen.in_view.sum()), 1.0), 1.0)))
+    def _guess_from_heights(self, observation: Observation, region: View) -> InitialGuess:
+        """Return pressure in proportion to the indentation as it was read, and no shear."""
+        tractions = np.zeros((3, *region.shape), np.float32)
+        tractions[0] = np.maximum(-observation.z_mm, 0) * region * np.float32(_WINKLER_PER_MM)
+        return InitialGuess(tractions, self._extend_to_skin(observation.z_mm))
 
-    def around(self, z_mm: View) -> Skin:
-        """Heights of the view, and beyond it those of its border."""
+    def _misfit(self, observation: Observation, skin_mm: SkinField) -> float:
+        """Return the root mean square of the residual over its standard deviation; at least one."""
+        residual = observation.change - self.forward.scatter(self.law(skin_mm))
+        square = float(np.vdot(residual, _build_whitener(observation, 1.0)(residual)))
+        return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
+
+    def _extend_to_skin(self, z_mm: View) -> SkinField:
+        """Return heights of the view and, beyond it, those of its border."""
         cells = self.forward.cells
         row, col = (np.clip(cells.offsets(axis), 0, side - 1).astype(int) for axis, side in enumerate(cells.shape))
         return z_mm[np.ix_(row, col)]
 
+    @cached_property
+    def _kernels(self) -> InfluenceKernels:
+        return InfluenceKernels(self.forward)
 
-def weighing(seen: Observation, misfit: float) -> Weigh:
-    """Noise and the calibration's error together, raised to what was left."""
-    error = np.sqrt(seen.error**2 + np.float32(seen.noise**2)) * np.float32(misfit)
-    return Weigh(seen.in_view / error, LEVEL)
+    @cached_property
+    def _discrete_prior(self) -> DiscretePrior:
+        return DiscretePrior(self.forward.cells, self.prior)
+
+
+def _build_whitener(observation: Observation, misfit: float) -> Whitener:
+    """Return the inverse covariance of noise and the calibration's error together, scaled to the misfit."""
+    error = np.sqrt(observation.error**2 + np.float32(observation.noise**2)) * np.float32(misfit)
+    return Whitener(observation.in_view / error, _LEVEL_STD)

@@ -1,107 +1,201 @@
-"""What one reading shows of the skin, on the cells."""
+"""What a reading shows of the skin, on the grid of cells: the change of brightness or, where no light is known, the height itself.
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+Brightness carries more. A height map is light that was deblurred as far as noise allowed, and then looked up in the depth curve;
+parts of a contact that are narrower than light scatters come out blurred, and what is dark there and what is bright do not cancel
+as heights do. The inversion predicts the scattered light instead, so that nothing has to be deblurred.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.force.traction.cells import BEYOND, Cells
-from ninedtact.force.traction.refusals import require_view
-from ninedtact.quantities import Coverage, HeightMap
-from ninedtact.shape.sightlines import pixel_of, sampled
+from ninedtact.errors import NinedtactError
+from ninedtact.force.contact_detection import estimate_cell_noise
+from ninedtact.force.traction.cell_grid import CellGrid
+from ninedtact.quantities import HeightMap, HeightSource, Rectified
+from ninedtact.reading import Reading
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.depth import DepthCurve, LightLoss
+from ninedtact.shape.orthorectification import find_sightline_pixels, sample_field
 
 View = Float32[Array, "rows cols"]
 
-NOT_SMOOTH = 0.8
-"""Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is taken off."""
-LOOKS = 5
-"""For the line of sight that meets a place."""
-OF_MEDIAN = 1.4826
-"""Standard deviation of Gaussian noise over the median of its size."""
+_EXTENSION_FACTOR = 2.0
+"""Times the calibrated range to which the depth curve is continued along its last segment."""
+_SIGHTLINE_ITERATIONS = 5
+_MIN_BRIGHTNESS_NOISE = 2e-4
+"""Of a cell's relative brightness: a tenth of a grey level's step, averaged over a cell."""
+_MIN_HEIGHT_NOISE_MM = 0.002
+
+
+class TractionImpossible(NinedtactError):
+    """A sensor or a reading from which no traction can be estimated."""
+
+
+@dataclass(frozen=True)
+class BrightnessLaw:
+    """Relative change of brightness over height before scattering, linear between knots: the depth curve, inverted."""
+
+    height_mm: Float[Array, " knots"]
+    change: Float[Array, " knots"]
+
+    def __call__(self, height_mm: Float32[Array, "*shape"]) -> Float32[Array, "*shape"]:
+        """Return the relative change of brightness of skin at these heights."""
+        return np.interp(height_mm, self.height_mm, self.change).astype(np.float32)
+
+    def slope_per_mm(self, height_mm: Float32[Array, "*shape"]) -> Float32[Array, "*shape"]:
+        """Return the derivative of the change with respect to height."""
+        steps = np.diff(self.change) / np.diff(self.height_mm)
+        segment = np.searchsorted(self.height_mm[1:-1], height_mm, side="right")
+        return steps.astype(np.float32)[segment]
+
+
+def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
+    """Return the brightness law of a ratio curve, both ends continued; raises `TractionImpossible` where it has no bulges."""
+    if not curve.knows_bulges or curve.signal != "ratio":
+        raise TractionImpossible(
+            "expected a depth curve that knows bulges, got one for indentation alone; calibrate with the method 'physics'"
+        )
+    height = np.concatenate([-np.array(curve.indentation_mm)[::-1], np.array(curve.bulge_mm)[1:]])
+    change = np.concatenate([-np.array(curve.darkening)[::-1], np.array(curve.brightening)[1:]])
+    distinct = np.concatenate([[True], np.diff(height) > 1e-9])
+    height, change = height[distinct], change[distinct]
+    slope = np.diff(change) / np.diff(height)
+    low, high = _EXTENSION_FACTOR * height[0], _EXTENSION_FACTOR * height[-1]
+    ends = change[0] + slope[0] * (low - height[0]), change[-1] + slope[-1] * (high - height[-1])
+    return BrightnessLaw(np.concatenate([[low], height, [high]]), np.concatenate([[ends[0]], change, [ends[1]]]))
+
+
+_HEIGHT_AS_SIGNAL = BrightnessLaw(np.array([-20.0, 20.0]), np.array([-20.0, 20.0]))
+"""Where the observed signal is the height itself: one per mm."""
 
 
 @dataclass(frozen=True)
 class Observation:
-    """Fields over the places of the skin, as seen from straight below."""
+    """Fields on the cells, orthorectified."""
 
     change: View
-    """Relative change of brightness; mm where heights are what is observed."""
+    """Relative change of brightness; mm where heights are observed."""
     noise: float
-    """Standard deviation of the same from image to image, one cell."""
+    """Standard deviation of one cell's change from image to image."""
     error: View
-    """What the calibration leaves uncertain in it."""
+    """Standard deviation of the change due to the calibration."""
     z_mm: View
-    """Height as the depth reader has it: where to begin, and where contact may be."""
+    """Height from the depth reader: the initial guess, and where contact may be."""
     in_view: View
     """One where a cell is seen, zero where not."""
     beyond: View
-    """Part of a cell that is deeper than calibrated."""
+    """Fraction of a cell that is deeper than the calibrated range."""
 
 
-def facts(below: HeightMap) -> tuple[View, View]:
-    """Heights, and one where they are in view."""
-    return below.z_mm, below.in_view.astype(np.float32)
+class ObservationModel(ABC):
+    """How a reading becomes an observation, and which law relates the observed signal to heights."""
+
+    law: BrightnessLaw
+    point_spread_mm: float
+    """Standard deviation of the point-spread of the observed signal."""
+
+    @abstractmethod
+    def observe(self, reading: Reading, cells: CellGrid) -> Observation:
+        """Return the reading's signal on the cells; raises `TractionImpossible`."""
 
 
-def placed(height: HeightMap, cells: Cells) -> tuple[HeightMap, Float32[Array, "2 rows cols"], View]:
-    """The map on the cells' places; where, on a grid of lines of sight as coarse, each place is seen; what is too deep."""
-    require_view(bool(height.in_view.any()))
-    seen = part(height.coverage != Coverage.OUT_OF_VIEW.value, cells) * on_image(cells)
-    coverage = np.where(seen > 0.5, Coverage.MEASURED, Coverage.OUT_OF_VIEW).astype(np.uint8)
-    coarse = replace(height, z_mm=shrunk(height.z_mm, cells), coverage=coverage, mm_per_px=cells.pitch_mm)
-    pixel = pixel_meeting(coarse, np.stack(cells.places_mm))
-    coverage = np.asarray(sampled(coverage, pixel, cv2.INTER_NEAREST))
-    below = replace(coarse, z_mm=seen_at(coarse.z_mm, pixel), coverage=coverage, camera_distance_mm=np.inf)
-    return below, pixel, seen_at(part(height.coverage == Coverage.EXTRAPOLATED.value, cells), pixel)
+@dataclass(frozen=True)
+class BrightnessObservationModel(ObservationModel):
+    """Observes the image itself, by the sensor's brightness law."""
+
+    curve: DepthCurve
+    loss: LightLoss
+    point_spread_mm: float
+    _reference: list[tuple[Rectified, View]] = field(default_factory=list, init=False, repr=False, compare=False)
+    """The last reference, averaged over the cells: it changes once a session."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "law", brightness_law_of_curve(self.curve))
+
+    def observe(self, reading: Reading, cells: CellGrid) -> Observation:
+        """Return the relative change of brightness; raises `TractionImpossible` for a reading without its reference."""
+        if reading.reference is None:
+            raise TractionImpossible(
+                "expected a reading with its untouched reference, got none; take a reference image first, or observe heights"
+            )
+        below, pixel, beyond = _orthorectify_onto_cells(reading.height, cells)
+        change = _at_pixels(self._relative_change(reading.rectified, reading.reference, cells), pixel)
+        error = np.full(cells.shape, self.curve_error, np.float32)
+        noise = max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE)
+        return Observation(change, noise, error, below.z_mm, below.in_view.astype(np.float32), beyond)
+
+    def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
+        """Return the relative change of brightness of every cell, with the light lost everywhere given back."""
+        if not self._reference or self._reference[0][0] is not reference or self._reference[0][1].shape != cells.shape:
+            self._reference[:] = [(reference, np.maximum(cells.average(reference.grey), np.float32(1)))]
+        lost = self.loss(image.grey, reference.grey)
+        return cells.average(image.grey) / self._reference[0][1] * np.float32(1 / (1 + lost)) - np.float32(1)
+
+    @property
+    def curve_error(self) -> float:
+        """The depth curve's error as brightness, its mean over the curve: errors of the curve are alike all around a contact."""
+        steps = np.diff(self.curve.darkening) / np.maximum(np.diff(self.curve.indentation_mm), 1e-9)
+        return float(np.mean(steps * np.array(self.curve.error_mm)[1:]))
 
 
-def pixel_meeting(height: HeightMap, place_mm: Float32[Array, "2 rows cols"]) -> Float32[Array, "2 rows cols"]:
-    """Column and row of the line of sight that meets the skin at each place: guess its height, look there, and again.
+@dataclass(frozen=True)
+class HeightObservationModel(ObservationModel):
+    """Observes the height map alone, where nothing is known of light."""
 
-    Every look comes nearer by the skin's slope times the line's, of which the latter is at most 0.9; the cells are steep nowhere.
-    """
-    z_mm, seen_mm = np.zeros_like(place_mm[0]), np.where(height.in_view, height.z_mm, np.float32(0))
-    for _ in range(LOOKS):
-        z_mm = seen_at(seen_mm, pixel_of(height, place_mm, z_mm))
-    return pixel_of(height, place_mm, z_mm)
+    error_mm: float = 0.01
+    law: BrightnessLaw = _HEIGHT_AS_SIGNAL
+    point_spread_mm: float = 0.0
+
+    def observe(self, reading: Reading, cells: CellGrid) -> Observation:
+        """Return the reading's heights on the cells."""
+        below, _, beyond = _orthorectify_onto_cells(reading.height, cells)
+        error = np.full(cells.shape, self.error_mm, np.float32)
+        noise = max(estimate_cell_noise(below.z_mm), _MIN_HEIGHT_NOISE_MM)
+        return Observation(below.z_mm, noise, error, below.z_mm, below.in_view.astype(np.float32), beyond)
 
 
-def part(where: Bool[Array, "a b"], cells: Cells) -> View:
-    """Of every cell; mostly it is all of every cell, or none."""
+def build_brightness_observation_model(calibrated: CalibratedShape) -> BrightnessObservationModel:
+    """Return the observation model of a calibrated sensor; raises `TractionImpossible` where its calibration has no
+    point-spread."""
+    if calibrated.deblurring is None:
+        raise TractionImpossible(
+            "expected a calibration that knows how light scatters, got one without; calibrate with the method 'physics'"
+        )
+    return BrightnessObservationModel(calibrated.curve, calibrated.loss, calibrated.deblurring.point_spread_mm)
+
+
+def _orthorectify_onto_cells(
+    height: HeightMap, cells: CellGrid
+) -> tuple[HeightMap, Float32[Array, "2 rows cols"], View]:
+    """Return the map at the places of the cells, column and row of the coarse lines of sight that see them, and the fraction of
+    each cell that is extrapolated; raises `TractionImpossible` where nothing is in view."""
+    if not height.in_view.any():
+        raise TractionImpossible(
+            "expected a height map with pixels in view, got one that is out of view everywhere; calibrate the board again"
+        )
+    in_view = _fraction_of_cells(height.source != HeightSource.OUT_OF_VIEW.value, cells) * cells.on_image
+    source = np.where(in_view > 0.5, HeightSource.MEASURED, HeightSource.OUT_OF_VIEW).astype(np.uint8)
+    coarse = replace(height, z_mm=cells.average(height.z_mm), source=source, mm_per_px=cells.pitch_mm)
+    seen_mm = np.where(coarse.in_view, coarse.z_mm, np.float32(0))
+    pitch_mm, place_mm = (cells.pitch_mm, cells.pitch_mm), np.stack(cells.coordinates_mm)
+    pixel = find_sightline_pixels(seen_mm, pitch_mm, place_mm, height.camera_distance_mm, _SIGHTLINE_ITERATIONS)
+    source = np.asarray(sample_field(source, pixel, cv2.INTER_NEAREST))
+    below = replace(coarse, z_mm=_at_pixels(coarse.z_mm, pixel), source=source, camera_distance_mm=np.inf)
+    return below, pixel, _at_pixels(_fraction_of_cells(height.source == HeightSource.EXTRAPOLATED.value, cells), pixel)
+
+
+def _fraction_of_cells(where: Bool[Array, "a b"], cells: CellGrid) -> View:
+    """Return the fraction of every cell in which a mask holds; mostly it holds in all cells, or in none."""
     if where.all() or not where.any():
         return np.full(cells.shape, where.flat[0], np.float32)
-    return shrunk(where.astype(np.float32), cells)
+    return cells.average(where.astype(np.float32))
 
 
-def seen_at(field: View, pixel: Float32[Array, "2 rows cols"]) -> View:
-    """A field of lines of sight at the places that they meet."""
-    return np.asarray(sampled(field, pixel, cv2.INTER_LINEAR), np.float32)
-
-
-def shrunk(field: Float32[Array, "a b"], cells: Cells) -> View:
-    """Means over the cells; beyond the image its border is repeated."""
-    down, across = (averaging(*sides) for sides in zip(field.shape, cells.image_shape, strict=True))
-    return down @ field @ across.T
-
-
-@lru_cache(maxsize=16)
-def averaging(pixels: int, cells: int) -> Float32[Array, "view pixels"]:
-    """Part of each cell that lies on each pixel, along one axis."""
-    ends = np.arange(cells + 1) * (pixels / cells)
-    until = np.clip(ends[:, None] - np.arange(pixels), 0, 1)
-    inside = np.diff(until, axis=0) * (cells / pixels)
-    return np.pad(inside, ((BEYOND, BEYOND), (0, 0)), mode="edge").astype(np.float32)
-
-
-def on_image(cells: Cells) -> Float32[Array, "rows cols"]:
-    """One on the image's cells, zero around it."""
-    return np.pad(np.ones(cells.image_shape, np.float32), BEYOND)
-
-
-def roughness(field: Float[Array, "rows cols"]) -> float:
-    """Noise of one cell, by what is not smooth in most cells: contacts are few, or smooth."""
-    smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
-    return float(np.median(np.abs(field - smooth))) * OF_MEDIAN / NOT_SMOOTH
+def _at_pixels(values: View, pixel: Float32[Array, "2 rows cols"]) -> View:
+    """Return a field of lines of sight at the places that they meet."""
+    return np.asarray(sample_field(values, pixel, cv2.INTER_LINEAR), np.float32)

@@ -13,9 +13,14 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
-from ninedtact.force.inputs import Channels, InputSettings, height_channels, image_channels
-from ninedtact.force.splits import Rows
-from ninedtact.force.traits import USUAL
+from ninedtact.force.dataset_split import SplitRows
+from ninedtact.force.network_input import (
+    TYPICAL_FEATURES,
+    InputChannels,
+    NetworkInputSettings,
+    stack_height_channels,
+    stack_image_channels,
+)
 
 _AXES = 6
 _FEWEST_PAIRS = 2
@@ -69,7 +74,7 @@ class TrainingExamples:
         return len(self.images)
 
 
-def require_trainable(examples: TrainingExamples, rows: Rows, settings: InputSettings) -> None:
+def require_trainable(examples: TrainingExamples, rows: SplitRows, settings: NetworkInputSettings) -> None:
     """Raise `ExamplesUnusable` for too few pairs, or for examples that do not fit the network's input."""
     if min(len(rows.train), len(rows.test)) < _FEWEST_PAIRS:
         raise ExamplesUnusable(
@@ -120,12 +125,12 @@ class TrainingBatch:
         converted = {name: part.float() for name, part in vars(self).items() if part is not None}
         return replace(self, **converted)
 
-    def network_input(self, channels: Channels) -> Tensor:
+    def network_input(self, channels: InputChannels) -> Tensor:
         """Return the network's input (n, channels, rows, cols)."""
         if self.references is None:
-            stacked: Tensor = height_channels(self.images, self.sensor_features, channels)
+            stacked: Tensor = stack_height_channels(self.images, self.sensor_features, channels)
         else:
-            stacked = image_channels(self.images, self.references, channels)
+            stacked = stack_image_channels(self.images, self.references, channels)
         return stacked.contiguous(memory_format=torch.channels_last)
 
 
@@ -141,7 +146,7 @@ class BatchDataset(Dataset[TrainingBatch]):
         if examples.references is not None and examples.reference_of is not None:
             references = _copy_to_tensor(examples.references[examples.reference_of[rows]])
         features = examples.sensor_features
-        features = np.tile(USUAL.row, (len(rows), 1)) if features is None else features[rows]
+        features = np.tile(TYPICAL_FEATURES.row, (len(rows), 1)) if features is None else features[rows]
         return TrainingBatch(
             _copy_to_tensor(examples.images[rows]),
             _copy_to_tensor(examples.wrench[rows]),

@@ -13,8 +13,16 @@ import torch
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
-from ninedtact.force.card import Card
-from ninedtact.force.model_file import INPUT, KEY, SCALE, WRENCH, ForceModel, model_from, read_model
+from ninedtact.force.model_file import (
+    INPUT_NAME,
+    METADATA_KEY,
+    SCALE_NAME,
+    WRENCH_NAME,
+    ForceModel,
+    ModelCard,
+    parse_force_model,
+    read_force_model,
+)
 from ninedtact.force.networks import WrenchNetwork
 
 _PARITY_TOLERANCE = 1e-3
@@ -26,39 +34,39 @@ class ExportFailed(NinedtactError):
     """The exported graph and the network give different predictions."""
 
 
-def export_model(path: Path, network: WrenchNetwork, card: Card) -> ForceModel:
+def export_model(path: Path, network: WrenchNetwork, card: ModelCard) -> ForceModel:
     """Write the network as an ONNX file, atomically, after comparing it with the network.
 
     Raises `ExportFailed`, `FileNotWritten`.
     """
     content = _serialise_with_card(_build_onnx_graph(network, card), card)
-    model = model_from(content, str(path))
+    model = parse_force_model(content, str(path))
     _require_onnx_parity(network, model)
     write_file_atomically(path, content)
     return model
 
 
-def rewrite_card(path: Path, card: Card, out: Path) -> None:
+def rewrite_card(path: Path, card: ModelCard, out: Path) -> None:
     """Write a model file with another card and the same graph; `out` may be `path`.
 
     Raises `ModelUnusable`, `FileNotWritten`.
     """
-    read_model(path)
+    read_force_model(path)
     write_file_atomically(out, _serialise_with_card(onnx.load(str(path)), card))
 
 
-def _build_onnx_graph(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
+def _build_onnx_graph(network: WrenchNetwork, card: ModelCard) -> onnx.ModelProto:
     """Return the network as an ONNX graph for any number of images at once."""
     network.cpu().eval()
     shown = torch.zeros(2, *card.input.shape)
     with _silence_exporter(), torch.no_grad():
-        outputs = [WRENCH, SCALE][: len(network(shown))]
+        outputs = [WRENCH_NAME, SCALE_NAME][: len(network(shown))]
         program = torch.onnx.export(
             network,
             (shown,),
             dynamo=True,
             verbose=False,
-            input_names=[INPUT],
+            input_names=[INPUT_NAME],
             output_names=outputs,
             dynamic_shapes={"x": {0: torch.export.Dim("n")}},
         )
@@ -66,9 +74,9 @@ def _build_onnx_graph(network: WrenchNetwork, card: Card) -> onnx.ModelProto:
     return program.model_proto
 
 
-def _serialise_with_card(graph: onnx.ModelProto, card: Card) -> bytes:
+def _serialise_with_card(graph: onnx.ModelProto, card: ModelCard) -> bytes:
     """Return the content of the model file."""
-    onnx.helper.set_model_props(graph, {KEY: msgspec.json.encode(card).decode()})
+    onnx.helper.set_model_props(graph, {METADATA_KEY: msgspec.json.encode(card).decode()})
     return graph.SerializeToString()
 
 

@@ -7,8 +7,8 @@ import msgspec
 
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import NinedtactError
-from ninedtact.force.inputs import Channels, InputSettings, whole
-from ninedtact.force.networks.named import require_size
+from ninedtact.force.network_input import InputChannels, NetworkInputSettings, full_resolution_input
+from ninedtact.force.networks.wrench_network import require_network_input_size
 from ninedtact.force.training.augmentation import NO_AUGMENTATION, Augmentation
 
 _Point = tuple[float, float, float]
@@ -23,7 +23,7 @@ class TrainingSettings:
     """Everything that decides about the trained model; raises `TrainingImpossible`, `NetworkUnknown`."""
 
     network: str = "moments"
-    input: InputSettings = InputSettings(Channels.HEIGHTS_AND_SENSOR)
+    input: NetworkInputSettings = NetworkInputSettings(InputChannels.HEIGHTS_AND_SENSOR)
     epochs: int = 40
     batch: int = 64
     learning_rate: float = 2e-3
@@ -42,7 +42,7 @@ class TrainingSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        require_size(self.network, self.input)
+        require_network_input_size(self.network, self.input)
         for name in ("epochs", "batch", "learning_rate"):
             if not getattr(self, name) > 0:
                 raise TrainingImpossible(f"expected {name} above zero, got {getattr(self, name)}; give a larger value")
@@ -59,7 +59,7 @@ class TrainingSettings:
 DEFAULT_TRAINING = TrainingSettings()
 PAPER_TRAINING = TrainingSettings(
     network="densenet169",
-    input=whole(Channels.DEFORMATION),
+    input=full_resolution_input(InputChannels.DEFORMATION),
     epochs=200,
     learning_rate=5e-4,
     optimiser="adam",

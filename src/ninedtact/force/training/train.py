@@ -19,10 +19,10 @@ from torch.utils.data import DataLoader
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.errors import NinedtactError
+from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
 from ninedtact.force.evaluation.plots import plot_training_curves
 from ninedtact.force.model_file import ForceModel
-from ninedtact.force.splits import Rows
 from ninedtact.force.training.examples import (
     SeededBatchSampler,
     TrainingBatch,
@@ -65,7 +65,7 @@ class TrainingResult:
 
 def train_network(
     examples: TrainingExamples,
-    rows: Rows,
+    rows: SplitRows,
     settings: TrainingSettings,
     out: Path,
     *,
@@ -99,7 +99,7 @@ def train_network(
     return TrainingResult(out / MODEL_FILE, export_model(out / MODEL_FILE, network, card), evaluation)
 
 
-def _digest_examples(examples: TrainingExamples, rows: Rows) -> dict[str, Any]:
+def _digest_examples(examples: TrainingExamples, rows: SplitRows) -> dict[str, Any]:
     """Return what identifies the examples of a training that is continued."""
     digest = blake2b(digest_size=8)
     for part in (examples.wrench, rows.train, rows.test):
@@ -154,7 +154,7 @@ class FitResult:
 def fit_network(
     module: ForceTrainingModule,
     examples: TrainingExamples,
-    rows: Rows,
+    rows: SplitRows,
     out: Path,
     machine: ComputeSettings,
     progress: bool = False,
@@ -208,7 +208,7 @@ def _build_trainer(
 class _ExamplesDataModule(LightningDataModule):
     """The examples of a training as Lightning's data module; each process loads its own share."""
 
-    def __init__(self, settings: TrainingSettings, examples: TrainingExamples, rows: Rows, workers: int) -> None:
+    def __init__(self, settings: TrainingSettings, examples: TrainingExamples, rows: SplitRows, workers: int) -> None:
         super().__init__()
         self.settings, self.examples, self.rows, self.workers = settings, examples, rows, workers
 

@@ -15,13 +15,12 @@ from jaxtyping import Float64, Int
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
-from ninedtact.force.card import FORMAT, Card, TrainingSummary
+from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import ErrorDistribution, WrenchEvaluation, WrenchPredictions, evaluate_predictions
-from ninedtact.force.likeness import Range, numbers, ranges
-from ninedtact.force.model_file import Prediction
-from ninedtact.force.network_force import DEVIATIONS_PER_SCALE, moved_to_skin
+from ninedtact.force.model_file import MODEL_FORMAT, ModelCard, TrainingSummary, WrenchPrediction
+from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, move_prediction_to_skin_centre
 from ninedtact.force.networks import WrenchNetwork
-from ninedtact.force.splits import Rows
+from ninedtact.force.out_of_distribution import StatisticRange, input_statistics, statistic_ranges
 from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_torque_reference
 from ninedtact.force.training.lightning_compat import MetricsHistory
 from ninedtact.force.training.settings import TrainingSettings
@@ -73,7 +72,7 @@ class TrainedNetwork:
     network: WrenchNetwork
     examples: TrainingExamples
     """Torques about the settings' point."""
-    rows: Rows
+    rows: SplitRows
     settings: TrainingSettings
 
     def calibrate_scale(self) -> None:
@@ -88,9 +87,9 @@ class TrainedNetwork:
     def evaluate_held_out(self) -> WrenchEvaluation:
         """Evaluate the network on the held-out pairs, torques about the skin's centre."""
         test = self.rows.test
-        found = moved_to_skin(self._predict(test), self.settings.about_mm)
+        found = move_prediction_to_skin_centre(self._predict(test), self.settings.about_mm)
         truth = np.asarray(self._examples_at_skin_centre.wrench[test], np.float64)
-        std = DEVIATIONS_PER_SCALE * found.scale if np.isfinite(found.scale).all() else None
+        std = STD_PER_LAPLACE_SCALE * found.scale if np.isfinite(found.scale).all() else None
         objects, sensors = (
             np.asarray(names)[test].tolist() for names in (self.examples.objects, self.examples.sensors)
         )
@@ -98,12 +97,12 @@ class TrainedNetwork:
             WrenchPredictions(truth, found.wrench, std, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0))
         )
 
-    def build_card(self, evaluation: WrenchEvaluation, history: MetricsHistory, name: str, licence: str) -> Card:
+    def build_card(self, evaluation: WrenchEvaluation, history: MetricsHistory, name: str, licence: str) -> ModelCard:
         """Return the model card."""
         wrench = self._examples_at_skin_centre.wrench[self.rows.train].astype(float)
         figures = {key: value for key, value in evaluation.to_json_dict().items() if key not in _KEYS_NOT_IN_CARD}
-        return Card(
-            format=FORMAT,
+        return ModelCard(
+            format=MODEL_FORMAT,
             name=name,
             network=self.settings.network,
             input=self.settings.input,
@@ -123,12 +122,12 @@ class TrainedNetwork:
         wrench = self.examples.wrench[self.rows.test]
         return np.maximum(np.abs(wrench - np.median(wrench, axis=0)).mean(0), 1e-12).tolist()
 
-    def _predict(self, rows: Int[Array, " n"]) -> Prediction:
+    def _predict(self, rows: Int[Array, " n"]) -> WrenchPrediction:
         """Return the network's predictions for examples without augmentation."""
         with torch.no_grad():
             outputs = [self.network(shown) for shown in self._network_inputs(rows)]
         arrays = [torch.cat(output).double().cpu().numpy() for output in zip(*outputs, strict=True)]
-        return Prediction(arrays[0], arrays[1] if len(arrays) > 1 else np.full_like(arrays[0], np.inf))
+        return WrenchPrediction(arrays[0], arrays[1] if len(arrays) > 1 else np.full_like(arrays[0], np.inf))
 
     def _network_inputs(self, rows: Int[Array, " n"], augmented: bool = False) -> Iterator[torch.Tensor]:
         """Yield the network's inputs on its device, one batch at a time, augmented as in training if so requested."""
@@ -155,13 +154,15 @@ class TrainedNetwork:
             versions={package: version(package) for package in _VERSIONED_PACKAGES},
         )
 
-    def _input_statistics(self) -> dict[str, Range]:
+    def _input_statistics(self) -> dict[str, StatisticRange]:
         """Return the ranges of the statistics of the training's inputs, by which unlike images are recognised later."""
         train = self.rows.train
         chosen = train[:: -(-len(train) // _MAX_STATISTICS_IMAGES)]
         channels = self.settings.input.channels
-        each = [numbers(shown.cpu().numpy(), channels) for shown in self._network_inputs(chosen, augmented=True)]
-        return ranges({name: np.concatenate([one[name] for one in each]) for name in each[0]})
+        each = [
+            input_statistics(shown.cpu().numpy(), channels) for shown in self._network_inputs(chosen, augmented=True)
+        ]
+        return statistic_ranges({name: np.concatenate([one[name] for one in each]) for name in each[0]})
 
     @property
     def _examples_at_skin_centre(self) -> TrainingExamples:

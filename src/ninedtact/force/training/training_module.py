@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from torch import Tensor
 
 from ninedtact.force.evaluation.predictions import AXES
-from ninedtact.force.networks import Labels, WrenchNetwork
+from ninedtact.force.networks import LabelScale, WrenchNetwork
 from ninedtact.force.training.examples import TrainingBatch
 from ninedtact.force.training.settings import TrainingSettings
 
@@ -20,7 +20,7 @@ MONITORED_METRIC = "val_loss"
 _SMALLEST_UNIT = 1e-9
 
 
-def fit_label_scaling(wrench: Float32[Array, "n 6"], settings: TrainingSettings) -> Labels:
+def fit_label_scaling(wrench: Float32[Array, "n 6"], settings: TrainingSettings) -> LabelScale:
     """Return unit and offset of each axis of the network's output, from the wrenches (N, N·m) of the training pairs."""
     if settings.labels == "ranges":
         low, high = wrench.min(0), wrench.max(0)
@@ -28,7 +28,7 @@ def fit_label_scaling(wrench: Float32[Array, "n 6"], settings: TrainingSettings)
     else:
         unit, offset = np.abs(wrench - np.median(wrench, axis=0)).mean(0), np.zeros(6)
     kept = np.maximum(unit, _SMALLEST_UNIT)
-    return Labels(tuple(kept.astype(float).tolist()), tuple(offset.astype(float).tolist()))
+    return LabelScale(tuple(kept.astype(float).tolist()), tuple(offset.astype(float).tolist()))
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def compute_batch_loss(prediction: tuple[Tensor, ...], wrench: Tensor, unit: Ten
 class ForceTrainingModule(lightning.LightningModule):
     """The network in training, with its loss and optimiser."""
 
-    def __init__(self, settings: TrainingSettings, labels: Labels) -> None:
+    def __init__(self, settings: TrainingSettings, labels: LabelScale) -> None:
         super().__init__()
         self.settings = settings
         with torch.random.fork_rng():

@@ -13,7 +13,7 @@ import numpy as np
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
-from ninedtact.force.traction.estimator import traction_force
+from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.hardware.built_sensor import BuiltSensor
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.lens_coverage import lens_reach_mm
@@ -22,7 +22,7 @@ from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated import CalibratedShape
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import mean_height_error_mm, true_height_map_like
 from ninedtact.simulation.scripted_press import ScriptedPress
@@ -141,7 +141,7 @@ def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErr
     reading = _read_contact(shape, twin, contact)
     true = true_height_map_like(contact, reading.height, twin.renderer.light.inverse_distance_per_mm)
     load_n, read_n = (
-        -wrench.force_n[2] for wrench in (contact.wrench(), traction_force(shape, gel).estimate(reading).wrench)
+        -wrench.force_n[2] for wrench in (contact.wrench(), build_traction_force(shape, gel).estimate(reading).wrench)
     )
     return SimulatedCalibrationErrors(mean_height_error_mm(true, reading.height), float(abs(read_n - load_n) / load_n))
 

@@ -14,7 +14,7 @@ from ninedtact.errors import NinedtactError
 if TYPE_CHECKING:
     from ninedtact.cli.force.model.live_proof import Shown
     from ninedtact.dataset.generation.settings import GenerationSettings
-    from ninedtact.force.card import Card
+    from ninedtact.force.model_file import ModelCard
 
 LEARN, JUDGE, TRAINING, SENSOR = "learn", "judge", "training", "sensor"
 """Folders."""
@@ -96,21 +96,21 @@ class Make:
             json=self.json,
         ).trained()
 
-    def carded(self) -> "Card":
+    def carded(self) -> "ModelCard":
         """The model with what it was judged to be, and its card to read."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.cli.force.model.judgement import judged
-        from ninedtact.force.card_page import page
-        from ninedtact.force.model_file import read_model
+        from ninedtact.force.model_card_page import format_model_card
+        from ninedtact.force.model_file import read_force_model
         from ninedtact.force.training.onnx_export import rewrite_card
         from ninedtact.force.training.train import MODEL_FILE as LEARNT
 
         learnt = self.out / TRAINING / LEARNT
-        card = read_model(learnt).card
+        card = read_force_model(learnt).card
         tables = judged(learnt, self.out / JUDGE, self.workers, not self.json).tables()
         card = replace_evaluation(card, tables)
         rewrite_card(learnt, card, self.model)
-        write_file_atomically(self.out / PAGE, page(card).encode())
+        write_file_atomically(self.out / PAGE, format_model_card(card).encode())
         return card
 
     @property
@@ -122,12 +122,12 @@ class Make:
         """What is under way."""
         print(f"ninedtact: {sentence}", file=sys.stderr, flush=True)
 
-    def lines(self, card: "Card", shown: "list[Shown]") -> Iterator[str]:
+    def lines(self, card: "ModelCard", shown: "list[Shown]") -> Iterator[str]:
         """For a person."""
         from ninedtact.cli.force.model.live_proof import HEADINGS
-        from ninedtact.force.card_page import page
+        from ninedtact.force.model_card_page import format_model_card
 
-        yield page(card)
+        yield format_model_card(card)
         yield "Live on a twin, N and mN·m, true and estimated:"
         yield "        " + "".join(f"  {heading:>7} {'found':>7}" for heading in HEADINGS)
         yield from (one.line() for one in shown)
@@ -135,7 +135,7 @@ class Make:
         yield f"at work: ninedtact live --source sim --sensor {self.out / SENSOR} --force {self.model}"
 
 
-def replace_evaluation(card: "Card", tables: dict[str, dict[str, object]]) -> "Card":
+def replace_evaluation(card: "ModelCard", tables: dict[str, dict[str, object]]) -> "ModelCard":
     """The card with these tables beside the one of its training."""
     from msgspec.structs import replace as replaced
 

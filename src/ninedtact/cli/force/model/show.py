@@ -19,9 +19,9 @@ class Show:
         """Read it; raises `ModelUnusable`."""
         import msgspec
 
-        from ninedtact.force.card_page import page
-        from ninedtact.force.model_file import read_model
-        from ninedtact.force.shipped import SHIPPED
+        from ninedtact.force.model_card_page import format_model_card
+        from ninedtact.force.model_file import read_force_model
+        from ninedtact.force.shipped import SHIPPED_MODEL
 
-        card = read_model(self.model or SHIPPED).card
-        return print_result(self.json, msgspec.to_builtins(card), [page(card)])
+        card = read_force_model(self.model or SHIPPED_MODEL).card
+        return print_result(self.json, msgspec.to_builtins(card), [format_model_card(card)])

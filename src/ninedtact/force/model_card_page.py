@@ -1,0 +1,112 @@
+"""A force model's card as a page to read (Markdown): what it is, how good it is, what it was made of, where it ends."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from ninedtact.force.evaluation.predictions import AXES
+from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES
+from ninedtact.force.model_file import ModelCard
+
+VALIDATION = "validation"
+"""Name of the table that training itself makes: it chose the epoch by it."""
+ROWS: dict[str, tuple[str | tuple[str, ...], str]] = {
+    "skill": ("skill", "{:.3f}"),
+    "skill, torques 35 mm below the skin": ("skill_35_mm_below", "{:.3f}"),
+    "slope": ("slope", "{:.3f}"),
+    "R²": ("r2", "{:.3f}"),
+    "MAE, N and mN·m": ("mae", "{:.3f}"),
+    "Std of \\|error\\|, N and mN·m": ("std", "{:.3f}"),
+    "in 50 % interval": (("coverage", "50"), "{:.2f}"),
+    "in 90 % interval": (("coverage", "90"), "{:.2f}"),
+}
+"""What a line is called, where it is found, how its numbers are written."""
+WITH_UNITS = ("mae", "std")
+JUDGED_ON = """\
+Judged on twins and families of objects that had no part in the training. Every twin was calibrated from its own board and ball
+images and weighed with five presses of 100 to 500 g (`ninedtact adapt`). Skill is 1 − MAE / MAE of answering the median."""
+LIMITS = """\
+- **Not yet tested against a real force/torque sensor.** All pairs are of twins: images drawn, wrenches computed.
+- The gel's stiffness is not in an image. The wrench is for a gel of {modulus:.3f} MPa, multiplied by what the sensor's own gel
+  has: without a weighed press (`ninedtact adapt`) that is the design's value, and its error is the wrench's.
+- Wrenches beyond {low} … {high} N and N·m, and images unlike the training's, carry a warning.
+- Heights are read by the sensor's calibration: a bad one gives bad forces."""
+
+
+def format_model_card(card: ModelCard) -> str:
+    """Markdown."""
+    return "\n".join(lines(card)) + "\n"
+
+
+def lines(card: ModelCard) -> Iterator[str]:
+    """One after the other."""
+    training = card.training
+    yield f"# Force model `{card.name}`"
+    yield ""
+    shown = card.input
+    yield f"Network `{card.network}` on {shown.cols} × {shown.rows} places of {shown.mm_per_px:g} mm: {shown.channels}."
+    yield f"Wrench of the object on the skin, N and N·m about {list(card.about_mm)} mm. Licence {card.licence}."
+    if set(card.evaluation) - {VALIDATION}:
+        yield from ("", JUDGED_ON)
+    yield from (line for name, table in judged(card) for line in section(name, table))
+    yield from ("", "## Made of", "")
+    yield (
+        f"{training.pairs} pairs to learn and {training.validation_pairs} to choose one by (epoch {training.best_epoch} of "
+        f"{training.epochs}), {training.sensors} twins, {training.objects} objects, seed {training.settings.get('seed')}, "
+        f"{training.seconds / 60:.0f} minutes of training. "
+        + ", ".join(f"{package} {version}" for package, version in training.versions.items())
+        + "."
+    )
+    yield from ("", "## Limits", "", limits(card))
+
+
+def judged(card: ModelCard) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Its tables, those of pairs that had no part in the training where there are any."""
+    others = {name: table for name, table in card.evaluation.items() if name != VALIDATION}
+    yield from (others or card.evaluation).items()
+
+
+def section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
+    """One table, the published network's skill on its own sensor below ours."""
+    yield from ("", f"## {name[:1].upper()}{name[1:]}: {table.get('pairs', '?')} pairs", "")
+    yield from (f"| | {' | '.join(AXES)} |", "|---|" + "---|" * len(AXES))
+    for words, (place, written) in ROWS.items():
+        if (six := found(table, place)) is not None:
+            yield row(words, six * (np.array([1, 1, 1, 1e3, 1e3, 1e3]) if place in WITH_UNITS else 1), written)
+        if place == "skill_35_mm_below" and six is not None:
+            yield row("published network, its own sensor", np.array(PUBLISHED_SCORES.skill), "{:.3f}")
+    yield from (line for line in touches(table))
+
+
+def touches(table: Mapping[str, Any]) -> Iterator[str]:
+    """What is said of light touches, and of none."""
+    for name, part in table.get("by_load", {}).items():
+        if name.startswith("below"):
+            yield from ("", f"F_z {name}: MAE {part['mae'][2]:.3f} N ({part['pairs']} pairs).")
+    for words, key in (("", "no_contact"), (", the network without contact detection", "no_contact_without_detection")):
+        if (nothing := table.get(key)) is not None:
+            yield (
+                f"Nothing touches ({nothing['pairs']} pairs){words}: |F| {nothing['mean_force_n']:.3f} N on average, "
+                f"{nothing['largest_force_n']:.3f} N at most."
+            )
+
+
+def found(table: Mapping[str, Any], place: str | tuple[str, ...]) -> Any:
+    """Six numbers, or nothing."""
+    value: Any = table
+    for key in (place,) if isinstance(place, str) else place:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return None if value is None else np.array(value, float)
+
+
+def row(words: str, six: Any, written: str) -> str:
+    """Of a table; a dash where there is no answer."""
+    cells = ("–" if np.isnan(value) else written.format(value) for value in six)
+    return f"| {words} | {' | '.join(cells)} |"
+
+
+def limits(card: ModelCard) -> str:
+    """What it must not be trusted with."""
+    low, high = (", ".join(f"{value:.3g}" for value in six) for six in (card.lowest, card.highest))
+    return LIMITS.format(modulus=card.modulus_mpa, low=f"({low})", high=f"({high})")

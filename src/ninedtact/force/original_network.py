@@ -1,0 +1,113 @@
+"""The original project's published network, with weights that its user has: DenseNet-169 on the `mixed_image`.
+
+Its six numbers, between 0 and 1, are parts of ranges, and its torques are about a force/torque sensor 35 mm below the skin
+(docs/references.md, code of 9DTact). It was never shown untouched skin: without the gate it
+sees forces where nothing touches.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from numpy import ndarray as Array
+from torch import Tensor
+
+from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import NinedtactError
+from ninedtact.force.contact_detection import ContactTest, detect_contact
+from ninedtact.force.estimator import ForceEstimator, zero_wrench
+from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES_AT_SKIN
+from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input
+from ninedtact.force.networks.published_architectures import DenseNet, build_densenet
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
+
+NETWORK = "densenet169"
+WRENCH_MIN, WRENCH_MAX = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([3, 3, 0, 0.2, 0.2, 0.05])
+
+
+class OriginalWeightsUnusable(NinedtactError):
+    """A file that does not hold the weights of the original's network, or holds more than weights."""
+
+
+@dataclass
+class OriginalNetworkForce(ForceEstimator):
+    """The original's network on this sensor. Its errors are those that its authors' own test showed, at every force."""
+
+    network: DenseNet
+    contact_test: ContactTest = detect_contact
+    name: str = field(default="original", init=False)
+
+    def __post_init__(self) -> None:
+        self.input = NetworkInputBuilder(full_resolution_input(InputChannels.MIXED))
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        """The wrench of the object on the skin about the skin's centre, zero exactly where nothing touches."""
+        error, stamp_ns = np.array(PUBLISHED_SCORES_AT_SKIN.rmse), reading.frame.stamp_ns
+        if not self.contact_test(reading):
+            return WrenchEstimate(zero_wrench(stamp_ns), error, touching=False)
+        parts = self.parts(reading)
+        six = WRENCH_MIN + parts.clip(0, 1) * (WRENCH_MAX - WRENCH_MIN)
+        wrench = Wrench(six[:3], six[3:], np.array(ForceTorqueMount().origin_mm), stamp_ns).about(np.zeros(3))
+        at_an_end = ((parts < 0) | (parts > 1)).any()
+        return WrenchEstimate(
+            wrench, error, touching=True, warnings=(EstimateWarning.OUT_OF_RANGE,) if at_an_end else ()
+        )
+
+    def parts(self, reading: Reading) -> Float64[Array, "6"]:
+        """What the network says."""
+        with torch.no_grad():
+            return self.network(torch.from_numpy(self.input(reading))[None])[0].double().numpy()
+
+    def forget(self) -> None:
+        """Nothing was remembered."""
+
+
+def read_original_network(path: Path | str, contact_test: ContactTest = detect_contact) -> OriginalNetworkForce:
+    """Return the network with the weights of a .pt file, which is read without running any code in it.
+
+    Raises `OriginalWeightsUnusable`.
+    """
+    network = build_densenet(NETWORK, InputChannels.MIXED.number, 6)
+    state = read_state(Path(path))
+    require_names(state, network.state_dict(), path)
+    try:
+        network.load_state_dict(state, strict=True)
+    except RuntimeError as trouble:
+        raise OriginalWeightsUnusable(
+            f"expected weights of {NETWORK} in {path}, got some of other shapes; give the original project's .pt file"
+        ) from trouble
+    return OriginalNetworkForce(network.eval(), contact_test)
+
+
+def read_state(path: Path) -> dict[str, Tensor]:
+    """Names and weights; raises `OriginalWeightsUnusable`."""
+    try:
+        state: Any = torch.load(path, map_location="cpu", weights_only=True)
+    except UnpicklingError as trouble:
+        raise OriginalWeightsUnusable(
+            f"expected weights and nothing else in {path}, got a file that is damaged, or that would run code when it is read; "
+            "it was not run: save the network's state_dict() alone with torch.save"
+        ) from trouble
+    except Exception as trouble:  # whatever torch meets in a damaged file
+        said = (str(trouble).splitlines() or [""])[0]
+        raise OriginalWeightsUnusable(f"expected a whole .pt file in {path}, got: {said}; copy it again") from trouble
+    if not isinstance(state, dict) or not all(isinstance(weight, Tensor) for weight in state.values()):
+        raise OriginalWeightsUnusable(
+            f"expected the weights of a network by name in {path}, got something else; save its state_dict() with torch.save"
+        )
+    return state
+
+
+def require_names(state: dict[str, Tensor], wanted: dict[str, Tensor], path: Path | str) -> None:
+    """Refuse the weights of another network."""
+    missing, unknown = wanted.keys() - state.keys(), state.keys() - wanted.keys()
+    if missing or unknown:
+        raise OriginalWeightsUnusable(
+            f"expected the {len(wanted)} weights of torchvision's {NETWORK} in {path}, got {len(missing)} missing and "
+            f"{len(unknown)} others (such as {min(missing or unknown)!r}); give the original project's .pt file"
+        )

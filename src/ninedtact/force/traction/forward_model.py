@@ -1,0 +1,143 @@
+"""The forward model: tractions → heights of the skin by the gel's compliance → light that scatters into the view.
+
+Tractions are in units of the shear modulus, so that everything here depends on the gel's shape alone. `ForwardModel` computes whole
+fields by Fourier transforms; `InfluenceKernels` gives what single cells do, from which the inversion builds its matrices.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from jaxtyping import Complex64, Float32, Int
+from numpy import ndarray as Array
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ninedtact.design import Gel
+from ninedtact.force.traction.cell_grid import CellGrid
+from ninedtact.mechanics.array_namespace import forward_transform, inverse_transform
+from ninedtact.mechanics.layer_compliance import bonded_layer_compliance, layered_compliance
+from ninedtact.mechanics.skin import Skin
+
+View = Float32[Array, "rows cols"]
+SkinField = Float32[Array, "skin_rows skin_cols"]
+Tractions = Float32[Array, "3 rows cols"]
+"""Pressure, and shear along x and y, over the shear modulus."""
+Indices = Int[Array, " n"]
+
+_SCATTERING_REACH = 3.0
+"""Standard deviations of the point-spread from which light still comes into the view."""
+
+
+@dataclass(frozen=True)
+class ForwardModel:
+    """Linear in the tractions up to the heights; the brightness law comes between `heights` and `scatter`."""
+
+    cells: CellGrid
+    thickness_mm: float
+    poisson_ratio: float
+    point_spread_mm: float
+    """Standard deviation of the point-spread; zero where heights are observed."""
+    base: Gel | None = None
+    """What the gel lies on, its shear modulus over that of the gel; None is rigid."""
+
+    @cached_property
+    def compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+        """Height over pressure and over shear along x and y, per wave vector."""
+        gel = Gel(self.thickness_mm, 1.0, self.poisson_ratio)
+        below = partial(bonded_layer_compliance, gel=gel) if self.base is None else layered_compliance((gel, self.base))
+        parts = Skin(self.cells.patch, below, np.zeros(())).symbols
+        up = np.stack([-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"]])
+        return up.astype(np.complex64)
+
+    @cached_property
+    def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
+        """Weights with which light scatters from the skin into the view, one axis at a time."""
+        down, across = (_gaussian_weights(self.cells, axis, self.point_spread_mm) for axis in (0, 1))
+        return down, np.ascontiguousarray(across.T)
+
+    def heights(self, tractions: Tractions) -> SkinField:
+        """Return the height in mm of all skin under tractions on the view."""
+        shape = self.cells.patch.shape
+        waves = forward_transform(tractions, shape)
+        return inverse_transform((waves * self.compliance).sum(axis=0), shape, shape)
+
+    def scatter(self, change: SkinField) -> View:
+        """Return what the camera sees of a change of brightness all over the skin."""
+        down, across = self.point_spread
+        return down @ change @ across
+
+
+@dataclass(frozen=True)
+class InfluenceKernels:
+    """What the traction on one cell of the view does to the skin that scatters light into the view: the view, and some around
+    it."""
+
+    forward: ForwardModel
+
+    @cached_property
+    def around(self) -> tuple[int, int]:
+        """Cells of that skin above (left of) the view."""
+        cells = self.forward.cells
+        wanted = int(np.ceil(_SCATTERING_REACH * self.forward.point_spread_mm / cells.pitch_mm))
+        down, across = (
+            min(wanted, (skin - view) // 2) for skin, view in zip(cells.patch.shape, cells.shape, strict=True)
+        )
+        return down, across
+
+    @cached_property
+    def skin_indices(self) -> tuple[Int[Array, " rows"], Int[Array, " cols"]]:
+        """Rows and columns of that skin in the periodic skin, in the order of space."""
+        cells = self.forward.cells
+        down, across = (
+            np.arange(-beyond, view + beyond) % skin
+            for beyond, view, skin in zip(self.around, cells.shape, cells.patch.shape, strict=True)
+        )
+        return down, across
+
+    @property
+    def skin_shape(self) -> tuple[int, int]:
+        """Rows and columns of that skin."""
+        return len(self.skin_indices[0]), len(self.skin_indices[1])
+
+    def heights_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n skin_rows skin_cols"]]:
+        """Return the height of that skin by unit pressure, shear along x and shear along y on each of these cells."""
+        at = window_indices(self.forward.cells, row, col)
+        return [windows[at] for windows in self._height_windows]
+
+    @cached_property
+    def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
+        """Weights with which light scatters from that skin into the view, one axis at a time."""
+        (down, across), (rows, cols) = self.forward.point_spread, self.skin_indices
+        return np.ascontiguousarray(down[:, rows]), np.ascontiguousarray(across[cols])
+
+    def crop_to_skin(self, values: Float32[Array, "a b"]) -> Float32[Array, "skin_rows skin_cols"]:
+        """Return a field of the periodic skin on that skin, in the order of space."""
+        return values[np.ix_(*self.skin_indices)]
+
+    @cached_property
+    def _height_windows(self) -> list[Float32[Array, "rows cols skin_rows skin_cols"]]:
+        return [influence_windows(self.forward.cells, each, self.around) for each in self.forward.compliance]
+
+
+def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Array:
+    """Return a transfer function in space as windows into one array; window `window_indices` is what one cell of the view does."""
+    skin, view = cells.patch.shape, cells.shape
+    kernel = np.fft.irfft2(transfer, s=skin).astype(np.float32)
+    down, across = (np.arange(1 - side - beyond, side + beyond) for side, beyond in zip(view, around, strict=True))
+    shape = view[0] + 2 * around[0], view[1] + 2 * around[1]
+    return sliding_window_view(kernel[np.ix_(down % skin[0], across % skin[1])], shape)
+
+
+def window_indices(cells: CellGrid, row: Indices, col: Indices) -> tuple[Indices, Indices]:
+    """Return the indices of the windows of these cells; the first window is the last cell's."""
+    rows, cols = cells.shape
+    return rows - 1 - row, cols - 1 - col
+
+
+def _gaussian_weights(cells: CellGrid, axis: int, sigma_mm: float) -> Float32[Array, "view skin"]:
+    """Return Gaussian weights from every cell of the skin to every one of the view; the identity for zero width."""
+    distance_mm = (np.arange(cells.shape[axis])[:, None] - cells.offsets(axis)) * cells.pitch_mm
+    width_mm = max(sigma_mm, 1e-3 * cells.pitch_mm)
+    reach_mm = np.arange(-200, 201) * cells.pitch_mm
+    total = np.exp(-((reach_mm / width_mm) ** 2) / 2).sum()
+    return (np.exp(-((distance_mm / width_mm) ** 2) / 2) / total).astype(np.float32)

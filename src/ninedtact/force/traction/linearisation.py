@@ -1,0 +1,230 @@
+"""One Gauss–Newton iteration: the brightness law linearised about a guess, which leaves a quadratic programme in the tractions.
+
+The prior (`TractionPrior`) is statistics of presses, in units of the shear modulus (docs/force_physics.md has the figures).
+Pressure is correlated as exp(−r/ℓ), ℓ = 1.9 mm, and in proportion to the indentation. Shear is pressure times a smooth ratio, one
+part of which is the same all over the contact (the pull of the hand: 0.12 on each axis) while another changes over some two
+millimetres (the gel spreads sideways, and friction holds it: 0.15).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int
+from numpy import ndarray as Array
+
+from ninedtact.force.traction.cell_grid import CellGrid
+from ninedtact.force.traction.forward_model import (
+    Indices,
+    InfluenceKernels,
+    SkinField,
+    Tractions,
+    View,
+    influence_windows,
+    window_indices,
+)
+from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, QPSolution
+
+_MIN_MODE_POWER = 0.01
+"""Of the strongest mode's; weaker modes of shear are left out."""
+_CELLS_PER_BATCH = 64
+"""Cells whose fields are computed together, so few that they stay in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class TractionPrior:
+    """Statistics of presses that were simulated with other objects on other sensors."""
+
+    pressure_per_mm: float = 7.0
+    """Standard deviation of the pressure over the root mean square of the indentation, 1/mm; half as much again as was found,
+    since pressure has edges and a Gaussian has not."""
+    correlation_mm: float = 1.9
+    pull: float = 0.12
+    """Standard deviation of shear over pressure, the part that is common to the contact."""
+    spread: float = 0.15
+    """The same of the part that changes over the contact."""
+    spread_mm: float = 2.0
+    smooth_mm: float = 0.4
+    """Standard deviation of the Gaussian that smooths pressure before it carries shear."""
+
+
+@dataclass(frozen=True)
+class DiscretePrior:
+    """The prior on a grid of cells."""
+
+    cells: CellGrid
+    prior: TractionPrior
+
+    @cached_property
+    def shear_modes(self) -> Float32[Array, "cells modes"]:
+        """Ratios of shear to pressure on one axis, cells row after row: one constant mode, and Gaussian bumps on a lattice."""
+        down, across = (_gaussian_bumps(side, self.cells.pitch_mm, self.prior.spread_mm) for side in self.cells.shape)
+        power = np.sqrt((down**2).sum(1).mean() * (across**2).sum(1).mean())
+        down, across = (down * self.prior.spread / power).astype(np.float32), across.astype(np.float32)
+        lattice = np.einsum("ia,jb->ijab", down, across).reshape(len(down) * len(across), -1)
+        common = np.full((len(lattice), 1), self.prior.pull, np.float32)
+        return np.concatenate([common, lattice], axis=1)
+
+    def pressure_precision(self, row: Indices, col: Indices) -> Float32[Array, "n rows cols"]:
+        """Return the precision of pressure between each of these cells and all of the view, for an indentation of 1 mm."""
+        return self._precision_windows[window_indices(self.cells, row, col)]
+
+    @cached_property
+    def _precision_windows(self) -> Float32[Array, "rows cols rows cols"]:
+        wave = np.hypot(*self.cells.patch.waves)
+        spectrum = pressure_precision_spectrum(wave, self.prior, self.cells.pitch_mm)
+        return influence_windows(self.cells, spectrum, (0, 0))
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """The inverse covariance of the residual: independent errors of the cells, and one of the brightness level that they share."""
+
+    per_error: View
+    """One over the standard deviation of every cell; zero where nothing is seen."""
+    level_std: float
+    """Standard deviation of the common level."""
+
+    def __call__(self, residual: View) -> View:
+        """Return the inverse covariance times a residual."""
+        return self.whiten(residual) * self.per_error
+
+    def whiten(self, residual: View) -> View:
+        """Return a residual over its errors; what is common to all cells is subtracted as far as the level's error allows."""
+        weighted = residual * self.per_error
+        common = self.level_std * self.per_error
+        weighted -= common * (float(np.vdot(common, weighted)) * self._level_gain)
+        return weighted
+
+    def gram(self, columns: Float32[Array, "n pixels"]) -> Float32[Array, "n n"]:
+        """Return the products of fields that are divided by their errors already."""
+        common = columns @ (self.level_std * self.per_error.ravel())
+        gram = columns @ columns.T
+        gram -= np.outer(common, common) * np.float32(self._level_gain)
+        return gram
+
+    @cached_property
+    def _level_gain(self) -> float:
+        """One over one plus the precision of the level over that of its prior."""
+        return 1 / (1 + self.level_std**2 * float(np.vdot(self.per_error, self.per_error)))
+
+
+@dataclass(frozen=True)
+class LinearisedProblem:
+    """½ xᵀHx − bᵀx about a guess of the skin.
+
+    Unknowns x: pressure on each cell of the contact region, then weights of the modes of shear along x, then along y.
+    """
+
+    kernels: InfluenceKernels
+    prior: DiscretePrior
+    region: View
+    """One where pressure may act."""
+    carries: View
+    """Smoothed pressure: shear is in proportion to it."""
+    slope: SkinField
+    """Derivative of the brightness law at the guess."""
+    whitener: Whitener
+    depth_mm: float
+    """Root mean square of the indentation, which scales the prior of pressure."""
+
+    @cached_property
+    def contact_cells(self) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
+        """Row and column of the cells of the contact region."""
+        row, col = np.nonzero(self.region)
+        return row, col
+
+    @cached_property
+    def carried_shear(self) -> Float32[Array, "n modes"]:
+        """Shear on each of these cells by each mode that matters here."""
+        row, col = self.contact_cells
+        carried = self.prior.shear_modes[row * self.region.shape[1] + col] * self.carries[row, col][:, None]
+        power = (carried**2).sum(axis=0)
+        return np.ascontiguousarray(carried[:, power > _MIN_MODE_POWER * max(float(power.max()), 1e-12)])
+
+    @cached_property
+    def jacobian(self) -> Float32[Array, "unknowns pixels"]:
+        """What each unknown does to the observed signal, over its standard deviation."""
+        count, modes = self.carried_shear.shape
+        jacobian = np.empty((count + 2 * modes, self.region.size), np.float32)
+        sheared = np.zeros((2, modes, self.kernels.skin_shape[0] * self.kernels.skin_shape[1]), np.float32)
+        for batch in self._batches:
+            pressed, *shear = self.kernels.heights_of_cells(self.contact_cells[0][batch], self.contact_cells[1][batch])
+            jacobian[batch] = self._signal_of_heights(pressed)
+            for total, each in zip(sheared, shear, strict=True):
+                total += self.carried_shear[batch].T @ each.reshape(len(each), -1)
+        jacobian[count:] = self._signal_of_heights(sheared.reshape(2 * modes, *self.kernels.skin_shape))
+        return jacobian
+
+    @cached_property
+    def curvature(self) -> Float64[Array, "unknowns unknowns"]:
+        """H: of the misfit and of the prior."""
+        row, col = self.contact_cells
+        count, curvature = len(row), self.whitener.gram(self.jacobian).astype(float)
+        for batch in self._batches:
+            between = self.prior.pressure_precision(row[batch], col[batch])
+            curvature[batch, :count] += between[:, row, col] / self.depth_mm**2
+        weights = np.arange(count, len(curvature))
+        curvature[weights, weights] += 1
+        return curvature
+
+    def negative_gradient(self, residual: View) -> Float64[Array, " unknowns"]:
+        """Return b for a residual (r): Jᵀ times the whitened residual."""
+        return (self.jacobian @ self.whitener.whiten(residual).ravel()).astype(float)
+
+    def quadratic_programme(self, target: View) -> NonNegativeQP:
+        """Return the programme whose solution explains this change of the signal in the linearised law."""
+        return NonNegativeQP(self.curvature, self.negative_gradient(target), len(self.contact_cells[0]))
+
+    def initially_free(self, pressure: View) -> Bool[Array, " unknowns"]:
+        """Return which unknowns are free at first: pressure where there was some before, and all shear."""
+        return np.concatenate([pressure[self.contact_cells] > 0, np.ones(2 * self.carried_shear.shape[1], bool)])
+
+    def tractions(self, unknowns: Float[Array, " unknowns"]) -> Tractions:
+        """Return pressure and shear on the view."""
+        row, col = self.contact_cells
+        modes = self.carried_shear.shape[1]
+        tractions = np.zeros((3, *self.region.shape), np.float32)
+        tractions[0, row, col] = unknowns[: len(row)]
+        tractions[1:, row, col] = unknowns[len(row) :].reshape(2, modes) @ self.carried_shear.T
+        return tractions
+
+    def newton_decrement(self, solution: QPSolution, residual: View) -> float:
+        """Return how far the solution would move to explain this residual, too: no sum of the unknowns moves by more of its own
+        standard deviations (by Cauchy and Schwarz)."""
+        return float(np.linalg.norm(solution.whiten_rows(self.negative_gradient(residual)[None])))
+
+    @property
+    def _batches(self) -> list[slice]:
+        count = len(self.contact_cells[0])
+        return [slice(first, min(first + _CELLS_PER_BATCH, count)) for first in range(0, count, _CELLS_PER_BATCH)]
+
+    def _signal_of_heights(self, heights: Float32[Array, "n skin_rows skin_cols"]) -> Float32[Array, "n pixels"]:
+        """Return the change of the observed signal over its standard deviation; overwrites the heights."""
+        down, across = self.kernels.point_spread
+        heights *= self._slope_on_skin
+        signal = down @ (heights @ across)
+        signal *= self.whitener.per_error
+        return signal.reshape(len(signal), -1)
+
+    @cached_property
+    def _slope_on_skin(self) -> Float32[Array, "skin_rows skin_cols"]:
+        return self.kernels.crop_to_skin(self.slope)
+
+
+def pressure_precision_spectrum(
+    wave: Float[Array, "rows half"], prior: TractionPrior, pitch_mm: float
+) -> Float32[Array, "rows half"]:
+    """Return one over the power of pressure at every wave number (1/mm), for an indentation of 1 mm: of exp(−r/ℓ) in two
+    dimensions."""
+    length = prior.correlation_mm
+    power = 2 * np.pi * (prior.pressure_per_mm * length / pitch_mm) ** 2
+    return ((1 + (wave * length) ** 2) ** 1.5 / power).astype(np.float32)
+
+
+def _gaussian_bumps(cells: int, pitch_mm: float, step_mm: float) -> Float[Array, "cells n"]:
+    """Return Gaussians one step apart along one axis."""
+    count = int(np.ceil(cells * pitch_mm / step_mm)) + 1
+    middle = (np.arange(count) - (count - 1) / 2) * step_mm
+    place = (np.arange(cells) - (cells - 1) / 2) * pitch_mm
+    return np.exp(-((place[:, None] - middle) ** 2) / (2 * (0.8 * step_mm) ** 2))

@@ -1,0 +1,1 @@
+"""TODO: what goes in and what comes out."""

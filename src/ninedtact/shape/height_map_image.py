@@ -1,0 +1,273 @@
+"""Colours of heights: blue where the skin is pressed in, red where it bulges, nearly white where it is untouched.
+
+What the images for people share: a page measured in pixels, its words, and the bar that explains the colours.
+
+matplotlib is slow to import, so it is imported when an image is drawn; its global state is never touched.
+
+The height map as a map: colours, lines of equal height, the edge of the contact, and what not to trust.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.quantities import HeightMap, HeightSource
+from ninedtact.shape.measures import (
+    ContactRule,
+    ShapeSummary,
+    contact_mask,
+    max_bulge_mm,
+    max_indentation_mm,
+    summarise_shape,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
+
+
+# ColorBrewer's RdBu, which colour-blind readers can tell apart.
+PRESSED = ("#f7f7f7", "#d1e5f0", "#92c5de", "#4393c3", "#2166ac", "#08306b")
+BULGED = ("#f7f7f7", "#fddbc7", "#f4a582", "#d6604d", "#b2182b", "#67001f")
+OUT_OF_VIEW = "#8c8c8c"
+
+
+@dataclass(frozen=True)
+class ColourScale:
+    """Heights at the two ends of the colours; each side has its own, as a bulge is far smaller than what causes it."""
+
+    pressed_mm: float = 2.0
+    bulged_mm: float = 0.5
+
+    @cached_property
+    def table(self) -> UInt8[Array, "256 3"]:
+        """RGB of 256 equal steps of height; the first stands for out of view."""
+        z_mm = np.linspace(-self.pressed_mm, self.bulged_mm, 255)
+        return np.asarray(np.vstack([rgb_of_hex(OUT_OF_VIEW), self.colour(z_mm)]), np.uint8)
+
+    def colour(self, z_mm: Float[Array, " n"]) -> Float[Array, "n 3"]:
+        """RGB (0 to 255) of some heights."""
+        pressed, bulged = (np.array([rgb_of_hex(stop) for stop in stops]) for stops in (PRESSED, BULGED))
+        stops = np.vstack([pressed[::-1], bulged[1:]])
+        places = [*np.linspace(-self.pressed_mm, 0, len(pressed)), *np.linspace(0, self.bulged_mm, len(bulged))[1:]]
+        return np.column_stack([np.rint(np.interp(z_mm, places, channel)) for channel in stops.T])
+
+
+def fit_colour_scale(height: HeightMap) -> ColourScale:
+    """Ends that hold all of one height map; noise alone stays pale."""
+    faintest = max(0.05, 10 * height.noise_mm)
+    pressed = max(max_indentation_mm(height), faintest)
+    return ColourScale(pressed, max(max_bulge_mm(height), faintest, pressed / 8))
+
+
+def colourise_heights(height: HeightMap, scale: ColourScale = ColourScale()) -> UInt8[Array, "rows cols 3"]:
+    """Heights as a BGR image for live display; beyond the ends of the scale, the colour of the end."""
+    steps_per_mm = 254 / (scale.pressed_mm + scale.bulged_mm)
+    index = cv2.addWeighted(
+        height.z_mm, steps_per_mm, height.z_mm, 0, 1 + scale.pressed_mm * steps_per_mm, dtype=cv2.CV_8U
+    )
+    index = np.maximum(index, np.uint8(1))
+    index *= height.in_view
+    return np.asarray(cv2.applyColorMap(index, np.ascontiguousarray(scale.table[:, None, ::-1])))
+
+
+def rgb_of_hex(colour: str) -> tuple[int, ...]:
+    """Red, green and blue (0 to 255) of #rrggbb."""
+    return tuple(bytes.fromhex(colour[1:]))
+
+
+DPI = 110
+LEFT_PX = 80
+TOP_PX = 105
+RIGHT_PX = 175
+BOTTOM_PX = 110
+"""Margins: for the axis and its numbers, the headings, the colour bar, the axis and the legend."""
+NARROWEST_PX = 900
+"""What the headings need."""
+INK, PALE_INK = "#22262b", "#6b7280"
+EXTRAPOLATED = "#e69f00"
+
+
+def new_figure_page(title: str, subtitle: str, width_px: int, height_px: int) -> "Figure":
+    """A white page with a drawing area of this size between its margins, and headings above it."""
+    from matplotlib.figure import Figure
+
+    size_px = max(LEFT_PX + width_px + RIGHT_PX, NARROWEST_PX), TOP_PX + height_px + BOTTOM_PX
+    figure = Figure(figsize=(size_px[0] / DPI, size_px[1] / DPI), dpi=DPI, facecolor="white")
+    add_text_at(figure, LEFT_PX, 48, title, size=16, weight="bold", color=INK)
+    add_text_at(figure, LEFT_PX, 80, subtitle, size=11)
+    return figure
+
+
+def add_text_at(figure: "Figure", x_px: int, y_px: int, words: str, **style: Any) -> None:
+    """Words at a pixel of the page, counted from its upper left corner."""
+    width_px, height_px = figure.get_size_inches() * DPI
+    look: dict[str, Any] = {"color": PALE_INK, "size": 9} | style
+    figure.text(x_px / width_px, 1 - y_px / height_px, words, **look)
+
+
+def add_axes_at(figure: "Figure", x_px: int, y_px: int, width_px: int, height_px: int) -> "Axes":
+    """Axes whose upper left corner is at a pixel of the page."""
+    page_width, page_height = figure.get_size_inches() * DPI
+    return figure.add_axes(
+        (x_px / page_width, 1 - (y_px + height_px) / page_height, width_px / page_width, height_px / page_height)
+    )
+
+
+def add_colour_bar(figure: "Figure", scale: ColourScale, x_px: int, height_px: int) -> None:
+    """The colours of all heights, in mm, equally spaced."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    shown = ScalarMappable(Normalize(-scale.pressed_mm, scale.bulged_mm), matplotlib_colour_map(scale))
+    bar = figure.colorbar(shown, cax=add_axes_at(figure, x_px, TOP_PX, 24, height_px))
+    bar.set_label("height (mm): pressed in < 0 < bulging", color=INK, size=10)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(colors=INK, labelsize=9)
+
+
+def matplotlib_colour_map(scale: ColourScale) -> "Colormap":
+    """The colours of a scale as matplotlib takes them."""
+    from matplotlib.colors import ListedColormap
+
+    z_mm = np.linspace(-scale.pressed_mm, scale.bulged_mm, 2048)
+    return ListedColormap((scale.colour(z_mm) / 255).tolist())
+
+
+def summary_sentence(summary: ShapeSummary) -> str:
+    """The measures of a height map in one line."""
+    if summary.contact_area_mm2 == 0:
+        return f"no contact: nowhere pressed in by more than {summary.contact_threshold_mm:.2f} mm"
+    return (
+        f"pressed in {summary.max_indentation_mm:.2f} mm at most · contact {summary.contact_area_mm2:.1f} mm² · "
+        f"displaced {summary.displaced_volume_mm3:.1f} mm³ · bulge {summary.max_bulge_mm:.2f} mm at most"
+    )
+
+
+def format_signed_number(length_mm: float) -> str:
+    """A number with a true minus sign and no idle zeros."""
+    return f"{length_mm:g}".replace("-", "\N{MINUS SIGN}")
+
+
+def round_up_to_1_2_5(at_least: float) -> float:
+    """The smallest of 1, 2, 5, 10, 20, … that is not below, also below 1."""
+    power = 10.0 ** math.floor(math.log10(at_least))
+    return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= at_least))
+
+
+def figure_to_png(figure: "Figure") -> bytes:
+    """The page as a PNG."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI)
+    return buffer.getvalue()
+
+
+LONGEST_PX = 840
+"""Width or height of the map, whichever is larger."""
+LINE_SMOOTHING_PX = 1.5
+"""Standard deviation of the Gaussian that keeps noise out of the lines of equal height; the colours are as measured."""
+UNSEEN: dict[str, Any] = {"facecolor": OUT_OF_VIEW, "hatch": "////", "edgecolor": "#a8a8a8"}
+BEYOND: dict[str, Any] = {"facecolor": "none", "hatch": "..", "edgecolor": EXTRAPOLATED}
+
+
+def render_height_map(height: HeightMap, title: str = "Height of the skin") -> bytes:
+    """A PNG with the height map as the camera sees it, axes and heights in mm."""
+    rows, cols = height.z_mm.shape
+    width_px, height_px = cols * LONGEST_PX // max(rows, cols), rows * LONGEST_PX // max(rows, cols)
+    figure, scale = (
+        new_figure_page(title, summary_sentence(summarise_shape(height)), width_px, height_px),
+        fit_colour_scale(height),
+    )
+    axes = add_axes_at(figure, LEFT_PX, TOP_PX, width_px, height_px)
+    draw_colours(axes, height, scale)
+    draw_lines(axes, height, scale)
+    draw_range(axes, height)
+    draw_legend(axes, height, height_px)
+    add_colour_bar(figure, scale, LEFT_PX + width_px + 36, height_px)
+    add_text_at(figure, LEFT_PX, TOP_PX + height_px + 100, where_it_is(height))
+    return figure_to_png(figure)
+
+
+def where_it_is(height: HeightMap) -> str:
+    """What the two axes mean, and the scale."""
+    place = "" if np.isinf(height.camera_distance_mm) else ", placed where its lines of sight cross the untouched skin"
+    return f"as the camera sees it{place} · 1 pixel = {height.mm_per_px:.4f} mm"
+
+
+def draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
+    """Colours where there is a height, hatching where there is none."""
+    x, y = height.axes_mm
+    half = height.mm_per_px / 2
+    axes.patch.set(**UNSEEN)
+    axes.imshow(
+        np.ma.masked_where(~height.in_view, height.z_mm),
+        cmap=matplotlib_colour_map(scale),
+        vmin=-scale.pressed_mm,
+        vmax=scale.bulged_mm,
+        extent=(x[0] - half, x[-1] + half, y[-1] + half, y[0] - half),
+    )
+    axes.set_xlabel("x (mm)", color=INK)
+    axes.set_ylabel("y (mm)", color=INK)
+    axes.tick_params(colors=INK, labelsize=9)
+    axes.spines[:].set(color="#9ca3af", linewidth=0.8)
+
+
+def draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
+    """Lines of equal height inside the contact, and its edge."""
+    seen, threshold = height.in_view, ContactRule().threshold_mm(height.noise_mm)
+    smooth = cv2.GaussianBlur(np.where(seen, height.z_mm, np.float32(0)), (0, 0), LINE_SMOOTHING_PX)
+    z_mm, (x, y) = np.ma.masked_where(~seen, smooth), height.axes_mm
+    levels = [level for level in contour_levels(scale.pressed_mm) if level < -threshold]
+    colours = ["white" if -level > 0.45 * scale.pressed_mm else "#1f3b5c" for level in levels]
+    if levels:
+        lines = axes.contour(x, y, z_mm, levels, colors=colours, linewidths=0.8, linestyles="solid", alpha=0.8)
+        axes.clabel(lines, fmt=format_signed_number, fontsize=8)
+    near_contact = cv2.dilate(contact_mask(height).astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    z_there = np.ma.masked_where(~near_contact, z_mm)
+    axes.contour(x, y, z_there, [-threshold], colors=INK, linewidths=1.2, linestyles="solid")
+
+
+def draw_range(axes: "Axes", height: HeightMap) -> None:
+    """Dots on what is extrapolated, and the edge of the calibrated range."""
+    beyond = np.ma.masked_where(~height.in_view, height.source == HeightSource.EXTRAPOLATED).astype(float)
+    axes.contour(*height.axes_mm, beyond, [0.5], colors=EXTRAPOLATED, linewidths=1.3, linestyles="dashed")
+    dots = axes.contourf(*height.axes_mm, beyond, [0.5, 1.5], colors="none", hatches=[BEYOND["hatch"]])
+    dots.set(edgecolor=EXTRAPOLATED, linewidth=0)
+
+
+def contour_levels(deepest_mm: float) -> list[float]:
+    """Round depths, lowest first, four at most."""
+    step = round_up_to_1_2_5(deepest_mm / 4)
+    return [-step * count for count in range(int(deepest_mm / step), 0, -1)]
+
+
+def draw_legend(axes: "Axes", height: HeightMap, axes_height_px: int) -> None:
+    """Explain the lines and hatchings that occur."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    edge = format_signed_number(-round(ContactRule().threshold_mm(height.noise_mm), 3))
+    entries: list[Line2D | Patch] = [Line2D([], [], color=INK, linewidth=1.2, label=f"edge of the contact, {edge} mm")]
+    if (height.source == HeightSource.EXTRAPOLATED).any():
+        entries.append(Patch(label="extrapolated", linestyle="dashed", **BEYOND))
+    if not height.in_view.all():
+        entries.append(Patch(label="out of view", **UNSEEN))
+    axes.legend(
+        handles=entries,
+        loc="upper left",
+        bbox_to_anchor=(0, -58 / axes_height_px),
+        ncol=3,
+        borderaxespad=0,
+        borderpad=0,
+        frameon=False,
+        fontsize=9,
+        labelcolor=PALE_INK,
+    )

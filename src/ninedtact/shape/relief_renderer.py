@@ -1,0 +1,262 @@
+"""Where the eye of a perspective image is, and along which line each of its pixels looks.
+
+What each pixel of a perspective image looks at, by following its line of sight to the skin.
+
+What is painted on the skin in a perspective image: colours, graph paper in millimetres, the calibrated range.
+
+Light and colour on what an image's lines of sight meet.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.quantities import HeightMap, HeightSource
+from ninedtact.shape.height_map_image import EXTRAPOLATED, ColourScale, colourise_heights, rgb_of_hex
+
+TOWARDS_EYE = np.array([0.36, -0.80, 0.74]) / np.linalg.norm([0.36, -0.80, 0.74])
+"""From the skin to the eye: outside, in front of the edge of smallest y, a little to the right."""
+DISTANCE = 2.6
+"""Of the eye, in diagonals of what it sees; nearer bends the image as a wide-angle lens does."""
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """A pinhole eye whose image has z upwards."""
+
+    eye: Float[Array, "3"]
+    axes: Float[Array, "3 3"]
+    """Unit vectors to the right, downwards and ahead, as rows."""
+    focal_px: float
+    centre_px: Float[Array, "2"]
+
+    def project(self, points: Float[Array, "n 3"]) -> Float[Array, "n 2"]:
+        """Pixels (x, y) at which points of space appear."""
+        right, down, ahead = self.axes @ (points - self.eye).T
+        return np.asarray(np.column_stack([right / ahead, down / ahead]) * self.focal_px + self.centre_px)
+
+    def rays(self, rows: int, cols: int) -> Float32[Array, "3 rows cols"]:
+        """Direction in which every pixel looks, at one unit ahead."""
+        x, y = np.meshgrid(np.arange(cols) - self.centre_px[0], np.arange(rows) - self.centre_px[1])
+        here = np.stack([x / self.focal_px, y / self.focal_px, np.ones_like(x)])
+        return np.asarray(np.einsum("ij,irc->jrc", self.axes, here), np.float32)
+
+
+def viewpoint_of(
+    corners: Float[Array, "n 3"], top_left_px: tuple[float, float], bottom_right_px: tuple[float, float]
+) -> Viewpoint:
+    """The eye that sees all `corners` as large as fits between two pixels (x, y)."""
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    eye = middle + TOWARDS_EYE * DISTANCE * np.linalg.norm(np.ptp(corners, axis=0))
+    right = np.cross([0, 0, 1], TOWARDS_EYE)
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(right, TOWARDS_EYE), -TOWARDS_EYE])
+    seen = Viewpoint(eye, axes, 1.0, np.zeros(2)).project(corners)
+    room = np.subtract(bottom_right_px, top_left_px)
+    focal_px = float((room / np.ptp(seen, axis=0)).min())
+    centre_px = np.add(top_left_px, room / 2) - focal_px * (seen.min(axis=0) + seen.max(axis=0)) / 2
+    return Viewpoint(eye, axes, focal_px, centre_px)
+
+
+PixelField = Float32[Array, "rows cols"]
+
+AT_THE_EDGE = 1e-3
+"""How far, in pixels or mm, rounding may push a point off its wall."""
+RAY_STEPS = 28
+"""Along each line of sight through the box around the block; what is thinner than a step may be missed."""
+RAY_HALVINGS = 6
+"""After the step in which the line dives under the skin."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Gel from a flat base up to the skin; heights are as they are to be drawn, exaggeration included."""
+
+    skin: Float32[Array, "skin_rows skin_cols"]
+    mm_per_px: float
+    base: float
+
+    @property
+    def low(self) -> Float32[Array, "3"]:
+        """Corner of the surrounding box with the smallest coordinates."""
+        rows, cols = self.skin.shape
+        return np.array([-(cols - 1) / 2 * self.mm_per_px, -(rows - 1) / 2 * self.mm_per_px, self.base], np.float32)
+
+    @property
+    def high(self) -> Float32[Array, "3"]:
+        """Corner of the surrounding box with the largest coordinates."""
+        return np.array([-self.low[0], -self.low[1], max(float(self.skin.max()), 0.0)], np.float32)
+
+    @property
+    def corners(self) -> Float32[Array, "8 3"]:
+        """All corners of the surrounding box."""
+        return np.array(list(product(*zip(self.low, self.high, strict=True))), np.float32)
+
+    def at(self, col: PixelField, row: PixelField) -> PixelField:
+        """Height of the skin between its pixels."""
+        return np.asarray(cv2.remap(self.skin, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+@dataclass(frozen=True)
+class SightlineGrid:
+    """What each pixel of an image looks at: a place on the block (columns and rows of the skin, height) or nothing."""
+
+    col: PixelField
+    row: PixelField
+    z: PixelField
+    on_skin: Bool[Array, "rows cols"]
+    on_wall: Bool[Array, "rows cols"]
+
+
+def trace_sightlines(block: Block, view: Viewpoint, rows: int, cols: int) -> SightlineGrid:
+    """Follow every line of sight to the block."""
+    rays = view.rays(rows, cols)
+    near, far = through_box(block, view, rays)
+    origin = (view.eye - block.low).astype(np.float32) / np.float32(block.mm_per_px)
+    slant = rays[:2] / np.float32(block.mm_per_px)
+
+    def place(ahead: PixelField) -> tuple[PixelField, PixelField, PixelField]:
+        return origin[0] + slant[0] * ahead, origin[1] + slant[1] * ahead, np.float32(view.eye[2]) + rays[2] * ahead
+
+    def above(ahead: PixelField) -> PixelField:
+        col, row, z = place(ahead)
+        return np.asarray(z - block.at(col, row))
+
+    hit = near < far
+    wall = hit & (above(near) < -AT_THE_EDGE)
+    ahead = first_crossing(above, near, far)
+    skin = hit & ~wall & np.isfinite(ahead)
+    return SightlineGrid(*place(np.where(skin, ahead, near)), skin, wall)
+
+
+def through_box(block: Block, view: Viewpoint, rays: Float32[Array, "3 rows cols"]) -> tuple[PixelField, PixelField]:
+    """Where each line enters and leaves the box around the block; it misses it where it leaves before it enters."""
+    eye = view.eye.astype(np.float32)
+    with np.errstate(divide="ignore"):
+        sides = [(side - eye)[:, None, None] / rays for side in (block.low, block.high)]
+    return np.minimum(*sides).max(axis=0), np.maximum(*sides).min(axis=0)
+
+
+def first_crossing(above: Callable[[PixelField], PixelField], near: PixelField, far: PixelField) -> PixelField:
+    """The first place between `near` and `far` at which `above` is negative; infinite where there is none."""
+    step = (far - near) / RAY_STEPS
+    after = near + step
+    for _ in range(RAY_STEPS - 1):
+        after += step * (above(after) > 0)  # a line that has dived under stays where it is
+    under, before = above(after) < 0, after - step
+    for _ in range(RAY_HALVINGS):
+        middle = (before + after) / 2
+        dived = above(middle) < 0
+        before, after = np.where(dived, before, middle), np.where(dived, middle, after)
+    return np.where(under, after, np.float32(np.inf))
+
+
+PAINT_PX_PER_PX = 4
+"""Pixels of paint per pixel of the height map, each way."""
+LINE_MM = {1.0: 0.04, 5.0: 0.10}
+"""Width of the graph paper's lines, for each distance between them."""
+LINE_STRENGTH = 0.25
+RANGE_EDGE_WIDTH_PX = 11
+
+
+def paint_skin(height: HeightMap, scale: ColourScale) -> UInt8[Array, "fine_rows fine_cols 3"]:
+    """The paint as RGB."""
+    fine = enlarged(height)
+    paint = np.ascontiguousarray(colourise_heights(fine, scale)[..., ::-1])
+    lines = graph_paper(fine) & fine.in_view
+    paint[lines] = darken_or_lighten(paint[lines])
+    paint[range_edge(fine)] = rgb_of_hex(EXTRAPOLATED)
+    return paint
+
+
+def enlarged(height: HeightMap) -> HeightMap:
+    """The same map on a finer grid."""
+    seen, measured = (
+        enlarged_mask(height.source >= kind) for kind in (HeightSource.EXTRAPOLATED, HeightSource.MEASURED)
+    )
+    z_mm = cv2.resize(
+        np.where(height.in_view, height.z_mm, np.float32(0)), None, fx=PAINT_PX_PER_PX, fy=PAINT_PX_PER_PX
+    )
+    return HeightMap(
+        z_mm, seen.astype(np.uint8) + (seen & measured), height.mm_per_px / PAINT_PX_PER_PX, height.noise_mm
+    )
+
+
+def enlarged_mask(mask: Bool[Array, "rows cols"]) -> Bool[Array, "fine_rows fine_cols"]:
+    """A mask on a finer grid, its edge smoothed."""
+    share = cv2.resize(
+        mask.astype(np.float32), None, fx=PAINT_PX_PER_PX, fy=PAINT_PX_PER_PX, interpolation=cv2.INTER_LINEAR
+    )
+    return np.asarray(share > 0.5)
+
+
+def graph_paper(height: HeightMap) -> Bool[Array, "rows cols"]:
+    """Where the lines of the graph paper run."""
+    x, y = height.axes_mm
+    paper = np.zeros(height.z_mm.shape, bool)
+    for distance_mm, width_mm in LINE_MM.items():
+        paper |= on_line(y, distance_mm, width_mm)[:, None] | on_line(x, distance_mm, width_mm)
+    return paper
+
+
+def on_line(axis_mm: Float32[Array, " n"], distance_mm: float, width_mm: float) -> Bool[Array, " n"]:
+    """Which coordinates lie within a line's width of a multiple of the distance."""
+    return np.asarray(np.abs(axis_mm - distance_mm * np.rint(axis_mm / distance_mm)) < width_mm / 2)
+
+
+def darken_or_lighten(paint: UInt8[Array, "n 3"]) -> UInt8[Array, "n 3"]:
+    """Paint under a line: towards black where it is bright, towards white where it is dark."""
+    ink = np.where(paint.mean(axis=1, keepdims=True) > 110, 0, 255)
+    return np.asarray(paint * (1 - LINE_STRENGTH) + ink * LINE_STRENGTH, np.uint8)
+
+
+def range_edge(height: HeightMap) -> Bool[Array, "rows cols"]:
+    """The extrapolated side of the edge of the calibrated range."""
+    measured = (height.source == HeightSource.MEASURED).astype(np.uint8)
+    touching = cv2.dilate(measured, np.ones((RANGE_EDGE_WIDTH_PX, RANGE_EDGE_WIDTH_PX), np.uint8)).astype(bool)
+    return np.asarray(touching & (height.source == HeightSource.EXTRAPOLATED))
+
+
+LIGHT = np.array([-0.70, 0.30, 0.65]) / np.linalg.norm([-0.70, 0.30, 0.65])
+"""Towards the light: from the left and a little from behind, so that slopes show."""
+AMBIENT = 0.5
+"""Share of the light that comes from everywhere."""
+WALL = np.array([206, 208, 212], np.float32)
+SIDE_WALL = np.float32(0.87)
+"""Brightness of the wall to the right, against the one in front."""
+BASE_SHADE = 0.16
+"""Brightness that a wall loses from the skin to the base."""
+
+
+def render_block(
+    block: Block, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: SightlineGrid
+) -> UInt8[Array, "rows cols 3"]:
+    """Colour what is seen, white where nothing is; `colours` lie over the whole skin, at any resolution."""
+    finer, half = np.float32(colours.shape[1] / block.skin.shape[1]), np.float32(0.5)
+    # Pixels are areas: the edges of the two grids coincide, not the centres of their first pixels.
+    col, row = (sight.col + half) * finer - half, (sight.row + half) * finer - half
+    skin = cv2.remap(colours, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    light = cv2.remap(shading(block), sight.col, sight.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    image = np.full(skin.shape, 255, np.uint8)
+    image[sight.on_skin] = np.minimum(skin * light[..., None], 255)[sight.on_skin]
+    image[sight.on_wall] = wall_colours(block, sight)[sight.on_wall]
+    return image
+
+
+def shading(block: Block) -> Float32[Array, "skin_rows skin_cols"]:
+    """How bright the skin is at each pixel, 1 where it is level."""
+    y, x = np.gradient(block.skin, block.mm_per_px)
+    facing = (LIGHT[2] - x * LIGHT[0] - y * LIGHT[1]) / np.sqrt(1 + x * x + y * y)
+    return np.asarray(AMBIENT + (1 - AMBIENT) * np.maximum(facing, 0) / LIGHT[2], np.float32)
+
+
+def wall_colours(block: Block, sight: SightlineGrid) -> Float32[Array, "rows cols 3"]:
+    """Grey, darker on the side and towards the base."""
+    brightness = np.where(sight.row < AT_THE_EDGE, np.float32(1), SIDE_WALL)
+    depth = (block.high[2] - sight.z) / (block.high[2] - block.low[2])
+    return np.asarray((brightness * (1 - BASE_SHADE * depth))[..., None] * WALL, np.float32)

@@ -1,0 +1,128 @@
+"""Weighed presses: the factor they hold is found, a curve only where there is one, and zero stays zero."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.force_scale import (
+    FORCE_SCALE_FILE,
+    ForceScale,
+    ForceScaleFileDamaged,
+    ForceScaleImpossible,
+    KnownLoadPress,
+    ScaledForceEstimator,
+    fit_force_scale,
+    read_force_scale,
+    weight_of_grams_n,
+    write_force_scale,
+)
+from ninedtact.quantities import Frame, HeightMap, Rectified, Traction, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
+
+ESTIMATED_N = np.array([0.8, 1.5, 3.0, 5.0, 8.0])
+
+
+def presses(true_factor: float, curve: float = 0.0, noise: float = 0.02) -> list[KnownLoadPress]:
+    scatter = 1 + noise * np.random.default_rng(3).standard_normal(len(ESTIMATED_N))
+    weighed = true_factor * ESTIMATED_N * (ESTIMATED_N / 3) ** curve * scatter
+    return [KnownLoadPress(float(a), float(b)) for a, b in zip(ESTIMATED_N, weighed, strict=True)]
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.3])
+def test_a_soft_or_stiff_gel_is_found_within_its_error(factor: float) -> None:
+    found = fit_force_scale(presses(factor)).adaptation
+    assert found.curve == 0
+    assert abs(found.factor / factor - 1) < 2 * found.error + 0.01
+
+
+def test_presses_left_out_are_predicted_better_than_without_adaptation() -> None:
+    judged = fit_force_scale(presses(1.3))
+    assert judged.by_factor < 0.2 * judged.unadapted
+
+
+def test_a_gel_that_stiffens_gets_its_curve_and_one_that_does_not_gets_none() -> None:
+    bent = fit_force_scale(presses(1.2, curve=0.25))
+    assert bent.adaptation.curve == pytest.approx(0.25, abs=0.05)
+    assert bent.by_curve is not None and bent.by_curve < bent.by_factor
+    assert [bent.adaptation.at(load) for load in (1.0, 8.0)] == pytest.approx(
+        [1.2 * 3**-0.25, 1.2 * (8 / 3) ** 0.25], rel=0.05
+    )
+
+
+def test_loads_alike_tell_no_curve() -> None:
+    alike = [KnownLoadPress(3 + 0.1 * n, 3.3 + 0.1 * n) for n in range(6)]
+    assert fit_force_scale(alike).by_curve is None
+
+
+class Constant(ForceEstimator):
+    name = "constant"
+
+    def __init__(self, six: np.ndarray) -> None:
+        self.six = six
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        pressed = np.full((4, 6), 0.1, np.float32)
+        traction = Traction(pressed, np.zeros((2, 4, 6), np.float32), 0.5)
+        return WrenchEstimate(
+            Wrench(self.six[:3], self.six[3:]), np.full(6, 0.1), bool(self.six.any()), traction=traction
+        )
+
+    def forget(self) -> None:
+        pass
+
+
+def reading() -> Reading:
+    flat = np.zeros((4, 6), np.float32)
+    return Reading(
+        Frame(np.zeros((4, 6, 3), np.uint8)),
+        Rectified(flat, 0.5),
+        HeightMap(flat, np.zeros((4, 6), np.uint8), 0.5),
+    )
+
+
+def test_all_six_axes_their_errors_and_the_tractions_are_scaled_together() -> None:
+    six = np.array([0.5, -0.3, -4.0, 0.01, 0.02, -0.003])
+    found = ScaledForceEstimator(Constant(six), ForceScale(1.5, error=0.04)).estimate(reading())
+    assert found.wrench.six == pytest.approx(1.5 * six)
+    assert found.error == pytest.approx(np.hypot(0.15, 0.04 * 1.5 * np.abs(six)))
+    assert found.traction is not None and found.traction.pressure_mpa == pytest.approx(0.15)
+
+
+def test_zero_stays_zero() -> None:
+    found = ScaledForceEstimator(Constant(np.zeros(6)), ForceScale(1.5, curve=0.2, about_n=3)).estimate(reading())
+    assert not found.wrench.six.any() and not found.touching
+
+
+def test_the_file_keeps_one_table_for_each_estimator(tmp_path: Path) -> None:
+    one, other = fit_force_scale(presses(1.2)).adaptation, ForceScale(0.9, presses=2)
+    write_force_scale(tmp_path, "physics", one)
+    write_force_scale(tmp_path, "network", other)
+    assert (read_force_scale(tmp_path, "physics"), read_force_scale(tmp_path, "network")) == (one, other)
+    assert read_force_scale(tmp_path, "another") == ForceScale()
+
+
+@pytest.mark.parametrize("text", ["[physics]\nfactor = 'two'", "[physics\n", "physics = 3", "\x00"])
+def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / FORCE_SCALE_FILE).write_text(text)
+    with pytest.raises(ForceScaleFileDamaged, match="adapt again"):
+        read_force_scale(tmp_path, "physics")
+
+
+@pytest.mark.parametrize(
+    ("estimated_n", "weighed_n", "said"),
+    [(0.0, 1.0, "image shows"), (2.0, 0.0, "above zero"), (2.0, 200.0, "grams"), (2.0, np.nan, "above zero")],
+)
+def test_a_press_that_cannot_be_is_refused(estimated_n: float, weighed_n: float, said: str) -> None:
+    with pytest.raises(ForceScaleImpossible, match=said):
+        KnownLoadPress(estimated_n, weighed_n)
+
+
+def test_one_press_is_too_few() -> None:
+    with pytest.raises(ForceScaleImpossible, match="at least 2"):
+        fit_force_scale([KnownLoadPress(1.0, 1.0)])
+
+
+def test_a_kilogram_weighs_what_it_weighs() -> None:
+    assert weight_of_grams_n(1000) == pytest.approx(9.80665)

@@ -1,0 +1,39 @@
+"""The skin as from straight below, and the area that each pixel covers, against closed forms."""
+
+import numpy as np
+import pytest
+from skins import MM_PER_PX, ball_print, grid, plane, skin, with_hole
+
+from ninedtact.shape.orthorectification import orthorectify
+from ninedtact.shape.surface import pixel_footprint_mm2
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0), (4.0, -3.0)])
+def test_what_a_near_camera_saw_becomes_what_a_far_one_would_see(at):
+    straight = orthorectify(ball_print(at=at, camera_mm=20.0))
+    assert np.isinf(straight.camera_distance_mm)
+    np.testing.assert_allclose(straight.z_mm, ball_print(at=at).z_mm, atol=0.03)
+    assert np.abs(straight.z_mm - ball_print(at=at).z_mm).mean() < 2e-4
+
+
+def test_a_far_camera_s_map_stays_as_it_is():
+    height = with_hole(ball_print(61, 80))
+    straight = orthorectify(height)
+    np.testing.assert_array_equal(straight.source, height.source)
+    np.testing.assert_array_equal(straight.z_mm[height.in_view], height.z_mm[height.in_view])
+
+
+def test_places_that_no_line_of_sight_reaches_are_out_of_view():
+    straight = orthorectify(skin(np.full((41, 61), -1.0), camera_mm=4.0))
+    x, y = grid(41, 61)
+    reached = (np.abs(x) <= 30 * MM_PER_PX * 0.75) & (np.abs(y) <= 20 * MM_PER_PX * 0.75)
+    assert (straight.in_view != reached).sum() <= 2 * (41 + 61)
+    np.testing.assert_array_equal(straight.z_mm, -1)
+
+
+def test_footprints_are_the_jacobian_of_places_by_pixels():
+    height = plane(61, 80, 0.3, -0.2, camera_mm=10.0)
+    spread = 1 + height.z_mm.astype(float) / 10
+    x, y = (np.gradient(axis * spread) for axis in grid(61, 80))
+    expected = x[1] * y[0] - x[0] * y[1]
+    np.testing.assert_allclose(pixel_footprint_mm2(height)[1:-1, 1:-1], expected[1:-1, 1:-1], rtol=1e-4)
