@@ -104,7 +104,7 @@ def press_errors(
     place = rng.uniform((-7, -4.5), (7, 4.5))
     drag = rng.uniform(-0.25, 0.25, 2)
     press = ScriptedPress(float(rng.uniform(0.5, 1.6)), at_mm=(place[0], place[1]), drag_mm=(drag[0], drag[1]))
-    contact = press.on(who.twin(), OTHER_BALL)
+    contact = press.simulate(who.twin(), OTHER_BALL)
     image = made.rectify(Frame(who.twin().renderer(contact, number)))
     found = {}
     for name, reader in readers.items():

@@ -44,7 +44,7 @@ def traction_image(
     assert set_up is not None
     figure, rows = plt.subplots(len(PRESSES), 3, figsize=(11.5, 5.6), squeeze=False, layout="constrained")
     for row, (indenter, press) in zip(rows, PRESSES, strict=True):
-        contact = press.on(who.twin(), indenter, None)
+        contact = press.simulate(who.twin(), indenter, None)
         reading = set_up.reading(eye.image(contact, rng))
         set_up.estimator.forget()
         estimate = set_up.estimator.estimate(reading)

@@ -96,7 +96,7 @@ def pressed(kind: MechanicsKind, presses: int, seed: int) -> Iterator[Contact]:
     twin = twin_of(kind)
     rng = np.random.default_rng(seed)
     for number in range(presses):
-        yield press(rng, number % len(OBJECTS) < 2).on(twin, OBJECTS[number % len(OBJECTS)], None)
+        yield press(rng, number % len(OBJECTS) < 2).simulate(twin, OBJECTS[number % len(OBJECTS)], None)
 
 
 def twin_of(kind: MechanicsKind) -> Twin:
@@ -107,7 +107,7 @@ def twin_of(kind: MechanicsKind) -> Twin:
         default_twin(),
         compliance_of=gel_compliance(GEL, base),
         thickness_mm=yields,
-        felt=lambda contact: correct_for_mechanics_kind(contact, kind, GEL),
+        correct_contact=lambda contact: correct_for_mechanics_kind(contact, kind, GEL),
     )
 
 

@@ -27,7 +27,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     images = CalibrationImages(**vars(simulate_calibration_images(twin, frames=8)))
     save_sensor(desk / "sensor", calibrate(images, sensor_id="twin"))
     cv2.imwrite(str(desk / "untouched.png"), twin.renderer(None, 50))
-    contacts = [ScriptedPress(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).on(twin, Ball(5.0)) for depth in DEPTHS_MM]
+    contacts = [
+        ScriptedPress(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).simulate(twin, Ball(5.0)) for depth in DEPTHS_MM
+    ]
     for number, contact in enumerate(contacts):
         cv2.imwrite(str(desk / f"press_{number}.png"), twin.renderer(contact, 60 + number))
     np.save(desk / "wrenches.npy", [contact.wrench().six for contact in contacts])

@@ -117,7 +117,7 @@ def test_a_twin_is_calibrated_from_its_own_images(twin_sensor: SensorFolder) -> 
 @pytest.mark.parametrize("at_mm", [(0.0, 0.0), (4.0, -3.0)])
 def test_a_calibrated_twin_sees_how_deep_it_is_pressed(twin_sensor: SensorFolder, at_mm: tuple[float, float]) -> None:
     twin, shape = default_twin(), twin_sensor.shape
-    contact = ScriptedPress(1.3, at_mm=at_mm, drag_mm=(0.3, 0.1)).on(twin, Ball(5.0))
+    contact = ScriptedPress(1.3, at_mm=at_mm, drag_mm=(0.3, 0.1)).simulate(twin, Ball(5.0))
     reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(10, 20)))
     seen = reader(shape.rectify(Frame(twin.renderer(contact, 5))))
     true = true_height_map_like(contact, seen, twin.renderer.light.inverse_distance_per_mm)

@@ -55,7 +55,7 @@ def apart(images: CalibrationImages) -> Calibration:
 def scale_error(made: Calibration, twin: Twin) -> float:
     """Relative, over the middle of the view."""
     rectify = made.rectify
-    true_mm = looked_up(twin.renderer.view.plane_mm, rectify.source_px)
+    true_mm = looked_up(twin.renderer.pixel_map.plane_mm, rectify.source_px)
     place_mm = np.stack(skin_grid_mm(true_mm.shape[:2], rectify.mm_per_px), axis=-1)
     middle = (np.abs(place_mm[..., 0]) < 8) & (np.abs(place_mm[..., 1]) < 6)
     return abs(float((true_mm * place_mm)[middle].sum() / (place_mm**2)[middle].sum()) - 1)

@@ -117,7 +117,7 @@ def test_everything_to_make_it_again_is_beside_it(made: GenerationResult) -> Non
     assert kept["seed"] == 0
     assert kept["object_names"] == list(SMALL.object_names)
     sensors = json.loads((made.folder / "sensors.json").read_text())
-    assert sensors[2] == json.loads(json.dumps(sample_sensor(2).as_table()))
+    assert sensors[2] == json.loads(json.dumps(sample_sensor(2).to_json_dict()))
     card = (made.folder / "README.md").read_text()
     assert "data/train-*.parquet" in card
     assert "2 no_contact" in card

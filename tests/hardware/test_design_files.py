@@ -124,7 +124,7 @@ def test_hardness() -> None:
 
 def test_the_published_design_has_the_default_twin() -> None:
     ours, default = twin_from_design(SensorDesign()), default_twin()
-    assert (ours.renderer.untouched == default.renderer.untouched).all()
+    assert (ours.renderer.reference == default.renderer.reference).all()
     assert ours.renderer.light == default.renderer.light
     assert (ours.area_mm, ours.gel_mm, ours.name) == (default.area_mm, default.gel_mm, default.name)
 

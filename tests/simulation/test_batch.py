@@ -31,6 +31,6 @@ def test_a_batch_is_drawn_as_each_alone(twin: Twin, like: object) -> None:
     factors = np.asarray(BatchRenderer(twin.renderer, like).factors(batch))
     alone = ContactModel(twin.model.skin, twin.friction, SolverSettings(tolerance=1e-4))
     for pose, factor in zip(POSES, factors, strict=True):
-        single = twin.renderer.factor(alone.step(alone.untouched(), Ball(4.0), pose))
+        single = twin.renderer.brightness_factor(alone.step(alone.untouched(), Ball(4.0), pose))
         assert np.abs(factor - single).max() < 4e-3, "half a grey level, at the edge of the contact"
         assert np.abs(factor - single).mean() < 2e-4

@@ -20,18 +20,18 @@ lights = st.builds(
 
 @given(lights)
 def test_deeper_is_darker_and_higher_is_brighter(light: BrightnessModel) -> None:
-    change = light.change(np.linspace(-light.thickness_mm, 1.0, 301))
+    change = light.brightness_change(np.linspace(-light.thickness_mm, 1.0, 301))
     assert (np.diff(change) > 0).all()
-    assert light.change(np.zeros(1)) == 0
+    assert light.brightness_change(np.zeros(1)) == 0
     step = 1e-6
-    assert light.change(np.array([-step]))[0] == pytest.approx(-light.darkening_per_mm * step, rel=1e-4)
-    assert light.change(np.array([step]))[0] == pytest.approx(light.brightening_per_mm * step, rel=1e-9)
+    assert light.brightness_change(np.array([-step]))[0] == pytest.approx(-light.darkening_per_mm * step, rel=1e-4)
+    assert light.brightness_change(np.array([step]))[0] == pytest.approx(light.brightening_per_mm * step, rel=1e-9)
 
 
 @given(lights)
 def test_nothing_is_lost_where_nothing_is_dark(light: BrightnessModel) -> None:
-    assert light.loss(np.array([0.0, 0.1])) == 0
-    assert light.loss(np.array([-0.2, 0.2])) == pytest.approx(-light.global_dimming * 0.1)
+    assert light.image_dimming(np.array([0.0, 0.1])) == 0
+    assert light.image_dimming(np.array([-0.2, 0.2])) == pytest.approx(-light.global_dimming * 0.1)
 
 
 @pytest.mark.parametrize(

@@ -41,12 +41,12 @@ def test_a_member_does_not_depend_on_who_else_is_asked_for(members: list[Sampled
 
 def test_a_member_survives_being_written_down(members: list[SampledSensor]) -> None:
     for one in members[:6]:
-        assert sampled_sensor_from_json(json.loads(json.dumps(one.as_table()))) == one
+        assert sampled_sensor_from_json(json.loads(json.dumps(one.to_json_dict()))) == one
 
 
 def test_light_spreads_and_correlates_as_in_real_sensors(members: list[SampledSensor]) -> None:
     lights = [one.light for one in members]
-    secants = np.array([-light.change(np.array([-2.0]))[0] / 2 for light in lights])
+    secants = np.array([-light.brightness_change(np.array([-2.0]))[0] / 2 for light in lights])
     logs = np.log(
         [secants, [light.brightening_per_mm for light in lights], [light.point_spread_mm for light in lights]]
     )
@@ -90,8 +90,8 @@ def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
     stiffens = replace(bonded, kind="finite_strain")
     twin = bonded.twin(0.3)
     solved = twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=1.5))
-    assert bonded.felt(solved) is solved
-    felt = stiffens.felt(solved)
+    assert bonded.correct_contact(solved) is solved
+    felt = stiffens.correct_contact(solved)
     assert 1.1 < felt.wrench().force_n[2] / solved.wrench().force_n[2] < 1.5
     assert felt.height_mm.max() > 1.05 * solved.height_mm.max()
     assert felt.height_mm.min() == solved.height_mm.min()
@@ -107,12 +107,14 @@ def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(
         assert ours.gel.shear_modulus_mpa / wide.gel.shear_modulus_mpa == pytest.approx(
             usual.gel.shear_modulus_mpa / Gel().shear_modulus_mpa
         )
-        assert (ours.kind, ours.friction, ours.misreading) == (usual.kind, usual.friction, usual.misreading)
+        assert (ours.kind, ours.friction, ours.misalignment) == (usual.kind, usual.friction, usual.misalignment)
         deep = np.array([-0.4])
-        assert ours.light.change(deep)[0] < 1.2 * usual.light.change(deep)[0] < 0, "thinner gel darkens sooner"
+        assert ours.light.brightness_change(deep)[0] < 1.2 * usual.light.brightness_change(deep)[0] < 0, (
+            "thinner gel darkens sooner"
+        )
         twin = ours.twin()
         assert (twin.area_mm, twin.gel_mm) == ((36.0, 27.0), wide.sensing_area.gel_mm)
-        x_mm = grey_eye(ours, (92, 69)).renderer.view.plane_mm[34, :, 0]
+        x_mm = grey_eye(ours, (92, 69)).renderer.pixel_map.plane_mm[34, :, 0]
         assert x_mm[-1] - x_mm[0] == pytest.approx(36 * 91 / 92, rel=0.01)
 
 
@@ -121,7 +123,7 @@ def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
     twin, eye = one.twin(), grey_eye(one, (460, 345))
     contact = twin.step(twin.model.untouched(), Ball(), Pose(2.0, -1.0, 1.2))
     seen = eye.image(contact, np.random.default_rng(0)).astype(float)
-    raw = cv2.cvtColor(twin.renderer.shone_on(contact), cv2.COLOR_BGR2GRAY)
+    raw = cv2.cvtColor(twin.renderer.render_without_noise(contact), cv2.COLOR_BGR2GRAY)
     at = raw_places(one.view, read_places((460, 345), mm_per_px((460, 345)), CalibrationMisalignment()))
     rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
     assert np.ptp(seen - eye.untouched) > 12

@@ -22,7 +22,7 @@ from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 
 
 def test_it_ends_where_it_was_sent() -> None:
-    contact = ScriptedPress(1.0, at_mm=(1.0, -2.0), drag_mm=(0.5, 0.5), twist_rad=radians(12)).on(TWIN, Ball(4.0))
+    contact = ScriptedPress(1.0, at_mm=(1.0, -2.0), drag_mm=(0.5, 0.5), twist_rad=radians(12)).simulate(TWIN, Ball(4.0))
     pose = contact.pose
     assert (pose.x_mm, pose.y_mm, pose.depth_mm, np.degrees(pose.twist_rad)) == pytest.approx((1.5, -1.5, 1.0, 12))
     force, torque = contact.wrench().force_n, contact.wrench(np.array([1.5, -1.5, 0.0])).torque_nm
@@ -30,7 +30,7 @@ def test_it_ends_where_it_was_sent() -> None:
 
 
 def test_a_load_is_held_all_the_way() -> None:
-    contact = ScriptedPress(load_n=4.0, drag_mm=(0.6, 0.0)).on(TWIN, Ball(4.0))
+    contact = ScriptedPress(load_n=4.0, drag_mm=(0.6, 0.0)).simulate(TWIN, Ball(4.0))
     assert contact.wrench().force_n[2] == pytest.approx(-4.0, rel=1e-3) and 0.5 < contact.pose.depth_mm < 1.5
 
 
@@ -51,19 +51,19 @@ def test_a_press_that_is_none_is_refused(press: type[ScriptedPress], said: str) 
 
 def test_what_a_twin_cannot_answer_for_is_refused() -> None:
     for beside in ((15.0, 0.0), (0.0, -11.0)):
-        with pytest.raises(PoseOutOfView, match=r"expected the object over the skin .*; press nearer to the middle"):
-            ScriptedPress(1.0, at_mm=beside).on(TWIN, Ball(4.0))
+        with pytest.raises(PoseOutOfView, match=r"expected the object over the skin .*; press nearer to the centre"):
+            ScriptedPress(1.0, at_mm=beside).simulate(TWIN, Ball(4.0))
     with pytest.raises(InvalidPress, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
-        ScriptedPress(2.7).on(TWIN, Ball(4.0))
+        ScriptedPress(2.7).simulate(TWIN, Ball(4.0))
     with pytest.raises(InvalidPose, match=r"its base, 2.5 mm, got 2.59"):
         TWIN.step(TWIN.model.untouched(), Ball(4.0), Pose(depth_mm=2.6))
     for large, at in ((FlatPunch(18.0), (0.0, 0.0)), (FlatPunch(13.0), (0.0, 0.0)), (Ball(4.0), (13.5, 0.0))):
         with pytest.raises(ObjectTooLarge, match=r"touch no more than the gel of 29.5 x 22.5 mm, .* smaller object"):
-            ScriptedPress(1.0, at_mm=at).on(TWIN, large)
+            ScriptedPress(1.0, at_mm=at).simulate(TWIN, large)
 
 
 def test_the_truth_is_given_on_the_grids_on_which_a_sensor_answers() -> None:
-    contact = ScriptedPress(1.0, at_mm=(2.0, 1.0), drag_mm=(0.5, 0.0)).on(TWIN, Ball(4.0))
+    contact = ScriptedPress(1.0, at_mm=(2.0, 1.0), drag_mm=(0.5, 0.0)).simulate(TWIN, Ball(4.0))
     place = true_height_map(contact, (345, 460), 0.05)
     pressure, shear = true_pressure_map_mpa(contact, (345, 460), 0.05), true_shear_map_mpa(contact, (345, 460), 0.05)
     deepest = np.unravel_index(place.z_mm.argmin(), place.z_mm.shape)

@@ -44,7 +44,7 @@ def test_what_is_long_ago_is_refused_and_not_made_up() -> None:
     stage.contact(KEPT_CONTACTS + 3)
     with pytest.raises(SimulationStepExpired, match=r"from 4 on, got 3, .* open all sources together"):
         stage.contact(3)
-    assert np.isfinite(stage.six(0.0)).all()  # wrenches are small and are kept for longer
+    assert np.isfinite(stage.wrench_six_at(0.0)).all()  # wrenches are small and are kept for longer
 
 
 def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
@@ -53,45 +53,45 @@ def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
     late = stage.contact(12)
     assert list(stage.contacts) == [0, 12] and late.touches
     assert stage.contact(11) is late and stage.contact(2) is stage.contact(0)  # the nearest that there is
-    between = stage.six(0.6)
+    between = stage.wrench_six_at(0.6)
     assert between == pytest.approx((stage.wrenches[0] + stage.wrenches[12]) / 2)
 
 
 def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
     stage = small_press_simulation(acts=2)
-    length = PRESSED.motion.seconds
-    assert stage.seconds == pytest.approx(2 * length)
+    length = PRESSED.trajectory.duration_s
+    assert stage.round_s == pytest.approx(2 * length)
     assert [stage.act_at(at)[0] for at in (0, 0.9 * length, 1.1 * length, 2.1 * length)] == [0, 0, 1, 2]
-    one, again = (stage.contact(round(start * 10) + 9) for start in (0, 2 * stage.seconds))
+    one, again = (stage.contact(round(start * 10) + 9) for start in (0, 2 * stage.round_s))
     assert np.allclose(one.wrench().six, again.wrench().six, atol=0.05)
 
 
 def test_rounds_end() -> None:
     stage = small_press_simulation(rounds=2)
-    stage.require_time(1.9 * stage.seconds)
-    with pytest.raises(SourceEnded, match="expected a time in 2 rounds"):
-        stage.require_time(2 * stage.seconds)
+    stage.require_time(1.9 * stage.round_s)
+    with pytest.raises(SourceEnded, match="expected a time within the 2 rounds"):
+        stage.require_time(2 * stage.round_s)
     for acts in ([], [ObjectTrajectory(Ball(4.0), Trajectory(Pose(), ()))]):
-        with pytest.raises(EmptyPressSimulation, match="add some"):
+        with pytest.raises(EmptyPressSimulation, match="add a trajectory"):
             PressSimulation(TWIN, acts)
 
 
 def test_a_touch_comes_down_drags_twists_and_lifts() -> None:
-    motion = PRESSED.motion
-    pressed = motion.pose(motion.lifted_s)
+    motion = PRESSED.trajectory
+    pressed = motion.pose_at(motion.lift_start_s)
     assert (pressed.x_mm, pressed.depth_mm) == pytest.approx((1.5, 1.0))
     assert np.degrees(pressed.twist_rad) == pytest.approx(10)
-    assert motion.pose(0).depth_mm < 0 and motion.pose(motion.seconds + 1).depth_mm < 0
-    depths = np.array([pose.depth_mm for pose in motion.poses(100.0)])
+    assert motion.pose_at(0).depth_mm < 0 and motion.pose_at(motion.duration_s + 1).depth_mm < 0
+    depths = np.array([pose.depth_mm for pose in motion.sample_poses(100.0)])
     assert np.abs(np.diff(depths)).max() < 0.06  # nothing jumps
-    assert Trajectory(Pose(), ()).lifted_s == 0 and Trajectory(Pose(), ()).pose(1) == Pose()
+    assert Trajectory(Pose(), ()).lift_start_s == 0 and Trajectory(Pose(), ()).pose_at(1) == Pose()
 
 
 def test_motions_in_turn_go_from_one_to_the_next() -> None:
     there, back = press_trajectory(Pose(2.0, 0.0, 0.5)), press_trajectory(Pose(-2.0, 0.0, 0.5))
     both = concatenate_trajectories([there, back], between_s=0.5)
-    assert both.seconds == pytest.approx(there.seconds + back.seconds + 0.5)
-    way = both.pose(there.seconds + 0.25)
+    assert both.duration_s == pytest.approx(there.duration_s + back.duration_s + 0.5)
+    way = both.pose_at(there.duration_s + 0.25)
     assert (way.x_mm, way.depth_mm < 0) == (pytest.approx(0, abs=1e-9), True)
     for bad in (
         lambda: concatenate_trajectories([]),

@@ -19,21 +19,21 @@ from ninedtact.simulation.twin import default_twin
 
 QUIET = CameraNoise(0.0)
 EVEN = np.full((480, 640, 3), 160, np.float32)
-EVENLY_LIT = Renderer(WideAngleLens().view(), EVEN, BrightnessModel(), QUIET)
+EVENLY_LIT = Renderer(WideAngleLens().pixel_map(), EVEN, BrightnessModel(), QUIET)
 
 
 def factor(contact: Contact) -> np.ndarray:
-    return EVENLY_LIT.shone_on(contact)[..., 1] / 160
+    return EVENLY_LIT.render_without_noise(contact)[..., 1] / 160
 
 
 def test_an_untouched_twin_gives_its_untouched_image_and_noise() -> None:
     images = np.array([TWIN.renderer(TWIN.model.untouched(), number) for number in range(16)], float)
     assert np.array_equal(images[3], TWIN.renderer(None, 3))
-    assert images.mean(axis=0) == pytest.approx(TWIN.renderer.untouched, abs=2.0)
+    assert images.mean(axis=0) == pytest.approx(TWIN.renderer.reference, abs=2.0)
     spread = images.std(axis=0, ddof=1)
     assert np.sqrt((spread**2).mean()) == pytest.approx(np.hypot(0.7, 0.29), rel=0.03)  # with rounding to 8 bits
     quiet = replace(TWIN.renderer, noise=QUIET)
-    assert np.abs(quiet(None).astype(float) - TWIN.renderer.untouched).max() <= 0.5
+    assert np.abs(quiet(None).astype(float) - TWIN.renderer.reference).max() <= 0.5
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
@@ -62,7 +62,7 @@ def test_opened_again_it_begins_again() -> None:
 
 def test_a_camera_ends_with_its_stage() -> None:
     with SimulatedCamera(small_press_simulation(rounds=1)) as camera:
-        assert len(list(camera)) == int(np.ceil(PRESSED.motion.seconds * 10))
+        assert len(list(camera)) == int(np.ceil(PRESSED.trajectory.duration_s * 10))
         with pytest.raises(SourceEnded):
             camera.read()
 
@@ -71,8 +71,8 @@ def test_camera_and_force_torque_sensor_see_one_motion() -> None:
     stage = small_press_simulation()
     camera, sensor = SimulatedCamera(stage), SimulatedForceTorque(stage, hz=10.0, errors=NO_FORCE_TORQUE_ERRORS)
     with camera, sensor:
-        pairs = [(camera.read(), sensor.read()) for _ in range(int(stage.seconds * 10))]
-    untouched = TWIN.renderer.untouched[..., 1]
+        pairs = [(camera.read(), sensor.read()) for _ in range(int(stage.round_s * 10))]
+    untouched = TWIN.renderer.reference[..., 1]
     assert all(frame.stamp_ns == wrench.stamp_ns for frame, wrench in pairs)
     darkness = np.array([np.percentile(untouched - frame.image[..., 1], 99) for frame, _ in pairs])
     load = np.array([-wrench.force_n[2] for _, wrench in pairs])
@@ -81,7 +81,7 @@ def test_camera_and_force_torque_sensor_see_one_motion() -> None:
 
 
 def test_the_front_of_a_drag_is_brighter_than_its_back() -> None:
-    dragged = factor(ScriptedPress(1.2, drag_mm=(1.0, 0.0)).on(TWIN, Ball(4.0)))
+    dragged = factor(ScriptedPress(1.2, drag_mm=(1.0, 0.0)).simulate(TWIN, Ball(4.0)))
     row, middle = 240, 640 // 2 + 24
     back, front = dragged[row, middle - 200 : middle].max(), dragged[row, middle : middle + 200].max()
     assert front > back + 0.03
@@ -90,12 +90,12 @@ def test_the_front_of_a_drag_is_brighter_than_its_back() -> None:
 def test_a_mirrored_press_gives_the_mirrored_image() -> None:
     press = ScriptedPress(1.0, at_mm=(2.0, -1.0), drag_mm=(0.6, 0.3))
     mirrored = replace(press, at_mm=(-2.0, -1.0), drag_mm=(-0.6, 0.3))
-    one, other = (factor(each.on(TWIN, Ball(4.0))) for each in (press, mirrored))
+    one, other = (factor(each.simulate(TWIN, Ball(4.0))) for each in (press, mirrored))
     assert one == pytest.approx(other[:, ::-1], abs=2e-3)
 
 
 def test_pressed_skin_is_seen_displaced_outwards() -> None:
-    contact = ScriptedPress(1.5, at_mm=(7.0, 0.0)).on(TWIN, Ball(4.0))
+    contact = ScriptedPress(1.5, at_mm=(7.0, 0.0)).simulate(TWIN, Ball(4.0))
     place, seen = (true_height_map(contact, (1, 401), 0.05, nearness) for nearness in (0.0, 0.05))
     x_place, x_seen = (float(height.axes_mm[0][height.z_mm[0].argmin()]) for height in (place, seen))
     assert x_place == pytest.approx(7.0, abs=0.06)
@@ -106,7 +106,7 @@ def test_pressed_skin_is_seen_displaced_outwards() -> None:
 
 
 def test_a_lens_read_backwards_is_smooth_and_right_way_round() -> None:
-    plane = WideAngleLens().view().plane_mm
+    plane = WideAngleLens().pixel_map().plane_mm
     assert (np.diff(plane[..., 0], axis=1) > 0).all() and (np.diff(plane[..., 1], axis=0) > 0).all()
     assert plane[240, 320] == pytest.approx([0, 0], abs=0.05)
     turned = WideAngleLens(turn_rad=np.pi / 2, offset_mm=(0.5, 0.0)).view((480, 480)).plane_mm

@@ -55,8 +55,8 @@ class ScriptedHand:
 
     def object_at(self, frame: "Frame") -> str:
         """The object in the hand when an image was taken."""
-        at_s = (frame.stamp_ns - self.stage.clock.began_ns) / 1e9
-        return self.names[self.stage.act_at(at_s)[0] % len(self.names)]
+        at_s = (frame.stamp_ns - self.stage.clock.start_ns) / 1e9
+        return self.names[self.stage.trajectory_at(at_s)[0] % len(self.names)]
 
 
 def scripted_hand(twin: "Twin", names: Sequence[str], touches: int, seed: int) -> ScriptedHand:
@@ -94,7 +94,7 @@ def touched(twin: "Twin", indenter: "Indenter", rng: "np.random.Generator", paus
     from ninedtact.simulation.trajectory import press_trajectory
 
     load_n = float(rng.uniform(*LOADS_N))
-    depth_mm = ScriptedPress(load_n=load_n).on(twin, indenter, effort=None).pose.depth_mm
+    depth_mm = ScriptedPress(load_n=load_n).simulate(twin, indenter, solver_settings=None).pose.depth_mm
     x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) * (1, 0.7)
     drag_x, drag_y = rng.uniform(-DRAG_MM, DRAG_MM, 2)
     tilt = radians(rng.uniform(-TILT_DEG, TILT_DEG)), radians(rng.uniform(-TILT_DEG, TILT_DEG))

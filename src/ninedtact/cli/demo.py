@@ -138,7 +138,7 @@ class Demo:
         from ninedtact.simulation.press_simulation import PressSimulation
 
         stage = PressSimulation(self.twin, [act], STEPS_HZ, real_time=False)
-        contact = stage.contact(int(act.motion.lifted_s * STEPS_HZ - 1e-6))
+        contact = stage.contact(int(act.trajectory.lift_start_s * STEPS_HZ - 1e-6))
         image = self.twin.renderer(contact, 1)
         seen = reader(folder.shape.rectify(Frame(image)))
         true = true_height_map_like(contact, seen, self.twin.renderer.light.inverse_distance_per_mm)

@@ -159,7 +159,7 @@ def page_sources_of_twin(
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME
     from ninedtact.studio.wrench_poller import WrenchPoller
 
-    depth = shape.depth_reader(*(references or shown.untouched))
+    depth = shape.depth_reader(*(references or shown.reference_frames))
     return Sensor(LatestFrameSource(shown.camera), shape, depth_reader=depth), [
         WrenchPoller(shown.force_torque, TRUE_WRENCH_NAME)
     ]

@@ -33,7 +33,7 @@ class BatchRenderer:
     def factors(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols"]:
         """Brightness of every raw pixel relative to untouched skin, one image for each contact of the batch."""
         light = self.renderer.light
-        seen = light.change(self.seen_mm(contacts))
+        seen = light.brightness_change(self.seen_mm(contacts))
         dark = array_namespace_of(seen).clip(-seen, min=0.0) * self.sensing
         lost = light.global_dimming * array_namespace_of(seen).sum(dark, axis=(-2, -1), keepdims=True)
         return self.through_lens((1 + self.scattered(seen)) * (1 - lost))
@@ -102,7 +102,7 @@ class BatchRenderer:
     @cached_property
     def untouched(self) -> Any:
         """The untouched skin, BGR."""
-        return self.asarray(self.renderer.untouched)
+        return self.asarray(self.renderer.reference)
 
     def asarray(self, values: Any) -> Any:
         """Numbers as an array like those of this renderer."""

@@ -1,4 +1,4 @@
-"""What is true of a contact, on the grids on which a sensor answers: to hold a reconstruction against."""
+"""Heights, pressure and shear of a simulated contact on the pixel grid of a sensor, to compare estimates with."""
 
 from dataclasses import replace
 
@@ -12,16 +12,16 @@ from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
 from ninedtact.simulation.seeing import Sight, grid, sampled
 
 PRESSED_MM = 0.05
-"""Heights count as pressed in from here on: what the noise of an image stays below."""
+"""Indentation from which on an error counts; image noise stays below it."""
 
 
 def true_height_map(
     contact: Contact, shape: tuple[int, int], mm_per_px: float, inverse_distance_per_mm: float = 0.0
 ) -> HeightMap:
-    """Height of the skin on a grid of this shape about the sensor's middle.
+    """Return the height of the skin on a grid of (rows, cols) about the sensor's centre.
 
-    With a nearness, pixels are lines of sight, as those of a reconstruction are: pixel P shows the skin at P(1 + nearness·z).
-    Without, they are places.
+    With an inverse viewing distance k > 0 per mm, pixels are lines of sight, as those of a reconstruction are: pixel P shows the
+    skin at P(1 + k·z). With zero, pixels are positions.
     """
     sight = Sight(*_pixel_grid_mm(shape, mm_per_px), inverse_distance_per_mm)
     z_mm = sight.height_mm(
@@ -34,31 +34,31 @@ def true_height_map(
 
 
 def true_height_map_like(contact: Contact, seen: HeightMap, inverse_distance_per_mm: float) -> HeightMap:
-    """The heights that a reconstruction should have given, pixel by pixel."""
+    """Return the heights that an exact reconstruction would have given, pixel by pixel."""
     true = true_height_map(contact, seen.z_mm.shape, seen.mm_per_px, inverse_distance_per_mm)
     return replace(true, source=seen.source, stamp_ns=seen.stamp_ns)
 
 
 def mean_height_error_mm(true: HeightMap, seen: HeightMap) -> float:
-    """Mean absolute error of a reconstruction where the skin is pressed in; zero where it is not."""
+    """Return the mean absolute error of a reconstruction over the indented skin; zero without any."""
     pressed = true.z_mm < -PRESSED_MM
     return float(np.abs(seen.z_mm - true.z_mm)[pressed].mean()) if pressed.any() else 0.0
 
 
 def true_pressure_map_mpa(contact: Contact, shape: tuple[int, int], mm_per_px: float) -> Float32[Array, "rows cols"]:
-    """Pressure at the places of a grid."""
+    """Return the pressure in MPa at the pixels of a grid about the sensor's centre."""
     return resample_skin_field(contact, contact.pressure_mpa, shape, mm_per_px)
 
 
 def true_shear_map_mpa(contact: Contact, shape: tuple[int, int], mm_per_px: float) -> Float32[Array, "rows cols 2"]:
-    """Shear traction (x, y) that the object applies to the skin, at the places of a grid."""
+    """Return the shear traction (x, y) in MPa that the object applies to the skin, at the pixels of a grid."""
     return np.stack([resample_skin_field(contact, part, shape, mm_per_px) for part in contact.shear_mpa], axis=-1)
 
 
 def resample_skin_field(
     contact: Contact, field: Array, shape: tuple[int, int], mm_per_px: float
 ) -> Float32[Array, "rows cols"]:
-    """A field of the skin at the places of a grid, linearly."""
+    """Interpolate a field of the simulated skin linearly at the pixels of a grid."""
     at = grid(contact.skin.patch, contact.centre_mm, *_pixel_grid_mm(shape, mm_per_px))
     return sampled(to_numpy(field).astype(np.float32), *at)
 
@@ -66,6 +66,6 @@ def resample_skin_field(
 def _pixel_grid_mm(
     shape: tuple[int, int], mm_per_px: float
 ) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-    """x and y of every pixel."""
+    """Return x and y of every pixel in mm."""
     x, y = np.meshgrid(centred_axis_mm(shape[1], mm_per_px), centred_axis_mm(shape[0], mm_per_px))
     return x, y

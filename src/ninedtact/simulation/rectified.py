@@ -34,7 +34,7 @@ class GreyEye:
     @cached_property
     def untouched(self) -> Float32[Array, "rows cols"]:
         """Without noise."""
-        return np.asarray(cv2.cvtColor(self.renderer.untouched, cv2.COLOR_BGR2GRAY))
+        return np.asarray(cv2.cvtColor(self.renderer.reference, cv2.COLOR_BGR2GRAY))
 
     def image(self, contact: Contact | None, rng: np.random.Generator) -> Grey:
         """Of this contact (None: nothing touches), with noise of its own."""
@@ -42,7 +42,7 @@ class GreyEye:
 
     def factor(self, contact: Contact | None) -> Float32[Array, "rows cols"] | None:
         """Brightness relative to untouched skin; None where nothing touches."""
-        return self.renderer.factor(contact) if contact is not None and contact.touches else None
+        return self.renderer.brightness_factor(contact) if contact is not None and contact.touches else None
 
     def shot(self, factor: Float32[Array, "rows cols"] | None, rng: np.random.Generator) -> Grey:
         """The image, with noise of its own, of skin that is this much brighter than untouched."""
@@ -59,8 +59,8 @@ def mm_per_px(size: tuple[int, int], design: SensorDesign = SensorDesign()) -> f
 def grey_eye(member: SampledSensor, size: tuple[int, int]) -> GreyEye:
     """The eye of a member, for images of (cols, rows). Small images are means over pixels, with less noise."""
     raw = member.renderer()
-    plane = read_places(size, mm_per_px(size, member.design), member.misreading)
-    untouched = looked_up(raw.untouched, raw_places(raw.view, plane))
+    plane = read_places(size, mm_per_px(size, member.design), member.misalignment)
+    untouched = looked_up(raw.reference, raw_places(raw.pixel_map, plane))
     calmer = member.noise_grey_levels * min(1.0, size[0] / FULL_COLS)
     rows, cols = plane.shape[:2]
     noise = CameraNoise(calmer, (rows, cols))

@@ -1,4 +1,4 @@
-"""One press of an object, from above the skin to where it ends: down, then dragged and twisted."""
+"""One quasi-static press of an object on a twin: down to a depth or a load, then dragged and twisted."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,26 +13,26 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.twin import Twin
 
 DOWN_MM, ALONG_MM, ROUND_RAD = 0.5, 0.3, np.radians(4.0)
-"""The longest steps: friction remembers the way, so it matters."""
+"""The longest steps of depth, drag and twist. Friction depends on the path, so steps must be small."""
 PRESS_SOLVER_SETTINGS = SolverSettings(tolerance=2e-3)
 
 
 class InvalidPress(NinedtactError):
-    """A press that says nothing, or two things, about how hard."""
+    """A press needs either a depth or a load, above zero, and must stay within the gel."""
 
 
 @dataclass(frozen=True)
 class ScriptedPress:
-    """How an object is pressed: to a depth or to a load, at a place; then dragged and twisted as deep or as hard."""
+    """A press to a depth or to a load at a position, followed by a drag and a twist at that depth or load."""
 
     depth_mm: float | None = None
     load_n: float | None = None
     at_mm: tuple[float, float] = (0.0, 0.0)
-    """Where it first touches."""
+    """Position of the first contact, x and y."""
     drag_mm: tuple[float, float] = (0.0, 0.0)
     twist_rad: float = 0.0
     tilt_rad: tuple[float, float] = (0.0, 0.0)
-    """About x and y, from before it touches."""
+    """Tilts about x and y, which the object has from the beginning."""
 
     def __post_init__(self) -> None:
         if (self.depth_mm is None) == (self.load_n is None):
@@ -43,36 +43,41 @@ class ScriptedPress:
             raise InvalidPress(f"expected a press above zero, got {wanted:g} {unit}; press the skin")
 
     def poses(self) -> Iterator[Pose]:
-        """The way, as deep as is known beforehand."""
+        """Yield all poses; those of a press to a load have depth zero, which `simulate` replaces."""
         depth = self.depth_mm or 0.0
         pressed = Pose(*self.at_mm, depth, 0.0, *self.tilt_rad)
         for number in range(1, _step_count(depth, DOWN_MM) + 1):
             yield replace(pressed, depth_mm=depth * number / _step_count(depth, DOWN_MM))
         (x, y), (along_x, along_y) = self.at_mm, self.drag_mm
         dragged = Pose(x + along_x, y + along_y, depth, self.twist_rad, *self.tilt_rad)
-        # Dragged and twisted at once, as a hand does.
+        # Drag and twist happen at the same time, as when a hand presses.
         many = max(_step_count(float(np.hypot(*self.drag_mm)), ALONG_MM), _step_count(abs(self.twist_rad), ROUND_RAD))
         if dragged != pressed:
             yield from (pressed.towards(dragged, number / many) for number in range(1, many + 1))
 
-    def on(self, twin: Twin, indenter: Indenter, effort: SolverSettings | None = PRESS_SOLVER_SETTINGS) -> Contact:
-        """The contact at its end. effort: None leaves the twin's own. Raises what `Twin.step` raises."""
-        self.require_above_base(twin)
-        twin = twin if effort is None else replace(twin, effort=effort)
+    def simulate(
+        self, twin: Twin, indenter: Indenter, solver_settings: SolverSettings | None = PRESS_SOLVER_SETTINGS
+    ) -> Contact:
+        """Return the contact at the end of the press; raises `InvalidPress` and what `Twin.step` raises.
+
+        solver_settings: None keeps those of the twin.
+        """
+        self._require_within_gel(twin)
+        twin = twin if solver_settings is None else replace(twin, solver_settings=solver_settings)
         contact = twin.model.untouched()
         for pose in self.poses():
             deeper = pose if self.load_n is None else replace(pose, depth_mm=contact.pose.depth_mm)
             contact = twin.step(contact, indenter, deeper, self.load_n)
-        return twin.felt(contact)
+        return twin.correct_contact(contact)
 
-    def require_above_base(self, twin: Twin) -> None:
-        """Refuse a depth at which the object would reach through the gel."""
+    def _require_within_gel(self, twin: Twin) -> None:
+        """Refuse a depth at which the object would go through the gel; raises `InvalidPress`."""
         if self.depth_mm is not None and self.depth_mm >= twin.thickness_mm:
             raise InvalidPress(
                 f"expected a press less deep than the gel is thick, {twin.thickness_mm:g} mm, got {self.depth_mm:g} mm; press less"
             )
 
 
-def _step_count(way: float, longest: float) -> int:
-    """In how many equal steps to go."""
-    return max(int(np.ceil(way / longest - 1e-9)), 1)
+def _step_count(distance: float, longest: float) -> int:
+    """Return the number of equal steps that are no longer than the longest."""
+    return max(int(np.ceil(distance / longest - 1e-9)), 1)

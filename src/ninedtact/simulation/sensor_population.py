@@ -1,17 +1,14 @@
-"""How light, gel, lens and mounting spread over sensors.
+"""A distribution over sensors, for training and evaluating what must work on sensors that it has not seen.
 
-Light: ball presses on eight real sensors of five labs (docs/datasets.md; a ninth image was too poor), as logarithms, with
-their correlations. There are few of them, so draws end at `REACH` standard deviations. Lens: three real sensors, fitted by
-`WideAngleLens` to 0.05 mm. Untouched images: the mean grey of nine sensors. The rest is what moulds, silicone and hands allow.
+`sample_sensor(number, seed)` returns sensor `number` of a seed: all its parameters, its twin, and its form as JSON.
 
-What lies below the skin.
+Brightness: fits to ball presses on eight real sensors of five labs (docs/datasets.md; a ninth image was too poor), sampled as
+logarithms with their correlations and cut off at `REACH` standard deviations, because the fits are few. Lens: fits to three real
+sensors, which `WideAngleLens` follows to 0.05 mm. Reference images: the mean grey of nine sensors. All other spreads are
+tolerances of moulding, silicone and mounting.
 
-Two of the three kinds are not what shape and force are estimated with, so that no figure rests on the same model being on
-both sides.
-
-What a member is made of besides gel, light and lens.
-
-Member k of a seed: the same whichever others are asked for.
+Mechanics: two of the three kinds differ from the model with which shape and force are estimated, so that no figure rests on the
+same model on both sides.
 """
 
 from collections.abc import Iterator
@@ -53,38 +50,38 @@ FITTED_LIGHT_PARAMETERS = np.array(
         (0.142, 0.41, 0.72, 0.006),
     ]
 )
-"""a_dark and a_bright per mm, scattering in mm, and the light lost everywhere; one row per real sensor."""
+"""Slopes of darkening and brightening per mm, point-spread in mm, and dimming of the whole image; one row per real sensor."""
 FITTED_AT_MM = 2.0
-"""Depth of those presses: a_dark is the slope of the straight line to there."""
+"""Depth of those presses: the first column is the slope of the straight line to this depth."""
 MEAN_DARKENING = 0.014
-"""Of the whole view, in those presses: turns the lost light into `Light.global_dimming`."""
+"""Mean darkening of the view in those presses; it turns the dimming into `BrightnessModel.global_dimming`."""
 REACH = 2.0
 
 Random = np.random.Generator
 
 
 def _sample_light_parameters(rng: Random) -> Float[Array, "4"]:
-    """One more row of `FITTED_LIGHT_PARAMETERS`."""
+    """Sample one more row of `FITTED_LIGHT_PARAMETERS`."""
     logs = np.log(FITTED_LIGHT_PARAMETERS)
     root = np.linalg.cholesky(np.cov(logs.T))
     return np.asarray(np.exp(logs.mean(axis=0) + root @ _sample_clipped_normal(rng, 4)))
 
 
 def _sample_clipped_normal(rng: Random, count: int) -> Float[Array, " count"]:
-    """Standard normal numbers without the far tails."""
+    """Sample standard normal numbers, clipped at `REACH`."""
     return np.clip(rng.standard_normal(count), -REACH, REACH)
 
 
 def _sample_brightness_model(
     rng: Random, thickness_mm: float, design: SensorDesign = PUBLISHED_DESIGN
 ) -> BrightnessModel:
-    """The light of one sensor with this gel, as of a published one with as much too thick a gel, carried to the design."""
+    """Sample a published sensor whose gel deviates by the same ratio, and scale its brightness model to the design."""
     usual_mm = thickness_mm * (PUBLISHED_DESIGN.gel.thickness_mm / design.gel.thickness_mm)
     return scale_brightness_to_design(_sample_published_brightness_model(rng, usual_mm), design)
 
 
 def _sample_published_brightness_model(rng: Random, thickness_mm: float) -> BrightnessModel:
-    """The light of one published sensor."""
+    """Sample the brightness model of a sensor of the published design."""
     secant, bright, scattering, lost = _sample_light_parameters(rng).tolist()
     saturation = float(np.exp(rng.uniform(np.log(0.2), np.log(3.5))))
     depth = np.array([-min(FITTED_AT_MM, 0.9 * thickness_mm)])
@@ -94,7 +91,7 @@ def _sample_published_brightness_model(rng: Random, thickness_mm: float) -> Brig
 
 
 def _sample_gel(rng: Random, meant: Gel = PUBLISHED_DESIGN.gel) -> Gel:
-    """Moulded to 2.5 ± 0.2 mm, or as exactly for its thickness; within a quarter of its modulus; keeping its volume or nearly."""
+    """Sample a gel: thickness 2.5 ± 0.2 mm (one standard deviation) or in proportion, modulus ± 25 %, nearly incompressible."""
     thickness = (
         meant.thickness_mm
         + 0.2 * (meant.thickness_mm / PUBLISHED_DESIGN.gel.thickness_mm) * _sample_clipped_normal(rng, 1)[0]
@@ -104,7 +101,7 @@ def _sample_gel(rng: Random, meant: Gel = PUBLISHED_DESIGN.gel) -> Gel:
 
 
 def _sample_lens(rng: Random, design: SensorDesign = PUBLISHED_DESIGN) -> WideAngleLens:
-    """A lens of the same make, and a skin mounted a little off its axis, turned and tilted."""
+    """Sample a lens of the same make over a skin that is mounted slightly off its axis, rotated and tilted."""
     bent, mean = 1 + 0.06 * _sample_clipped_normal(rng, 1)[0], lens_for_design(design)
     pairs = iter((_sample_clipped_normal(rng, 6).reshape(3, 2) * np.array([[0.015], [0.008], [0.2]])).tolist())
     centre, tilt, offset = ((float(x), float(y)) for x, y in pairs)
@@ -121,27 +118,27 @@ def _sample_lens(rng: Random, design: SensorDesign = PUBLISHED_DESIGN) -> WideAn
 
 MechanicsKind = Literal["bonded", "compliant_base", "finite_strain"]
 BASE_STIFFNESS = 10.0
-"""Modulus of the transparent layer over that of the gel; Shore A 45 over Shore A 5 is about that."""
+"""Ratio of the modulus of the transparent layer to that of the gel, about that of Shore A 45 to Shore A 5."""
 
 
 def sample_substrate(rng: np.random.Generator, gel: Gel) -> Gel:
-    """The transparent layer of one sensor, on a rigid window."""
+    """Sample the transparent layer of one sensor, which lies on a rigid window."""
     modulus = gel.shear_modulus_mpa * BASE_STIFFNESS * rng.uniform(0.8, 1.25)
     return Gel(float(rng.uniform(4.0, 8.0)), float(modulus), gel.poisson_ratio)
 
 
 def gel_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
-    """Of gel on a base, or on a rigid one where none is given."""
+    """Return the compliance of gel on a compliant base, or on a rigid one where the base is None."""
     return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
 
 
 def correct_for_mechanics_kind(contact: Contact, kind: MechanicsKind, gel: Gel) -> Contact:
-    """From the contact that the linear model solved to the one that is seen and weighed."""
+    """Return the contact that is rendered and weighed, from the one that the linear model solved."""
     return apply_finite_strain(contact, gel.thickness_mm) if kind == "finite_strain" else contact
 
 
 def apply_finite_strain(contact: Contact, thickness_mm: float) -> Contact:
-    """Tractions of gel that stiffens where it is thin, heights that pile up (`mechanics.finite_strain`)."""
+    """Return the contact with the tractions and the heights of a finite-strain gel (`mechanics.finite_strain`)."""
     height = contact.height_mm
     on_both_axes = height[..., None, :, :] + 0 * contact.shear_mpa
     return replace(
@@ -153,12 +150,12 @@ def apply_finite_strain(contact: Contact, thickness_mm: float) -> Contact:
 
 
 class InvalidPopulation(NinedtactError):
-    """Members that cannot be drawn."""
+    """The settings of a population admit no sensor."""
 
 
 @dataclass(frozen=True)
 class MechanicsShares:
-    """The part of all members whose mechanics are not the gel on a rigid base that estimators assume."""
+    """Shares of sensors whose mechanics differ from the gel on a rigid base that estimators assume."""
 
     compliant_base: float = 0.2
     finite_strain: float = 0.3
@@ -166,20 +163,20 @@ class MechanicsShares:
     def __post_init__(self) -> None:
         if not (min(self.compliant_base, self.finite_strain) >= 0 and self.compliant_base + self.finite_strain <= 1):
             raise InvalidPopulation(
-                f"expected shares of members from 0 to 1, together at most 1, got {self.compliant_base} on a compliant base "
+                f"expected shares of sensors from 0 to 1, together at most 1, got {self.compliant_base} on a compliant base "
                 f"and {self.finite_strain} with finite strain; correct them"
             )
 
-    def at(self, part: float) -> MechanicsKind:
-        """The kind at this part of the unit."""
-        if part < self.compliant_base:
+    def kind_at(self, quantile: float) -> MechanicsKind:
+        """Return the kind at a quantile, 0 to 1."""
+        if quantile < self.compliant_base:
             return "compliant_base"
-        return "finite_strain" if part < self.compliant_base + self.finite_strain else "bonded"
+        return "finite_strain" if quantile < self.compliant_base + self.finite_strain else "bonded"
 
 
 @dataclass(frozen=True)
 class ReferenceImageSettings:
-    """What the untouched image is made from; see `untouched_image`."""
+    """Arguments of `synthetic_reference_image`."""
 
     mean_grey: float
     unevenness: float
@@ -189,7 +186,7 @@ class ReferenceImageSettings:
 
 @dataclass(frozen=True)
 class CalibrationMisalignment:
-    """The error of this sensor's board calibration: how the rectified grid lies on the skin."""
+    """The error of a board calibration: scale, rotation and offset of the rectified grid on the skin."""
 
     scale: float = 1.0
     """True mm per mm of the grid."""
@@ -198,59 +195,55 @@ class CalibrationMisalignment:
 
 
 def _sample_reference_image_settings(rng: np.random.Generator) -> ReferenceImageSettings:
-    """Mean grey of nine real sensors; white LEDs with a slight cast."""
+    """Sample the mean grey of nine real sensors, and white LEDs with a slight cast."""
     red, blue = (0.02 * _sample_clipped_normal(rng, 2)).tolist()
     grey, unevenness = rng.uniform(135, 162), rng.uniform(0.01, 0.03)
     return ReferenceImageSettings(float(grey), float(unevenness), (1 + blue, 1.0, 1 + red), int(rng.integers(2**31)))
 
 
 def _sample_misalignment(rng: np.random.Generator) -> CalibrationMisalignment:
-    """Of a board that was found to a few hundredths of a millimetre."""
+    """Sample the error of a board that was located to a few hundredths of a millimetre."""
     scale, turn, x, y = (_sample_clipped_normal(rng, 4) * (0.005, 0.005, 0.1, 0.1)).tolist()
     return CalibrationMisalignment(1 + scale, turn, (x, y))
 
 
 RAW_SHAPE = (480, 640)
 GOLDEN = 0.618034
-"""Its multiples, modulo one, fill the unit evenly from the first on: shares hold among few members too."""
+"""Multiples of it, modulo one, fill the unit interval evenly, so that the shares hold among few sensors too."""
 
 
 @dataclass(frozen=True)
 class SampledSensor:
-    """All numbers of one sensor."""
+    """All parameters of one simulated sensor."""
 
     name: str
     kind: MechanicsKind
     gel: Gel
     base: Gel | None
-    """What the gel lies on, where that yields."""
+    """The layer under the gel, where it is compliant."""
     friction: float
     light: BrightnessModel
     lens: WideAngleLens
     noise_grey_levels: float
-    untouched: ReferenceImageSettings
-    misreading: CalibrationMisalignment = field(default_factory=CalibrationMisalignment)
+    reference_image: ReferenceImageSettings
+    misalignment: CalibrationMisalignment = field(default_factory=CalibrationMisalignment)
     design: SensorDesign = SensorDesign()
-    """What it was meant to be."""
+    """The design from which the sensor deviates."""
 
     @property
-    def view(self) -> PixelMap:
-        """Of the raw image."""
-        return self.lens.view(RAW_SHAPE)
+    def pixel_map(self) -> PixelMap:
+        """The pixel map of the raw image."""
+        return self.lens.pixel_map(RAW_SHAPE)
 
     def renderer(self) -> Renderer:
-        """To raw images."""
-        view = self.view
-        return Renderer(
-            view,
-            synthetic_reference_image(illumination_pixel_map(view, self.design), **asdict(self.untouched)),
-            self.light,
-            CameraNoise(self.noise_grey_levels, RAW_SHAPE),
-        )
+        """Return the renderer of the sensor's raw images."""
+        lit = illumination_pixel_map(self.pixel_map, self.design)
+        reference = synthetic_reference_image(lit, **asdict(self.reference_image))
+        return Renderer(self.pixel_map, reference, self.light, CameraNoise(self.noise_grey_levels, RAW_SHAPE))
 
     def twin(self, pitch_mm: float = PITCH_MM) -> Twin:
-        """Ready to be pressed and looked at."""
-        yields = self.gel.thickness_mm + (self.base.thickness_mm if self.base else 0.0)
+        """Return the twin of the sensor."""
+        compliant_mm = self.gel.thickness_mm + (self.base.thickness_mm if self.base else 0.0)
         return Twin(
             self.name,
             gel_compliance(self.gel, self.base),
@@ -258,33 +251,33 @@ class SampledSensor:
             self.friction,
             pitch_mm,
             area_mm=self.design.sensing_area.size_mm,
-            thickness_mm=yields,
+            thickness_mm=compliant_mm,
             gel_mm=self.design.sensing_area.gel_mm,
-            felt=self.felt,
+            correct_contact=self.correct_contact,
         )
 
-    def felt(self, contact: Contact) -> Contact:
-        """As it is seen and weighed: what the twin solved, corrected where this member's mechanics are not linear."""
+    def correct_contact(self, contact: Contact) -> Contact:
+        """Return the contact that is rendered and weighed, from the one that the twin's linear solver found."""
         return correct_for_mechanics_kind(contact, self.kind, self.gel)
 
-    def as_table(self) -> dict[str, Any]:
-        """Plain numbers, for JSON; `sampled_sensor_from_json` reads them back."""
+    def to_json_dict(self) -> dict[str, Any]:
+        """Return all parameters as plain numbers; `sampled_sensor_from_json` reads them."""
         return asdict(self)
 
 
 def sampled_sensor_from_json(table: dict[str, Any]) -> SampledSensor:
-    """The sensor that `as_table` wrote."""
+    """Return the sensor whose parameters `SampledSensor.to_json_dict` gave."""
     return msgspec.convert(table, SampledSensor)
 
 
 def sample_sensor(
     number: int, seed: int = 0, kinds: MechanicsShares = MechanicsShares(), design: SensorDesign = SensorDesign()
 ) -> SampledSensor:
-    """Draw one sensor of this design; raises `InvalidPopulation` for numbers below zero."""
+    """Sample sensor `number` of a seed, which does not depend on other numbers; raises `InvalidPopulation` below zero."""
     if number < 0 or seed < 0:
         raise InvalidPopulation(f"expected number and seed of zero or more, got {number} and {seed}; correct them")
     rng = np.random.default_rng([seed, number])
-    kind = kinds.at((0.5 + GOLDEN * number) % 1)
+    kind = kinds.kind_at((0.5 + GOLDEN * number) % 1)
     gel = _sample_gel(rng, design.gel)
     base = sample_substrate(rng, gel)
     return SampledSensor(
@@ -296,14 +289,14 @@ def sample_sensor(
         light=_sample_brightness_model(rng, gel.thickness_mm, design),
         lens=_sample_lens(rng, design),
         noise_grey_levels=float(rng.uniform(0.5, 1.0)),
-        untouched=_sample_reference_image_settings(rng),
-        misreading=_sample_misalignment(rng),
+        reference_image=_sample_reference_image_settings(rng),
+        misalignment=_sample_misalignment(rng),
         design=design,
     )
 
 
 def sample_sensors(seed: int = 0, kinds: MechanicsShares = MechanicsShares()) -> Iterator[SampledSensor]:
-    """All members of a seed, without end."""
+    """Sample all sensors of a seed, without end."""
     number = 0
     while True:
         yield sample_sensor(number, seed, kinds)

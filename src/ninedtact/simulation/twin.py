@@ -1,11 +1,12 @@
-"""A sensor that is not there: gel, light, lens, image and noise of one that is, or of one that could be.
+"""The digital twin of a sensor: its gel, brightness model, lens, reference image and camera noise.
 
-The twin of a sensor that is designed but not built: what changes from the average sensor when the design does.
+`build_sensor_twin` of `ninedtact.calibration` makes the twin of a calibrated sensor, `twin_from_design` that of a sensor which
+is designed but not built, `default_twin` that of the published design.
 
-The gel's thickness t changes the light as the reflectance St/(1 + St) of its layer does (Kubelka and Munk 1931,
-docs/references.md): slope and saturation of the brightness law; scattering spreads light over a part of the thickness that
-stays the same. The camera's distance and the way light is bent into acrylic and silicone change the scale of the image.
-The exposure is taken to be set so that untouched skin is as bright as ever.
+A design differs from the published one in three ways. The gel's thickness t changes the reflectance St/(1 + St) of its layer
+(Kubelka and Munk 1931, docs/references.md), and with it the slope and the saturation of the brightness model; the point-spread
+stays the same part of the thickness. The camera's distance and the refraction into acrylic and silicone change the scale of the
+image. The exposure is assumed to be set so that the reference image keeps its brightness.
 """
 
 from collections.abc import Callable
@@ -31,51 +32,52 @@ from ninedtact.simulation.renderer import CameraNoise, Renderer
 
 PITCH_MM = 0.2
 MARGIN_MM = 4.0
-"""Skin beyond the sensing area; see docs/mechanics.md for the error it leaves."""
+"""Width of the simulated skin beyond the sensing area; docs/mechanics.md states the error that remains."""
 LIVE_SOLVER_SETTINGS = SolverSettings(tolerance=1e-2, must_converge=False)
-"""A hundredth of the depth: less than the noise of an image shows."""
+"""A tolerance of one hundredth of the depth, which is less than image noise shows."""
 
 
 class PoseOutOfView(NinedtactError):
-    """An object beside the skin that the camera sees."""
+    """The object is beside the part of the skin that the camera sees."""
 
 
 class ObjectTooLarge(NinedtactError):
-    """An object that would touch more than the gel."""
+    """The object would touch more than the gel."""
 
 
 def _uncorrected(contact: Contact) -> Contact:
-    """No correction: what the linear layer says."""
+    """Return the contact of the linear layer unchanged."""
     return contact
 
 
 @dataclass(frozen=True)
 class Twin:
-    """Everything needed to press it and to look at it."""
+    """Everything needed to press a simulated sensor and to render its images."""
 
     name: str
     compliance_of: ComplianceFunction
+    """Surface compliance of the gel at a wave number."""
     renderer: Renderer
     friction: float = 1.0
     pitch_mm: float = PITCH_MM
     area_mm: tuple[float, float] = (24.0, 18.0)
-    effort: SolverSettings = field(default_factory=lambda: LIVE_SOLVER_SETTINGS)
+    solver_settings: SolverSettings = field(default_factory=lambda: LIVE_SOLVER_SETTINGS)
     thickness_mm: float = np.inf
-    """Of all that yields."""
+    """Thickness of all compliant layers."""
     gel_mm: tuple[float, float] = (29.5, 22.5)
     """Width and height of the gel as the published mould makes it; the camera sees the middle."""
-    felt: Callable[[Contact], Contact] = _uncorrected
-    """From a contact as it is solved, and gone on from, to what is seen and weighed: for gels that are not linear."""
+    correct_contact: Callable[[Contact], Contact] = _uncorrected
+    """Turns a contact of the linear solver into the one that is rendered and weighed; gels that are not linear need it."""
 
     @cached_property
     def model(self) -> ContactModel:
-        """The skin, ready to be pressed."""
+        """The contact model of the skin."""
         patch = padded_grid(*self.area_mm, self.pitch_mm, MARGIN_MM)
         skin = Skin(patch, self.compliance_of, np.zeros((), np.float32), self.thickness_mm)
-        return ContactModel(skin, self.friction, self.effort)
+        return ContactModel(skin, self.friction, self.solver_settings)
 
     def step(self, last: Contact, indenter: Indenter, pose: Pose, load_n: float | None = None) -> Contact:
-        """The contact after the object moved on to this pose, or to this load near it.
+        """Return the contact after the object has moved to a pose, or to a load near that pose.
 
         Raises `PoseOutOfView`, `ObjectTooLarge`, and what `ContactModel` raises.
         """
@@ -86,65 +88,60 @@ class Twin:
             else:
                 contact = self.model.step_to_load(last, indenter, pose, load_n)
         except ContactLeavesGrid as beyond:
-            raise self.too_large(indenter, "more than that") from beyond
+            raise self.object_too_large(indenter, "more than that") from beyond
         self.require_on_gel(indenter, contact)
         return contact
 
     def require_in_view(self, pose: Pose) -> None:
-        """Refuse an object whose middle the camera does not see; raises `PoseOutOfView`."""
-        reach = self.renderer.view.reach_mm
+        """Refuse a pose whose centre the camera does not see; raises `PoseOutOfView`."""
+        reach = self.renderer.pixel_map.reach_mm
         if abs(pose.x_mm) > reach[0] or abs(pose.y_mm) > reach[1]:
             raise PoseOutOfView(
                 f"expected the object over the skin that the camera sees, x within ±{reach[0]:.1f} mm and y within "
-                f"±{reach[1]:.1f} mm, got ({pose.x_mm:g}, {pose.y_mm:g}) mm; press nearer to the middle"
+                f"±{reach[1]:.1f} mm, got ({pose.x_mm:g}, {pose.y_mm:g}) mm; press nearer to the centre"
             )
 
     def require_on_gel(self, indenter: Indenter, contact: Contact) -> None:
-        """Refuse a contact that reaches over the gel's rim; raises `ObjectTooLarge`."""
+        """Refuse a contact that reaches beyond the edge of the gel; raises `ObjectTooLarge`."""
         pressed = to_numpy(contact.pressure_mpa) > 0
         if not pressed.any():
             return
         reach = [float(np.abs(place[pressed]).max()) for place in contact.surface_mm[:2]]
         if reach[0] > self.gel_mm[0] / 2 or reach[1] > self.gel_mm[1] / 2:
-            raise self.too_large(indenter, f"contact up to x = ±{reach[0]:.1f} mm and y = ±{reach[1]:.1f} mm")
+            raise self.object_too_large(indenter, f"contact up to x = ±{reach[0]:.1f} mm and y = ±{reach[1]:.1f} mm")
 
-    def too_large(self, indenter: Indenter, got: str) -> ObjectTooLarge:
-        """The refusal of an object that does not fit on the gel."""
+    def object_too_large(self, indenter: Indenter, got: str) -> ObjectTooLarge:
+        """Return the error for an object that does not fit on the gel."""
         width, height = self.gel_mm
         return ObjectTooLarge(
             f"expected {indenter.name} to touch no more than the gel of {width:g} x {height:g} mm, got {got}; take a "
-            "smaller object, press less deep, or nearer to the middle"
+            "smaller object, press less deep, or press nearer to the centre"
         )
 
 
 def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
-    """The twin of no sensor in particular: the published gel, an average light and lens; the seed is that of its skin."""
-    view = WideAngleLens().view()
-    renderer = Renderer(
-        view,
-        synthetic_reference_image(view, seed=seed),
-        BrightnessModel(),
-        CameraNoise(shape=view.raw_shape, seed=seed),
+    """Return the twin of the published design with an average brightness model and lens; the seed picks its reference image."""
+    pixel_map = WideAngleLens().pixel_map()
+    reference, noise = (
+        synthetic_reference_image(pixel_map, seed=seed),
+        CameraNoise(shape=pixel_map.raw_shape, seed=seed),
     )
+    renderer = Renderer(pixel_map, reference, BrightnessModel(), noise)
     return Twin("default", partial(bonded_layer_compliance, gel=gel), renderer, thickness_mm=gel.thickness_mm)
 
 
 PUBLISHED_DESIGN = SensorDesign()
-"""The design of the sensors that the defaults of light and lens come from."""
+"""The design of the sensors from which the default brightness model and lens were fitted."""
 AIR_MM, ACRYLIC_MM = 0.35, 2.0
-"""Between lens front and gel in the published sensor; the rest is silicone."""
+"""Lengths of the optical path in air and acrylic in the published sensor; the rest is silicone."""
 
 
 def twin_from_design(design: SensorDesign, seed: int = 0) -> Twin:
-    """The twin that a sensor of this design would have; that of the published design is `default_twin`."""
-    view = lens_for_design(design).view()
-    noise = CameraNoise(shape=view.raw_shape, seed=seed)
-    renderer = Renderer(
-        view,
-        synthetic_reference_image(illumination_pixel_map(view, design), seed=seed),
-        brightness_model_for_design(design),
-        noise,
-    )
+    """Return the twin of a sensor of this design; the published design gives `default_twin`."""
+    pixel_map = lens_for_design(design).pixel_map()
+    reference = synthetic_reference_image(illumination_pixel_map(pixel_map, design), seed=seed)
+    noise = CameraNoise(shape=pixel_map.raw_shape, seed=seed)
+    renderer = Renderer(pixel_map, reference, brightness_model_for_design(design), noise)
     area = design.sensing_area
     return Twin(
         "default" if design == PUBLISHED_DESIGN else "designed",
@@ -157,36 +154,35 @@ def twin_from_design(design: SensorDesign, seed: int = 0) -> Twin:
 
 
 def brightness_model_for_design(design: SensorDesign) -> BrightnessModel:
-    """The average light, carried to this design."""
+    """Return the average brightness model, scaled to a design."""
     return scale_brightness_to_design(BrightnessModel(), design)
 
 
-def scale_brightness_to_design(light: BrightnessModel, design: SensorDesign) -> BrightnessModel:
-    """The light of a sensor of the published design → that through the gel of another, seen from its distance."""
-    thicker = design.gel.thickness_mm / PUBLISHED_DESIGN.gel.thickness_mm
-    steeper = _reflectance_slope_per_mm(design.gel.thickness_mm, light) / _reflectance_slope_per_mm(
-        PUBLISHED_DESIGN.gel.thickness_mm, light
-    )
+def scale_brightness_to_design(model: BrightnessModel, design: SensorDesign) -> BrightnessModel:
+    """Scale the brightness model of a sensor of the published design to the gel and the camera distance of another design."""
+    thickness_mm, published_mm = design.gel.thickness_mm, PUBLISHED_DESIGN.gel.thickness_mm
+    thicker = thickness_mm / published_mm
+    steeper = _reflectance_slope_per_mm(thickness_mm, model) / _reflectance_slope_per_mm(published_mm, model)
+    nearer = PUBLISHED_DESIGN.camera.distance_mm / design.camera.distance_mm
     return replace(
-        light,
-        darkening_per_mm=light.darkening_per_mm * steeper,
-        brightening_per_mm=light.brightening_per_mm * steeper,
-        saturation=light.saturation * thicker,
-        point_spread_mm=light.point_spread_mm * thicker,
-        inverse_distance_per_mm=light.inverse_distance_per_mm
-        * (PUBLISHED_DESIGN.camera.distance_mm / design.camera.distance_mm),
-        thickness_mm=light.thickness_mm * thicker,
+        model,
+        darkening_per_mm=model.darkening_per_mm * steeper,
+        brightening_per_mm=model.brightening_per_mm * steeper,
+        saturation=model.saturation * thicker,
+        point_spread_mm=model.point_spread_mm * thicker,
+        inverse_distance_per_mm=model.inverse_distance_per_mm * nearer,
+        thickness_mm=model.thickness_mm * thicker,
     )
 
 
-def _reflectance_slope_per_mm(thickness_mm: float, light: BrightnessModel) -> float:
-    """Relative change of the reflectance St/(1 + St) with t."""
-    scattered = light.saturation / light.thickness_mm * thickness_mm
+def _reflectance_slope_per_mm(thickness_mm: float, model: BrightnessModel) -> float:
+    """Return the relative change per mm of the reflectance St/(1 + St) with the thickness t."""
+    scattered = model.saturation / model.thickness_mm * thickness_mm
     return 1 / (thickness_mm * (1 + scattered))
 
 
 def lens_for_design(design: SensorDesign) -> WideAngleLens:
-    """The average lens, looking from this distance; a narrower lens spreads its image over less skin."""
+    """Return the average lens at the design's camera distance; a lens of smaller angle sees less skin."""
     lens = WideAngleLens()
     nearer = radius_mm_per_rad(design) / radius_mm_per_rad(PUBLISHED_DESIGN)
     narrower = design.camera.lens_angle_deg / PUBLISHED_DESIGN.camera.lens_angle_deg
@@ -194,15 +190,18 @@ def lens_for_design(design: SensorDesign) -> WideAngleLens:
 
 
 def radius_mm_per_rad(design: SensorDesign) -> float:
-    """Radius gained per radian near the axis, on the way through air, acrylic and silicone."""
+    """Return the paraxial radius in mm per radian of ray angle, through air, acrylic and silicone."""
     silicone = max(design.camera.distance_mm - AIR_MM - ACRYLIC_MM, 0.0)
     return AIR_MM + ACRYLIC_MM / ACRYLIC_REFRACTIVE_INDEX + silicone / SILICONE_REFRACTIVE_INDEX
 
 
-def illumination_pixel_map(view: PixelMap, design: SensorDesign) -> PixelMap:
-    """The view on the average sensor that shows the light of this one: LEDs stand round the area, however large it is."""
+def illumination_pixel_map(pixel_map: PixelMap, design: SensorDesign) -> PixelMap:
+    """Return the pixel map that shows the same illumination on the published sensor.
+
+    LEDs stand around the sensing area whatever its size, so positions scale with the area.
+    """
     area, average = design.sensing_area, PUBLISHED_DESIGN.sensing_area
     if area == average:
-        return view
+        return pixel_map
     smaller = np.array([average.width_mm / area.width_mm, average.height_mm / area.height_mm], np.float32)
-    return PixelMap(view.plane_mm * smaller)
+    return PixelMap(pixel_map.plane_mm * smaller)

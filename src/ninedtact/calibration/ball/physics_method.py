@@ -98,7 +98,7 @@ class PhysicsDepthFit:
     def law(self, light: BrightnessModel) -> DepthCurve:
         """The law of light as a depth curve."""
         depth_mm = np.linspace(0, min(self.fit.named["depth_mm"], 0.95 * light.thickness_mm), KNOTS)
-        darkening = np.abs(light.change(-depth_mm))
+        darkening = np.abs(light.brightness_change(-depth_mm))
         bright = light.brightening_per_mm * BULGE_MM
         bulges = ((0.0, bright), (0.0, BULGE_MM)) if bright > 0 else ((0.0,), (0.0,))
         return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * KNOTS, *bulges)

@@ -180,7 +180,9 @@ class BoardPressModel:
         """The skin as the plane shows it, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.place_mm)
         seen = Sight(x, y, press.inverse_distance_per_mm).height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
-        (field,) = scattered(self.patch, press.point_spread_mm, self.fit.light.change(seen).astype(np.float32))
+        (field,) = scattered(
+            self.patch, press.point_spread_mm, self.fit.light.brightness_change(seen).astype(np.float32)
+        )
         return PredictedBoardImage(self.patch, field)
 
     def imprints_mm(self, drawn: PredictedBoardImage, pins_mm: Points) -> Points:

@@ -51,7 +51,7 @@ def readings(member: "SampledSensor", shape: "CalibratedShape") -> "Iterator[tup
     twin = member.twin(PITCH_MM)
     depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-UNTOUCHED, 0)))
     for number, (x, y, load_n) in enumerate(PRESSES):
-        contact = twin.felt(twin.step(twin.model.untouched(), Ball(RADIUS_MM), Pose(x, y, DEPTH_MM), load_n))
+        contact = twin.correct_contact(twin.step(twin.model.untouched(), Ball(RADIUS_MM), Pose(x, y, DEPTH_MM), load_n))
         frame = Frame(twin.renderer(contact, number))
         rectified = shape.rectify(frame)
         reading = Reading(frame, rectified, depth(rectified), reference=depth.reference)

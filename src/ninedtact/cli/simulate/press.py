@@ -57,7 +57,7 @@ class Press:
 
         press, twin = self.press, self.twin
         indenter = indenter_from_name(self.object, self.seed)
-        contact = press.on(twin, indenter)
+        contact = press.simulate(twin, indenter)
         found = _press_to_json_dict(indenter, contact, twin, self.grid[1])
         return print_result(
             self.json, {**found, "files": self.written(indenter, contact, found)}, _format_press(found, self.out)
@@ -110,7 +110,7 @@ class Press:
         from ninedtact.simulation.press_figures import PressFigure
 
         image = self.twin.renderer(contact, 1)
-        drawn = PressFigure(contact, indenter, image, self.twin.renderer.view.reach_mm, self.cut)
+        drawn = PressFigure(contact, indenter, image, self.twin.renderer.pixel_map.reach_mm, self.cut)
         return {
             "image.png": _encode_png(image),
             "untouched.png": _encode_png(self.twin.renderer(None, 0)),

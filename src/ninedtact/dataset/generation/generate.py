@@ -95,7 +95,7 @@ def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, devic
             load_object(name, settings.objects_seed)  # unknown names are refused before anything is written
     begin_dataset_folder(folder, {"device": device, **settings.to_json_dict()})
     if not folder.sensors.is_file():
-        sensors = [settings.sensor_parameters(number).as_table() for number in range(settings.sensors)]
+        sensors = [settings.sensor_parameters(number).to_json_dict() for number in range(settings.sensors)]
         write_file_atomically(folder.sensors, to_json_bytes(sensors))
     if not folder.references.is_file():
         write_reference_file(folder.references, _render_references(settings))

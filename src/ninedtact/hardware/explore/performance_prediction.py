@@ -74,9 +74,9 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
     """Build the parts of a design and press its twin; raises `DesignRulesBroken`, `LedBoardImpossible`."""
     sensor, twin = BuiltSensor(design), twin_from_design(design.sensor)
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
-    at_load = ScriptedPress(load_n=LOAD_N).on(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
-    at_depth = ScriptedPress(deepest).on(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
-    factor = twin.renderer.factor(at_load)
+    at_load = ScriptedPress(load_n=LOAD_N).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
+    at_depth = ScriptedPress(deepest).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
+    factor = twin.renderer.brightness_factor(at_load)
     return PerformancePrediction(
         depth_range_mm=deepest,
         force_range_n=float(-at_depth.wrench().force_n[2]),
@@ -95,8 +95,8 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
 
 def _centre_grey_level(twin: Twin) -> float:
     """Return the brightness of the reference image in the middle, in grey levels."""
-    rows, cols = twin.renderer.view.raw_shape
-    return float(twin.renderer.untouched[rows // 2 - 20 : rows // 2 + 20, cols // 2 - 20 : cols // 2 + 20].mean())
+    rows, cols = twin.renderer.pixel_map.raw_shape
+    return float(twin.renderer.reference[rows // 2 - 20 : rows // 2 + 20, cols // 2 - 20 : cols // 2 + 20].mean())
 
 
 def _depth_noise_mm(twin: Twin) -> float:
@@ -106,8 +106,8 @@ def _depth_noise_mm(twin: Twin) -> float:
 
 def _mm_per_px(twin: Twin) -> float:
     """Return the distance of neighbouring pixels in the middle."""
-    plane = twin.renderer.view.plane_mm
-    rows, cols = twin.renderer.view.raw_shape
+    plane = twin.renderer.pixel_map.plane_mm
+    rows, cols = twin.renderer.pixel_map.raw_shape
     across = plane[rows // 2, cols // 2 + 5] - plane[rows // 2, cols // 2 - 5]
     return float(np.hypot(*across)) / 10
 
@@ -137,7 +137,7 @@ def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErr
     images = simulate_calibration_images(twin, design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
     made = calibrate(CalibrationImages(**vars(images)), design)
     shape, gel = SensorFolder(Path(), made.record).shape, made.record.twin.gel if made.record.twin else design.gel
-    contact = _validation_press(design).on(twin, VALIDATION_BALL)
+    contact = _validation_press(design).simulate(twin, VALIDATION_BALL)
     reading = _read_contact(shape, twin, contact)
     true = true_height_map_like(contact, reading.height, twin.renderer.light.inverse_distance_per_mm)
     load_n, read_n = (

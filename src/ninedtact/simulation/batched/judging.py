@@ -57,7 +57,7 @@ class Judge:
                 step.bench.twin.model.accepted(contact)
                 step.bench.twin.require_on_gel(step.indenter, contact)
         except ContactLeavesGrid:
-            return step.bench.twin.too_large(step.indenter, "more than that")
+            return step.bench.twin.object_too_large(step.indenter, "more than that")
         except NinedtactError as refusal:
             return refusal
         return None
@@ -70,7 +70,7 @@ class Judge:
         felt: dict[int, Felt] = {}
         for chosen in of_sensor.values():
             contacts = self.steps.of_sensor(chosen)
-            seen = self.steps.asked[chosen[0]].bench.twin.felt(contacts)
+            seen = self.steps.asked[chosen[0]].bench.twin.correct_contact(contacts)
             felt |= dict(zip(chosen, felt_by_each(contacts, seen), strict=True))
         return felt
 

@@ -86,7 +86,7 @@ class Step(Asked):
         twin = self.bench.twin
         last = twin.model.untouched() if self.last is None else self.last
         contact = twin.step(last, self.indenter, self.pose, self.load_n)
-        return felt(contact, twin.felt(contact))
+        return felt(contact, twin.correct_contact(contact))
 
 
 @dataclass(frozen=True)

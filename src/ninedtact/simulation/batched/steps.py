@@ -77,7 +77,7 @@ class Steps:
     @property
     def effort(self) -> SolverSettings:
         """The same for all twins."""
-        return self.asked[0].bench.twin.effort
+        return self.asked[0].bench.twin.solver_settings
 
     @property
     def held(self) -> HeldEach:
