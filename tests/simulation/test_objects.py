@@ -235,10 +235,10 @@ def test_solids_by_name_and_a_list_of_what_is_accepted() -> None:
 
 
 def test_thingi10k_offline_is_one_sentence(tmp_path: Path) -> None:
-    ask = "from ninedtact.simulation.objects.catalogue import object_for; object_for('thingi10k:32770')"
+    ask = "from ninedtact.simulation.objects.catalogue import indenter_from_name; indenter_from_name('thingi10k:32770')"
     environment = {**os.environ, "HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1"}
     ran = subprocess.run([sys.executable, "-c", ask], env=environment, capture_output=True, text=True, timeout=60)
     assert (
-        "ModelNotHere: expected Thingi10K on this machine" in ran.stderr
-        or "ObjectsNotInstalled: expected" in ran.stderr
+        "MeshNotFound: expected Thingi10K on this machine" in ran.stderr
+        or "ObjectLibraryMissing: expected" in ran.stderr
     )
