@@ -5,7 +5,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from ninedtact import Frame, export, load_sensor, read_image, summarise
+from ninedtact import Frame, export_shape, load_sensor, read_image, summarise_shape
 from ninedtact.shape.relief_image import render_relief
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
@@ -22,12 +22,12 @@ shape = load_sensor(options.sensor).shape
 reader = shape.depth_reader(Frame(read_image(options.reference)))  # bound to the untouched skin of this session
 height = reader(shape.rectify(Frame(read_image(options.press))))  # z_mm: negative where pressed in
 
-measured = summarise(height)
+measured = summarise_shape(height)
 print(f"{height.z_mm.shape} heights, one every {height.mm_per_px:.4f} mm")
 print(f"pressed in {measured.max_indentation_mm:.3f} mm, contact {measured.contact_area_mm2:.1f} mm²")
 if measured.contact_centre_mm is not None:  # None where nothing touches
     print("centre at x {:.2f}, y {:.2f} mm".format(*measured.contact_centre_mm))
 
 options.out.mkdir(parents=True, exist_ok=True)
-export(height, options.out / "height.npy")
+export_shape(height, options.out / "height.npy")
 (options.out / "height_shaded.png").write_bytes(render_relief(height))

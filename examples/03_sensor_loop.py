@@ -5,7 +5,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from ninedtact import Frame, Sensor, load_sensor, read_image, source_for, summarise
+from ninedtact import Frame, Sensor, load_sensor, read_image, source_for, summarise_shape
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
@@ -21,7 +21,7 @@ untouched = shape.depth_reader(Frame(read_image(options.reference)))  # left out
 # With a camera, put Freshest(...) around the source: a slow loop then misses images instead of lagging behind.
 with Sensor(source_for(options.source), shape, depth_reader=untouched) as sensor:
     for reading in sensor:  # a recording has an end, a camera has none
-        touch = summarise(reading.height)
+        touch = summarise_shape(reading.height)
         cost_ms = reading.stage_ms["rectify"] + reading.stage_ms["depth"]
         print(
             f"image {reading.frame.index}: {touch.max_indentation_mm:.2f} mm deep, "

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ninedtact import Frame, export, load_sensor, point_cloud, read_image
+from ninedtact import Frame, export_shape, load_sensor, point_cloud, read_image
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
@@ -25,7 +25,7 @@ height = reader(shape.rectify(Frame(read_image(options.press))))
 
 options.out.mkdir(parents=True, exist_ok=True)
 for ending in ("ply", "stl", "obj"):  # the .ply has normals, the others only triangles
-    export(height, options.out / f"press.{ending}", every=3)  # each third row and column
+    export_shape(height, options.out / f"press.{ending}", every=3)  # each third row and column
 
 points_mm = point_cloud(height).points_mm  # sensor frame: z outward, zero at the untouched skin
 deep = points_mm[points_mm[:, 2] < -0.4].astype(float)
