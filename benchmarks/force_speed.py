@@ -16,8 +16,8 @@ from real_sensor import real_sensor
 from turns import Tasks, Times, in_turns
 
 from ninedtact import Frame
-from ninedtact.cli.force.estimators import on_sensor
 from ninedtact.design import Gel
+from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.model_file import read_force_model
 from ninedtact.force.network_force import NetworkForce, prediction_warnings
 from ninedtact.reading import Reading
@@ -73,7 +73,7 @@ def tasks(path: Path, reading: str) -> Tasks:
 
 def by_both(shape: CalibratedShape, held: Reading) -> Tasks:
     """Network and physics on a ball that is held; physics undoes the light itself, so it has no fast reading."""
-    together = on_sensor("both", shape, Gel())
+    together = build_estimator("both", shape, Gel())
     return {"height → wrench by network and physics": lambda _: together.estimate(held)}
 
 

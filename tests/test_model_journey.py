@@ -15,9 +15,11 @@ from ninedtact.force.shipped import SHIPPED_MODEL
 MAKE_SMALLEST = """
 import sys
 from ninedtact.cli import main
-from ninedtact.cli.force.model.recipe import RECIPES, Recipe
+from ninedtact.workflows.force_model_pipeline import RECIPES, ForceModelRecipe
 if __name__ == "__main__":
-    RECIPES["small"] = Recipe(80, 1, 2, 24, 1, held_out="standard", pitch_mm=0.4, judged_pitch_mm=0.4)
+    RECIPES["small"] = ForceModelRecipe(
+        80, 1, 2, 24, 1, held_out="standard", pitch_mm=0.4, validation_pitch_mm=0.4
+    )
     sys.exit(main(["model", "make", "--out", sys.argv[1], "--design", sys.argv[2], "--workers", "1", "--json"]))
 """
 
@@ -49,10 +51,13 @@ def test_the_card_tells_what_it_was_judged_on(made: Path) -> None:
 def test_what_is_judged_on_was_never_learnt(made: Path) -> None:
     learnt, judged = (
         (
-            {sensor["name"] for sensor in json.loads((made / name / "members" / "sensors.json").read_text())},
-            {name.rsplit("_", 1)[0] for name in json.loads((made / name / "settings.json").read_text())["names"]},
+            {sensor["name"] for sensor in json.loads((made / name / "sensors.json").read_text())},
+            {
+                name.rsplit("_", 1)[0]
+                for name in json.loads((made / name / "settings.json").read_text())["object_names"]
+            },
         )
-        for name in ("learn", "judge")
+        for name in ("training_data", "validation_data")
     )
     assert not learnt[0] & judged[0] and not learnt[1] & judged[1]
 
@@ -65,8 +70,8 @@ def test_a_card_is_printed(made: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_physics_has_no_gate_to_lift(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "--data", str(made / "judge"), "--ungated"]) == 1
-    assert "drop --ungated" in capsys.readouterr().err
+    assert main(["evaluate", "--data", str(made / "validation_data"), "--without-contact-detection"]) == 1
+    assert "drop --without-contact-detection" in capsys.readouterr().err
 
 
 def test_the_model_that_ships_is_small_and_its_page_is_in_the_docs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,7 +19,7 @@ LAYERS = [
     {"force", "simulation"},
     {"calibration", "recording", "sensor"},
     {"dataset"},
-    {"studio", "hardware", "interop"},
+    {"studio", "hardware", "interop", "workflows"},
     {"cli"},
     {"__main__"},
 ]

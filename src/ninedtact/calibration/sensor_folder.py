@@ -17,7 +17,7 @@ import numpy as np
 
 from ninedtact.calibration.sensor_record import SENSOR_FORMAT, LensModelTable, PinMapTable, PixelMapTable, SensorRecord
 from ninedtact.capture.image_file import read_image
-from ninedtact.design import SensorDesign
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -65,6 +65,11 @@ class SensorFolder:
             depth.dimming,
             depth.deblurring,
         )
+
+    @property
+    def gel(self) -> Gel:
+        """The gel as fitted to the ball image, or as designed where there is no such fit."""
+        return self.record.design.gel if self.record.twin is None else self.record.twin.gel
 
     @property
     def viewing_distance_mm(self) -> float:

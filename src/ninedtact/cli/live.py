@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import tyro
 
 from ninedtact.cli.devices import SIM, live_source, sensor_of
-from ninedtact.cli.force.estimators import NONE
 from ninedtact.errors import NinedtactError
+from ninedtact.force.estimator_loading import NONE
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -169,11 +169,11 @@ def _estimate_pollers(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
     """Let the sensor estimate the force too, and show it; nothing where none was asked for."""
     if force == NONE:
         return []
-    from ninedtact.cli.force.estimators import estimator_for
+    from ninedtact.force.estimator_loading import load_estimator
     from ninedtact.studio.page_sources import PublishingEstimator
     from ninedtact.studio.wrench_poller import WrenchPoller
 
-    estimator = PublishingEstimator(estimator_for(force, folder))
+    estimator = PublishingEstimator(load_estimator(force, folder))
     sensor.estimator = estimator
     return [WrenchPoller(estimator.wrenches, f"estimated, {estimator.name}")]
 

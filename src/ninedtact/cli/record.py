@@ -90,12 +90,12 @@ class Record:
 
     def interpretation(self, folder: "SensorFolder") -> "RecordedEstimates | None":
         """What is written beside the images, if anything."""
-        from ninedtact.cli.force.estimators import NONE, estimator_for
+        from ninedtact.force.estimator_loading import NONE, load_estimator
         from ninedtact.recording.recorder import RecordedEstimates
 
         if self.force == NONE and not self.heights:
             return None
-        return RecordedEstimates(folder.shape, estimator_for(self.force, folder), self.heights)
+        return RecordedEstimates(folder.shape, load_estimator(self.force, folder), self.heights)
 
     def sources(self, folder: "SensorFolder") -> "tuple[FrameSource, WrenchSource | None]":
         """Camera and force/torque sensor, not yet opened."""

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,6 +15,11 @@ def print_result(as_json: bool, result: Mapping[str, Any], report_lines: Iterabl
     """Print the result as one JSON object, or its report for a person; return the exit code 0."""
     print(json.dumps(result, indent=2, ensure_ascii=False) if as_json else "\n".join(report_lines))
     return 0
+
+
+def print_notice(sentence: str) -> None:
+    """Print one line about the progress of a command to standard error."""
+    print(f"ninedtact: {sentence}", file=sys.stderr, flush=True)
 
 
 @dataclass

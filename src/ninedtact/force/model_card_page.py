@@ -1,4 +1,4 @@
-"""A force model's card as a page to read (Markdown): what it is, how good it is, what it was made of, where it ends."""
+"""The model card of a force model as a Markdown page: what it is, how good it is, how it was trained, and its limits."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -16,22 +16,24 @@ ROWS: dict[str, tuple[str | tuple[str, ...], str]] = {
     "skill, torques 35 mm below the skin": ("skill_35_mm_below", "{:.3f}"),
     "slope": ("slope", "{:.3f}"),
     "R²": ("r2", "{:.3f}"),
-    "MAE, N and mN·m": ("mae", "{:.3f}"),
-    "Std of \\|error\\|, N and mN·m": ("std", "{:.3f}"),
+    "MAE, N and N·mm": ("mae", "{:.3f}"),
+    "Std of \\|error\\|, N and N·mm": ("std", "{:.3f}"),
     "in 50 % interval": (("coverage", "50"), "{:.2f}"),
     "in 90 % interval": (("coverage", "90"), "{:.2f}"),
 }
 """What a line is called, where it is found, how its numbers are written."""
 WITH_UNITS = ("mae", "std")
-JUDGED_ON = """\
-Judged on twins and families of objects that had no part in the training. Every twin was calibrated from its own board and ball
-images and weighed with five presses of 100 to 500 g (`ninedtact adapt`). Skill is 1 − MAE / MAE of answering the median."""
+_VALIDATED_ON = """\
+Validated on simulated sensors and families of objects that had no part in the training. Every sensor was calibrated from its own
+board and ball images, and its force with five known loads of 100 to 500 g (`ninedtact calibrate-force`). Skill is 1 − MAE / MAE of
+always predicting the median."""
 LIMITS = """\
-- **Not yet tested against a real force/torque sensor.** All pairs are of twins: images drawn, wrenches computed.
-- The gel's stiffness is not in an image. The wrench is for a gel of {modulus:.3f} MPa, multiplied by what the sensor's own gel
-  has: without a weighed press (`ninedtact adapt`) that is the design's value, and its error is the wrench's.
-- Wrenches beyond {low} … {high} N and N·m, and images unlike the training's, carry a warning.
-- Heights are read by the sensor's calibration: a bad one gives bad forces."""
+- **Not yet tested against a real force/torque sensor.** All pairs are simulated: rendered images and computed wrenches.
+- The gel's stiffness is not visible in an image. The wrench is for a gel with a shear modulus of {modulus:.3f} MPa and is scaled to
+  that of the sensor's own gel. Without a force calibration (`ninedtact calibrate-force`) the design's modulus is assumed, and its
+  relative error is that of the wrench.
+- Wrenches beyond {low} … {high} N and N·m, and images unlike those of the training, carry a warning.
+- Heights are computed with the sensor's calibration: a bad calibration gives bad forces."""
 
 
 def format_model_card(card: ModelCard) -> str:
@@ -45,15 +47,16 @@ def lines(card: ModelCard) -> Iterator[str]:
     yield f"# Force model `{card.name}`"
     yield ""
     shown = card.input
-    yield f"Network `{card.network}` on {shown.cols} × {shown.rows} places of {shown.mm_per_px:g} mm: {shown.channels}."
+    size = f"{shown.cols} × {shown.rows} grid points at a pitch of {shown.mm_per_px:g} mm"
+    yield f"Network `{card.network}` on {size}: {shown.channels}."
     yield f"Wrench of the object on the skin, N and N·m about {list(card.about_mm)} mm. Licence {card.licence}."
     if set(card.evaluation) - {VALIDATION}:
-        yield from ("", JUDGED_ON)
+        yield from ("", _VALIDATED_ON)
     yield from (line for name, table in judged(card) for line in section(name, table))
-    yield from ("", "## Made of", "")
+    yield from ("", "## Training", "")
     yield (
-        f"{training.pairs} pairs to learn and {training.validation_pairs} to choose one by (epoch {training.best_epoch} of "
-        f"{training.epochs}), {training.sensors} twins, {training.objects} objects, seed {training.settings.get('seed')}, "
+        f"{training.pairs} pairs for training and {training.validation_pairs} for choosing the epoch ({training.best_epoch} of "
+        f"{training.epochs}), {training.sensors} sensors, {training.objects} objects, seed {training.settings.get('seed')}, "
         f"{training.seconds / 60:.0f} minutes of training. "
         + ", ".join(f"{package} {version}" for package, version in training.versions.items())
         + "."
@@ -87,7 +90,7 @@ def touches(table: Mapping[str, Any]) -> Iterator[str]:
     for words, key in (("", "no_contact"), (", the network without contact detection", "no_contact_without_detection")):
         if (nothing := table.get(key)) is not None:
             yield (
-                f"Nothing touches ({nothing['pairs']} pairs){words}: |F| {nothing['mean_force_n']:.3f} N on average, "
+                f"No contact ({nothing['pairs']} pairs){words}: |F| {nothing['mean_force_n']:.3f} N on average, "
                 f"{nothing['largest_force_n']:.3f} N at most."
             )
 

@@ -13,7 +13,6 @@ import pytest
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
-from ninedtact.cli.force.own_sensors import calibrate_twins, sensors_for, tell_refused
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
 from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
@@ -29,6 +28,7 @@ from ninedtact.force.network_input import (
     stack_height_channels,
 )
 from ninedtact.simulation.sensor_population import sample_sensor
+from ninedtact.workflows.dataset_sensors import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
 
 MM_PER_PX = 0.0522
 GRID = NetworkInputSettings(InputChannels.HEIGHTS_AND_GEL, 16, 24, 1.0)
@@ -89,7 +89,7 @@ def sensors(tmp_path_factory: pytest.TempPathFactory, twin_sensor: SensorFolder)
 
 
 def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_sensor: SensorFolder) -> None:
-    pairs = load_height_pairs(folder, sensors_for(folder, sensors, 1, progress=False).by_name, GRID.grid)
+    pairs = load_height_pairs(folder, load_dataset_sensors(folder, sensors, 1, progress=False).by_name, GRID.grid)
     assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(24)]
     row = pairs.ids.tolist().index("005")
     reader = twin_sensor.shape.reader_against(rectified_from_stored_image(image_of(0, 99), MM_PER_PX))
@@ -101,7 +101,7 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
 
 
 def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calibrated = sensors_for(folder, sensors, 1, progress=False).by_name
+    calibrated = load_dataset_sensors(folder, sensors, 1, progress=False).by_name
     whole = load_height_pairs(folder, calibrated, GRID.grid)
     first, second = sorted(folder.glob("cache/heights-*/*.npy"))
     second.unlink()
@@ -155,7 +155,7 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
 
 def test_images_that_no_calibration_fits_are_refused(sensors: Path, tmp_path: Path) -> None:
     small = data_set(tmp_path / "small", pairs=4, size=(64, 48))
-    calibrated = sensors_for(small, sensors, 1, progress=False).by_name
+    calibrated = load_dataset_sensors(small, sensors, 1, progress=False).by_name
     with pytest.raises(SensorCalibrationMissing, match="460 x 345, as sensor 'a'"):
         load_height_pairs(small, calibrated, GRID.grid)
     del calibrated["b"]
@@ -164,7 +164,7 @@ def test_images_that_no_calibration_fits_are_refused(sensors: Path, tmp_path: Pa
 
 
 def test_pairs_of_a_twin_that_could_not_be_calibrated_are_left_out(folder: Path, sensors: Path, tmp_path: Path) -> None:
-    calibrated = sensors_for(folder, sensors, 1, progress=False).by_name
+    calibrated = load_dataset_sensors(folder, sensors, 1, progress=False).by_name
     whole = load_height_pairs(folder, calibrated, GRID.grid)
     some = load_height_pairs(folder, {"a": calibrated["a"]}, GRID.grid, tmp_path / "cache", left_out=["b"])
     of_a = whole.sensors == "a"
@@ -174,7 +174,7 @@ def test_pairs_of_a_twin_that_could_not_be_calibrated_are_left_out(folder: Path,
 
 
 def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried: list[str] = []
 
@@ -182,10 +182,10 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
         tried.append(sensor_id)
         raise NinedtactError("expected a ball, got none; press one")
 
-    monkeypatch.setattr("ninedtact.calibration.procedure.calibrate", refuse)
+    monkeypatch.setattr("ninedtact.workflows.dataset_sensors.calibrate", refuse)
     twins = {"one": replace(sample_sensor(0), name="one")}
     for _ in range(2):
-        refused = calibrate_twins(twins, tmp_path, workers=1, progress=False)
+        refused = calibrate_simulated_sensors(twins, tmp_path, workers=1, progress=False)
     assert tried == ["one"] and refused == {"one": "expected a ball, got none; press one"}
-    tell_refused(refused)
-    assert "pairs of one are left out" in capsys.readouterr().err
+    (notice,) = DatasetSensors({}, refused).exclusion_notices()
+    assert "pairs of one are left out" in notice

@@ -1,1 +1,1 @@
-"""Force at the command line: estimating, adapting to a weighed press, judging, training, and the model that ships."""
+"""Commands about force: estimate, calibrate-force, evaluate, train and model. Options go in, a report is printed."""

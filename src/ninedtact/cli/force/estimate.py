@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.force.estimators import BOTH
 from ninedtact.cli.terminal import print_result
 from ninedtact.errors import NinedtactError
+from ninedtact.force.estimator_loading import BOTH
 
 if TYPE_CHECKING:
     from ninedtact.capture.frame_source import FrameSource
@@ -52,9 +52,9 @@ class Estimate:
         from ninedtact.cli.devices import sensor_of
 
         with sensor_of(self.sensor, self.source[0] if self.source else "") as folder:
-            from ninedtact.cli.force.estimators import estimator_for
+            from ninedtact.force.estimator_loading import load_estimator
 
-            estimator = estimator_for(self.force, folder)
+            estimator = load_estimator(self.force, folder)
             found = [self.row(name, reading) for name, reading in self.readings(folder.shape, estimator)]
         if self.out is not None:
             write_csv(self.out, found)

@@ -7,154 +7,144 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.force.training_data import Division, HeldOut, TrainingData, designed_width_mm
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.terminal import print_notice, print_result
 from ninedtact.errors import NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
     from ninedtact.force.training.train import TrainingResult
 
-Shown = Literal["heights", "heights_and_gel", "heights_and_sensor", "deformation", "mixed"]
-Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
-LIBRARIES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime", "tensorboard", "pyarrow")
+_REQUIRED_PACKAGES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime", "tensorboard", "pyarrow")
 
 
-class TrainingNeeds(NinedtactError):
-    """A library that training stands on is not there."""
+class TrainingPackagesMissing(NinedtactError):
+    """Packages that training needs are not installed."""
 
 
 @dataclass(frozen=True)
-class Hardware:
+class ComputeOptions:
     """Lightning's own flags."""
 
     accelerator: str = "auto"
     """cpu, gpu, auto …"""
     devices: str = "1"
-    """How many, or which: 2, auto, 0,3."""
+    """How many devices, or which: 2, auto, 0,3."""
     nodes: int = 1
     """Machines."""
     strategy: str = "auto"
-    """ddp and so on, where there are several."""
-    precision: Precision = "32-true"
-    """bf16-mixed is quicker on a GPU."""
-    workers: int = 0
-    """Processes that gather examples while others are learnt."""
+    """Strategy for several devices, such as ddp."""
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    """Numeric precision; bf16-mixed is faster on a GPU."""
+    loader_workers: int = 0
+    """Processes that load batches during training."""
 
-    def machine(self) -> "ComputeSettings":
-        """The same as training names it."""
+    def settings(self) -> "ComputeSettings":
+        """Return the options as settings of the training."""
         from ninedtact.force.training.settings import ComputeSettings
 
         devices = int(self.devices) if self.devices.isdigit() else self.devices
-        return ComputeSettings(self.accelerator, devices, self.nodes, self.strategy, self.precision, self.workers)
+        return ComputeSettings(
+            self.accelerator, devices, self.nodes, self.strategy, self.precision, self.loader_workers
+        )
 
 
 @dataclass(frozen=True)
 class Train:
-    """Train a force model. Run again after a stop, it goes on after the last whole epoch."""
+    """Train a force model on a data set. Run again after a stop, it continues after the last complete epoch."""
 
     data: Path
     """Data set that `ninedtact dataset build` or `ninedtact simulate dataset` made."""
     out: Path
     """Folder for the model, curves, logs and checkpoints: new, empty, or begun with the same options."""
     preset: Literal["default", "paper"] = "default"
-    """default: a small network on heights; paper: DenseNet-169 on whole images, as published. The options below change it."""
+    """default: a small network on heights. paper: DenseNet-169 on whole images, as published. Other options change the preset."""
     sensors: Path | None = None
-    """Folder with a sensor folder for each sensor of the data, by name: heights are read by these. Twins make their own."""
+    """Folder with a sensor folder for each sensor of the data, by name, for computing heights. Without it the sensors of a
+    simulated data set are calibrated from their own simulated images."""
     network: str | None = None
     """moments, densenet121, 161, 169 or 201, resnet18 or 50, vit."""
-    channels: Shown | None = None
-    """What the network is shown."""
+    channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "deformation", "mixed"] | None = None
+    """Input channels of the network."""
     size: tuple[int, int] | None = None
-    """Columns and rows of it."""
+    """Columns and rows of the input."""
     epochs: int | None = None
-    """How often all pairs are learnt."""
+    """Number of passes over all pairs."""
     batch: int | None = None
-    """How many pairs a step learns from."""
+    """Pairs in a training step."""
     learning_rate: float | None = None
-    """The highest, where the preset varies it."""
+    """Learning rate; the highest one where the preset varies it."""
     seed: int = 0
-    """Of the first weights, of the order, of what is changed by chance and of what is held out."""
-    held_out: HeldOut | None = None
-    """What the kept epoch is best on: sensors and objects that are not learnt; objects alone where there is one sensor."""
-    held_out_part: float = 0.1
-    """Of the objects, of the sensors or of the pairs."""
+    """Seed of the initial weights, the order, the augmentation and the held-out pairs."""
+    held_out: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
+    """What is held out to choose the best epoch by. By default sensors and objects, or objects alone for data of one sensor."""
+    held_out_fraction: float = 0.1
+    """Held-out part of the objects, of the sensors or of the pairs."""
     split: Path | None = None
-    """Split file; its part to test is neither learnt from nor looked at."""
+    """Split file. Its test part is not used at all."""
     name: str = "network"
-    """What the model is called."""
+    """Name of the model."""
     licence: str = "MIT"
-    """Of the model."""
-    reading_workers: int = 1
-    """Processes that read images into heights."""
-    hardware: tyro.conf.OmitArgPrefixes[Hardware] = Hardware()
+    """Licence of the model."""
+    workers: int = 1
+    """Processes that compute heights from images."""
+    compute: tyro.conf.OmitArgPrefixes[ComputeOptions] = ComputeOptions()
     json: bool = False
-    """Print the figures as one JSON object."""
+    """Print the result as one JSON object."""
 
     def run(self) -> int:
-        """Train, and say how good it is on what was held out."""
-        require_libraries()
-        trained = self.trained()
-        return 0 if trained is None else print_result(self.json, figures(trained), lines(trained))
+        """Train, and print the scores on the held-out pairs."""
+        require_training_packages()
+        from ninedtact.workflows.dataset_training import HeldOutSettings, train_on_dataset
 
-    def trained(self) -> "TrainingResult | None":
-        """The model; None on all processes but the first."""
-        from ninedtact.force.training.train import train_network
-
-        settings, progress = self.settings, not self.json
-        data = TrainingData(self.data, settings.input, self.sensors, self.reading_workers, progress)
-        examples, ids = data.read()
-        rows = Division(self.held_out, self.held_out_part, self.split, self.seed).rows(ids, examples)
-        return train_network(
-            examples,
-            rows,
-            settings,
+        trained = train_on_dataset(
+            self.data,
             self.out,
+            self.settings(),
+            HeldOutSettings(self.held_out, self.held_out_fraction, self.split, self.seed),
+            sensors=self.sensors,
+            workers=self.workers,
             name=self.name,
             licence=self.licence,
-            machine=self.hardware.machine(),
-            progress=progress,
+            machine=self.compute.settings(),
+            progress=not self.json,
+            notify=print_notice,
         )
+        return 0 if trained is None else print_result(self.json, _result_to_json(trained), _format_result(trained))
 
-    @property
     def settings(self) -> "TrainingSettings":
-        """The preset with what was asked for otherwise, on skin as wide as that of the data's twins.
-
-        Raises `TrainingImpossible`, `NetworkUnknown`.
-        """
-        from ninedtact.force.network_input import InputChannels, resize_network_input, scale_network_input_width
+        """Return the preset with these options; raises `TrainingImpossible`, `NetworkUnknown`."""
+        from ninedtact.force.network_input import InputChannels, resize_network_input
         from ninedtact.force.training.settings import TRAINING_PRESETS
+        from ninedtact.workflows.dataset_training import fit_input_to_dataset
 
         preset = TRAINING_PRESETS[self.preset]
-        shown = (
-            preset.input
-            if self.channels is None
-            else replace(preset.input, channels=InputChannels[self.channels.upper()])
-        )
-        grid = shown if self.size is None else resize_network_input(shown, self.size)
-        if (width_mm := designed_width_mm(self.data)) is not None:
-            grid = scale_network_input_width(grid, width_mm)
-        asked = {
+        grid = preset.input
+        if self.channels is not None:
+            grid = replace(grid, channels=InputChannels[self.channels.upper()])
+        if self.size is not None:
+            grid = resize_network_input(grid, self.size)
+        options = {
             name: getattr(self, name)
             for name in ("network", "epochs", "batch", "learning_rate")
             if getattr(self, name) is not None
         }
-        return replace(preset, input=grid, seed=self.seed, **asked)
+        return fit_input_to_dataset(replace(preset, input=grid, seed=self.seed, **options), self.data)
 
 
-def require_libraries() -> None:
-    """Refuse before work begins; raises `TrainingNeeds`."""
+def require_training_packages() -> None:
+    """Raise `TrainingPackagesMissing` before work begins."""
     from importlib.util import find_spec
 
-    missing = [name for name in LIBRARIES if find_spec(name) is None]
+    missing = [name for name in _REQUIRED_PACKAGES if find_spec(name) is None]
     if missing:
-        raise TrainingNeeds(
-            f"expected {', '.join(LIBRARIES)}, got none of {', '.join(missing)}; pip install 'ninedtact[train,datasets]'"
+        raise TrainingPackagesMissing(
+            f"expected the packages {', '.join(_REQUIRED_PACKAGES)}, got none of {', '.join(missing)}; run "
+            "pip install 'ninedtact[train,datasets]'"
         )
 
 
-def figures(trained: "TrainingResult") -> dict[str, Any]:
-    """For a script."""
+def _result_to_json(trained: "TrainingResult") -> dict[str, Any]:
+    """Return the result as plain values for JSON."""
     training = trained.model.card.training
     return {
         "model": str(trained.path),
@@ -166,14 +156,14 @@ def figures(trained: "TrainingResult") -> dict[str, Any]:
     }
 
 
-def lines(trained: "TrainingResult") -> Iterator[str]:
-    """For a person."""
-    from ninedtact.force.evaluation.report import format_evaluation_report as table
+def _format_result(trained: "TrainingResult") -> Iterator[str]:
+    """Yield the lines of a report for a terminal."""
+    from ninedtact.force.evaluation.report import format_evaluation_report
 
     training = trained.model.card.training
     yield (
         f"{trained.path}: {training.pairs} pairs of {training.sensors} sensors and {training.objects} objects, "
-        f"{training.epochs} epochs in {training.seconds / 60:.1f} minutes, kept epoch {training.best_epoch}"
+        f"{training.epochs} epochs in {training.seconds / 60:.1f} minutes, best epoch {training.best_epoch}"
     )
-    yield "on the pairs that were held out:"
-    yield from table(trained.evaluation)
+    yield "on the held-out pairs:"
+    yield from format_evaluation_report(trained.evaluation)

@@ -1,0 +1,123 @@
+"""The estimator that is named after `--force`: the physics of the gel, a force model, both fused, or none."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from ninedtact.errors import NinedtactError
+
+if TYPE_CHECKING:
+    from ninedtact.design import Gel
+    from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.shape.calibrated_shape import CalibratedShape
+
+BOTH, NETWORK, PHYSICS, NONE = "both", "network", "physics", "none"
+_MODEL_SUFFIX, _WEIGHTS_SUFFIX = ".onnx", ".pt"
+
+
+class ContactDetectionMissing(NinedtactError):
+    """Contact detection cannot be switched off, because the estimator has none that could be."""
+
+
+class EstimatorUnknown(NinedtactError):
+    """A text that names no estimator."""
+
+
+@runtime_checkable
+class CalibratedSensorFolder(Protocol):
+    """What an estimator needs of a sensor folder (`ninedtact.calibration.sensor_folder.SensorFolder`)."""
+
+    @property
+    def path(self) -> Path:
+        """The folder."""
+
+    @property
+    def shape(self) -> "CalibratedShape":
+        """The calibration of image and height."""
+
+    @property
+    def gel(self) -> "Gel":
+        """The gel as calibrated or designed."""
+
+
+def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
+    """Return the estimator of a calibrated sensor, with the force scale of its folder where there is one.
+
+    spec: `physics`, `network` (the shipped model), `both`, `both:MODEL.onnx`, `none`, or the path of a force model (.onnx) or of
+    the original project's weights (.pt). Raises `EstimatorUnknown`, `ModelUnusable`, `WeightsUnusable`.
+    """
+    from ninedtact.force.force_scale import ScaledForceEstimator, read_force_scale
+
+    estimator = load_unscaled_estimator(spec, folder)
+    scale = read_force_scale(folder.path, estimator.name)
+    return ScaledForceEstimator(estimator, scale) if scale.presses else estimator
+
+
+def load_unscaled_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
+    """Return the estimator of a calibrated sensor without its force scale; raises as `load_estimator`."""
+    return build_estimator(spec, folder.shape, folder.gel)
+
+
+def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
+    """Return the estimator for this calibration and this gel, without a force scale; raises as `load_estimator`."""
+    if spec == NONE:
+        from ninedtact.force.estimator import NoForce
+
+        return NoForce()
+    if spec == PHYSICS:
+        from ninedtact.force.traction.estimator import build_traction_force
+
+        return build_traction_force(shape, gel)
+    kind, _, model = spec.partition(":")
+    if kind == BOTH:
+        return _build_fused_estimator(Path(model).expanduser() if model else _shipped_model(), shape, gel)
+    return _build_network_estimator(_shipped_model() if spec == NETWORK else Path(spec).expanduser(), shape, gel)
+
+
+def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
+    """Return a network's estimator that also estimates where no contact is detected; raises `ContactDetectionMissing`."""
+    from ninedtact.force.network_force import NetworkForce
+
+    if not isinstance(estimator, NetworkForce):
+        raise ContactDetectionMissing(
+            f"expected a force model to run without contact detection, got {estimator.name!r}; drop "
+            "--without-contact-detection, or give --force MODEL.onnx"
+        )
+    return replace(estimator, contact_test=lambda _: True)
+
+
+def _shipped_model() -> Path:
+    """Return the path of the model that the package ships."""
+    from ninedtact.force.shipped import SHIPPED_MODEL
+
+    return SHIPPED_MODEL
+
+
+def _build_fused_estimator(model: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
+    """Return network and physics fused."""
+    from ninedtact.force.fusion import FusedForceEstimator
+    from ninedtact.force.model_file import read_force_model
+    from ninedtact.force.network_force import NetworkForce
+    from ninedtact.force.network_input import sensor_features_of
+    from ninedtact.force.traction.estimator import build_traction_force
+
+    network = NetworkForce(read_force_model(model), gel, traits=sensor_features_of(shape, gel))
+    return FusedForceEstimator(network, build_traction_force(shape, gel))
+
+
+def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
+    """Return the network of a force model or of the original project's weights; raises `EstimatorUnknown`."""
+    if path.suffix.lower() == _MODEL_SUFFIX:
+        from ninedtact.force.model_file import read_force_model
+        from ninedtact.force.network_force import NetworkForce
+        from ninedtact.force.network_input import sensor_features_of
+
+        return NetworkForce(read_force_model(path), gel, traits=sensor_features_of(shape, gel))
+    if path.suffix.lower() == _WEIGHTS_SUFFIX:
+        from ninedtact.force.original_network import read_original_network
+
+        return read_original_network(path)
+    raise EstimatorUnknown(
+        f"expected --force {BOTH}, {NETWORK}, {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's "
+        f"weights (*{_WEIGHTS_SUFFIX}), got '{path}'; name one of these"
+    )

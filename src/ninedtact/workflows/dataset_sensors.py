@@ -1,0 +1,112 @@
+"""The calibrations by which a data set's heights are computed: given sensor folders, or calibrations of its simulated sensors."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
+from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+from ninedtact.dataset.calibrated_readings import CalibratedSensor, SensorCalibrationMissing
+from ninedtact.dataset.folder import SENSORS_FILE
+from ninedtact.dataset.worker_pool import run_in_processes
+from ninedtact.errors import NinedtactError
+from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
+from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
+
+_REFUSAL_FILE = "refused.txt"
+_CALIBRATIONS_FOLDER = "sensors"
+"""Folder in a simulated data set for the calibrations of its sensors."""
+
+
+@dataclass(frozen=True)
+class DatasetSensors:
+    """The calibrations of a data set's sensors."""
+
+    by_name: dict[str, CalibratedSensor]
+    refused: dict[str, str]
+    """Simulated sensors that could not be calibrated, each with the reason: their pairs are left out."""
+
+    def exclusion_notices(self) -> Iterator[str]:
+        """Yield a sentence about each sensor whose pairs are left out."""
+        for name, reason in self.refused.items():
+            yield f"pairs of {name} are left out, it could not be calibrated: {reason}"
+
+
+def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
+    """Read the simulated sensors of a data set by name; a data set of real sensors has none."""
+    if not (data / SENSORS_FILE).is_file():
+        return {}
+    tables: list[dict[str, Any]] = json.loads((data / SENSORS_FILE).read_text())
+    return {table["name"]: sampled_sensor_from_json(table) for table in tables}
+
+
+def load_dataset_sensors(data: Path, given: Path | None, workers: int, progress: bool) -> DatasetSensors:
+    """Read the calibration of every sensor of a data set.
+
+    given: a folder that holds a sensor folder for each sensor, by name; without it the data set's simulated sensors are calibrated.
+    workers: processes that calibrate. Raises `SensorCalibrationMissing`, `SensorFolderDamaged`.
+    """
+    refused: dict[str, str] = {}
+    if given is None:
+        members = load_simulated_sensors(data)
+        if not members:
+            raise SensorCalibrationMissing(
+                f"expected the calibrations of the sensors of {data}, got none; give --sensors, a folder that holds a sensor "
+                "folder of each name, or train on images: --channels deformation"
+            )
+        given = data / _CALIBRATIONS_FOLDER
+        refused = calibrate_simulated_sensors(members, given, workers, progress)
+        if len(refused) == len(members):
+            raise SensorCalibrationMissing(
+                f"expected simulated sensors that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
+            )
+    folders = [path.parent for path in sorted(given.glob(f"*/{SENSOR_FILE}"))]
+    return DatasetSensors({folder.name: _load_calibrated_sensor(folder) for folder in folders}, refused)
+
+
+def calibrate_simulated_sensors(
+    members: Mapping[str, SampledSensor], folder: Path, workers: int, progress: bool
+) -> dict[str, str]:
+    """Calibrate each simulated sensor from its own board and ball images, unless it was tried before.
+
+    Returns the reason for each sensor that could not be calibrated.
+    """
+    jobs = [(member, folder / name) for name, member in members.items() if not _was_tried(folder / name)]
+    with tqdm(total=len(jobs), unit="sensor", disable=not (progress and jobs)) as bar:
+        for _ in run_in_processes(calibrate_simulated_sensor, jobs, workers):
+            bar.update()
+    refusals = {name: folder / name / _REFUSAL_FILE for name in members}
+    return {name: path.read_text() for name, path in refusals.items() if path.is_file()}
+
+
+def _was_tried(folder: Path) -> bool:
+    """Return whether a sensor was calibrated in this folder, or could not be."""
+    return any((folder / name).is_file() for name in (SENSOR_FILE, _REFUSAL_FILE))
+
+
+def calibrate_simulated_sensor(member: SampledSensor, out: Path) -> None:
+    """Write the sensor folder of a simulated sensor, or the reason why it could not be calibrated."""
+    images = simulate_calibration_images(
+        member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES
+    )
+    try:
+        made = calibrate(CalibrationImages(**vars(images)), member.design, sensor_id=member.name)
+    except NinedtactError as refusal:
+        out.mkdir(parents=True, exist_ok=True)
+        write_file_atomically(out / _REFUSAL_FILE, str(refusal).encode())
+    else:
+        save_sensor(out, made)
+
+
+def _load_calibrated_sensor(folder: Path) -> CalibratedSensor:
+    """Read a sensor folder; raises `SensorFolderDamaged`."""
+    sensor = load_sensor(folder)
+    digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
+    return CalibratedSensor(sensor.shape, sensor.gel, digest)

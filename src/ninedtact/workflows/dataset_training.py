@@ -1,0 +1,139 @@
+"""Training of a force model on a data set: its images or heights become training examples, and some of them are held out."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ninedtact.dataset.height_cache import load_height_pairs
+from ninedtact.dataset.reader import load_dataset
+from ninedtact.design import Gel
+from ninedtact.force.dataset_split import NO_OBJECT, PairLabels, SplitRows, SplitSettings, read_split, split_dataset
+from ninedtact.force.network_input import NetworkInputSettings, scale_network_input_width, sensor_features_of
+from ninedtact.force.training.examples import TrainingExamples
+from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
+from ninedtact.force.training.train import TrainingResult, train_network
+from ninedtact.simulation.sensor_population import SampledSensor
+from ninedtact.workflows.dataset_sensors import load_dataset_sensors, load_simulated_sensors
+
+
+@dataclass(frozen=True)
+class HeldOutSettings:
+    """Which pairs are held out of the training, to choose the best epoch by."""
+
+    kind: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
+    """None: objects and sensors, or objects alone where there is one sensor."""
+    fraction: float = 0.1
+    """Part of the objects, of the sensors or of the pairs."""
+    split: Path | None = None
+    """Split file whose training part is divided; its test part is not used at all."""
+    seed: int = 0
+
+    def rows(self, ids: Sequence[str], examples: TrainingExamples) -> SplitRows:
+        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitUnfit`."""
+        train = np.arange(len(ids)) if self.split is None else read_split(self.split).rows(ids).train
+        names, objects, sensors = (
+            np.asarray(column)[train].tolist() for column in (ids, examples.objects, examples.sensors)
+        )
+        settings = self._split_settings(set(objects), set(sensors), len(names))
+        inner = split_dataset(PairLabels(names, objects, sensors), settings).rows(names)
+        return SplitRows(train[inner.train], train[inner.test])
+
+    def _split_settings(self, objects: set[str], sensors: set[str], pairs: int) -> SplitSettings:
+        """Return the settings of a split with this fraction of each, and one of each at least."""
+        kind = self.kind or ("sensor_and_object" if len(sensors) > 1 else "object")
+        counts = [max(1, round(self.fraction * count)) for count in (len(objects - {NO_OBJECT}), len(sensors), pairs)]
+        return SplitSettings(kind, objects=counts[0], sensors=counts[1], pairs=counts[2], seed=self.seed)
+
+
+def train_on_dataset(
+    data: Path,
+    out: Path,
+    settings: TrainingSettings,
+    held_out: HeldOutSettings = HeldOutSettings(),
+    *,
+    sensors: Path | None = None,
+    workers: int = 1,
+    name: str = "network",
+    licence: str = "MIT",
+    machine: ComputeSettings = ComputeSettings(),
+    progress: bool = False,
+    notify: Callable[[str], None] = lambda _: None,
+) -> TrainingResult | None:
+    """Train a force model on a data set and write it to `out`; None in all processes of a training but the first.
+
+    sensors: a folder with a sensor folder for each sensor of the data, by name; simulated sensors are calibrated without it.
+    workers: processes that read images. notify: receives a sentence about each sensor whose pairs are left out.
+    Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
+    """
+    examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
+    rows = held_out.rows(ids, examples)
+    return train_network(examples, rows, settings, out, name=name, licence=licence, machine=machine, progress=progress)
+
+
+def read_training_examples(
+    data: Path,
+    grid: NetworkInputSettings,
+    sensors: Path | None = None,
+    workers: int = 1,
+    progress: bool = False,
+    notify: Callable[[str], None] = lambda _: None,
+) -> tuple[TrainingExamples, Sequence[str]]:
+    """Read examples and their ids; wrenches of simulated sensors are scaled to the design's shear modulus."""
+    if grid.channels.of_heights:
+        examples, ids = _read_height_examples(data, grid, sensors, workers, progress, notify)
+    else:
+        examples, ids = _read_image_examples(data, grid, workers, progress)
+    return _scale_simulated_wrenches(examples, load_simulated_sensors(data)), ids
+
+
+def _read_height_examples(
+    data: Path,
+    grid: NetworkInputSettings,
+    sensors: Path | None,
+    workers: int,
+    progress: bool,
+    notify: Callable[[str], None],
+) -> tuple[TrainingExamples, Sequence[str]]:
+    """Read heights by the calibration of each sensor."""
+    known = load_dataset_sensors(data, sensors, workers, progress)
+    for notice in known.exclusion_notices():
+        notify(notice)
+    pairs = load_height_pairs(
+        data, known.by_name, grid.grid, workers=workers, left_out=known.refused, progress=progress
+    )
+    features = {name: sensor_features_of(sensor.shape, sensor.gel).row for name, sensor in known.by_name.items()}
+    names = pairs.objects.tolist(), pairs.sensors.tolist()
+    each = np.array([features[name] for name in names[1]])
+    return TrainingExamples(pairs.z_mm, pairs.wrenches, *names, sensor_features=each), pairs.ids.tolist()
+
+
+def _read_image_examples(
+    data: Path, grid: NetworkInputSettings, workers: int, progress: bool
+) -> tuple[TrainingExamples, Sequence[str]]:
+    """Read grey images with their references."""
+    pairs = load_dataset(data, (grid.cols, grid.rows), threads=workers, progress=progress)
+    names = pairs.objects.values.tolist(), pairs.sensors.values.tolist()
+    codes, files = pairs.references.codes, pairs.decoded
+    examples = TrainingExamples(files.images, pairs.wrenches, *names, references=files.references, reference_of=codes)
+    return examples, pairs.ids.tolist()
+
+
+def _scale_simulated_wrenches(examples: TrainingExamples, members: Mapping[str, SampledSensor]) -> TrainingExamples:
+    """Scale wrenches of simulated sensors to the design's shear modulus; those of real sensors stay as measured."""
+    usual = Gel().shear_modulus_mpa
+    moduli = {name: member.gel.shear_modulus_mpa for name, member in members.items()}
+    return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors]))
+
+
+def fit_input_to_dataset(settings: TrainingSettings, data: Path) -> TrainingSettings:
+    """Return the settings with the input's grid as wide as the designed sensing area of the data set's simulated sensors.
+
+    Settings for a data set of real sensors stay as they are.
+    """
+    widths = [member.design.sensing_area.width_mm for member in load_simulated_sensors(data).values()]
+    if not widths:
+        return settings
+    return replace(settings, input=scale_network_input_width(settings.input, max(widths)))

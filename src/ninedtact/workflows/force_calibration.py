@@ -1,0 +1,125 @@
+"""Force-scale calibration of a sensor from presses with known loads: images of a real sensor on a scale, or simulated presses."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.capture.image_and_video_files import ImageList
+from ninedtact.capture.image_file import read_image
+from ninedtact.errors import NinedtactError
+from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.estimator_loading import BOTH, NONE, load_unscaled_estimator
+from ninedtact.force.force_scale import (
+    ForceScaleFit,
+    ForceScaleImpossible,
+    KnownLoadPress,
+    ScaledForceEstimator,
+    fit_force_scale,
+    weight_of_grams_n,
+    write_force_scale,
+)
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading
+from ninedtact.sensor import Sensor
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.simulation.sensor_population import SampledSensor
+
+_BALL_RADIUS_MM, _START_DEPTH_MM = 5.0, 0.8
+"""Radius of the simulated ball, and the depth at which the search for a load begins."""
+_SIMULATED_PRESSES = ((0.0, 0.0, 1.0), (2.5, 1.5, 1.0), (0.0, 0.0, 2.5), (-2.5, -1.5, 5.0), (2.0, -1.5, 5.0))
+"""x and y in mm, and newtons: 100 to 500 g."""
+_PITCH_MM = 0.3
+"""Pitch of the grid on which simulated presses are solved: a ball is smooth."""
+_REFERENCE_FRAMES = 8
+
+
+class NothingToCalibrate(NinedtactError):
+    """No estimator was named whose force could be calibrated."""
+
+
+@dataclass(frozen=True)
+class ForceCalibration:
+    """The force scale of a sensor, and the presses that it was fitted to."""
+
+    estimator: str
+    fit: ForceScaleFit
+    presses: list[KnownLoadPress]
+    file: Path | None
+    """Where the scale is kept; None where it was not saved."""
+
+
+def calibrate_force(
+    sensor_folder: Path,
+    reference: Sequence[Path],
+    presses: Sequence[tuple[Path, float]],
+    force: str = BOTH,
+    save: bool = True,
+) -> ForceCalibration:
+    """Fit the force scale of a sensor to images of presses with known loads, and save it in the sensor folder.
+
+    reference: images without contact. presses: images with the load of each in grams. force: the estimator, as after `--force`.
+    Raises `NothingToCalibrate`, `ForceScaleImpossible`, and what reading images and sensor folders raises.
+    """
+    if force == NONE:
+        raise NothingToCalibrate(
+            f"expected an estimator to calibrate, got --force {NONE}; name {BOTH}, network, physics or a force model"
+        )
+    folder = load_sensor(sensor_folder)
+    estimator = load_unscaled_estimator(force, folder)
+    estimated = list(_estimate_presses(estimator, folder.shape, reference, presses))
+    fit = fit_force_scale(estimated)
+    file = write_force_scale(sensor_folder, estimator.name, fit.adaptation) if save else None
+    return ForceCalibration(estimator.name, fit, estimated, file)
+
+
+def _estimate_presses(
+    estimator: ForceEstimator,
+    shape: CalibratedShape,
+    reference: Sequence[Path],
+    presses: Sequence[tuple[Path, float]],
+) -> Iterator[KnownLoadPress]:
+    """Yield the estimated force of every press with its load; raises `ForceScaleImpossible`, naming the image."""
+    depth_reader = shape.depth_reader(*[Frame(read_image(path)) for path in reference])
+    images = ImageList([path for path, _ in presses])
+    with Sensor(images, shape, depth_reader=depth_reader, estimator=estimator) as sensor:
+        for (path, grams), reading in zip(presses, sensor, strict=True):
+            estimator.forget()
+            assert reading.force is not None
+            try:
+                yield KnownLoadPress(max(0.0, -float(reading.force.wrench.force_n[2])), weight_of_grams_n(grams))
+            except ForceScaleImpossible as refusal:
+                raise ForceScaleImpossible(f"{path}: {refusal}") from refusal
+
+
+def calibrate_on_simulated_loads(
+    estimator: ForceEstimator, member: SampledSensor, shape: CalibratedShape
+) -> ForceEstimator:
+    """Return the estimator with the force scale from five simulated presses of a ball with known loads.
+
+    Where the estimator takes one of the presses for no contact, it is returned without a scale.
+    """
+    presses = []
+    try:
+        for reading, load_n in _simulate_presses(member, shape):
+            estimator.forget()
+            estimated_n = max(0.0, -float(estimator.estimate(reading).wrench.force_n[2]))
+            presses.append(KnownLoadPress(estimated_n, load_n))
+        return ScaledForceEstimator(estimator, fit_force_scale(presses).adaptation)
+    except ForceScaleImpossible:
+        return estimator
+
+
+def _simulate_presses(member: SampledSensor, shape: CalibratedShape) -> Iterator[tuple[Reading, float]]:
+    """Yield the sensor's reading of every simulated press, and its load in N."""
+    twin = member.twin(_PITCH_MM)
+    depth_reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-_REFERENCE_FRAMES, 0)))
+    for number, (x, y, load_n) in enumerate(_SIMULATED_PRESSES):
+        pose = Pose(x, y, _START_DEPTH_MM)
+        contact = twin.correct_contact(twin.step(twin.model.untouched(), Ball(_BALL_RADIUS_MM), pose, load_n))
+        frame = Frame(twin.renderer(contact, number))
+        rectified = shape.rectify(frame)
+        reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
+        yield reading, -float(contact.wrench().force_n[2])
