@@ -138,7 +138,7 @@ def test_a_killed_build_goes_on_and_ends_the_same(tmp_path: Path) -> None:
     (tmp_path / "killed" / "parts" / ".abc.partial").write_bytes(b"half")
     kept: list[int] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ninedtact.dataset.build.remove_parts", lambda _: kept.append(third.stat().st_mtime_ns))
+        patch.setattr("ninedtact.dataset.build._remove_parts", lambda _: kept.append(third.stat().st_mtime_ns))
         built_from(tmp_path / "killed", tmp_path / "in")
     assert kept == [before]
     shutil.rmtree(tmp_path / "killed" / "parts")

@@ -103,7 +103,7 @@ def test_ctrl_c_says_that_it_goes_on(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ninedtact.dataset.build.make_part", interrupted)
+    monkeypatch.setattr("ninedtact.dataset.build._make_part", interrupted)
     code, _, error = told(capsys, "build", tree.root, "--out", tmp_path / "out", "--workers", 1, "--json")
     assert code == 1
     assert "continue where it stopped" in error

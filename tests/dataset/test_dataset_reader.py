@@ -1,5 +1,6 @@
 """A data set in training: the right images with the right wrenches, fast, and decoded once."""
 
+import doctest
 import resource
 import shutil
 from pathlib import Path
@@ -13,9 +14,10 @@ import pytest
 from built_sets import built_from, decoded, references_in, rows_in
 from little_sources import LittleTree
 
+import ninedtact.dataset
 from ninedtact.atomic_write import FileNotWritten
 from ninedtact.dataset.image_cache import ImageSizeImpossible
-from ninedtact.dataset.parquet_files import DatasetDamaged
+from ninedtact.dataset.parquet_files import DatasetDamaged, DatasetFormatUnknown
 from ninedtact.dataset.reader import load_dataset
 from ninedtact.dataset.sources.source import SourceConventions
 from ninedtact.simulation.rectified import mm_per_px
@@ -26,6 +28,25 @@ def folder(twins: Path, tmp_path: Path) -> Path:
     """A copy of the twin's, to be changed."""
     shutil.copytree(twins, tmp_path / "pairs", ignore=shutil.ignore_patterns("cache"))
     return tmp_path / "pairs"
+
+
+def test_the_example_of_load_dataset_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder.parent)
+    (example,) = doctest.DocTestFinder().find(load_dataset, "load_dataset", globs={})
+    assert len(example.examples) > 4
+    assert doctest.DocTestRunner().run(example).failed == 0
+
+
+def test_the_package_hands_out_its_public_names() -> None:
+    assert ninedtact.dataset.load_dataset is load_dataset
+    assert all(getattr(ninedtact.dataset, name) for name in ninedtact.dataset.__all__)
+
+
+def test_a_data_set_of_another_format_is_refused(folder: Path) -> None:
+    first = min((folder / "data").iterdir())
+    pq.write_table(pq.read_table(first).replace_schema_metadata({}), first)
+    with pytest.raises(DatasetFormatUnknown, match=r"of format 2 .*got no format; make it again"):
+        load_dataset(folder)
 
 
 def test_rows_are_those_of_the_files(folder: Path) -> None:

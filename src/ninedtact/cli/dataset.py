@@ -166,7 +166,7 @@ class ShowDatasetCommand:
     """Print the counts as one JSON object."""
 
     def run(self) -> int:
-        """Count, draw and print."""
+        """Count the pairs, draw some, and print the counts."""
         from ninedtact.dataset.folder import find_pair_files
         from ninedtact.dataset.statistics import compute_dataset_statistics
 

@@ -76,7 +76,7 @@ def build_dataset(
     if not folder.is_finished:
         _make_missing_parts(folder, parts, settings, workers, progress)
         _combine_parts(folder, sources, len(parts), settings)
-    remove_parts(folder)
+    _remove_parts(folder)
     return BuildResult(out, read_quality_report(folder.report), _folder_statistics(folder))
 
 
@@ -102,7 +102,7 @@ def _make_missing_parts(
     files = [_PartFiles(folder.parts, number) for number in range(len(parts))]
     jobs = [(part, file, settings.checks) for part, file in zip(parts, files, strict=True) if not file.is_made]
     with tqdm(total=len(parts), initial=len(parts) - len(jobs), unit="file", disable=not progress) as bar:
-        for _, pairs in run_in_processes(make_part, jobs, workers):
+        for _, pairs in run_in_processes(_make_part, jobs, workers):
             bar.set_postfix(pairs=pairs, refresh=False)
             bar.update()
 
@@ -161,7 +161,7 @@ class _PartReader:
                 number += 1
 
 
-def make_part(part: SourcePart, files: _PartFiles, settings: CheckSettings) -> int:
+def _make_part(part: SourcePart, files: _PartFiles, settings: CheckSettings) -> int:
     """Write the files of one part and return its number of pairs; raises `FileNotWritten`."""
     reader = _PartReader(part, files.pairs.name)
     write_pair_file(files.pairs, reader.rows())
@@ -225,6 +225,6 @@ def _folder_statistics(folder: DatasetFolder) -> DatasetStatistics:
     return compute_dataset_statistics(sorted((folder.path / "data").glob("*.parquet")))
 
 
-def remove_parts(folder: DatasetFolder) -> None:
+def _remove_parts(folder: DatasetFolder) -> None:
     """Remove the parts of a finished data set."""
     shutil.rmtree(folder.parts, ignore_errors=True)

@@ -94,7 +94,7 @@ class TactileDataset:
         return np.asarray(self.decoded.references[self.references.codes[indices]])
 
     def batch(self, indices: _Index) -> PairBatch:
-        """Return some pairs."""
+        """Return the pairs of these indices as arrays."""
         wrenches = self.wrenches[indices]
         return PairBatch(self.images(indices), self.reference_images(indices), wrenches, np.asarray(indices, np.int64))
 

@@ -43,7 +43,7 @@ class DatasetStatistics:
 
     @property
     def pairs(self) -> int:
-        """Number of pairs."""
+        """Number of pairs of all kinds."""
         return sum(self.kinds.values())
 
     @property

@@ -66,7 +66,7 @@ class PressSettings:
     """Part of the gel's thickness at which a press stops: a hand feels the base there."""
 
     def sample_target(self, rng: np.random.Generator) -> PressTarget:
-        """Sample the next target."""
+        """Sample the next target of a press."""
         load = float(np.clip(rng.normal(*self.load_n), *self.load_range_n))
         shear = load * rng.normal(self.shear_mean, self.shear_spread)
         limits = np.array([self.max_twist_deg, self.max_tilt_deg, self.max_tilt_deg])

@@ -102,12 +102,12 @@ class GenerationSettings:
 
     @property
     def files(self) -> int:
-        """Number of files."""
+        """Number of files of pairs."""
         return -(-self.pairs // self.pairs_per_file)
 
     @property
     def sessions(self) -> int:
-        """Number of sessions."""
+        """Number of sessions in all files."""
         return -(-self.pairs // self.pairs_per_session)
 
     def sensor_parameters(self, number: int) -> SampledSensor:

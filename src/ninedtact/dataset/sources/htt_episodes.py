@@ -247,7 +247,7 @@ class HttSource(Source):
         return self.conventions.statement_lines()
 
     def files(self) -> list[Path]:
-        """Return all .npz files."""
+        """Return the .npz files of all episodes."""
         return find_source_files(self.path, EPISODE_SUFFIX)
 
     def parts(self) -> list[SourcePart]:

@@ -100,7 +100,7 @@ class RecordingsSource(Source):
     description = "recordings of 'ninedtact collect'"
 
     def files(self) -> list[Path]:
-        """Return all recordings."""
+        """Return the files of all recordings."""
         return find_source_files(self.path, RECORDING_SUFFIX)
 
     def parts(self) -> list[SourcePart]:
