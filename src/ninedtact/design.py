@@ -8,26 +8,26 @@ from typing import Literal
 from ninedtact.errors import NinedtactError
 
 ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
-"""Refractive indices of window and gel, of the handbooks; no maker states those of these sheets and silicones."""
+"""Handbook values of window and gel; no maker states those of these sheets and silicones."""
 
 
 class DesignImpossible(NinedtactError):
-    """A dimension that no sensor can have."""
+    """A dimension or a combination of dimensions that no sensor can have."""
 
 
 def require_positive(name: str, value: float) -> None:
-    """Refuse zero, negative and not-a-number."""
+    """Refuse zero, negative values and not-a-number; raises `DesignImpossible`."""
     if not value > 0:
         raise DesignImpossible(f"expected {name} above zero, got {value}; correct the design")
 
 
 @dataclass(frozen=True)
 class Gel:
-    """The translucent layer that is pressed, bonded on a stiffer transparent one."""
+    """The translucent layer that is pressed, bonded to a stiffer transparent one."""
 
     thickness_mm: float = 2.5
     shear_modulus_mpa: float = 0.093
-    """Of Shore A 5, by Gent's relation (docs/references.md); a known weight measures it far better."""
+    """That of Shore A 5 by Gent's relation (docs/references.md); a calibration with known loads measures it far better."""
     poisson_ratio: float = 0.5
     """Silicone keeps its volume: 0.5 is exact, not a limit."""
 
@@ -41,7 +41,8 @@ class Gel:
 
 
 def shore_a_to_shear_modulus_mpa(shore_a: float) -> float:
-    """Shear modulus in MPa of a rubber of this hardness (Gent 1958, docs/references.md; a third of his Young's modulus).
+    """Return the shear modulus in MPa of a rubber of this hardness (Gent 1958, docs/references.md; a third of his
+    Young's modulus).
 
     Raises `DesignImpossible` outside of 1 to 95, where the scale has no meaning.
     """
@@ -68,14 +69,14 @@ class FieldOfView:
 
 @dataclass(frozen=True)
 class CameraGeometry:
-    """The wide-angle camera under the gel, looking straight up through the middle of the skin."""
+    """The wide-angle camera under the gel, which looks straight up through the middle of the skin."""
 
     distance_mm: float = 14.05
-    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards: see
+    """From the lens front to the undeformed skin. At so short a distance, pressed skin is seen displaced outwards: see
     `shape.orthorectification`."""
 
     lens_angle_deg: float = 160.0
-    """What the lens sees in air, from side to side along the image's diagonal."""
+    """Angle that the lens sees in air, from side to side along the image's diagonal."""
 
     def __post_init__(self) -> None:
         require_positive("camera.distance_mm", self.distance_mm)
@@ -87,16 +88,16 @@ class CameraGeometry:
 
 @dataclass(frozen=True)
 class SensingArea:
-    """The skin that is looked at, in the middle of a gel that is larger."""
+    """The part of the skin that is evaluated, in the middle of a larger gel."""
 
     width_mm: float = 24.0
     """Along x, the image's columns."""
     height_mm: float = 18.0
-    """Along y, its rows."""
+    """Along y, the image's rows."""
     margin_mm: tuple[float, float] = (2.25, 1.75)
-    """From the area to the wall of the gel's opening, x and y: near a wall the gel is stiffer."""
+    """Distance of the area from the wall of the gel's opening, x and y: near a wall the gel is stiffer."""
     overlap_mm: float = 0.5
-    """How far the pressed gel lies on the rim round the opening, on each side."""
+    """How far the pressed gel lies on the rim around the opening, on each side."""
 
     def __post_init__(self) -> None:
         require_positive("sensing_area.width_mm", self.width_mm)
@@ -109,12 +110,12 @@ class SensingArea:
 
     @property
     def area_mm2(self) -> float:
-        """Its content."""
+        """Area in mm², width times height."""
         return self.width_mm * self.height_mm
 
     @property
     def size_mm(self) -> tuple[float, float]:
-        """Width and height."""
+        """Width and height of the sensing area."""
         return self.width_mm, self.height_mm
 
     @property
@@ -147,13 +148,13 @@ class PinBoard:
 
     @property
     def count(self) -> int:
-        """Number of pins."""
+        """Number of pins on the board."""
         return self.rows * self.cols
 
 
 @dataclass(frozen=True)
 class BallGauge:
-    """The ball that calibrates depth."""
+    """The ball with which depth is calibrated."""
 
     radius_mm: float = 4.0
 
@@ -163,14 +164,16 @@ class BallGauge:
 
 @dataclass(frozen=True)
 class ForceTorqueMount:
-    """Where a force/torque sensor stands under the tactile sensor: its own frame, seen in the sensor frame."""
+    """Position and orientation of a force/torque sensor under the tactile sensor: its own frame in the sensor frame."""
 
     origin_mm: tuple[float, float, float] = (0.0, 0.0, -35.0)
-    """Of its frame; the paper's stands 35 mm below the skin."""
+    """Origin of its frame; that of the paper lies 35 mm below the skin."""
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Its frame, turned about the sensor's x axis, then y, then z; none: its z points out of the skin as the sensor's does."""
+    """Rotation of its frame about the sensor's x axis, then y, then z. With none, its z points out of the skin as the
+    sensor's does."""
     sign: Literal[1, -1] = 1
-    """1 for a device that tells what loads its tool side, on which the sensor stands; −1 where it tells the reaction."""
+    """1 for a device that reports the load on its tool side, on which the sensor stands; −1 for one that reports the
+    reaction."""
 
     def __post_init__(self) -> None:
         for name in ("origin_mm", "rotation_deg"):
@@ -195,13 +198,14 @@ DIMENSION_RANGES = {
     "pin_board.pin_diameter_mm": (0.2, 15.0),
     "ball.radius_mm": (0.5, 60.0),
 }
-"""Least and most of a sensor's dimensions: what moulds, silicones, lenses, printers and a computer's memory can do. Gels that are
-no sensor's, as those of closed forms, are free; a camera very far away is one whose lines of sight are parallel."""
+"""Least and greatest value of a sensor's dimensions: what moulds, silicones, lenses, printers and a computer's memory
+can do. Gels that belong to no sensor, as those of closed forms, are free; a camera very far away is one whose lines
+of sight are parallel."""
 
 
 @dataclass(frozen=True)
 class SensorDesign:
-    """One sensor's design. The calibration searches for it, the twin simulates it, the hardware draws it."""
+    """The design of one sensor. The calibration searches for it, the twin simulates it, the hardware is built from it."""
 
     gel: Gel = Gel()
     sensing_area: SensingArea = SensingArea()

@@ -1,4 +1,5 @@
-"""A sensor design as a TOML file: one table per part of the design, only what differs from the published sensor."""
+"""Reading and writing a sensor design as a TOML file: one table per part of the design, only what differs from the
+published sensor."""
 
 import tomllib
 from dataclasses import asdict, fields, is_dataclass
@@ -12,16 +13,16 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 
 HARDWARE_TABLE = "hardware"
-"""Table of the parts' own dimensions, which only the hardware room reads."""
+"""Table of the parts' own dimensions, which only the package `hardware` reads."""
 Design = TypeVar("Design")
 
 
 class DesignFileUnreadable(NinedtactError):
-    """No such file, not TOML, or a key or value that no design has."""
+    """A design file that is missing, is not TOML, or has a key or value that no design has."""
 
 
 def read_design_file(path: Path | str) -> SensorDesign:
-    """The design in this file, the published one where it says nothing.
+    """Read a sensor design; what the file does not state is as in the published sensor.
 
     Raises `DesignFileUnreadable`, and `DesignImpossible` for dimensions that no sensor can have.
     """
@@ -29,7 +30,7 @@ def read_design_file(path: Path | str) -> SensorDesign:
 
 
 def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> SensorDesign:
-    """A file's tables → the design, its hardware left alone; raises as `read_design_file` does."""
+    """Return the sensor design of a file's tables without those of the hardware; raises as `read_design_file` does."""
     return convert_design_tables(
         {name: part for name, part in tables.items() if name != HARDWARE_TABLE}, SensorDesign, path
     )
@@ -48,7 +49,7 @@ def read_design_tables(path: Path | str) -> dict[str, Any]:
 
 
 def convert_design_tables(tables: dict[str, Any], kind: type[Design], path: Path | str) -> Design:
-    """Tables → a design of this kind, strictly; raises as `read_design_file` does."""
+    """Convert tables strictly to a design of this class; raises as `read_design_file` does."""
     _require_known_keys(tables, kind, path, ())
     try:
         return msgspec.convert(tables, kind)
@@ -59,7 +60,7 @@ def convert_design_tables(tables: dict[str, Any], kind: type[Design], path: Path
 
 
 def _require_known_keys(tables: dict[str, Any], kind: type[Any], path: Path | str, within: tuple[str, ...]) -> None:
-    """Refuse keys that the design does not have."""
+    """Refuse keys that the design does not have; raises `DesignFileUnreadable`."""
     hints, known = get_type_hints(kind), {field.name for field in fields(kind)}
     for name, value in tables.items():
         if name not in known:
@@ -73,5 +74,5 @@ def _require_known_keys(tables: dict[str, Any], kind: type[Any], path: Path | st
 
 
 def design_to_toml(design: SensorDesign) -> str:
-    """Every dimension of a design, as `read_design_file` reads it."""
+    """Return every dimension of a design as TOML, which `read_design_file` reads back."""
     return tomli_w.dumps(asdict(design))

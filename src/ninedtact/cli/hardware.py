@@ -1,17 +1,5 @@
-"""Which sensor a hardware command is about, and whether the library that models solids is there.
-
-ninedtact hardware bom: what to buy and to have made.
-
-ninedtact hardware check: rules, interference, clearances, and the paper's figures beside this design's.
-
-ninedtact hardware explore: designs compared by their parts and their twins, before anything is printed.
-
-ninedtact hardware export: one folder for the print shop, the laser cutter and the board house.
-
-ninedtact hardware guide: how to build the sensor, step by step, with images of its own parts.
-
-ninedtact hardware: the parts of a sensor, one subcommand per journey.
-"""
+"""ninedtact hardware: files to make the parts, bill of materials, checks, comparison of designs, and how to build the
+sensor."""
 
 import time
 from collections.abc import Iterator
@@ -39,21 +27,21 @@ class Build123dMissing(NinedtactError):
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """The sensor that is built."""
+    """The design that a hardware command works on."""
 
     design: Path | None = None
-    """Design file (TOML): what differs from the published sensor; [hardware.shell] and so on change its parts."""
+    """Design file (TOML) with what differs from the published sensor. Tables such as [hardware.shell] change its parts."""
     variant: Literal["default", "original"] = "default"
-    """Ours, with the improvements that docs/hardware.md lists, or the original's dimensions."""
+    """default: with the improvements that docs/hardware.md lists. original: with the original's dimensions."""
 
     def read_hardware(self) -> "HardwareDesign":
-        """All dimensions; raises `DesignFileUnreadable`, `DesignImpossible`."""
+        """Return the hardware design; raises `DesignFileUnreadable`, `DesignImpossible`."""
         from ninedtact.hardware.design import read_hardware_design
 
         return read_hardware_design(self.design, self.variant)
 
     def build_sensor(self) -> "BuiltSensor":
-        """Ready to be measured; raises `RulesBroken`, `BoardImpossible`, `Build123dMissing`."""
+        """Return the design with its solids; raises `DesignRulesBroken`, `LedBoardImpossible`, `Build123dMissing`."""
         design = self.read_hardware()
         _require_build123d()
         from ninedtact.hardware.built_sensor import BuiltSensor
@@ -71,14 +59,14 @@ def _require_build123d() -> None:
 
 @dataclass(frozen=True)
 class BomCommand:
-    """List what one sensor is made of, and the tools that it takes, with estimated prices."""
+    """List the parts of one sensor and the tools to make it, with estimated prices."""
 
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     json: bool = False
     """Print the list as one JSON object."""
 
     def run(self) -> int:
-        """Measure the parts, and list."""
+        """Build the parts and print the bill of materials."""
         from ninedtact.hardware.bill_of_materials import sensor_cost_usd
 
         items = self.design_options.build_sensor().bill
@@ -87,7 +75,7 @@ class BomCommand:
 
 
 def format_bill_of_materials(items: "list[BillItem]") -> Iterator[str]:
-    """For a person."""
+    """Yield the bill of materials as lines of text."""
     from ninedtact.hardware.bill_of_materials import sensor_cost_usd
     from ninedtact.hardware.published_specifications import PUBLISHED_9DTACT
 
@@ -102,9 +90,10 @@ def format_bill_of_materials(items: "list[BillItem]") -> Iterator[str]:
 
 @dataclass(frozen=True)
 class CheckCommand:
-    """Say whether a design can be built: rules, interference, clearances; its figures beside the paper's Table I.
+    """Check whether a design can be built: rules, interference and clearances. Prints its specification beside the
+    paper's Table I.
 
-    Exits with 1 where a rule is broken or two parts claim the same room.
+    Exits with 1 if a rule is broken or two parts overlap.
     """
 
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
@@ -112,7 +101,7 @@ class CheckCommand:
     """Print everything as one JSON object."""
 
     def run(self) -> int:
-        """Rules first; what keeps them is built and measured."""
+        """Check the rules; build and measure a design that keeps them."""
         from ninedtact.hardware.buildability.rule_check import find_broken_rules
 
         if broken := find_broken_rules(self.design_options.read_hardware()):
@@ -124,42 +113,43 @@ class CheckCommand:
 
 
 def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
-    """For a person."""
+    """Yield the broken rules as lines of text."""
     yield f"{'1 rule' if len(broken) == 1 else f'{len(broken)} rules'} broken; nothing was built:"
     yield from (f"  {each.rule}: {each.message}" for each in broken)
 
 
 class SensingAreaUnreadable(NinedtactError):
-    """Not a width and a height."""
+    """A text that is not a width and a height."""
 
 
 @dataclass(frozen=True)
 class ExploreCommand:
     """Compare designs: predicted depth range, resolution, force range, signal per newton, field of view, size and cost.
 
-    Every combination of the values given is built and its twin pressed by a ball of radius 4 mm. The camera is moved away as
-    far as the lens needs. Nothing here is measured: docs/hardware.md says what each prediction rests on.
+    Every combination of the given values is built, and its twin is pressed by a ball of radius 4 mm. The camera is
+    moved away as far as the lens needs. Nothing here is measured: docs/hardware.md states what each prediction rests
+    on.
     """
 
     gel_mm: tuple[float, ...] = ()
     """Thicknesses of the translucent gel."""
     shore_a: tuple[float, ...] = ()
-    """Its hardnesses, Shore A."""
+    """Hardnesses of the translucent gel, Shore A."""
     area_mm: tuple[str, ...] = ()
-    """Sensing areas: 24x18 30x22."""
+    """Sensing areas, width x height, such as 24x18 30x22."""
     lens_deg: tuple[float, ...] = ()
     """Angles that the lens sees in air."""
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     calibrated: bool = False
-    """Let each twin calibrate itself by its board and ball, and read a press of another ball: the error of depth and of load that
-    the sensor would have. Half a minute for each."""
+    """Calibrate each twin by its board and ball, and report the errors of depth and of load for a press of another
+    ball. Takes half a minute for each design."""
     out: Path | None = None
     """Folder for explore.csv, explore.png and a design file of every design."""
     json: bool = False
-    """Print the table as one JSON object."""
+    """Print the comparison as one JSON object."""
 
     def run(self) -> int:
-        """Build, press, and put side by side."""
+        """Build and press every design and print the comparison."""
         _require_build123d()
         from tqdm import tqdm
 
@@ -176,18 +166,18 @@ class ExploreCommand:
 
     @property
     def design_sweep(self) -> "DesignSweep":
-        """As the hardware room names it; raises `SensingAreaUnreadable`."""
+        """The sweep over the given values; raises `SensingAreaUnreadable`."""
         from ninedtact.hardware.explore.design_sweep import DesignSweep
 
         return DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
 
     def _create_folder(self) -> None:
-        """See that there is a folder before work begins; raises `OSError`."""
+        """Create the output folder before work begins; raises `OSError`."""
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)
 
     def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
-        """Table and plot, if a folder was named."""
+        """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.hardware.design import hardware_design_to_toml
         from ninedtact.hardware.explore.design_comparison import comparison_to_csv, plot_comparison
@@ -203,7 +193,7 @@ class ExploreCommand:
 
 
 def _parse_area(text: str) -> tuple[float, float]:
-    """`24x18` → 24 mm by 18 mm; raises `SensingAreaUnreadable`."""
+    """Return width and height in mm of a text such as `24x18`; raises `SensingAreaUnreadable`."""
     try:
         width, height = map(float, text.lower().split("x"))
     except ValueError:
@@ -218,13 +208,13 @@ class ExportCommand:
     """Write STEP, STL, DXF, drawings, circuit board, bill of materials and images of one sensor into a folder."""
 
     out: Path
-    """Folder to write, whole or not at all; one that this command wrote before is replaced."""
+    """Folder to write, whole or not at all. A folder that this command wrote before is replaced."""
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     json: bool = False
     """Print the manifest as one JSON object."""
 
     def run(self) -> int:
-        """Build, write, and say what is there."""
+        """Build the sensor, write the folder and list its contents."""
         _require_build123d()
         from tqdm import tqdm
 
@@ -239,26 +229,29 @@ class ExportCommand:
 
 
 def format_export_warnings(manifest: dict[str, Any]) -> Iterator[str]:
-    """Why parts of this folder should not be made as they are; none for a sound design."""
+    """Yield why parts of this folder should not be made as they are; nothing for a sound design."""
     if faults := manifest["led_board_faults"]:
         yield f"  DO NOT ORDER led_board/: it breaks {len(faults)} rules, the first {faults[0]}; its notes name them"
     for pair in manifest["interferences"]:
-        what = f"{pair['first']} and {pair['second']} claim the same {pair['overlap_mm3']:.2f} mm³"
+        what = f"{pair['first']} and {pair['second']} overlap by {pair['overlap_mm3']:.2f} mm³"
         yield f"  DO NOT MAKE these parts as they are: {what}"
 
 
 def _format_export_report(out: Path, manifest: dict[str, Any], seconds: float) -> Iterator[str]:
-    """For a person."""
+    """Yield the contents of the folder as lines of text."""
     yield f"{len(manifest['files'])} files of the {manifest['variant']} design in {out}, in {seconds:.0f} s"
     for folder, use in (
         ("printed", "STL and STEP for the print shop"),
-        ("cut", "DXF for the laser cutter, mm, 1:1; README.txt tells each sheet's thickness"),
-        ("led_board", "Gerbers, drill, placement for the board house; the notes tell how thick (0.80 mm as published)"),
+        ("cut", "DXF for the laser cutter, mm, 1:1; README.txt states the thickness of each sheet"),
+        (
+            "led_board",
+            "Gerbers, drill, placement for the board house; the notes state its thickness (0.80 mm as published)",
+        ),
         ("drawings", "dimensions, SVG and PDF"),
     ):
         yield f"  {folder + '/':12}{use}"
     yield from format_export_warnings(manifest)
-    yield f"  open {out / 'bom.html'}; {out / 'check.txt'} tells what was checked"
+    yield f"  open {out / 'bom.html'}; {out / 'check.txt'} has the results of all checks"
 
 
 @dataclass(frozen=True)
@@ -272,7 +265,7 @@ class GuideCommand:
     """Print the files as one JSON object."""
 
     def run(self) -> int:
-        """Build, draw, write."""
+        """Build the sensor, render its images and write the guide."""
         from tqdm import tqdm
 
         sensor = self.design_options.build_sensor()
@@ -292,5 +285,5 @@ HardwareCommand = (
     | Annotated[ExploreCommand, tyro.conf.subcommand("explore")]
     | Annotated[GuideCommand, tyro.conf.subcommand("guide")]
 )
-"""Its subcommands."""
+"""The subcommands of `ninedtact hardware`."""
 DESCRIPTION = "The parts of a sensor: files to make them, bill of materials, checks, designs compared, how to build it."

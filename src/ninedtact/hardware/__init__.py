@@ -1,7 +1,10 @@
-"""The parts of a sensor, from one description: solids, rules, assembly, files for those who make them.
+"""The hardware of a sensor: a `SensorDesign` with the dimensions of its parts goes in, files for those who make them
+come out.
 
-    SensorDesign ──▶ HardwareDesign ──rules──▶ parts ──▶ assembly ──▶ interference, figures, bill, folder of files
+    SensorDesign ──▶ HardwareDesign ──rules──▶ solids ──▶ assembly ──▶ checks, bill of materials, folder of files
 
-`design.py` is the file to read first. build123d is loaded by `parts`, `assembly`, `images`, `drawings`, `guide` and `export`
-alone.
+Read `design` first: `read_hardware_design` gives a `HardwareDesign`. `built_sensor.BuiltSensor` builds and checks it,
+`export.parts_folder.export_parts` writes its files, `guide` describes how to build it, `explore` compares designs,
+`led_board` makes the circuit board. build123d is loaded only by `parts`, `sensor_assembly`, `assembly_images`,
+`drawings`, `guide` and `export`.
 """

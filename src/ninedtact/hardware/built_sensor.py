@@ -87,13 +87,13 @@ class BuiltSensor:
             "paper": {**asdict(PUBLISHED_9DTACT), "ratio_mm": PUBLISHED_9DTACT.ratio_mm},
             "others": [{**asdict(PUBLISHED_DIGIT), "ratio_mm": PUBLISHED_DIGIT.ratio_mm}],
             "lens_reach_mm": lens_reach_mm(self.design),
-            "corner_mm": sensing_corner_radius_mm(self.design),
+            "sensing_corner_radius_mm": sensing_corner_radius_mm(self.design),
             "interferences": [asdict(pair) for pair in self.interferences],
             "adjacent_bodies": [asdict(pair) for pair in self.adjacent_bodies],
             "led_board_faults": [*map(str, find_violations(self.led_board_layout))],
-            "clearances": [{**asdict(clearance), "tight": clearance.is_tight} for clearance in self.clearances],
+            "clearances": [{**asdict(clearance), "is_tight": clearance.is_tight} for clearance in self.clearances],
             "masses_g": {body.name: body.mass_g for body in self.bodies},
-            "disagreements": [asdict(each) for each in PUBLICATION_DISCREPANCIES],
+            "publication_discrepancies": [asdict(each) for each in PUBLICATION_DISCREPANCIES],
         }
 
     def check_report_lines(self) -> Iterator[str]:
@@ -107,27 +107,28 @@ class BuiltSensor:
         yield from _format_clearances(self.clearances)
         reach, corner = lens_reach_mm(self.design), sensing_corner_radius_mm(self.design)
         yield f"the lens reaches {reach:.2f} mm, the sensing area's corner is at {corner:.2f} mm"
-        yield "beside the paper and others (masses of this design by assumed densities, its cost by estimated prices):"
+        yield "comparison with published sensors (mass of this design by assumed densities, its cost by estimated prices):"
         yield from (
             "  " + line for line in format_specification_table((PUBLISHED_9DTACT, self.specification, PUBLISHED_DIGIT))
         )
         yield "where the paper and its files disagree (here: the published size):"
         for each in PUBLICATION_DISCREPANCIES:
-            yield f"  {each.thing}: paper {each.paper or 'says nothing'}; files {each.files}; here {each.here}"
+            yield f"  {each.feature}: paper {each.paper or 'states nothing'}; files {each.files}; here {each.here}"
 
 
 def _format_interferences(sensor: BuiltSensor) -> Iterator[str]:
     """Yield a line for each interference, and their number."""
     for pair in sensor.interferences:
-        yield f"  INTERFERES: {pair.first} and {pair.second} share {pair.overlap_mm3:.3f} mm³"
+        yield f"  INTERFERES: {pair.first} and {pair.second} overlap by {pair.overlap_mm3:.3f} mm³"
     meant = sum(pair.overlap_mm3 > 0 and pair.is_intended for pair in sensor.adjacent_bodies)
     many = len(sensor.interferences)
-    yield f"  {'1 pair interferes' if many == 1 else f'{many} pairs interfere'}; {meant} inserts are meant to melt into their bores"
+    pairs = "1 pair interferes" if many == 1 else f"{many} pairs interfere"
+    yield f"  {pairs}; {meant} inserts overlap with their bores, as intended: they melt into them"
 
 
 def _format_clearances(clearances: list[Clearance]) -> Iterator[str]:
     """Yield the table of clearances."""
-    yield "clearances, mm (needed):"
+    yield "clearances in mm (required):"
     for clearance in clearances:
         tight = "   TIGHT" if clearance.is_tight else ""
         yield f"  {clearance.clearance_mm:7.3f} ({clearance.required_mm:.2f}) {clearance.faces}{tight}"

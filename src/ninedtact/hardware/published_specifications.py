@@ -67,7 +67,7 @@ def format_specification_table(rows: Iterable[SensorSpecification]) -> Iterator[
 class _PublicationDiscrepancy:
     """A property for which the paper and its design files give different values."""
 
-    thing: str
+    feature: str
     paper: str
     files: str
     here: str

@@ -13,11 +13,16 @@ from shapely import LineString, Point, union_all
 from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import BoardOutline, LedBoardImpossible
 from ninedtact.hardware.led_board.components import BoardSide
-from ninedtact.hardware.led_board.copper_geometry import bare_board_polygon, hole_polygon, pad_polygon
+from ninedtact.hardware.led_board.copper_geometry import (
+    bare_board_polygon,
+    component_outline,
+    hole_polygon,
+    pad_polygon,
+)
 from ninedtact.hardware.led_board.design_rule_check import list_copper_pieces
 from ninedtact.hardware.led_board.fabrication_files import build_board_files, write_led_board
 from ninedtact.hardware.led_board.layout import BoardLayout, lay_out_board
-from ninedtact.hardware.led_board.silkscreen import component_outline, place_designators
+from ninedtact.hardware.led_board.silkscreen import place_designators
 
 PUBLISHED_AREA_MM2 = 551.23
 """Of the outline, lens hole not taken out."""

@@ -39,7 +39,7 @@ def test_a_design_file_sets_the_resistor(tmp_path: Path) -> None:
     for variant in ("default", "original"):
         board = led_board_for_design(read_hardware_design(path, variant))
         assert board.resistor_ohm == 10_000
-        assert "180 mA in all" in format_fabrication_notes(lay_out_board(board))
+        assert "180 mA in total" in format_fabrication_notes(lay_out_board(board))
     path.write_text("[hardware.board]\nresistor_ohm = 100\n")
     with pytest.raises(DesignImpossible, match=r"board.resistor_ohm from 1200 to 30000, got 100"):
         read_hardware_design(path, "default")

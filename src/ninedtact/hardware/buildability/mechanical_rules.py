@@ -92,23 +92,24 @@ class _BossPattern:
 
 def check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Yield pairs of faces that overlap; tight ones are only reported by `hardware check`."""
-    for room in list_clearances(design):
-        if room.is_impossible:
+    for clearance in list_clearances(design):
+        if clearance.is_impossible:
             yield BrokenRule(
-                room.rule,
-                f"expected room between {room.faces}, got {room.clearance_mm:.2f} mm; change {room.adjusted_by}",
+                clearance.rule,
+                f"expected clearance between {clearance.faces}, got {clearance.clearance_mm:.2f} mm; change "
+                f"{clearance.adjusted_by}",
             )
 
 
 def check_boss_distances(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Yield patterns of bosses and posts that overlap, seen from above."""
     for one, other in combinations(_boss_patterns(design), 2):
-        room = min(hypot(x - u, y - v) for (x, y), (u, v) in product(one.places, other.places))
-        room -= one.radius_mm + other.radius_mm
-        if room < 0:
+        gap_mm = min(hypot(x - u, y - v) for (x, y), (u, v) in product(one.places, other.places))
+        gap_mm -= one.radius_mm + other.radius_mm
+        if gap_mm < 0:
             yield BrokenRule(
                 "bosses_collide",
-                f"expected {one.name} clear of {other.name}, got {room:.2f} mm; change {one.set_by} or {other.set_by}",
+                f"expected {one.name} clear of {other.name}, got {gap_mm:.2f} mm; change {one.set_by} or {other.set_by}",
             )
 
 
@@ -140,7 +141,7 @@ def check_post_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
         yield BrokenRule(
             "post_in_pocket",
             f"expected the locating posts beyond {max(inside, driver):.2f} mm from the middle, clear of camera, receptacle and "
-            f"driver, got {x - radius:.2f} mm; lessen board.locating_inset_mm",
+            f"driver, got {x - radius:.2f} mm; reduce board.locating_inset_mm",
         )
 
 
@@ -151,7 +152,7 @@ def check_insert_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
     if x - radius < inside:
         yield BrokenRule(
             "mount_in_pocket",
-            f"expected the insert bosses beyond {inside:.2f} mm from the middle, got {x - radius:.2f} mm; lessen "
+            f"expected the insert bosses beyond {inside:.2f} mm from the middle, got {x - radius:.2f} mm; reduce "
             "base.mount_inset_mm",
         )
     if x + radius > design.plan_view.cavity[0] / 2 or y + radius > design.plan_view.cavity[1] / 2:
@@ -196,12 +197,12 @@ def check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
         yield BrokenRule(
             "ramp_too_short",
             f"expected the ramp's slope of at least {blends:.2f} mm for its two blends, got {slope:.2f} mm; raise "
-            "base.ramp_foot_mm, or lessen base.ramp_foot_round_mm",
+            "base.ramp_foot_mm, or reduce base.ramp_foot_round_mm",
         )
     before = design.plan_view.outer[1] / 2 - base.ramp_foot_mm - base.pocket_back_mm
     if before <= bend * base.ramp_foot_round_mm:
         yield BrokenRule(
             "pocket_in_ramp",
             f"expected {bend * base.ramp_foot_round_mm:.2f} mm between the camera's pocket and the cable's ramp, got "
-            f"{before:.2f} mm; lessen base.ramp_foot_mm",
+            f"{before:.2f} mm; reduce base.ramp_foot_mm",
         )

@@ -61,7 +61,7 @@ def check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
         yield BrokenRule(
             "gel_beyond_the_shell",
             f"expected the black gel within the shell's {plan.outer[0]:g} x {plan.outer[1]:g} mm, got {plan.black[0]:g} x "
-            f"{plan.black[1]:g} mm; thicken shell.wall_mm, or lessen sensing_area.overlap_mm or gels.black_side_mm",
+            f"{plan.black[1]:g} mm; thicken shell.wall_mm, or reduce sensing_area.overlap_mm or gels.black_side_mm",
         )
 
 
@@ -69,23 +69,23 @@ def check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the calibration board slides over the shell's corners."""
     frame, shell = design.pin_frame, design.shell
     inside = max(frame.corner_radius_mm - frame.wall_mm, 0.0)
-    room = frame.gap_mm - max(inside - shell.corner_radius_mm, 0.0) * (sqrt(2) - 1)
-    if room < 0.05:
+    gap_mm = frame.gap_mm - max(inside - shell.corner_radius_mm, 0.0) * (sqrt(2) - 1)
+    if gap_mm < 0.05:
         yield BrokenRule(
             "tray_does_not_pass",
-            f"expected 0.05 mm between the calibration board's corners and the shell's, got {room:.2f} mm; lessen "
+            f"expected 0.05 mm between the calibration board's corners and the shell's, got {gap_mm:.2f} mm; reduce "
             "pin_frame.corner_radius_mm",
         )
 
 
 def check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the M3 screws of the moulds and their nuts are clear of the shell."""
-    (wide, deep), room = design.plan_view.outer, M3_NUT_WIDTH_MM / 2
+    (wide, deep), gap_mm = design.plan_view.outer, M3_NUT_WIDTH_MM / 2
     for x, y in design.plan_view.clamps:
-        if abs(x) < wide / 2 + room and abs(y) < deep / 2 + room:
+        if abs(x) < wide / 2 + gap_mm and abs(y) < deep / 2 + gap_mm:
             yield BrokenRule(
                 "clamps_in_the_shell",
-                f"expected the moulds' screws {room:.2f} mm beside the shell, got one at ({x:g}, {y:g}) mm; raise "
+                f"expected the moulds' screws {gap_mm:.2f} mm beside the shell, got one at ({x:g}, {y:g}) mm; raise "
                 "moulds.beyond_mm",
             )
             return
@@ -102,7 +102,7 @@ def check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
     if distance > MAX_CAMERA_DISTANCE_MM:
         yield BrokenRule(
             "camera_too_far",
-            f"expected the camera at most {MAX_CAMERA_DISTANCE_MM:g} mm from the skin, got {distance:g} mm; lessen "
+            f"expected the camera at most {MAX_CAMERA_DISTANCE_MM:g} mm from the skin, got {distance:g} mm; reduce "
             "camera.distance_mm",
         )
 

@@ -1,4 +1,4 @@
-"""Parts that are bought: modelled as far as other parts must make room for them."""
+"""Dimensions of bought parts, modelled as far as other parts must leave space for them."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -9,26 +9,26 @@ from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
 
 @dataclass(frozen=True)
 class CameraDimensions:
-    """Frank-S15-V1.0-160 (OV5647), heights from its own bottom. No maker's drawing exists: measure yours."""
+    """The camera Frank-S15-V1.0-160 (OV5647), heights from its own bottom. No maker's drawing exists: measure yours."""
 
     side_mm: Annotated[float, Bounds(6.0, 14.0)] = 8.7
-    """Of its square body."""
+    """Side of its square body."""
     tall_mm: Annotated[float, Bounds(2.0, 8.0)] = 3.1
-    """Of its body."""
+    """Height of its body."""
     stiffener_mm: Annotated[float, Bounds(4.0, 12.0)] = 7.65
     """From the optical axis to the stiffener's end."""
     stiffener_tall_mm: Annotated[float, Bounds(0.5, 3.0)] = 1.5
-    """Of the stiffener."""
+    """Height of the stiffener."""
     cable_mm: Annotated[tuple[float, float], Bounds(0.1, 12.0)] = (6.0, 0.4)
     """Width and thickness of the flat cable."""
     collar_mm: Annotated[tuple[float, float], Bounds(2.0, 14.0)] = (8.0, 4.2)
     """Lens collar: diameter, and height of its top."""
     barrel_mm: Annotated[tuple[float, float], Bounds(2.0, 14.0)] = (6.96, 6.35)
-    """Lens barrel."""
+    """Lens barrel: diameter, and height of its top."""
     neck_mm: Annotated[tuple[float, float], Bounds(2.0, 14.0)] = (7.96, 7.35)
-    """Below the lens head."""
+    """Neck below the lens head: diameter, and height of its top."""
     head_mm: Annotated[tuple[float, float], Bounds(2.0, 14.0)] = (10.0, 9.95)
-    """Lens head; its top is the lens front, from which distances are told."""
+    """Lens head: diameter, and height of its top, which is the lens front from which the camera distance is measured."""
 
     def __post_init__(self) -> None:
         require_within_bounds("camera", self)
@@ -41,50 +41,50 @@ class CameraDimensions:
 
     @property
     def lens_mm(self) -> tuple[tuple[float, float], ...]:
-        """Its steps from below: diameter, and height of the top."""
+        """Steps of the lens from below: diameter, and height of the top."""
         return self.collar_mm, self.barrel_mm, self.neck_mm, self.head_mm
 
 
 @dataclass(frozen=True)
 class LedBoardDimensions:
-    """The LED board as a body: what the other parts must make room for."""
+    """The LED board as a body for which the other parts must leave space."""
 
     gap_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.25
     """From its edges to the shell's cavity."""
     thick_mm: Annotated[float, Bounds(0.4, 2.0)] = 0.8
-    """Of the bare board. Ordered at the usual 1.6, the LEDs would stand 0.5 mm inside the shell's floor."""
+    """Thickness of the bare board. Ordered at the usual 1.6, the LEDs would stand 0.5 mm inside the shell's floor."""
     lens_hole_mm: Annotated[float, Bounds(8.0, 14.0)] = 10.2
-    """Round the lens head of 10.00; tracks forbid more."""
+    """Diameter of the hole around the lens head of 10.00; tracks forbid more."""
     notch_mm: Annotated[float, Bounds(1.0, 5.0)] = 2.8
-    """Radius of the corner notches round the shell's bosses of radius 2.70."""
+    """Radius of the corner notches around the shell's bosses of radius 2.70."""
     locating_mm: Annotated[float, Bounds(1.0, 3.0)] = 1.5
-    """Holes for pins of 1.45."""
+    """Diameter of the holes for pins of 1.45."""
     locating_inset_mm: Annotated[tuple[float, float], Bounds(1.0, 10.0)] = (1.5, 5.0)
     """From the board's edges to these holes, x and y."""
     led_mm: Annotated[tuple[float, float, float], Bounds(0.3, 6.0)] = (3.5, 2.8, 0.72)
-    """Body of a 2835 LED: along x, along y, tall."""
+    """Body of a 2835 LED: along x, along y, height."""
     led_inset_mm: Annotated[tuple[float, float], Bounds(1.4, 12.0)] = (5.2, 3.0)
     """From the board's edges to the middle of the outer LEDs."""
     led_shift_mm: Annotated[tuple[float, float, float], Bounds(-1.0, 1.0)] = (0.0, 0.0, 0.0)
-    """Of the left, middle and right LEDs along x, from where they ought to be."""
+    """Offset along x of the left, middle and right LEDs from their nominal positions."""
     usb_mm: Annotated[tuple[float, float, float], Bounds(1.0, 9.0)] = (7.5, 5.0, 2.65)
-    """Micro-USB receptacle below the board: along x, along y, tall."""
+    """Micro-USB receptacle below the board: along x, along y, height."""
     usb_beyond_mm: Annotated[float, Bounds(0.0, 2.0)] = 0.34
     """How far its mouth stands out over the board's -y edge."""
     driver_mm: Annotated[tuple[float, float, float], Bounds(0.3, 8.0)] = (3.9, 4.9, 1.75)
-    """Body of the LED driver below the board: along x, along y, tall."""
+    """Body of the LED driver below the board: along x, along y, height."""
     driver_at_mm: Annotated[tuple[float, float], Bounds(-8.0, 8.0)] = (3.49, -2.6)
-    """Its middle: x, and y from the +y edge."""
+    """Centre of the LED driver: x, and y from the +y edge."""
     resistor_ohm: Annotated[float, Bounds(1200.0, 30000.0)] = 20000.0
-    """R1, which sets the LEDs' current: 1800 V / R in all (led_board/current.py). The driver follows from 1.2 to 30 kOhm; below
-    about 3.75 kOhm the LEDs or USB bear it no more, which is refused too."""
+    """R1, which sets the LEDs' current: 1800 V / R in all (led_board/led_current.py). The driver follows from 1.2 to 30
+    kOhm; below about 3.75 kOhm the current exceeds what LEDs or USB bear, which is refused too."""
 
     def __post_init__(self) -> None:
         require_within_bounds("board", self)
 
 
 ORIGINAL_BOARD = LedBoardDimensions(lens_hole_mm=10.0, led_shift_mm=(0.031, 0.131, 0.031))
-"""LEDs a little off their rectangle; no clearance round the lens."""
+"""The original's board, with LEDs a little off their rectangle and no clearance around the lens."""
 
 
 M2_DIAMETER_MM = 2.0
@@ -100,7 +100,7 @@ class FastenerDimensions:
     screw_mm: Annotated[float, Bounds(2.0, 12.0)] = 6.0
     """Length of the M2 screws below their heads: the paper's list has M2-6."""
     head_mm: Annotated[tuple[float, float], Bounds(0.5, 5.0)] = (3.9, 0.85)
-    """Of these: diameter, height."""
+    """Screw heads: diameter, height."""
 
     def __post_init__(self) -> None:
         require_within_bounds("fasteners", self)

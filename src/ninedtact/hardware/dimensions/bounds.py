@@ -1,4 +1,4 @@
-"""Ranges that dimensions state beside their type: `Annotated[float, Bounds(0.8, 6.0)]`."""
+"""Bounds that dimensions state beside their type: `Annotated[float, Bounds(0.8, 6.0)]`."""
 
 from dataclasses import dataclass, fields
 from typing import Any, get_type_hints

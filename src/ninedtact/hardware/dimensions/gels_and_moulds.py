@@ -1,4 +1,4 @@
-"""The layers of silicone above the window, and the moulds that make them."""
+"""Dimensions of the silicone layers above the window and of the moulds in which they are cast."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -8,14 +8,15 @@ from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
 
 @dataclass(frozen=True)
 class GelLayerDimensions:
-    """What the layers have beside the translucent one's thickness, which is the sensor design's."""
+    """Dimensions of the layers other than the thickness of the translucent one, which belongs to the sensor design."""
 
     rim_radius_mm: Annotated[float, Bounds(0.0, 5.0)] = 1.0
-    """Of the translucent layer's corners."""
+    """Corner radius of the translucent layer."""
     black_top_mm: Annotated[float, Bounds(0.1, 2.0)] = 0.3
-    """Black above the translucent layer: the difference of the two moulds, enough to stop all light."""
+    """Thickness of the black layer above the translucent one: the difference of the two moulds, enough to stop all
+    light."""
     black_side_mm: Annotated[float, Bounds(0.2, 2.0)] = 0.8
-    """Black round its sides."""
+    """Thickness of the black layer around the sides."""
 
     def __post_init__(self) -> None:
         require_within_bounds("gels", self)
@@ -23,22 +24,22 @@ class GelLayerDimensions:
 
 @dataclass(frozen=True)
 class MouldDimensions:
-    """Laser-cut acrylic plates, clamped by M3 screws; each mould is as thick as the layers that it makes."""
+    """Laser-cut acrylic plates, clamped by M3 screws; each mould is as thick as the layers that it forms."""
 
     base_mm: Annotated[float, Bounds(1.0, 8.0)] = 3.0
     """Thickness of the base board on which the shell is screwed."""
     beyond_mm: Annotated[tuple[float, float], Bounds(8.0, 40.0)] = (30.5, 27.5)
-    """How much wider the plates are than the translucent layer, x and y: room for shell and screws."""
+    """How much wider the plates are than the translucent layer, x and y: space for shell and screws."""
     corner_radius_mm: Annotated[float, Bounds(0.0, 20.0)] = 12.0
-    """Of the plates."""
+    """Corner radius of the plates."""
     hole_mm: Annotated[float, Bounds(3.05, 3.6)] = 3.1
-    """For M3."""
+    """Clearance holes for M3."""
     hole_inset_mm: Annotated[float, Bounds(2.5, 8.0)] = 3.0
     """From the plates' edges to the screws' axes."""
     pairs_mm: Annotated[tuple[float, float], Bounds(4.0, 40.0)] = (10.0, 8.0)
-    """Of the screws at the long sides, x from the middle; of those at the short sides, y from the middle."""
+    """Positions of the screws: at the long sides, x from the middle; at the short sides, y from the middle."""
     shell_screw_mm: Annotated[float, Bounds(2.0, 3.0)] = 2.2
-    """Through the base board into the shell's inserts."""
+    """Holes through the base board into the shell's inserts."""
 
     def __post_init__(self) -> None:
         require_within_bounds("moulds", self)

@@ -1,11 +1,4 @@
-"""The black base: plate, camera pocket, insert bosses, locating posts.
-
-The white shell: gel cavity above, LED cavity below, the floor with its window between.
-
-The black isolation ring: LED light must not reach the lens but through the gel.
-
-The calibration board: a tray that fits over the shell, with pins on its floor.
-"""
+"""Dimensions of the printed parts (base, shell, isolation ring, calibration board) and of the acrylic window."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -15,61 +8,62 @@ from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
 
 @dataclass(frozen=True)
 class BaseDimensions:
-    """Sensor base, 3D-printed in black."""
+    """The base: plate, camera pocket, insert bosses and locating posts, 3D-printed in black."""
 
     plate_mm: Annotated[float, Bounds(2.0, 6.0)] = 3.0
-    """Thickness: a pocket for the camera and a floor below it."""
+    """Thickness of the plate, which holds a pocket for the camera and a floor below it."""
     corner_radius_mm: Annotated[float, Bounds(0.0, 5.0)] = 2.0
-    """Of the outline, as the shell's."""
+    """Radius of the outline's corners, as that of the shell."""
     floor_mm: Annotated[float, Bounds(0.8, 3.0)] = 1.0
-    """Below camera and inserts: what a screw head or a bolt is pulled against."""
+    """Thickness below camera and inserts, against which a screw head or a bolt pulls."""
     mount_inset_mm: Annotated[tuple[float, float], Bounds(2.0, 20.0)] = (5.75, 3.0)
-    """From the shell's cavity walls to the four inserts that a robot is bolted to, x and y: a pattern of 17.0 x 15.5 in the
-    published size, clear of posts and screw bosses in every size."""
+    """From the shell's cavity walls to the four inserts to which a robot is bolted, x and y: a pattern of 17.0 x 15.5
+    in the published size, clear of posts and screw bosses in every size."""
     boss_mm: Annotated[float, Bounds(4.0, 8.0)] = 5.3
-    """Diameter of the insert bosses: 1.2 of plastic round a heat-set insert."""
+    """Diameter of the insert bosses, which leaves 1.2 of plastic around a heat-set insert."""
     boss_tall_mm: Annotated[float, Bounds(0.0, 4.0)] = 3.5
-    """Above the plate; 1.0 stays below the circuit board."""
+    """Height of the bosses above the plate; 1.0 stays free below the circuit board."""
     bore_mm: Annotated[float, Bounds(2.5, 3.4)] = 2.82
-    """For an M2 heat-set insert of 3.3 over its knurl."""
+    """Bore for an M2 heat-set insert of 3.3 over its knurl."""
     bolt_mm: Annotated[float, Bounds(2.05, 3.0)] = 2.4
-    """Through the floor below the inserts; M2 with the clearance of a printed hole (ISO 273 medium)."""
+    """Holes through the floor below the inserts: M2 with the clearance of a printed hole (ISO 273 medium)."""
     post_mm: Annotated[float, Bounds(2.0, 4.0)] = 2.8
     """Diameter of the posts that carry the circuit board."""
     post_tall_mm: Annotated[float, Bounds(3.0, 8.0)] = 4.5
-    """Above the plate, to the underside of the circuit board: above the micro-USB receptacle that hangs below it."""
+    """Height of the posts from the plate to the underside of the circuit board, which clears the micro-USB receptacle
+    that hangs below it."""
     pin_mm: Annotated[float, Bounds(0.8, 2.5)] = 1.45
     """Diameter of the locating pins, in holes of 1.50."""
     pin_tall_mm: Annotated[float, Bounds(0.5, 1.2)] = 1.0
-    """Above the posts: 0.20 more than the board is thick."""
+    """Height of the pins above the posts: 0.20 more than the board is thick."""
     pin_round_mm: Annotated[float, Bounds(0.0, 0.5)] = 0.3
-    """Fillet at the pins' tips, to find the holes."""
+    """Fillet at the tips of the pins, which helps to find the holes."""
     shell_screw_mm: Annotated[float, Bounds(2.0, 3.0)] = 2.2
     """Clearance hole of the M2 screws into the shell; 2.00 as drawn originally binds where it is printed."""
     counterbore_mm: Annotated[float, Bounds(3.9, 5.0)] = 4.0
-    """Diameter for heads of 3.9."""
+    """Diameter of the counterbores for heads of 3.9."""
     counterbore_deep_mm: Annotated[float, Bounds(0.5, 2.0)] = 1.0
-    """Heads of 0.85 sit 0.15 below the face."""
+    """Depth of the counterbores: heads of 0.85 sit 0.15 below the face."""
     pocket_wide_mm: Annotated[float, Bounds(8.0, 15.0)] = 8.9
-    """Of the camera's pocket; the camera is 8.70 wide, 0.10 stays on each side."""
+    """Width of the camera's pocket; the camera is 8.70 wide, which leaves 0.10 on each side."""
     pocket_front_mm: Annotated[float, Bounds(4.0, 8.0)] = 4.45
-    """From the optical axis to its wall at +y."""
+    """From the optical axis to the pocket's wall at +y."""
     pocket_back_mm: Annotated[float, Bounds(4.0, 10.0)] = 7.75
-    """From the optical axis to its shoulder at -y; the camera's stiffener ends at 7.65."""
+    """From the optical axis to the pocket's shoulder at -y; the camera's stiffener ends at 7.65."""
     channel_wide_mm: Annotated[float, Bounds(6.0, 10.0)] = 6.4
-    """For a flat cable of 6.00."""
+    """Width of the channel for a flat cable of 6.00."""
     channel_round_mm: Annotated[float, Bounds(0.0, 1.0)] = 0.4
-    """At the two entry corners, which the cable would catch on."""
+    """Fillet at the two entry corners, on which the cable would catch."""
     ramp_foot_mm: Annotated[float, Bounds(1.0, 6.0)] = 3.0
     """From the outer face to the foot of the ramp that lifts the cable to the shell's rim."""
     ramp_head_mm: Annotated[float, Bounds(0.1, 2.0)] = 0.5
-    """From the outer face to its head."""
+    """From the outer face to the head of the ramp."""
     ramp_gap_mm: Annotated[float, Bounds(0.3, 1.0)] = 0.5
-    """Left for the cable under the shell's rim; it is modelled 0.40 thick."""
+    """Gap for the cable under the shell's rim; the cable is modelled 0.40 thick."""
     ramp_foot_round_mm: Annotated[float, Bounds(0.0, 3.0)] = 2.0
-    """Blend at the foot: the cable must not be bent sharply."""
+    """Blend at the foot of the ramp: the cable must not be bent sharply."""
     ramp_head_round_mm: Annotated[float, Bounds(0.0, 2.0)] = 1.0
-    """Blend at the head."""
+    """Blend at the head of the ramp."""
 
     def __post_init__(self) -> None:
         require_within_bounds("base", self)
@@ -78,85 +72,89 @@ class BaseDimensions:
 ORIGINAL_BASE = BaseDimensions(
     bolt_mm=2.1, shell_screw_mm=2.0, pocket_wide_mm=8.7, pocket_front_mm=4.35, pocket_back_mm=7.55, ramp_gap_mm=0.4
 )
-"""Without clearances round camera, cable and screws."""
+"""The original's base, without clearances around camera, cable and screws."""
 
 
 @dataclass(frozen=True)
 class ShellDimensions:
-    """Sensor shell, 3D-printed in white, translucent nylon."""
+    """The shell, 3D-printed in white, translucent nylon: gel cavity above, LED cavity below, the floor with its window
+    between."""
 
     wall_mm: Annotated[float, Bounds(0.0, 6.0)] = 2.0
-    """Round both cavities; nylon below 0.8 is neither tight nor stiff (a rule, not this range, says so)."""
+    """Thickness of the walls of both cavities; nylon below 0.8 is neither tight nor stiff (which a rule states, not
+    this range)."""
     corner_radius_mm: Annotated[float, Bounds(0.0, 5.0)] = 2.0
-    """Of the outline."""
+    """Radius of the outline's corners."""
     opening_radius_mm: Annotated[float, Bounds(0.0, 4.0)] = 1.0
-    """Of the gel cavity's corners."""
+    """Radius of the gel cavity's corners."""
     floor_mm: Annotated[float, Bounds(0.8, 4.0)] = 2.0
-    """Between the cavities: it carries the window, and the LEDs shine through it."""
+    """Thickness of the floor between the cavities, which carries the window and through which the LEDs shine."""
     hole_mm: Annotated[float, Bounds(8.0, 20.0)] = 12.0
     """Side of the square window hole."""
     frame_wall_mm: Annotated[float, Bounds(0.0, 2.0)] = 0.8
-    """Of the little frame that keeps the window in its place while it is glued."""
+    """Wall of the small frame that keeps the window in its place while it is glued."""
     frame_tall_mm: Annotated[float, Bounds(0.3, 2.0)] = 0.8
-    """Above the floor; the window stands above it, so that glue does not run onto it."""
+    """Height of the frame above the floor; the window stands above it, so that glue does not run onto it."""
     frame_gap_mm: Annotated[float, Bounds(0.05, 0.5)] = 0.1
     """From the window to the frame, on each side."""
     led_cavity_mm: Annotated[float, Bounds(5.0, 12.0)] = 6.3
     """Depth of the lower cavity: posts, circuit board and LEDs, and 0.28 of air above these."""
     smallest_cavity_mm: Annotated[tuple[float, float], Bounds(15.0, 80.0)] = (28.5, 21.5)
-    """The parts of the circuit board need this much room, however small the sensing area is."""
+    """Least size of the lower cavity, which the components of the circuit board need however small the sensing area is."""
     boss_mm: Annotated[float, Bounds(4.0, 8.0)] = 5.4
-    """Diameter of the screw bosses left standing in the lower cavity's corners."""
+    """Diameter of the screw bosses in the lower cavity's corners."""
     boss_inset_mm: Annotated[float, Bounds(0.0, 3.0)] = 0.75
     """From the cavity's walls to the bosses' axes."""
     fillet_mm: Annotated[float, Bounds(0.0, 1.5)] = 0.95
-    """Round the lower cavity's ceiling, for stiffness."""
+    """Fillet around the lower cavity's ceiling, for stiffness."""
     bore_mm: Annotated[float, Bounds(2.5, 3.4)] = 2.85
-    """For M2 heat-set inserts; nylon gives way a little less than the base's plastic."""
+    """Bore for M2 heat-set inserts; nylon yields a little less than the base's plastic."""
     bore_deep_mm: Annotated[float, Bounds(4.0, 8.0)] = 5.5
-    """Inserts are 5.09 long; the rest takes what is melted away."""
+    """Depth of the bores: inserts are 5.09 long, and the rest takes the melted plastic."""
     slot_wide_mm: Annotated[float, Bounds(7.6, 12.0)] = 9.0
-    """Of the micro-USB slot; the receptacle's mouth enters it."""
+    """Width of the micro-USB slot, which the receptacle's mouth enters."""
     slot_from_mm: Annotated[float, Bounds(0.0, 4.0)] = 1.55
-    """Its lower edge, above the shell's bottom rim."""
+    """Lower edge of the slot above the shell's bottom rim."""
     slot_to_mm: Annotated[float, Bounds(3.0, 7.0)] = 4.95
-    """Its upper edge."""
+    """Upper edge of the slot above the shell's bottom rim."""
     slot_chamfer_mm: Annotated[float, Bounds(0.0, 2.0)] = 1.0
-    """At its two upper corners, as the receptacle has."""
+    """Chamfer at the two upper corners of the slot, as the receptacle has."""
     slot_round_mm: Annotated[float, Bounds(0.0, 0.7)] = 0.5
-    """At all six corners."""
+    """Fillet at all six corners of the slot."""
     relief_wide_mm: Annotated[float, Bounds(0.0, 16.0)] = 11.0
-    """A step outside round the slot, so that a plug's overmould does not stop at the wall 1.9 before it is home; 0: none."""
+    """Width of the relief around the slot outside, without which a plug's overmould stops at the wall 1.9 before its
+    end position; 0 for none."""
     relief_left_mm: Annotated[float, Bounds(0.0, 6.0)] = 0.9
-    """Wall left behind that step, however thick the wall is."""
+    """Thickness of the wall behind the relief, however thick the wall is."""
     relief_tall_mm: Annotated[float, Bounds(0.0, 12.0)] = 6.8
-    """From the shell's bottom rim; half an overmould above the plug's middle."""
+    """Height of the relief from the shell's bottom rim: half an overmould above the plug's middle."""
 
     def __post_init__(self) -> None:
         require_within_bounds("shell", self)
 
     @property
     def relief_deep_mm(self) -> float:
-        """Of that step."""
+        """Depth of the relief around the slot."""
         return max(self.wall_mm - self.relief_left_mm, 0.0) if self.relief_wide_mm else 0.0
 
 
 ORIGINAL_SHELL = ShellDimensions(slot_wide_mm=8.0, slot_from_mm=1.85, slot_to_mm=4.7, relief_wide_mm=0.0)
-"""With the tight slot in a full wall."""
+"""The original's shell, with a tight slot in a full wall."""
 
 
 @dataclass(frozen=True)
 class IsolationRingDimensions:
-    """Stands in the shell's window hole, its mouth at the window."""
+    """The black isolation ring in the shell's window hole, its mouth at the window: LED light must reach the lens
+    through the gel only."""
 
     gap_mm: Annotated[float, Bounds(0.0, 0.5)] = 0.05
     """From its sides to the shell's hole."""
     bore_mm: Annotated[float, Bounds(10.0, 16.0)] = 10.1
-    """Round the lens head of 10.00."""
+    """Bore around the lens head of 10.00."""
     land_mm: Annotated[float, Bounds(0.0, 1.0)] = 0.15
-    """Wall left at the mouth's mid-sides; without it they end in an edge that does not print."""
+    """Wall left at the middle of the mouth's sides; without it they end in an edge that does not print."""
     above_board_mm: Annotated[float, Bounds(0.0, 1.0)] = 0.2
-    """From the circuit board to its lower face: boards differ in thickness."""
+    """Distance of its lower face from the circuit board, since boards differ in thickness."""
     cone_deg: Annotated[float, Bounds(20.0, 70.0)] = 45.0
     """Half-angle of the mouth, which opens the view."""
 
@@ -165,17 +163,17 @@ class IsolationRingDimensions:
 
 
 ORIGINAL_RING = IsolationRingDimensions(land_mm=0.0)
-"""Its mouth touches its sides."""
+"""The original's ring, whose mouth touches its sides."""
 
 
 @dataclass(frozen=True)
 class WindowDimensions:
-    """Clear acrylic, laser-cut: camera below, gel above."""
+    """The window of clear acrylic, laser-cut, between camera and gel."""
 
     side_mm: Annotated[float, Bounds(9.0, 24.0)] = 14.0
-    """The hole of 12.00 and a ledge of 1.00 round it."""
+    """Side of the window: the hole of 12.00 and a ledge of 1.00 around it."""
     thick_mm: Annotated[float, Bounds(1.0, 5.0)] = 2.0
-    """Of the sheet."""
+    """Thickness of the sheet."""
 
     def __post_init__(self) -> None:
         require_within_bounds("window", self)
@@ -183,20 +181,21 @@ class WindowDimensions:
 
 @dataclass(frozen=True)
 class CalibrationBoardDimensions:
-    """What the board has beside its pins, whose count, pitch and diameter are the sensor design's."""
+    """The calibration board: a tray that slides over the shell. Number, pitch and diameter of its pins are those of the
+    sensor design."""
 
     gap_mm: Annotated[float, Bounds(0.05, 1.0)] = 0.25
     """From the shell to the tray, on each side: it must slide and not turn."""
     wall_mm: Annotated[float, Bounds(0.8, 6.0)] = 2.0
-    """Of the tray."""
+    """Wall thickness of the tray."""
     floor_mm: Annotated[float, Bounds(1.0, 6.0)] = 2.5
-    """Below the pins; it must not bend."""
+    """Thickness of the floor below the pins, which must not bend."""
     guided_mm: Annotated[float, Bounds(2.0, 12.0)] = 4.2
     """How far the tray reaches down the shell when its pins touch the skin."""
     corner_radius_mm: Annotated[float, Bounds(0.0, 8.0)] = 4.0
-    """Outside; inside it is less by the wall."""
+    """Outer corner radius; inside it is less by the wall."""
     pin_tall_mm: Annotated[float, Bounds(0.8, 4.0)] = 1.5
-    """Above the floor, the round tip included."""
+    """Height of the pins above the floor, the round tip included."""
 
     def __post_init__(self) -> None:
         require_within_bounds("pin_frame", self)

@@ -100,9 +100,9 @@ class DimensionedView:
         (_, low), (right, high) = self.view.box
         x = self.paper(right, low)[0] + 16
         style = {"arrowstyle": "-|>", "color": NOTE, "linewidth": 0.5, "shrinkB": 0}
-        told = [*((max(each.positions), _round_feature_label(each)) for each in found)]
-        told += [(each.place, f"R{each.radius_mm:.2f}") for each in corners]
-        highest_first = sorted(told, key=lambda each: (-each[0][1], -each[0][0]))
+        callouts = [*((max(each.positions), _round_feature_label(each)) for each in found)]
+        callouts += [(each.place, f"R{each.radius_mm:.2f}") for each in corners]
+        highest_first = sorted(callouts, key=lambda each: (-each[0][1], -each[0][0]))
         for number, (place, text) in enumerate(highest_first):
             y = self.paper(right, high)[1] - 3 - 6 * number
             self.axes.annotate(text, self.paper(*place), (x, y), fontsize=7, color=NOTE, arrowprops=style, va="center")

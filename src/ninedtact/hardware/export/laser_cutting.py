@@ -1,8 +1,8 @@
 """Flat parts as DXF for the laser cutter: closed outlines in mm, 1:1, each line once, holes on a layer of their own."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
+from itertools import pairwise
 from math import hypot
 from typing import Any
 
@@ -65,11 +65,14 @@ def _part_outlines(part: Part) -> list[_CircleOutline | _PolylineOutline]:
 
 def _wire_outline(wire: Wire) -> _CircleOutline | _PolylineOutline:
     """Return the outline of one closed wire."""
-    edges = list(wire.edges())
+    edges = [*wire.order_edges()]
     if len(edges) == 1 and edges[0].geom_type == GeomType.CIRCLE:
         centre = edges[0].arc_center
         return _CircleOutline((float(centre.X), float(centre.Y)), float(edges[0].radius))
-    sides = [*_chain_sides([_edge_to_side(edge) for edge in edges])]
+    sides = [_edge_to_side(edge) for edge in edges]
+    for (_, end, _), (start, _, _) in pairwise([*sides, sides[0]]):
+        if hypot(end[0] - start[0], end[1] - start[1]) > SAME_POINT_MM:
+            raise OutlineNotCuttable(f"expected an outline that continues at {end}, got a gap; report this part")
     return _PolylineOutline(tuple(start for start, _, _ in sides), tuple(bulge for _, _, bulge in sides)).from_first()
 
 
@@ -92,33 +95,6 @@ def _edge_to_side(edge: Edge) -> Side:
     along, across = (end[0] - start[0], end[1] - start[1]), (middle[0] - start[0], middle[1] - start[1])
     left = along[0] * across[1] - along[1] * across[0]
     return start, end, 0.0 - 2 * left / hypot(*along) ** 2
-
-
-def _chain_sides(sides: Sequence[Side]) -> Iterator[Side]:
-    """Yield the sides in the order in which a pen draws them; raises `OutlineNotCuttable` where it would have to be
-    lifted."""
-    left = list(sides[1:])
-    last = sides[0]
-    yield last
-    while left:
-        last = _take_next_side(left, last[1])
-        yield last
-    if not _is_same_point(last[1], sides[0][0]):
-        raise OutlineNotCuttable("expected a closed outline, got one that ends elsewhere; report this part")
-
-
-def _take_next_side(left: list[Side], at: XY) -> Side:
-    """Remove and return the side that begins or ends at a point, reversed if it ends there."""
-    for number, (start, end, bulge) in enumerate(left):
-        if _is_same_point(start, at) or _is_same_point(end, at):
-            del left[number]
-            return (start, end, bulge) if _is_same_point(start, at) else (end, start, -bulge)
-    raise OutlineNotCuttable(f"expected an outline that goes on at {at}, got a gap; report this part")
-
-
-def _is_same_point(first: XY, second: XY) -> bool:
-    """Return whether two points coincide."""
-    return hypot(first[0] - second[0], first[1] - second[1]) < SAME_POINT_MM
 
 
 MILLIMETRES = 4

@@ -52,10 +52,10 @@ def require_replaceable_folder(out: Path) -> None:
 def _list_exported_files(manifest: Path) -> frozenset[str]:
     """Return the files that an earlier export lists; none if this is not one of our manifests."""
     try:
-        told = json.loads(manifest.read_text(encoding="utf-8"))
+        content = json.loads(manifest.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return frozenset()
-    listed = told.get("files") if isinstance(told, dict) and "variant" in told else None
+    listed = content.get("files") if isinstance(content, dict) and "variant" in content else None
     return frozenset(map(str, listed)) if isinstance(listed, list) else frozenset()
 
 
@@ -68,7 +68,7 @@ def _ignore_progress(_: str) -> None:
     """Accept progress and do nothing with it."""
 
 
-def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = _ignore_progress) -> dict[str, Any]:
+def export_parts(sensor: BuiltSensor, out: Path, report_progress: Progress = _ignore_progress) -> dict[str, Any]:
     """Write the folder, whole or not at all, and return its manifest.
 
     report_progress: called with the path of every file before it is written. Raises `ExportFolderRefused`, and
@@ -76,10 +76,10 @@ def export_parts(sensor: BuiltSensor, out: Path, tell: Progress = _ignore_progre
     """
     with _create_parts_folder(out) as folder:
         for path, content in _folder_files(sensor):
-            tell(path)
+            report_progress(path)
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             write_file_atomically(folder / path, content)
-        tell("led_board")
+        report_progress("led_board")
         write_board_files(sensor.led_board_layout, folder / "led_board")
         manifest = _build_manifest(sensor, folder)
         write_file_atomically(folder / MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False).encode())
@@ -133,8 +133,8 @@ def _build_manifest(sensor: BuiltSensor, folder: Path) -> dict[str, Any]:
     names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     table = sensor.to_json_dict()
     kept = "variant", "specification", "lens_reach_mm", "interferences", "led_board_faults"
-    told = {name: table[name] for name in kept}
-    return {"lengths": "mm", **told, "parts": parts, "files": [*names, MANIFEST]}
+    checks = {name: table[name] for name in kept}
+    return {"lengths": "mm", **checks, "parts": parts, "files": [*names, MANIFEST]}
 
 
 def _encode_png(image: BgrImage) -> bytes:

@@ -11,23 +11,24 @@ from ninedtact.hardware.parts.part_catalogue import BuiltPart
 STOCK_THICKNESSES_MM = 2.0, 3.0, 4.0, 5.0, 6.0
 """Thicknesses of acrylic sheet that most shops stock; no shop was asked."""
 CUTTING_INSTRUCTIONS = """\
-Lengths are mm, 1:1, each line once. The kerf is not taken off: the lines are the finished edges.
-Layer "inside" is cut before layer "outside", or the plate falls out before its holes are cut.
+Lengths are in mm, 1:1, each line once. The kerf is not compensated: the lines are the finished edges.
+Cut layer "inside" before layer "outside", or the plate falls out before its holes are cut.
 
-Sheets are thinner or thicker than they are sold as, and some (2.5, 2.8 mm) are not on every shelf. For the 2.50 and 2.80 mm
-of the published sensor take sheets sold as 2.5 and 3 mm and measure them: the gel becomes as thick as its mould. Write into the
-design file, before the shell is printed, and calibrate with it:
+Sheets are thinner or thicker than their nominal size, and some (2.5, 2.8 mm) are not in stock everywhere. For the 2.50 and
+2.80 mm of the published sensor, take sheets sold as 2.5 and 3 mm and measure them: the gel becomes as thick as its mould.
+Before the shell is printed, write the measured values into the design file, and calibrate with that file:
 
     [gel]
     thickness_mm = what first_mould measures
     [hardware.gels]
     black_top_mm = what second_mould measures, less first_mould
 
-The shell's height follows from the gel. If it is printed already, add to camera.distance_mm what the gel became thicker.
+The shell's height follows from the gel. If it is printed already, add the increase in gel thickness to
+camera.distance_mm.
 """
 PRINTING_INSTRUCTIONS = """\
-STL in mm; STEP is the same, exact. Black parts are black all through, against stray light; the shell is white, to spread it.
-Fits are the clearance on each side as drawn; try them. The drawings tell more.
+STL files are in mm; STEP files have the same geometry, exact. Black parts are black throughout, to absorb stray light; the
+shell is white, to spread light. Fits are clearances on each side as drawn: try them. The drawings have all dimensions.
 """
 
 
@@ -43,12 +44,13 @@ def _sheet_thickness_mm(part: BuiltPart) -> float:
 
 def format_shop_notes(sensor: BuiltSensor) -> Iterator[tuple[str, bytes]]:
     """Yield path within the folder and content of every text."""
-    for way, told, how in (
+    for method, format_part, instructions in (
         ("cut", _format_cut_part, CUTTING_INSTRUCTIONS),
         ("printed", _format_printed_part, PRINTING_INSTRUCTIONS),
     ):
-        lines = [line for part in sensor.parts.values() if part.method == way for line in told(sensor, part)]
-        yield f"{way}/README.txt", "\n".join([f"Tolerance {TOLERANCES[way]}.", "", *lines, "", how]).encode()
+        lines = [line for part in sensor.parts.values() if part.method == method for line in format_part(sensor, part)]
+        text = "\n".join([f"Tolerance {TOLERANCES[method]}.", "", *lines, "", instructions])
+        yield f"{method}/README.txt", text.encode()
 
 
 def _format_cut_part(sensor: BuiltSensor, part: BuiltPart) -> Iterator[str]:

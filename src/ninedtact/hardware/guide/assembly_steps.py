@@ -56,19 +56,19 @@ def _preparation_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
     yield GuideStep(
         "inserts",
         "Press in the inserts",
-        "Heat eight M2 inserts with a soldering iron at about 230 °C and press four into the base's bosses from above and four "
+        "Heat eight M2 inserts with a soldering iron at about 230 °C. Press four into the base's bosses from above and four "
         "into the shell's bosses from below, flush and upright.",
-        "An M2 screw turned in by hand stands upright, and base and shell lie on each other without rocking. (Inserts melt into "
-        "nylon, PETG or ABS; into a resin print they are glued.)",
+        "An M2 screw turned in by hand stands upright, and the shell does not rock on the base. (Inserts melt into nylon, "
+        "PETG or ABS; into a resin print they are glued.)",
     )
     yield GuideStep(
         "window",
         "Glue in the window",
         f"Peel the film off both sides of the {design.window.side_mm:g} mm acrylic plate. Run a thin bead of clear glue "
-        "(silicone or UV, fully cured before the next step) round the ledge and press the plate into its frame from the gel side. "
-        "Keep the middle clean, and alcohol away: it cracks acrylic that was cut by a laser.",
-        "Put a few drops of water with a little dish soap on the window: after five minutes the paper below is dry. No smear "
-        f"within {design.shell.hole_mm / 2:g} mm of the middle.",
+        "(silicone or UV, fully cured before the next step) around the ledge and press the plate into its frame from the gel side. "
+        "Keep the middle clean and do not use alcohol, which cracks laser-cut acrylic.",
+        "Put a few drops of water with a little dish soap on the window: after five minutes the paper below is still dry. There "
+        f"is no smear within {design.shell.hole_mm / 2:g} mm of the middle.",
     )
 
 
@@ -81,8 +81,8 @@ def _casting_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
         "Pour the transparent gel",
         f"Stand the shell level. Mix {_mixture(sensor, TRANSPARENT_SILICONE)}, "
         f"draw off the bubbles in a vacuum, and fill the shell to its rim, {rim:.1f} mm. Cure {TRANSPARENT_SILICONE.cure}.",
-        "Held against print, letters are sharp through window and gel; a straight edge over the rim shows less than 0.1 mm of "
-        "light anywhere. Fill up what is missing and cure again.",
+        "Printed letters are sharp when seen through window and gel. A straight edge over the rim shows less than 0.1 mm of "
+        "light anywhere; fill up what is missing and cure again.",
     )
     yield GuideStep(
         "first_mould",
@@ -90,14 +90,14 @@ def _casting_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
         f"Screw the shell on the base board with four M2 screws from below. Lay the first mould, "
         f"{design.sensor.gel.thickness_mm:g} mm thick, on the rim and clamp it with eight M3 x {clamp_screw_length_mm(design)} "
         "screws and nuts, crosswise and gently, with release agent on the mould's window.",
-        f"Measure the whole stack with a calliper at four corners and take off base board and shell: "
-        f"{design.sensor.gel.thickness_mm:.2f} ± 0.10 mm are left. This is the gel's thickness, on which all depths rest.",
+        f"Measure the whole stack with a calliper at four corners and subtract base board and shell: "
+        f"{design.sensor.gel.thickness_mm:.2f} ± 0.10 mm remain. This is the gel's thickness, on which all depths rest.",
     )
     yield GuideStep(
         "translucent",
         "Pour the translucent gel",
         f"Mix {_mixture(sensor, TRANSLUCENT_SILICONE)}, without bubbles. Pour "
-        f"until it stands level with the mould, scrape once with a straight edge. Cure {TRANSLUCENT_SILICONE.cure}.",
+        f"until it stands level with the mould and scrape once with a straight edge. Cure {TRANSLUCENT_SILICONE.cure}.",
         "The layer is evenly white over a lamp, without bubbles or streaks, and does not lift when the mould is taken off.",
     )
     yield GuideStep(
@@ -106,15 +106,15 @@ def _casting_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
         f"Take off the first mould and clamp the second ({design.heights.second_mould:.2f} mm). "
         "Lay the LED board below the clear base board and switch it on. "
         f"Mix {_mixture(sensor, BLACK_GEL_SILICONE)}, and add pigment until a drop on the lit "
-        f"layer lets no light through. Pour round and over the layer, scrape level. Cure {BLACK_GEL_SILICONE.cure}.",
-        "In a dark room, LEDs on: no light anywhere through the top or the sides. Where there is some, pour again there.",
+        f"layer lets no light through. Pour around and over the layer and scrape level. Cure {BLACK_GEL_SILICONE.cure}.",
+        "In a dark room with the LEDs on, no light passes through the top or the sides. Where some does, pour again.",
     )
     yield GuideStep(
         "demoulded",
         "Take it out",
-        "Unscrew the clamps, run a thin blade round the mould's window, lift the mould straight up, unscrew the base board.",
+        "Unscrew the clamps, run a thin blade around the mould's window, lift the mould straight up and unscrew the base board.",
         f"The skin is smooth and stands {design.heights.second_mould:.2f} ± 0.10 mm above the rim; "
-        "rubbed with a finger, no edge lifts.",
+        "no edge lifts when it is rubbed with a finger.",
     )
 
 
@@ -128,38 +128,39 @@ def _assembly_steps(sensor: BuiltSensor) -> Iterator[GuideStep]:
         "Lay in the camera",
         "Put the camera into the base's pocket, lens up, its cable up the ramp and out at the side. A drop of glue at two "
         "corners holds it; keep glue off the lens.",
-        "`ninedtact doctor` lists the camera and its true rate. Turn the lens until print "
-        f"{nearest_mm:.0f} to {farthest_mm:.0f} mm above it is sharp: so far "
-        "away is the skin through acrylic and silicone, and so far the original's authors lay the print.",
+        "`ninedtact doctor` lists the camera and its measured frame rate. Turn the lens until print "
+        f"{nearest_mm:.0f} to {farthest_mm:.0f} mm above it is sharp: the first "
+        "is the distance of the skin as seen through acrylic and silicone, the second that of the print by which the original's "
+        "authors focus.",
     )
     yield GuideStep(
         "board",
         "Lay on the LED board",
-        f"Over the four pins, LEDs up, USB over the cable. It must be {design.board.thick_mm:.2f} mm thick.",
+        f"Lay it over the four pins, LEDs up, USB over the cable. It must be {design.board.thick_mm:.2f} mm thick.",
         "It lies flat on all four posts, the lens stands free in its hole, and with USB plugged in all eight LEDs are equally "
         "bright.",
     )
     yield GuideStep(
         "ring",
         "Put in the isolation ring",
-        "Lay the shell on its gel, upside down, and the ring into its square hole, the wide mouth down to the window. Black paint "
-        "on white ledges beside it helps.",
-        "Seen from below, no white wall of the hole is visible, and the ring does not stand out over the shell's floor.",
+        "Lay the shell upside down on its gel, and the ring into its square hole, the wide mouth down to the window. Black paint "
+        "on the white ledges beside it helps against stray light.",
+        "Seen from below, no white wall of the hole is visible, and the ring does not protrude from the shell's floor.",
     )
     yield GuideStep(
         "closed",
         "Close it",
         "Leave the shell upside down, so that the ring stays, and lower the base with camera and board onto it, the cable through "
-        f"its gap. Four M2 x {design.fasteners.screw_mm:g} screws, crosswise.",
+        f"its gap. Tighten four M2 x {design.fasteners.screw_mm:g} screws, crosswise.",
         f"It measures {design.plan_view.outer[0]:.1f} x {design.plan_view.outer[1]:.1f} x {design.heights.top:.1f} mm. "
         "`ninedtact live` shows an evenly bright image without a dark ring or a bright spot at its rim.",
     )
     yield GuideStep(
         "calibrated",
         "Calibrate it",
-        "Slide the calibration board over the shell and press, then the ball: "
-        f"`ninedtact calibrate --out my_sensor --source 0{own}` guides through both.",
-        "The certificate's checks are all met; docs/calibrating.md says what to do about each.",
+        "Press the calibration board over the shell, then the ball: "
+        f"`ninedtact calibrate --out my_sensor --source 0{own}` guides you through both.",
+        "All checks of the certificate are passed; docs/calibrating.md says what to do about one that is not.",
     )
 
 

@@ -130,16 +130,16 @@ class _AssemblyScenes:
 PAGE, IMAGES = "fabrication.md", "images"
 INTRODUCTION = """# How to build a sensor
 
-Made by `ninedtact hardware guide`: numbers and images are those of {whose}, {area} mm of sensing area
-under {gel} mm of gel. `ninedtact hardware export --out parts` writes the files that the parts are made from, and
+Written by `ninedtact hardware guide`: numbers and images are those of {whose}, with a sensing area of {area} mm
+and {gel} mm of gel. `ninedtact hardware export --out parts` writes the files that the parts are made from, and
 `parts/bom.html` lists what to buy. Silicones, ratios and curing are those of the paper
-([references.md](references.md#9dtact)). How to press in inserts, how to keep off bubbles and glue, and every check are ours.
-Nobody built a sensor by this page yet.
+([references.md](references.md#9dtact)). The instructions on inserts, bubbles and glue, and all
+checks, are our own. Nobody has built a sensor from this page yet.
 
 You need: a scale that shows 0.01 g, a vacuum chamber for the silicone, an oven that holds 50 °C, a calliper, a soldering iron,
-M2 and M3 screwdrivers, and {days} days, nearly all of them waiting. Fresh air for silicone and glue, and gloves of nitrile or
-vinyl: platinum silicones, as Ecoflex is one, stay liquid beside latex, tin-cured silicone, sulphur, and resin prints or UV glue
-that are not fully cured. Let a drop of each silicone cure on the parts that it will touch before you pour.
+M2 and M3 screwdrivers, and {days} days, nearly all of them waiting. Work with silicone and glue in fresh air, with gloves of
+nitrile or vinyl: platinum silicones such as Ecoflex do not cure in contact with latex, tin-cured silicone, sulphur, or resin
+prints and UV glue that are not fully cured. Before you pour, let a drop of each silicone cure on the parts that it will touch.
 """
 DAYS = 2
 
@@ -150,8 +150,8 @@ def format_guide(sensor: BuiltSensor) -> str:
     area = f"{design.sensor.sensing_area.width_mm:g} x {design.sensor.sensing_area.height_mm:g}"
     gel = f"{design.sensor.gel.thickness_mm:g}"
     opening = INTRODUCTION.format(whose=_design_name(design), area=area, gel=gel, days=DAYS)
-    told = [_format_step(number, step) for number, step in enumerate(list_guide_steps(sensor), start=1)]
-    return "\n".join([opening, *told])
+    sections = [_format_step(number, step) for number, step in enumerate(list_guide_steps(sensor), start=1)]
+    return "\n".join([opening, *sections])
 
 
 def _design_name(design: HardwareDesign) -> str:

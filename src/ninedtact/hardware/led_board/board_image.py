@@ -5,13 +5,14 @@ from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
-from shapely import Polygon, box, union_all
+from shapely import Polygon, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import PointMm
 from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.copper_geometry import (
     bare_board_polygon,
+    component_outline,
     hole_polygon,
     pad_polygon,
     split_polygons,
@@ -92,9 +93,7 @@ def _pad_number_position(place: PointMm, layout: BoardLayout) -> PointMm:
 
 def _draw_component(axes: "Axes", part: PlacedComponent) -> None:
     """Draw a component's outline and name, and the poles of LEDs."""
-    footprint = part.part.footprint
-    (x, y), (width, depth) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
-    body = box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2)
+    (x, y), body = part.to_board_frame(part.part.footprint.body_at_mm), component_outline(part)
     _fill_shape(axes, body, BODY if part.side == "top" else DARK_BODY, alpha=0.35)
     axes.plot(*body.exterior.xy, color=INK, linewidth=0.8)
     axes.text(x, y, part.reference, ha="center", va="center", size=8, color=INK, weight="bold")

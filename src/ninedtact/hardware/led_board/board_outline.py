@@ -26,7 +26,7 @@ class BoardOutline:
     height_mm: Annotated[float, Bounds(20.0, 100.0)] = 21.0
     """Along y. Below 20 the LEDs stand over the lens hole."""
     thickness_mm: Annotated[float, Bounds(0.6, 1.08)] = 0.8
-    """Of the laminate: at 1.08 the LEDs touch the shell; board houses take 1.6 unless told otherwise."""
+    """Thickness of the laminate: at 1.08 the LEDs touch the shell. Board houses take 1.6 unless another is specified."""
     lens_hole_mm: Annotated[float, Bounds(8.0, 10.4)] = 10.2
     """Diameter of the hole round the lens head of 10.00; above 10.4 the USB contacts have no pads left."""
     notch_radius_mm: Annotated[float, Bounds(0.5, 4.0)] = 2.8

@@ -7,6 +7,7 @@ from shapely import LineString, MultiPoint, Point, Polygon, box, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import BoardOutline, PointMm
+from ninedtact.hardware.led_board.components import PlacedComponent
 from ninedtact.hardware.led_board.pads import BoardPad, DrilledHole
 from ninedtact.hardware.led_board.routing import Track, Via
 
@@ -48,6 +49,13 @@ def via_polygon(via: Via) -> BaseGeometry:
 def hole_polygon(hole: DrilledHole) -> BaseGeometry:
     """Return the area that the drill removes."""
     return _capsule(hole.start_mm, hole.end_mm, hole.width_mm / 2)
+
+
+def component_outline(part: PlacedComponent) -> Polygon:
+    """Return the area on the board that a component's body covers."""
+    footprint = part.part.footprint
+    (x, y), (wide, deep) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
+    return box(x - wide / 2, y - deep / 2, x + wide / 2, y + deep / 2)
 
 
 def bare_board_polygon(outline: BoardOutline) -> BaseGeometry:

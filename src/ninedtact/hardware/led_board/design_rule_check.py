@@ -4,7 +4,7 @@ holes."""
 from dataclasses import dataclass
 from itertools import combinations
 
-from shapely import Point, box, union_all
+from shapely import Point, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_design import LedBoard
@@ -12,6 +12,7 @@ from ninedtact.hardware.led_board.board_outline import LedBoardImpossible, Point
 from ninedtact.hardware.led_board.components import BoardSide
 from ninedtact.hardware.led_board.copper_geometry import (
     bare_board_polygon,
+    component_outline,
     hole_polygon,
     pad_polygon,
     split_polygons,
@@ -179,11 +180,9 @@ def _find_components_over_bosses(layout: BoardLayout) -> list[RuleViolation]:
     outline, found = layout.board.outline, []
     bosses = union_all([Point(at).buffer(outline.boss_mm / 2) for at in outline.bosses])
     for part in (part for part in layout.parts if part.side == "bottom"):
-        footprint = part.part.footprint
-        (x, y), (width, depth) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
-        body = box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2)
-        if footprint.body_mm[2] > outline.boss_gap_mm and body.intersects(bosses):
-            found.append(RuleViolation("height over a boss", part.reference, outline.boss_gap_mm, footprint.body_mm[2]))
+        height_mm = part.part.footprint.body_mm[2]
+        if height_mm > outline.boss_gap_mm and component_outline(part).intersects(bosses):
+            found.append(RuleViolation("height over a boss", part.reference, outline.boss_gap_mm, height_mm))
     return found
 
 

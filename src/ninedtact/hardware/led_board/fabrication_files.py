@@ -66,20 +66,20 @@ def format_fabrication_notes(layout: BoardLayout) -> str:
     lines = [
         f"LED board of a 9DTact sensor, {size}",
         "",
-        f"Thickness: {board.outline.thickness_mm:g} mm. NOT the usual 1.6: the LEDs would press against the shell.",
+        f"Thickness: {board.outline.thickness_mm:g} mm. NOT the usual 1.6 mm, with which the LEDs would press against the shell.",
         "2 layers, FR4, copper 35 um, any finish, vias covered by solder mask.",
         "The hole in the middle and the four corner notches are part of the outline: milled, no copper.",
-        f"Parts on both sides: LEDs above, {', '.join(p.reference for p in layout.parts if p.side == 'bottom')} below.",
+        f"Components on both sides: LEDs above, {', '.join(p.reference for p in layout.parts if p.side == 'bottom')} below.",
         "Origin of placement, Gerbers and drill files alike: the middle of the board. x to the right, y up, seen from the LEDs.",
-        "Compare the preview of the placement with led_board.png: houses count turns of parts differently.",
-        f"R1 = {board.resistor_ohm:g} ohm: {light.total_ma:.0f} mA in all, {light.led_ma:.1f} mA in each LED, "
+        "Compare the preview of the placement with led_board.png: board houses count rotations differently.",
+        f"R1 = {board.resistor_ohm:g} ohm: {light.total_ma:.0f} mA in total, {light.led_ma:.1f} mA in each LED, "
         f"{light.driver_w:.2f} W in U1.",
     ]
     if unnamed := [part.reference for part in layout.parts if part.reference not in _references_on_silkscreen(layout)]:
-        lines.append(f"No room on the silkscreen for the names {', '.join(unnamed)}: led_board.png shows them.")
+        lines.append(f"No space on the silkscreen for the designators {', '.join(unnamed)}; led_board.png shows them.")
     faults = find_violations(layout)
     if faults:
-        lines += ["", "DO NOT ORDER. Written for comparison; rules broken (found for wanted, mm):"]
+        lines += ["", "DO NOT ORDER. Written for comparison only. Broken rules (found, required, mm):"]
         lines += [f"- {fault}" for fault in faults]
     return "\n".join([*lines, ""])
 
@@ -147,9 +147,9 @@ def _gerber_and_drill_files(layout: BoardLayout) -> dict[str, str]:
     files = {}
     for number, side in enumerate(SIDES, start=1):
         for layer, suffix, function, polarity in GERBER_LAYERS:
-            told = function.format(number=number, side="Top" if side == "top" else "Bot")
+            layer_function = function.format(number=number, side="Top" if side == "top" else "Bot")
             files[f"{BOARD_FILE_NAME}-{LAYER_PREFIX[side]}_{suffix}.gbr"] = format_gerber_layer(
-                list_layer_shapes(layout, layer, side), told, polarity
+                list_layer_shapes(layout, layer, side), layer_function, polarity
             )
     files[f"{BOARD_FILE_NAME}-Edge_Cuts.gbr"] = format_gerber_outline(outline_segments(layout.board.outline))
     files[f"{BOARD_FILE_NAME}-PTH.drl"] = format_drill_file(layout.holes, plated=True)

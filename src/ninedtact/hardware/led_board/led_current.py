@@ -35,7 +35,7 @@ class LedOperatingPoint:
     """Current of each LED, if they share equally."""
     relative_brightness: float
     """Of the light as a whole, beside the usual board's, taken as proportional to the current. White LEDs lose efficiency as
-    the current grows, so bright settings turn out a little darker than told; how much was not measured."""
+    the current grows, so bright settings turn out a little darker than stated; how much was not measured."""
     driver_w: float
     """Heat in U1, which lowers the current by itself above 135 °C."""
     needs_asking: bool

@@ -4,12 +4,18 @@ otherwise left out."""
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from shapely import LineString, box, union_all
+from shapely import LineString, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import PointMm
 from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
-from ninedtact.hardware.led_board.copper_geometry import bare_board_polygon, hole_polygon, pad_polygon, via_polygon
+from ninedtact.hardware.led_board.copper_geometry import (
+    bare_board_polygon,
+    component_outline,
+    hole_polygon,
+    pad_polygon,
+    via_polygon,
+)
 from ninedtact.hardware.led_board.layout import BoardLayout
 
 GRID_MM = 0.25
@@ -105,13 +111,6 @@ def _occupied_area(layout: BoardLayout, side: BoardSide) -> BaseGeometry:
             *map(component_outline, parts),
         ]
     )
-
-
-def component_outline(part: PlacedComponent) -> BaseGeometry:
-    """Return the area on the board that a component's body covers."""
-    footprint = part.part.footprint
-    (x, y), (wide, deep) = part.to_board_frame(footprint.body_at_mm), part.size_on_board(footprint.body_mm[:2])
-    return box(x - wide / 2, y - deep / 2, x + wide / 2, y + deep / 2)
 
 
 def _candidate_positions(part: PlacedComponent) -> Iterator[PointMm]:
