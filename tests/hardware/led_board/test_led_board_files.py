@@ -121,6 +121,7 @@ def test_lists_name_every_part_once(folder: Path, improved: BoardLayout) -> None
     assert {row["Designator"] for row in places} == references and len(places) == len(references)
     led, resistor = (next(row for row in bom if name in row["Designator"]) for name in ("LED1", "R1"))
     assert led["Quantity"] == "8" and resistor["LCSC Part #"] == "C706298"
+    assert resistor["Manufacturer Part"] == "RT0805CRE0720KL"
     first = next(row for row in places if row["Designator"] == "LED1")
     assert (first["Mid X"], first["Mid Y"], first["Layer"]) == ("-8.800mm", "7.500mm", "Top")
 

@@ -34,7 +34,7 @@ def _format_parts_list(layout: BoardLayout) -> str:
         rows.append(
             (len(where), ",".join(where), part.value, part.footprint.name, part.maker_number, part.supplier_number)
         )
-    head = ("Quantity", "Designator", "Comment", "Footprint", "Manufacturer BoardComponent", "LCSC Part #")
+    head = ("Quantity", "Designator", "Comment", "Footprint", "Manufacturer Part", "LCSC Part #")
     return _to_csv(head, rows)
 
 
