@@ -44,7 +44,7 @@ def of_images(name: str, images: Images, count: int) -> list[Figure]:
         path = Path(folder) / "images.mcap"
         frames = [Frame(image, number, number) for number, image in enumerate(islice(cycle(images), count))]
         with RecordingWriter(path, RecordingMetadata("benchmark"), [Topic.IMAGES]) as episode:
-            write_ms = timed_ms(lambda: [episode.image(frame) for frame in frames]) / count
+            write_ms = timed_ms(lambda: [episode.write_image(frame) for frame in frames]) / count
         per_image_kb = path.stat().st_size / count / 1e3
         with RecordedSource(path) as source:
             read_ms = timed_ms(lambda: list(source)) / count
@@ -72,7 +72,7 @@ def of_samples(count: int = 20_000) -> list[Figure]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "samples.mcap"
         with RecordingWriter(path, RecordingMetadata("benchmark"), [Topic.MEASURED]) as episode:
-            write_us = timed_ms(lambda: [episode.measured(sample) for sample in samples]) / count * 1e3
+            write_us = timed_ms(lambda: [episode.write_measured(sample) for sample in samples]) / count * 1e3
         size = path.stat().st_size / count
         with RecordedWrenchSource(path) as source:
             read_us = timed_ms(lambda: [source.read() for _ in range(count)]) / count * 1e3

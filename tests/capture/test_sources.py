@@ -66,7 +66,7 @@ class Bench:
             for number in range(IMAGES):
                 image = np.full((48, 64, 3), 20 * number, np.uint8)
                 stamp_ns = time.monotonic_ns() - (IMAGES - number) * 20_000_000
-                episode.image(Frame(image, stamp_ns, number))
+                episode.write_image(Frame(image, stamp_ns, number))
         return RecordedSource(path)
 
     def stream_source(self) -> FrameSource:

@@ -29,7 +29,7 @@ FAMILY: dict[str, Callable[[], WrenchSource]] = {
 def replayed(folder: Path) -> WrenchSource:
     with RecordingWriter(folder / "forces.mcap", RecordingMetadata("bench")) as episode:
         for number in range(8):
-            episode.measured(Wrench(np.full(3, float(number)), np.zeros(3), stamp_ns=time.monotonic_ns()))
+            episode.write_measured(Wrench(np.full(3, float(number)), np.zeros(3), stamp_ns=time.monotonic_ns()))
     return RecordedWrenchSource(folder / "forces.mcap")
 
 

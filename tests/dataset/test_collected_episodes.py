@@ -26,7 +26,7 @@ from ninedtact.shape.depth import DepthCurve, Smoothing
 RAW, MM_PER_PX = (48, 64), 0.5
 PX_PER_MM = 1 / (MM_PER_PX * max(RAW) / 2)
 SIX = np.array([0.5, 0, -3, 0.01, -0.02, 0.003])
-TOPICS = (Topic.IMAGES, Topic.UNTOUCHED, Topic.MEASURED, Topic.PAIRS)
+TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)
 
 
 @pytest.fixture

@@ -44,6 +44,6 @@ def write_messages(episode: RecordingWriter, frames: int, samples: int) -> None:
     messages = [frame(number) for number in range(frames)] + [sample(number) for number in range(samples)]
     for message in sorted(messages, key=lambda message: message.stamp_ns):
         if isinstance(message, Frame):
-            episode.image(message)
+            episode.write_image(message)
         else:
-            episode.measured(message)
+            episode.write_measured(message)

@@ -11,13 +11,13 @@ from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHE
 
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.sampling_rule import SamplingRuleSettings
-from ninedtact.cli.collect import obeyed
-from ninedtact.cli.collect_screen import Screen, headline, histograms
+from ninedtact.cli.collect import handle_keys
+from ninedtact.cli.collect_screen import CollectScreen, histogram_lines, progress_line
 from ninedtact.cli.options import CollectOptions
 from ninedtact.quantities import Frame
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.sample_faults import ClockDriftMonitor, SampleFault
-from ninedtact.recording.collecting.settings import CollectionImpossible, CollectSettings
+from ninedtact.recording.collecting.settings import CollectSettings, CollectSettingsInvalid
 from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
@@ -25,7 +25,7 @@ from ninedtact.recording.ros_messages import EventKind
 from ninedtact.recording.saved_pairs import NO_OBJECT, SavedPair, read_saved_pairs
 from ninedtact.recording.writer import RecordingWriter
 
-SETTINGS = CollectSettings(trust=SampleCheckSettings(range_n=(50, 50, 50)))
+SETTINGS = CollectSettings(checks=SampleCheckSettings(range_n=(50, 50, 50)))
 REST_S = UNTOUCHED_S + TOUCHES * TOUCH_S
 WHOLE_S = REST_S + REST_TOUCHES * TOUCH_S + TOUCH_S
 Seen = Callable[[Frame, Collector], None]
@@ -40,16 +40,16 @@ def collected(
 ) -> tuple[Collector, list[SavedPair]]:
     """Collect from the hand; `seen` is called after every image."""
     feed: Iterator[MergedArrival] = merge_recorded_streams(
-        Camera(seconds), CheckedWrenchSource(replace(force_torque), settings.trust)
+        Camera(seconds), CheckedWrenchSource(replace(force_torque), settings.checks)
     )
     with RecordingWriter(path, RecordingMetadata("hand"), COLLECTED_TOPICS) as episode, closing(feed):
         collector = Collector(episode, settings, iter(["cup", "key", "nut"]), np.random.default_rng(0))
         for fed in feed:
             assert fed is not None
-            collector.hear(fed)
+            collector.add(fed)
             if isinstance(fed.item, Frame):
                 seen(fed.item, collector)
-        collector.end()
+        collector.finish()
     return collector, list(read_saved_pairs(path))
 
 
@@ -70,7 +70,7 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
     touches: dict[str, list[SavedPair]] = {}
     for pair in pairs:
         touches.setdefault(pair.contact, []).append(pair)
-    assert len(touches) == 1 + TOUCHES + 1 and collector.refused.total() == 0
+    assert len(touches) == 1 + TOUCHES + 1 and collector.rejected.total() == 0
     for touch in touches.values():
         by_rule = np.array([pair.wrench.six for pair in touch if pair.kind == "rule"]).reshape(-1, 6)
         parts = (
@@ -79,11 +79,11 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
             @ np.array(SamplingRuleSettings().weights)
         )
         assert parts[~np.eye(len(parts), dtype=bool)].min(initial=1) > SamplingRuleSettings().min_difference
-    assert {pair.untouched.id for pair in pairs} == {f"{collector.episode.session.id}-u000"}
-    assert len(pairs[0].untouched.images) == 10 and not pairs[0].untouched.images[0].flags.writeable
-    assert collector.untouched is not None and collector.untouched.zero == pytest.approx(BIAS, abs=6e-3)
-    assert sum(map(sum, collector.counters.counts)) == 6 * len(pairs)
-    assert [len(line) for line in histograms(collector)] and "pairs (" in headline(collector)
+    assert {pair.reference.id for pair in pairs} == {f"{collector.writer.metadata.id}-u000"}
+    assert len(pairs[0].reference.images) == 10 and not pairs[0].reference.images[0].flags.writeable
+    assert collector.reference is not None and collector.reference.zero == pytest.approx(BIAS, abs=6e-3)
+    assert sum(map(sum, collector.counts.counts)) == 6 * len(pairs)
+    assert [len(line) for line in histogram_lines(collector)] and "pairs (" in progress_line(collector)
 
 
 def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:
     def look(frame: Frame, collector: Collector) -> None:
         if frame.index % 20 == 0:
             with Recording(tmp_path / "e.mcap") as episode:
-                on_disk.append((len(list(episode.pairs())), len(collector.counters.saved)))
+                on_disk.append((len(list(episode.labels())), len(collector.counts.pairs)))
 
     collected(tmp_path / "e.mcap", seen=look)
     assert all(found == counted for found, counted in on_disk) and on_disk[-1][0] > 8
@@ -131,13 +131,13 @@ FAULTS = {
 def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_path: Path) -> None:
     force_torque, fault = FAULTS[what]
     trust = SampleCheckSettings(range_n=(50, 50, 4.5 if what == "saturates" else 50))
-    settings = replace(SETTINGS, trust=trust, tolerance_ms=10.0)
+    settings = replace(SETTINGS, checks=trust, tolerance_ms=10.0)
     collector, pairs = collected(tmp_path / "e.mcap", force_torque, settings=settings)
     require_true([pair for pair in pairs if what != "drifts" or at_s(pair.time_ns) < REST_S])
-    assert collector.refused[fault] > 0
+    assert collector.rejected[fault] > 0
     with Recording(tmp_path / "e.mcap") as episode:
         told = [event for event in episode.events() if event.kind is EventKind.REMARK]
-    stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.words]
+    stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.text]
     if what in ("shifts", "drifts"):
         assert not [pair for pair in pairs if pair.time_ns > stamps_ns[0]]
     elif what not in ("is slow", "saturates"):
@@ -145,7 +145,7 @@ def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_p
 
 
 def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: Path) -> None:
-    screen, words = Screen(), []
+    screen, words = CollectScreen(), []
 
     def keys(frame: Frame, collector: Collector) -> None:
         typed = {
@@ -153,19 +153,19 @@ def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: 
             for touches, keys in ((1, "n"), (2, "uuun"), (3, "u"))
         }
         if frame.index in typed:
-            before = len(collector.counters.saved)
-            assert obeyed(typed[frame.index], collector, screen)
-            words.append((before, len(collector.counters.saved)))
+            before = len(collector.counts.pairs)
+            assert handle_keys(typed[frame.index], collector, screen)
+            words.append((before, len(collector.counts.pairs)))
 
     collector, pairs = collected(tmp_path / "e.mcap", seen=keys)
     (one, same), (_, none_left), (three, undone) = words
     assert one == same > 1 and none_left == 1 and three > undone == 1  # the pair without contact stays
-    assert not obeyed("xq", collector, screen)
-    assert {pair.object for pair in pairs} == {NO_OBJECT, "nut"} and len(pairs) == len(collector.counters.saved)
+    assert not handle_keys("xq", collector, screen)
+    assert {pair.object for pair in pairs} == {NO_OBJECT, "nut"} and len(pairs) == len(collector.counts.pairs)
     assert min(pair.time_ns for pair in pairs if pair.object == "nut") / 1e9 > 7 + REST_S + REST_TOUCHES * TOUCH_S
-    assert collector.counters.counts.sum() == 6 * len(pairs) and collector.counters.counts.min() == 0
+    assert collector.counts.counts.sum() == 6 * len(pairs) and collector.counts.counts.min() == 0
     with Recording(tmp_path / "e.mcap") as episode:
-        assert len(list(episode.pairs())) > len(pairs) + 10
+        assert len(list(episode.labels())) > len(pairs) + 10
 
 
 def test_a_tare_waits_for_untouched_skin_and_begins_a_new_reference(tmp_path: Path) -> None:
@@ -173,18 +173,18 @@ def test_a_tare_waits_for_untouched_skin_and_begins_a_new_reference(tmp_path: Pa
 
     def tare(frame: Frame, collector: Collector) -> None:
         if frame.index == round(30 * (SECOND_S + 0.8)):  # in the middle of a touch
-            collector.tare()
-        if collector.taring is not None and frame.index > 30 * SECOND_S:
-            advice.append(collector.taring.advice)
+            collector.begin_tare()
+        if collector.tare_in_progress is not None and frame.index > 30 * SECOND_S:
+            advice.append(collector.tare_in_progress.advice)
 
     warmed = between(SECOND_S + 0.85, 99, lambda now_s, six: six + WARMED)
     collector, pairs = collected(tmp_path / "e.mcap", warmed, seen=tare)
     require_true(pairs)
-    assert [pair.untouched.id[-1] for pair in pairs] == sorted(pair.untouched.id[-1] for pair in pairs)
-    after = [pair for pair in pairs if pair.untouched.id.endswith("u001")]
+    assert [pair.reference.id[-1] for pair in pairs] == sorted(pair.reference.id[-1] for pair in pairs)
+    after = [pair for pair in pairs if pair.reference.id.endswith("u001")]
     assert min(at_s(pair.time_ns) for pair in after) > REST_S and {pair.kind for pair in after} >= {"rule"}
     assert any("at rest" in words or "untouched:" in words for words in advice)
-    assert collector.untouched is not None and collector.untouched.zero[:3] == pytest.approx(
+    assert collector.reference is not None and collector.reference.zero[:3] == pytest.approx(
         (BIAS + WARMED)[:3], abs=0.02
     )
 
@@ -194,14 +194,14 @@ def test_clocks_that_drift_apart_are_noticed_within_their_jitter() -> None:
     for number in range(30 * 60):
         now_ns = BEGAN_NS + int(number * 1e9 / 30)
         late_ns = int(rng.exponential(8e6))
-        steady.note(now_ns, now_ns + late_ns)
-        drifting.note(BEGAN_NS + int((now_ns - BEGAN_NS) * (1 - 4e-4)), now_ns + late_ns)
-        assert steady.keeps and (drifting.keeps or number > 30 * 20)
-    assert not drifting.keeps
+        steady.add_arrival(now_ns, now_ns + late_ns)
+        drifting.add_arrival(BEGAN_NS + int((now_ns - BEGAN_NS) * (1 - 4e-4)), now_ns + late_ns)
+        assert steady.is_within_tolerance and (drifting.is_within_tolerance or number > 30 * 20)
+    assert not drifting.is_within_tolerance
 
 
 def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> None:
     assert CollectOptions().settings() == CollectSettings()
-    for wrong in ({"tolerance_ms": 0.0}, {"no_contact": 0.6, "light_touch": 0.5}, {"untouched_images": 0}):
-        with pytest.raises(CollectionImpossible, match=r"expected .* got .*; correct"):
+    for wrong in ({"tolerance_ms": 0.0}, {"no_contact": 0.6, "light_touch": 0.5}, {"reference_images": 0}):
+        with pytest.raises(CollectSettingsInvalid, match=r"expected .* got .*; correct"):
             replace(CollectOptions(), **wrong).settings()

@@ -24,11 +24,11 @@ from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSour
 from ninedtact.capture.latest_frame import LatestFrameSource
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
-from ninedtact.cli.collect_screen import Screen, headline, keys
+from ninedtact.cli.collect_screen import CollectScreen, open_key_reader, progress_line
 from ninedtact.cli.devices import live_source, sensor_of
 from ninedtact.cli.terminal import stop_on_signal
 from ninedtact.force.estimator import ForceEstimator
-from ninedtact.quantities import Frame, Wrench, WrenchEstimate
+from ninedtact.quantities import Doubt, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.settings import CollectSettings
@@ -62,17 +62,17 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
     path, out = tmp_path / "twin.mcap", tmp_path / "out"
     options = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor, "--seconds", "3", "--heights"]
     written = told(capsys, "record", *options, "--out", path)["written"]
-    assert written["/camera/image_raw"] == written["/skin/height_mm"] > 3 and written["/wrench/measured"] > 10
-    found = told(capsys, "replay", path)
+    assert written["/twin/image_raw"] == written["/twin/height"] > 3 and written["/twin/wrench_measured"] > 10
+    found = told(capsys, "info", path)
     assert found["finished"] and found["sensor"] == "twin" and found["seconds"] == pytest.approx(3, abs=1.5)
     topics = {topic["topic"]: topic for topic in found["topics"]}
     assert {name: topic["messages"] for name, topic in topics.items() if name in written} == written
-    assert topics["/camera/image_raw"]["rate_hz"] > 1 and topics["/wrench/measured"]["gaps"] is not None
+    assert topics["/twin/image_raw"]["rate_hz"] > 1 and topics["/twin/wrench_measured"]["gaps"] is not None
     exported = told(capsys, "export", path, "--out", out)["written"]
-    assert exported["images"] == exported["heights"] == written["/camera/image_raw"] and exported["pairs"] == 0
+    assert exported["images"] == exported["heights"] == written["/twin/image_raw"] and exported["pairs"] == 0
     load_sensor(out / "sensor")
     rows = list(csv.DictReader((out / "wrench_measured.csv").open()))
-    assert len(rows) == written["/wrench/measured"] and min(float(row["force_z_n"]) for row in rows) < -0.5
+    assert len(rows) == written["/twin/wrench_measured"] and min(float(row["force_z_n"]) for row in rows) < -0.5
     with Recording(path) as episode:
         for frame, row in zip(episode.frames(), csv.DictReader((out / "images.csv").open()), strict=True):
             assert np.array_equal(cv2.imread(str(out / "images" / row["image"])), frame.image)
@@ -93,10 +93,10 @@ def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Pat
 
 def recorded_hand(path: Path, sensor: Path, seconds: float) -> None:
     """Everything that the hand's devices tell."""
-    with RecordingWriter(path, RecordingMetadata("twin"), attached=sensor_folder_attachments(sensor)) as episode:
+    with RecordingWriter(path, RecordingMetadata("twin"), attachments=sensor_folder_attachments(sensor)) as episode:
         for heard in merge_recorded_streams(Camera(seconds), ForceTorque()):
             assert heard is not None
-            (episode.image if isinstance(heard.item, Frame) else episode.measured)(heard.item)
+            (episode.write_image if isinstance(heard.item, Frame) else episode.write_measured)(heard.item)
 
 
 def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
@@ -112,7 +112,7 @@ def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
     assert all(np.abs(pair.wrench.six - truth(at_s(pair.time_ns)))[:3].max() < 0.15 for pair in pairs)
     assert {pair.sensor for pair in pairs} == {"twin"}
     with Recording(source) as one, Recording(out) as other:
-        assert one.session.wall_minus_monotonic_ns == other.session.wall_minus_monotonic_ns
+        assert one.metadata.wall_minus_monotonic_ns == other.metadata.wall_minus_monotonic_ns
     assert main(["collect", *map(str, sources), "--out", str(out)]) == 1
     assert "expected --out to be a new file" in capsys.readouterr().err
 
@@ -129,9 +129,9 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
     by_rule = np.array([pair.wrench.six for pair in pairs if pair.kind == "rule"])
     assert by_rule[:, 2].max() < -0.25 and by_rule[:, 2].min() < -1
     for pair in pairs:
-        change = cv2.blur(pair.image - np.mean(pair.untouched.images, axis=0), (15, 15))
+        change = cv2.blur(pair.image - np.mean(pair.reference.images, axis=0), (15, 15))
         assert (change.min() < -2) == (pair.wrench.force_n[2] < -0.3)
-    figures = told(capsys, "replay", out)
+    figures = told(capsys, "info", out)
     assert figures["purpose"] == "collect" and figures["pairs"] == found["kinds"]
 
 
@@ -178,9 +178,9 @@ def test_a_tare_without_samples_says_so_and_hoards_no_images(tmp_path: Path) -> 
     ):
         collector = Collector(episode)
         for frame in camera:
-            collector.hear(Arrival(frame, frame.stamp_ns))
-    assert "no samples from the force/torque sensor yet" in headline(collector)
-    assert collector.taring is not None and len(collector.taring.frames) == 10
+            collector.add(Arrival(frame, frame.stamp_ns))
+    assert "no samples from the force/torque sensor yet" in progress_line(collector)
+    assert collector.tare_in_progress is not None and len(collector.tare_in_progress.frames) == 10
 
 
 class Guessing(ForceEstimator):
@@ -191,7 +191,12 @@ class Guessing(ForceEstimator):
     def estimate(self, reading: Reading) -> WrenchEstimate:
         assert reading.reference is not None
         force_n = np.array([0.0, 0.0, float((reading.rectified.grey - reading.reference.grey).mean())])
-        return WrenchEstimate(Wrench(force_n, np.zeros(3), stamp_ns=reading.frame.stamp_ns), np.ones(6), True)
+        return WrenchEstimate(
+            Wrench(force_n, np.zeros(3), stamp_ns=reading.frame.stamp_ns),
+            np.array([2.0, 1, 1, 1, 1, 1]),
+            True,
+            (Doubt.OUT_OF_RANGE,),
+        )
 
     def forget(self) -> None: ...
 
@@ -199,11 +204,14 @@ class Guessing(ForceEstimator):
 def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_path: Path) -> None:
     camera, shape = SimulatedCamera(small_press_simulation(rounds=1)), load_sensor(sensor).shape
     with RecordingWriter(tmp_path / "meant.mcap", RecordingMetadata("x")) as episode:
-        Recorder(episode, camera, interpretation=RecordedEstimates(shape, Guessing())).run(lambda: False)
+        Recorder(episode, camera, estimates=RecordedEstimates(shape, Guessing())).run(lambda: False)
     with Recording(tmp_path / "meant.mcap") as read:
         heights, estimates = dict(read.heights()), list(read.wrenches(Topic.ESTIMATED))
+        covariances, warnings = list(read.covariances()), list(read.warnings())
         stamps_ns = read.stamps_ns(Topic.IMAGES)
-        assert len(heights) == len(estimates) == len(stamps_ns) >= 15
+        assert len(heights) == len(estimates) == len(covariances) == len(stamps_ns) >= 15
+        assert np.array_equal(covariances[0], np.diag([4.0, 1, 1, 1, 1, 1]))
+        assert warnings == [(index, ["out of range"]) for index in range(len(stamps_ns))]
         assert np.array_equal(read.stamps_ns(Topic.HEIGHTS), stamps_ns)
     deepest = [float(np.nanmin(z_mm)) for z_mm in heights.values()]
     assert max(deepest[:3]) > -0.2 and min(deepest) < -0.4
@@ -226,7 +234,7 @@ def test_what_came_before_a_loss_is_kept_and_missing_images_are_counted(tmp_path
         Recorder(episode, Losing(10.0)).run(lambda: False)
     assert episode.dropped == 2 and not [thread for thread in threading.enumerate() if "listen" in thread.name]
     with Recording(path) as read:
-        assert read.finished and [frame.index for frame in read.frames()] == [0, 1, 2, 3, 4, 7, 8, 9, 10]
+        assert read.is_finished and [frame.index for frame in read.frames()] == [0, 1, 2, 3, 4, 7, 8, 9, 10]
 
 
 class InTime(FrameSource, WrenchSource):
@@ -257,8 +265,8 @@ def test_devices_are_collected_from_live(tmp_path: Path) -> None:
         collector = Collector(episode, settings)
         for heard in merge_live_streams(camera, CheckedWrenchSource(force_torque)):
             if heard is not None:
-                collector.hear(heard)
-        collector.end()
+                collector.add(heard)
+        collector.finish()
     pairs = list(read_saved_pairs(tmp_path / "live.mcap"))
     with Recording(tmp_path / "live.mcap") as read:
         assert len(list(read.wrenches())) > 200
@@ -272,18 +280,18 @@ def test_keys_are_read_one_by_one_and_the_terminal_is_as_before(monkeypatch: pyt
     ours, theirs = pty.openpty()
     monkeypatch.setattr("sys.stdin", os.fdopen(theirs))
     before = termios.tcgetattr(theirs)
-    with keys() as typed:
-        assert typed.pressed() == ""
+    with open_key_reader() as typed:
+        assert typed.read_keys() == ""
         os.write(ours, b"nu")
         time.sleep(0.05)
-        assert typed.pressed() == "nu"
+        assert typed.read_keys() == "nu"
     assert termios.tcgetattr(theirs)[3] == before[3]
     reading, writing = os.pipe()
     monkeypatch.setattr("sys.stdin", os.fdopen(reading))
     os.write(writing, b"q")
     os.close(writing)
-    with keys() as typed:
-        assert [typed.pressed() for _ in range(3)] == ["q", "", ""]
+    with open_key_reader() as typed:
+        assert [typed.read_keys() for _ in range(3)] == ["q", "", ""]
 
 
 class Terminal(io.StringIO):
@@ -295,10 +303,10 @@ def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.Mo
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     with RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode:
-        collector, screen = Collector(episode), Screen()
+        collector, screen = Collector(episode), CollectScreen()
         screen.show(collector)
         screen.show(collector)
-        screen.remark("next object: cup")
+        screen.show_message("next object: cup")
         screen.show(collector, at_once=True)
     shown = terminal.getvalue()
     assert shown.count("n next object") == 2 and shown.count("\x1b[10A") == 1 and "Fz -12.00 ············" in shown

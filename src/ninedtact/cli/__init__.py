@@ -25,7 +25,7 @@ from ninedtact.cli.force.model import Model
 from ninedtact.cli.force.train import Train
 from ninedtact.cli.hardware import DESCRIPTION as HARDWARE
 from ninedtact.cli.hardware import HardwareCommand
-from ninedtact.cli.info import Replay
+from ninedtact.cli.info import Info
 from ninedtact.cli.live import Live
 from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
 from ninedtact.cli.reconstruct import ReconstructCommand
@@ -43,7 +43,7 @@ Command = (
     | Annotated[Simulate, tyro.conf.subcommand("simulate", description=SIMULATE)]
     | Annotated[Collect, tyro.conf.subcommand("collect")]
     | Annotated[Record, tyro.conf.subcommand("record")]
-    | Annotated[Replay, tyro.conf.subcommand("replay")]
+    | Annotated[Info, tyro.conf.subcommand("info")]
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[DatasetCommand, tyro.conf.subcommand("dataset", description=DATASET_DESCRIPTION)]
     | Annotated[ImportCalibrationCommand, tyro.conf.subcommand("import-calibration")]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.devices import source_named
+from ninedtact.cli.devices import frame_source_for
 from ninedtact.cli.options import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
 from ninedtact.cli.terminal import print_result
 from ninedtact.design import SensorDesign
@@ -177,7 +177,7 @@ def _open_camera(source: str, automatic: bool) -> "Iterator[FrameSource]":
     from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
     from ninedtact.capture.latest_frame import LatestFrameSource
 
-    camera = source_named(source, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
+    camera = frame_source_for(source, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
     with LatestFrameSource(camera) if camera.recorded_hz is None else camera as frames:
         yield frames
 

@@ -1,4 +1,4 @@
-"""ninedtact collect: pairs of image and wrench from pressing, dragging and twisting objects by hand."""
+"""ninedtact collect: training pairs of image and wrench from pressing, dragging and twisting objects by hand."""
 
 import json
 from collections.abc import Iterator
@@ -10,194 +10,193 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact.cli.collect_screen import Screen, keys
-from ninedtact.cli.collect_setup import Bench, devices, recording, twin
-from ninedtact.cli.devices import is_recording, is_sim, require_alike, sensor_of
+from ninedtact.cli.collect_screen import CollectScreen, open_key_reader
+from ninedtact.cli.devices import is_recording, is_sim, live_source, require_matching_sources, sensor_of
 from ninedtact.cli.options import CollectOptions
-from ninedtact.cli.record import require_new_recording, require_seconds
+from ninedtact.cli.record import require_duration, require_new_recording
 from ninedtact.cli.terminal import print_result, stop_on_signal
-from ninedtact.errors import NinedtactError
+from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.recording.collecting.collect_setup import CollectSetup
     from ninedtact.recording.collecting.collector import Collector
     from ninedtact.recording.collecting.settings import CollectSettings
     from ninedtact.recording.merge_streams import MergedArrival
     from ninedtact.recording.metadata import RecordingMetadata
 
 
-class CollectImpossible(NinedtactError):
-    """A collection of nothing."""
-
-
 @dataclass(frozen=True)
 class Collect:
-    """Collect pairs: press, drag and twist objects by hand.
+    """Collect training pairs: press, drag and twist objects by hand.
 
-    A pair of image and wrench is saved by itself whenever the wrench differs from all that were saved in the same contact.
+    A pair of image and wrench is saved automatically whenever its wrench differs from all that were saved in the same contact.
     Leave the skin untouched for the first seconds. Keys: n next object, u undo the last contact, t tare, q end.
     """
 
     source: str
-    """Camera (0, /dev/video0, csi:0) or stream; a recording (.mcap); or sim, the sensor's twin under a scripted hand."""
+    """Camera (0, /dev/video0, csi:0) or stream; a recording (.mcap); or sim, the twin of the sensor, pressed by a script."""
     force_torque: str
-    """Force/torque sensor under the tactile one (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT); a recording with a
-    recording; sim with sim."""
+    """Force/torque sensor under the tactile one (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT); a recording if the source
+    is one; sim if the source is sim."""
     out: Path
-    """The episode: a new .mcap file. Each pair is on disk when it is counted."""
+    """Recording to write: a new .mcap file. Each pair is on disk when it is counted."""
     sensor: Path | None = None
-    """Sensor folder that `ninedtact calibrate` wrote; it rides along in the file. A recording brings its own."""
+    """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own."""
     objects: tuple[str, ...] = ()
     """Names of the objects in turn (key n); after the last, object_001, object_002 and so on. With sim: ball:4, gear_07, …"""
     pairs: int | None = None
-    """End after so many."""
+    """Number of pairs after which to end."""
     seconds: float | None = None
-    """End after this time; without it, at key q, Ctrl-C or the end of the source."""
+    """Time after which to end; without it, key q, Ctrl-C or the end of the source ends the collection."""
     options: Annotated[CollectOptions, tyro.conf.arg(name="")] = CollectOptions()
     touches: int = 3
-    """With sim: how often the scripted hand presses each object."""
+    """Number of times that the script presses each object; with sim only."""
     seed: int | None = None
-    """Of the load below which each contact's first pair is saved, and of the scripted hand; without it, another each time."""
+    """Seed of the load below which the first pair of each contact is saved, and of the script; without it, random."""
     automatic: bool = False
-    """Leave the camera's automatic exposure and white balance on, for one that cannot switch them off."""
+    """Leave automatic exposure and white balance of the camera on, for a camera that cannot switch them off."""
     json: bool = False
-    """Print the figures as one JSON object."""
+    """Print the result as one JSON object."""
 
     def run(self) -> int:
-        """Collect, and say what there is; raises what a lost device raises, every pair kept."""
-        from ninedtact.recording.errors import require_recording_libraries
-
+        """Collect pairs and print their numbers; raises what a lost device raises, every pair kept."""
         require_recording_libraries()
         require_new_recording(self.out)
-        require_seconds(self.seconds)
-        require_alike(self.source, self.force_torque, is_sim, is_recording)
-        require_pairs(self.pairs, self.touches)
+        require_duration(self.seconds)
+        require_matching_sources(self.source, self.force_torque, is_sim, is_recording)
+        self._require_pairs()
         settings = self.options.settings()
-        screen = Screen()
+        screen = CollectScreen()
         with sensor_of(self.sensor, self.source) as folder:
-            bench = self.bench(folder, settings, screen)
-            collector = self.collected(folder, settings, bench, screen)
-        return print_result(self.json, figures(self.out, collector), lines(self.out, collector))
+            setup = self._setup(folder, settings, screen)
+            collector = self._collect(folder, settings, setup, screen)
+        return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
 
-    def bench(self, folder: "SensorFolder", settings: "CollectSettings", screen: Screen) -> Bench:
-        """What was named, not yet opened."""
+    def _setup(self, folder: "SensorFolder", settings: "CollectSettings", screen: CollectScreen) -> "CollectSetup":
+        """Return the camera and the force/torque sensor that were named, not yet opened."""
+        from ninedtact.capture.force_torque.pipeline import force_torque_sensor_for
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
+        from ninedtact.recording.collecting import collect_setup
 
         if is_sim(self.source):
-            return twin(folder, self.objects, self.touches, self.seed or 0, settings.trust)
+            return collect_setup.setup_with_twin(folder, self.objects, self.touches, self.seed or 0, settings.checks)
         if is_recording(self.source):
-            return recording(self.source, self.force_torque, settings.trust)
-        camera = DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE
-        return devices(self.source, self.force_torque, folder, settings.trust, camera, screen.remark)
+            images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
+            return collect_setup.setup_with_recordings(images, wrenches, settings.checks)
+        camera = live_source(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        device = force_torque_sensor_for(self.force_torque)
+        return collect_setup.setup_with_devices(camera, device, folder, settings.checks, screen.show_message)
 
-    def collected(
-        self, folder: "SensorFolder", settings: "CollectSettings", bench: Bench, screen: Screen
+    def _collect(
+        self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectScreen
     ) -> "Collector":
-        """The collector at its end, its episode finished."""
+        """Collect until the end and return the collector, its recording closed."""
         import numpy as np
 
         from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
         from ninedtact.recording.reader import sensor_folder_attachments
         from ninedtact.recording.writer import RecordingWriter
 
-        session = self.session(folder, settings, bench)
-        episode = RecordingWriter(self.out, session, COLLECTED_TOPICS, sensor_folder_attachments(folder.path))
+        metadata = self._metadata(folder, settings, setup)
+        writer = RecordingWriter(self.out, metadata, COLLECTED_TOPICS, sensor_folder_attachments(folder.path))
         names = chain(self.objects, (f"object_{number:03d}" for number in count(1)))
-        collector = Collector(episode, settings, names, np.random.default_rng(self.seed))
-        with stop_on_signal(self.seconds) as until, episode, keys() as typed, closing(bench.feed()) as feed:
-            for fed in feed:
-                if until.now or self.has_enough(collector) or not obeyed(typed.pressed(), collector, screen):
+        collector = Collector(writer, settings, names, np.random.default_rng(self.seed))
+        with (
+            stop_on_signal(self.seconds) as until,
+            writer,
+            open_key_reader() as keys,
+            closing(setup.arrivals()) as arrivals,
+        ):
+            for arrival in arrivals:
+                if until.now or self._has_enough(collector) or not handle_keys(keys.read_keys(), collector, screen):
                     break
-                hand_over(fed, collector, bench)
+                _add_arrival(arrival, collector, setup)
                 screen.show(collector)
-            collector.end()
+            collector.finish()
             screen.show(collector, at_once=True)
         return collector
 
-    def has_enough(self, collector: "Collector") -> bool:
-        """Whether as many pairs were saved as were asked for."""
-        return self.pairs is not None and len(collector.counters.saved) >= self.pairs
+    def _has_enough(self, collector: "Collector") -> bool:
+        return self.pairs is not None and len(collector.counts.pairs) >= self.pairs
 
-    def session(self, folder: "SensorFolder", settings: "CollectSettings", bench: Bench) -> "RecordingMetadata":
-        """What is said once."""
+    def _metadata(
+        self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup"
+    ) -> "RecordingMetadata":
         from importlib.metadata import version
 
         from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
 
-        ahead_ns = bench.wall_minus_monotonic_ns
+        ahead_ns = setup.wall_minus_monotonic_ns
         return RecordingMetadata(
             sensor=folder.id,
             purpose="collect",
-            source=bench.camera.name,
-            force_torque=bench.force_torque.name,
+            source=setup.camera.name,
+            force_torque=setup.force_torque.name,
             settings=json.dumps(asdict(settings)),
             software=version("ninedtact"),
             wall_minus_monotonic_ns=wall_minus_monotonic_ns() if ahead_ns is None else ahead_ns,
         )
 
-
-def require_pairs(pairs: int | None, touches: int) -> None:
-    """Refuse a collection of nothing; raises `CollectImpossible`."""
-    if pairs is not None and pairs < 1:
-        raise CollectImpossible(f"expected --pairs of at least 1, got {pairs}; drop it to collect until q")
-    if touches < 1:
-        raise CollectImpossible(f"expected --touches of at least 1, got {touches}; drop it")
+    def _require_pairs(self) -> None:
+        if self.pairs is not None and self.pairs < 1:
+            raise RecordingRefused(f"expected --pairs of at least 1, got {self.pairs}; drop it to collect until q")
+        if self.touches < 1:
+            raise RecordingRefused(f"expected --touches of at least 1, got {self.touches}; drop it")
 
 
-def obeyed(typed: str, collector: "Collector", screen: Screen) -> bool:
-    """Do what the keys say; whether to go on."""
+def handle_keys(typed: str, collector: "Collector", screen: CollectScreen) -> bool:
+    """Do what the keys ask for; return whether to continue."""
     for key in typed.lower():
         if key == "q":
             return False
         if key == "n":
-            collector.next_object()
-            screen.remark(f"next object: {collector.object}")
+            collector.begin_object()
+            screen.show_message(f"next object: {collector.object}")
         elif key == "u":
-            screen.remark(collector.undo())
+            screen.show_message(collector.undo_last_contact())
         elif key == "t":
-            collector.tare()
-            screen.remark("tare: leave the skin untouched")
+            collector.begin_tare()
+            screen.show_message("tare: leave the skin untouched")
     return True
 
 
-def hand_over(fed: "MergedArrival", collector: "Collector", bench: Bench) -> None:
-    """Give the collector what came."""
+def _add_arrival(arrival: "MergedArrival", collector: "Collector", setup: "CollectSetup") -> None:
+    """Give the collector what arrived, and tell it of a new object and of a force/torque sensor that is back."""
     from ninedtact.quantities import Frame
 
-    if bench.was_away.is_set():
-        bench.was_away.clear()
-        collector.trust.doubt_zero()
-    if fed is None:
+    if setup.was_away.is_set():
+        setup.was_away.clear()
+        collector.sample_faults.mark_zero_uncertain()
+    if arrival is None:
         return
-    if isinstance(fed.item, Frame) and bench.object_at is not None:
-        name = bench.object_at(fed.item)
+    if isinstance(arrival.item, Frame) and setup.object_at is not None:
+        name = setup.object_at(arrival.item)
         if name != collector.object:
-            collector.next_object(name, fed.item.stamp_ns)
-    collector.hear(fed)
+            collector.begin_object(name, arrival.item.stamp_ns)
+    collector.add(arrival)
 
 
-def figures(out: Path, collector: "Collector") -> dict[str, Any]:
-    """What there is."""
+def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:
     from ninedtact.recording.collecting.pair_counts import AXES
 
-    counters = collector.counters
+    counts = collector.counts
     return {
         "out": str(out),
-        "session": collector.episode.session.id,
-        "pairs": len(counters.saved),
-        "kinds": dict(+counters.kinds),
-        "objects": dict(+counters.objects),
-        "refused": {fault.name.lower(): number for fault, number in collector.refused.items()},
-        "counts": {axis: row.tolist() for axis, row in zip(AXES, counters.counts, strict=True)},
-        "missing": counters.missing(),
+        "id": collector.writer.metadata.id,
+        "pairs": len(counts.pairs),
+        "kinds": dict(+counts.kinds),
+        "objects": dict(+counts.objects),
+        "refused": {fault.name.lower(): number for fault, number in collector.rejected.items()},
+        "counts": {axis: row.tolist() for axis, row in zip(AXES, counts.counts, strict=True)},
+        "missing": counts.missing_ranges(),
     }
 
 
-def lines(out: Path, collector: "Collector") -> Iterator[str]:
-    """The same for a person."""
-    counters = collector.counters
-    yield f"{out}: {len(counters.saved)} pairs, {out.stat().st_size / 1e6:.1f} MB"
-    yield f"  {', '.join(f'{number} {kind}' for kind, number in counters.kinds.items() if number)}"
-    yield from (f"  {number:8d}  {name}" for name, number in counters.objects.items() if number)
-    for fault, number in collector.refused.items():
-        yield f"  {number} images not saved: {collector.sentence(fault)}"
+def _summary_lines(out: Path, collector: "Collector") -> Iterator[str]:
+    counts = collector.counts
+    yield f"{out}: {len(counts.pairs)} pairs, {out.stat().st_size / 1e6:.1f} MB"
+    yield f"  {', '.join(f'{number} {kind}' for kind, number in counts.kinds.items() if number)}"
+    yield from (f"  {number:8d}  {name}" for name, number in counts.objects.items() if number)
+    for fault, number in collector.rejected.items():
+        yield f"  {number} images not saved: {collector.fault_text(fault)}"

@@ -1,7 +1,4 @@
-"""Keys of a person, read while something else goes on: single ones at a terminal, characters of a pipe without one.
-
-What a person sees while collecting: how many pairs of which forces there are, which are missing, and what is wrong.
-"""
+"""The terminal of `ninedtact collect`: single keys, and how many pairs of which forces were saved, are missing, or are refused."""
 
 import os
 import select
@@ -17,36 +14,40 @@ if TYPE_CHECKING:
     from ninedtact.recording.collecting.collector import Collector
     from ninedtact.recording.collecting.pair_counts import PairCounts
 
+_BAR_SYMBOLS = "·▁▂▃▄▅▆▇█"
+_KEY_HELP = "n next object   u undo last contact   t tare   q end"
+_TERMINAL_PERIOD_S, _LOG_PERIOD_S = 0.2, 5.0
+"""Between two updates of a terminal, and between two lines without one."""
+_MISSING_SHOWN = 4
+_READ_BYTES = 64
 
-ANY = 64
 
-
-class Keys:
-    """Standard input, looked at without waiting."""
+class KeyReader:
+    """Reads standard input without waiting: single keys at a terminal, characters of a pipe without one."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._descriptor = descriptor
 
-    def pressed(self) -> str:
-        """What was typed since the last look; empty for nothing, and after the end of the input."""
+    def read_keys(self) -> str:
+        """Return what was typed since the last call; empty for nothing, and after the end of the input."""
         if self._descriptor is None or not select.select([self._descriptor], [], [], 0)[0]:
             return ""
-        typed = os.read(self._descriptor, ANY)
+        typed = os.read(self._descriptor, _READ_BYTES)
         if not typed:
             self._descriptor = None
         return typed.decode(errors="ignore")
 
 
 @contextmanager
-def keys() -> Iterator[Keys]:
-    """Read keys one by one while the block runs; the terminal is as before when it ends."""
+def open_key_reader() -> Iterator[KeyReader]:
+    """Read keys one by one while the block runs; restore the terminal when it ends."""
     try:
         descriptor = sys.stdin.fileno()
     except (OSError, ValueError, AttributeError):  # no input at all, or one that a test took away
-        yield Keys(None)
+        yield KeyReader(None)
         return
     if not os.isatty(descriptor):
-        yield Keys(descriptor)
+        yield KeyReader(descriptor)
         return
     import termios
     import tty
@@ -54,80 +55,78 @@ def keys() -> Iterator[Keys]:
     before = termios.tcgetattr(descriptor)
     tty.setcbreak(descriptor)
     try:
-        yield Keys(descriptor)
+        yield KeyReader(descriptor)
     finally:
         with suppress(termios.error):
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-BARS = "·▁▂▃▄▅▆▇█"
-KEYS = "n next object   u undo last contact   t tare   q end"
-TERMINAL_S, LINES_S = 0.2, 5.0
-"""Between two looks at a terminal, and between two lines without one."""
-MISSING_AT_MOST = 4
-
-
-class Screen:
-    """Rewrites a few lines on standard error at a terminal; writes one now and then elsewhere."""
+class CollectScreen:
+    """Updates a few lines on standard error at a terminal; prints one line now and then elsewhere."""
 
     def __init__(self) -> None:
-        self._rewrites = sys.stderr.isatty()
+        self._is_terminal = sys.stderr.isatty()
         self._height, self._due_at = 0, 0.0
-        self._remark = ""
+        self._message = ""
 
-    def remark(self, words: str) -> None:
-        """Something to tell at once, and to leave standing."""
-        self._remark = words
-        if not self._rewrites:
-            print(f"ninedtact: {words}", file=sys.stderr, flush=True)
+    def show_message(self, text: str) -> None:
+        """Show a message at once, and keep it on the screen."""
+        self._message = text
+        if not self._is_terminal:
+            print(f"ninedtact: {text}", file=sys.stderr, flush=True)
 
     def show(self, collector: "Collector", at_once: bool = False) -> None:
-        """How it goes, if it is time."""
+        """Show the progress if it is time, or at once."""
         if monotonic() < self._due_at and not at_once:
             return
-        self._due_at = monotonic() + (TERMINAL_S if self._rewrites else LINES_S)
-        if not self._rewrites:
-            print(headline(collector), file=sys.stderr, flush=True)
+        self._due_at = monotonic() + (_TERMINAL_PERIOD_S if self._is_terminal else _LOG_PERIOD_S)
+        if not self._is_terminal:
+            print(progress_line(collector), file=sys.stderr, flush=True)
             return
-        lines = [headline(collector), *histograms(collector), missing(collector.counters), self._remark, KEYS]
+        missing = _missing_line(collector.counts)
+        lines = [progress_line(collector), *histogram_lines(collector), missing, self._message, _KEY_HELP]
         up = f"\x1b[{self._height}A" if self._height else ""
         print(up + "\n".join(f"\x1b[2K{line}" for line in lines), file=sys.stderr, flush=True)
         self._height = len(lines)
 
 
-def headline(collector: "Collector") -> str:
-    """One line: what is done now, how much there is, and what is wrong."""
-    counters = collector.counters
-    kinds = f"{counters.kinds['rule']} by rule, {counters.kinds['light_touch']} light, {counters.kinds['no_contact']} untouched"
-    line = f"{collector.object or '-'}: {len(counters.saved)} pairs ({kinds})"
-    if collector.taring is not None:
-        return f"{line}; taring: {collector.taring.advice}"
-    if collector.told is not None:
-        return f"{line}; NOT SAVING: {collector.sentence(collector.told)}"
-    return f"{line}; refused {collector.refused.total()}"
+def progress_line(collector: "Collector") -> str:
+    """Return the present object, the number of pairs, and what is wrong, as one line."""
+    kinds = collector.counts.kinds
+    numbers = f"{kinds['rule']} by rule, {kinds['light_touch']} light, {kinds['no_contact']} without contact"
+    line = f"{collector.object or '-'}: {len(collector.counts.pairs)} pairs ({numbers})"
+    if collector.tare_in_progress is not None:
+        return f"{line}; taring: {collector.tare_in_progress.advice}"
+    if collector.fault is not None:
+        return f"{line}; NOT SAVING: {collector.fault_text(collector.fault)}"
+    return f"{line}; refused {collector.rejected.total()}"
 
 
-def histograms(collector: "Collector") -> list[str]:
-    """One line for each axis: where the pairs are, and what acts now."""
-    from ninedtact.recording.collecting.pair_counts import AXES, UNITS
+def histogram_lines(collector: "Collector") -> list[str]:
+    """Return one line for each axis: its range, a bar for each bin, and the present value."""
+    from ninedtact.recording.collecting.pair_counts import AXES, AXIS_SCALES, AXIS_UNITS
 
-    low, high = collector.counters.spans
-    now = collector.now.wrench.six if collector.now is not None else low * 0
-    return [
-        f"  {AXES[axis]} {low[axis]:+6.2f} {bars(collector.counters.counts[axis])} {high[axis]:+6.2f} {UNITS[axis]:4} "
-        f"now {now[axis]:+7.3f}"
-        for axis in range(6)
-    ]
+    low, high = collector.counts.limits * AXIS_SCALES
+    now = collector.newest.wrench.six * AXIS_SCALES if collector.newest is not None else low * 0
+    lines = []
+    for axis in range(6):
+        digits = 2 if axis < 3 else 1
+        limits = [f"{limit[axis]:+6.{digits}f}" for limit in (low, high)]
+        bars = _bars(collector.counts.counts[axis])
+        lines.append(
+            f"  {AXES[axis]} {limits[0]} {bars} {limits[1]} {AXIS_UNITS[axis]:4} now {now[axis]:+8.{digits + 1}f}"
+        )
+    return lines
 
 
-def bars(counts: "Array") -> str:
-    """A row of numbers as a row of bars; a dot is nothing at all."""
+def _bars(counts: "Array") -> str:
+    """Return a row of numbers as a row of bars; a dot is zero."""
     most = max(int(counts.max()), 1)
-    return "".join(BARS[-(-int(count) * (len(BARS) - 1) // most)] for count in counts)
+    return "".join(_BAR_SYMBOLS[-(-int(count) * (len(_BAR_SYMBOLS) - 1) // most)] for count in counts)
 
 
-def missing(counters: "PairCounts") -> str:
-    """The ranges to go for next."""
-    ranges = counters.missing()
-    more = f" and {len(ranges) - MISSING_AT_MOST} more" if len(ranges) > MISSING_AT_MOST else ""
-    return f"  missing: {', '.join(ranges[:MISSING_AT_MOST])}{more}" if ranges else "  every range has pairs"
+def _missing_line(counts: "PairCounts") -> str:
+    """Return the force ranges to collect next."""
+    ranges = counts.missing_ranges()
+    more = f" and {len(ranges) - _MISSING_SHOWN} more" if len(ranges) > _MISSING_SHOWN else ""
+    return f"  missing: {', '.join(ranges[:_MISSING_SHOWN])}{more}" if ranges else "  every range has pairs"

@@ -1,40 +1,29 @@
-"""What a person names after --source and --force-torque, from whichever room it comes."""
+"""From what a person writes after --source, --force-torque and --sensor to the source and the sensor folder it names."""
 
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.errors import NinedtactError
+from ninedtact.recording.errors import SensorUnnamed, SourcesMismatched
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
-    from ninedtact.capture.wrench_source import WrenchSource
 
-RECORDING = ".mcap"
-
-
+RECORDING_SUFFIX = ".mcap"
 SIM = "sim"
 """The name of the twin as a source."""
 
 
-class DevicesApart(NinedtactError):
-    """A camera and a force/torque sensor that cannot belong together."""
-
-
-class SensorUnnamed(NinedtactError):
-    """Neither --sensor nor a recording that carries its sensor."""
-
-
 def is_recording(text: str) -> bool:
-    """Whether the text names a file that `ninedtact record` or `collect` writes."""
-    return text.lower().endswith(RECORDING) and "://" not in text
+    """Return whether the text names a recording (.mcap)."""
+    return text.lower().endswith(RECORDING_SUFFIX) and "://" not in text
 
 
-def source_named(text: str, settings: "CameraSettings") -> "FrameSource":
-    """The source that the text names, not yet opened; a recording with the stamps that it was made with."""
+def frame_source_for(text: str, settings: "CameraSettings") -> "FrameSource":
+    """Return the source that the text names, not yet opened; a recording keeps its own stamps."""
     if is_recording(text):
         from ninedtact.recording.errors import require_recording_libraries
 
@@ -48,37 +37,29 @@ def source_named(text: str, settings: "CameraSettings") -> "FrameSource":
 
 
 def live_source(text: str, settings: "CameraSettings") -> "FrameSource":
-    """The same, all that was recorded as if it were now."""
+    """Return the source that the text names, not yet opened; recordings play at their own rate with present stamps."""
     from ninedtact.capture.latest_frame import LivePlayback
 
-    return LivePlayback(source_named(text, settings))
+    return LivePlayback(frame_source_for(text, settings))
 
 
-def device(text: str, on_lost: "Callable[[Exception], None]", on_back: "Callable[[], None]") -> "WrenchSource":
-    """The force/torque sensor that the text names, in its own frame, reopened when it was lost."""
-    from ninedtact.capture.force_torque.pipeline import force_torque_sensor_for
-    from ninedtact.capture.reconnecting import ReconnectingWrenchSource
-
-    return ReconnectingWrenchSource(force_torque_sensor_for(text), on_lost, on_back)
-
-
-def require_alike(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
-    """Refuse images and forces that are not of the same time; raises `DevicesApart`."""
+def require_matching_sources(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
+    """Raise `SourcesMismatched` unless images and forces are both of each kind, or both not."""
     if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
-        raise DevicesApart(
+        raise SourcesMismatched(
             f"expected --source and --force-torque to be both devices, both {SIM} or both recordings, got '{source}' and "
             f"'{force_torque}'; name two that belong together"
         )
 
 
 def is_sim(text: str) -> bool:
-    """Whether the text names the twin."""
+    """Return whether the text names the twin of the sensor."""
     return text == SIM
 
 
 @contextmanager
 def sensor_of(sensor: Path | None, source: str) -> "Iterator[SensorFolder]":
-    """The sensor that was named, else the one that a recording carries; raises `SensorUnnamed`."""
+    """Yield the sensor that was named, or else the one that a recording carries; raises `SensorUnnamed`."""
     from tempfile import TemporaryDirectory
 
     from ninedtact.calibration.sensor_folder import load_sensor

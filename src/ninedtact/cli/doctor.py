@@ -1,4 +1,4 @@
-"""ninedtact doctor: what is plugged in and what is missing."""
+"""ninedtact doctor: the cameras of this machine, their true frame rate, versions, and optional parts that are missing."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -6,54 +6,54 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ninedtact.capture.camera_check import CameraCheck
 
-EXTRAS = {
+_EXTRAS = {
     "studio": (("viser",), "the live page"),
     "train": (("torch",), "training force models"),
-    "recording": (("rosbags", "mcap"), "recordings: record, collect, replay, export"),
+    "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
 }
-"""The modules of each, and what it is for."""
+"""The modules of each extra, and its purpose."""
 
 
 @dataclass(frozen=True)
-class Extra:
-    """An optional part of the package."""
+class _OptionalPart:
+    """An optional part of the package, and how to install it."""
 
     name: str
     what_for: str
     installed: bool
     lacking: list[str]
-    """Modules that are not there."""
+    """Modules that are not installed."""
     get_it: str
 
 
 @dataclass(frozen=True)
-class Report:
-    """All that the doctor found."""
+class _DoctorReport:
+    """What the doctor found on this machine."""
 
     versions: dict[str, str]
     cameras: "list[CameraCheck]"
-    extras: list[Extra]
+    extras: list[_OptionalPart]
 
 
 @dataclass(frozen=True)
 class Doctor:
-    """List cameras, measure their true frame rate, and say what is missing and how to get it."""
+    """List cameras, measure their true frame rate, and report what is missing and how to install it."""
 
     source: str | None = None
-    """Examine this instead of all cameras: 0, /dev/video0, URL, FILE or FOLDER."""
+    """Examine this source instead of all cameras: 0, /dev/video0, URL, FILE or FOLDER."""
     json: bool = False
-    """Print one JSON object."""
+    """Print the report as one JSON object."""
 
     def run(self) -> int:
-        """Print the report; 1 where the source that was named cannot be read."""
-        report = Report(versions(), self.examined(), extras())
-        print(as_json(report) if self.json else as_text(report))
+        """Print the report; return 1 where the source that was named cannot be read."""
+        report = _DoctorReport(_software_versions(), self._check_cameras(), _optional_parts())
+        print(_to_json(report) if self.json else _to_text(report))
         failed = self.source is not None and report.cameras[0].trouble is not None
         return 1 if failed else 0
 
-    def examined(self) -> "list[CameraCheck]":
+    def _check_cameras(self) -> "list[CameraCheck]":
         """The source that was named, or every camera of this machine."""
         from ninedtact.capture.camera_check import check_camera
         from ninedtact.capture.source_address import source_for
@@ -64,8 +64,8 @@ class Doctor:
         return [check_camera(source_for(camera.path), camera.name) for camera in list_cameras()]
 
 
-def versions() -> dict[str, str]:
-    """What this machine runs."""
+def _software_versions() -> dict[str, str]:
+    """Return the versions of the package, its main libraries and the system."""
     import platform
     from importlib.metadata import version
 
@@ -81,27 +81,27 @@ def versions() -> dict[str, str]:
     }
 
 
-def extras() -> list[Extra]:
-    """The optional parts, and the command that gets each."""
+def _optional_parts() -> list[_OptionalPart]:
+    """Return the optional parts, and the command that installs each."""
     from importlib.util import find_spec
 
     found = []
-    for name, (modules, what_for) in EXTRAS.items():
+    for name, (modules, what_for) in _EXTRAS.items():
         lacking = [module for module in modules if find_spec(module) is None]
-        found.append(Extra(name, what_for, not lacking, lacking, f"pip install 'ninedtact[{name}]'"))
+        found.append(_OptionalPart(name, what_for, not lacking, lacking, f"pip install 'ninedtact[{name}]'"))
     return found
 
 
-def as_json(report: Report) -> str:
-    """The report as one object."""
+def _to_json(report: _DoctorReport) -> str:
+    """Return the report as one JSON object."""
     import json
     from dataclasses import asdict
 
     return json.dumps(asdict(report), indent=2)
 
 
-def as_text(report: Report) -> str:
-    """The report for a person."""
+def _to_text(report: _DoctorReport) -> str:
+    """Return the report as text for a person."""
     none = ["  none found: plug one in, or name a stream, video or folder with --source"]
     lines = [", ".join(f"{name} {number}" for name, number in report.versions.items()), "", "cameras"]
     lines += [line for camera in report.cameras for line in camera_lines(camera)] or none
@@ -113,18 +113,18 @@ def as_text(report: Report) -> str:
 
 
 def camera_lines(camera: "CameraCheck") -> list[str]:
-    """One camera: its name, what it delivers, and what to do about it."""
+    """Return the lines of one camera: its name, what it delivers, and what to do about it."""
     lines = [f"  {camera.name}" + (f" ({camera.model})" if camera.model else "")]
     if camera.size_px is not None:
-        lines.append(f"    {camera.size_px[0]} x {camera.size_px[1]} pixels, {rate_words(camera)}")
+        lines.append(f"    {camera.size_px[0]} x {camera.size_px[1]} pixels, {_rate_text(camera)}")
     lines += [f"    {sentence}" for sentence in camera.advice]
     if camera.trouble is not None:
         lines.append(f"    {camera.trouble}")
     return lines
 
 
-def rate_words(camera: "CameraCheck") -> str:
-    """How fast a camera is, in words."""
+def _rate_text(camera: "CameraCheck") -> str:
+    """Return the frame rate of a camera as text."""
     if camera.rate is None:
         return f"a recording at {camera.recorded_hz:g} images per second"
     duplicates = f"{camera.rate.duplicates} of {camera.rate.frames} twice" if camera.rate.duplicates else "none twice"

@@ -1,4 +1,4 @@
-"""ninedtact export: a recording as files of their own."""
+"""ninedtact export: a recording as images, tables and heights in files of their own."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,17 +11,17 @@ from ninedtact.cli.terminal import print_result
 
 @dataclass(frozen=True)
 class Export:
-    """Write a recording out: images as PNG, wrenches, pairs and times as CSV, heights as .npy, the sensor's folder."""
+    """Export a recording: images as PNG, wrenches, pairs and times as CSV, heights as .npy, and the sensor folder."""
 
     recording: Annotated[Path, tyro.conf.Positional]
     """File that `ninedtact record` or `ninedtact collect` wrote."""
     out: Path
     """New or empty folder."""
     json: bool = False
-    """Print the figures as one JSON object."""
+    """Print the result as one JSON object."""
 
     def run(self) -> int:
-        """Write everything, and say how much."""
+        """Export everything and print how many files and rows were written."""
         from ninedtact.recording.errors import require_recording_libraries
 
         require_recording_libraries()
@@ -31,11 +31,11 @@ class Export:
         from ninedtact.recording.reader import Recording
         from ninedtact.recording.ros_messages import Topic
 
-        with Recording(self.recording) as episode:
-            images = len(episode.places(Topic.IMAGES))
+        with Recording(self.recording) as recording:
+            images = len(recording.positions(Topic.IMAGES))
             with tqdm(total=images, unit="images", disable=self.json) as bar:
-                written = export_recording(episode, self.out, on_image=bar.update)
-        found = {"out": str(self.out), "written": written}
+                written = export_recording(recording, self.out, on_image=bar.update)
+        figures = {"out": str(self.out), "written": written}
         return print_result(
-            self.json, found, [f"{self.out}:", *(f"  {number:8d}  {what}" for what, number in written.items())]
+            self.json, figures, [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
         )

@@ -62,35 +62,35 @@ class CalibrationOptions:
 
 @dataclass(frozen=True)
 class CollectOptions:
-    """Which moments become pairs; the defaults are the paper's, and ours where it has none."""
+    """Which moments become pairs; the defaults are those of the paper where it has any."""
 
     tolerance_ms: float = 10.0
-    """The force/torque samples before and after an image are at most so far from it; the wrench is interpolated."""
-    camera_late_ms: float = 0.0
+    """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
+    camera_delay_ms: float = 0.0
     """How long before its stamp an image shows the skin."""
     no_contact: float = 0.03
-    """Share of pairs without contact."""
+    """Fraction of pairs without contact."""
     light_touch: float = 0.05
-    """Share of pairs that press less than the rule begins with."""
+    """Fraction of pairs whose load is below the start of the sampling rule."""
     contact_below_n: float = -0.3
-    """F_z below which the rule's contact begins."""
+    """F_z below which a contact begins for the sampling rule."""
     first_below_n: tuple[float, float] = (-3.3, -0.3)
-    """A contact's first pair is saved below a random F_z between these."""
+    """The first pair of a contact is saved below a random F_z between these."""
     ranges: tuple[float, float, float, float, float, float] = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
-    """Width of each axis's range, N and N·m."""
+    """Width of the range of each axis, N and N·m."""
     weights: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
-    """How much each axis counts when two wrenches are held against each other."""
+    """Weight of each axis when two wrenches are compared."""
     min_difference: float = 0.25
-    """Part of the ranges by which saved wrenches differ at least."""
+    """Smallest difference between saved wrenches, as a fraction of the ranges."""
     range_n: tuple[float, float, float] | None = None
-    """Largest force that the force/torque sensor is made for along each axis; samples at its end are not saved."""
+    """Range of the force/torque sensor along each axis, N; samples near its end are not saved."""
     range_nm: tuple[float, float, float] | None = None
-    """Largest torque about each axis."""
-    untouched_images: int = 10
-    """Of the untouched skin, at every tare."""
+    """Range of the force/torque sensor about each axis, N·m."""
+    reference_images: int = 10
+    """Number of reference images (no contact) at every tare."""
 
     def settings(self) -> "CollectSettings":
-        """The same as the recording room names it; raises `RuleImpossible` or `CollectionImpossible`."""
+        """Return the settings of the collection; raises `SamplingRuleInvalid` or `CollectSettingsInvalid`."""
         from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
         from ninedtact.capture.sampling_rule import SamplingRuleSettings
         from ninedtact.recording.collecting.settings import CollectSettings
@@ -100,10 +100,10 @@ class CollectOptions:
         )
         return CollectSettings(
             rule=rule,
-            trust=SampleCheckSettings(self.range_n, self.range_nm),
+            checks=SampleCheckSettings(self.range_n, self.range_nm),
             tolerance_ms=self.tolerance_ms,
-            camera_late_ms=self.camera_late_ms,
+            camera_delay_ms=self.camera_delay_ms,
             no_contact=self.no_contact,
             light_touch=self.light_touch,
-            untouched_images=self.untouched_images,
+            reference_images=self.reference_images,
         )

@@ -1,16 +1,58 @@
-"""What was seen and felt, on disk: an episode is one MCAP file of ROS 2 messages, with the sensor's folder attached.
+"""Recordings: what a sensor delivers, as one MCAP file of ROS 2 messages with the sensor folder attached.
 
-session.py      Session: what is said once about an episode, clocks included
-messages.py     the nouns as ROS 2 messages, and back
-episode.py      EpisodeWriter: a file that is good up to the last half second, however the program ends
-growing_file.py whole records or none, also on a full disk
-scan.py         what a file holds, finished or cut short; mend.py finishes one that was cut short
-stored.py       Episode: the nouns of a file again
-sensor_copy.py  the sensor's folder into the file, and out of it
-replay.py       Replay, ReplayedWrenches: the sources once more
-recorder.py     sources in, episode out
-summary.py      rates, drops and gaps; export.py: images, tables and heights as files of their own
-saved_pair.py   SavedPair, what `ninedtact collect` saves; episode_pairs.py: pairs_of(FILE) reads them
-collecting/     which moments it saves
-dataset/        pairs from any source as one data set, checked, shown, read in training
+In go a `FrameSource`, a `WrenchSource` and a sensor folder (`record`), or a person's presses (`collecting`). Out comes a file,
+which `Recording` reads again, `RecordedSource` plays as a camera, `export_recording` writes out as images and tables,
+and `read_saved_pairs` turns into training pairs. The names below load when they are first used, because
+they need the libraries of the extra `recording`.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ninedtact.recording.export import export_recording
+    from ninedtact.recording.mcap_repair import repair_recording
+    from ninedtact.recording.metadata import RecordingMetadata
+    from ninedtact.recording.reader import Recording, RecordingSummary
+    from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
+    from ninedtact.recording.recorder import record
+    from ninedtact.recording.ros_messages import Topic
+    from ninedtact.recording.saved_pairs import SavedPair, read_saved_pairs
+    from ninedtact.recording.writer import RecordingWriter
+
+_MODULES = {
+    "RecordedSource": "recorded_source",
+    "RecordedWrenchSource": "recorded_source",
+    "Recording": "reader",
+    "RecordingMetadata": "metadata",
+    "RecordingSummary": "reader",
+    "RecordingWriter": "writer",
+    "SavedPair": "saved_pairs",
+    "Topic": "ros_messages",
+    "export_recording": "export",
+    "read_saved_pairs": "saved_pairs",
+    "record": "recorder",
+    "repair_recording": "mcap_repair",
+}
+
+__all__ = [
+    "RecordedSource",
+    "RecordedWrenchSource",
+    "Recording",
+    "RecordingMetadata",
+    "RecordingSummary",
+    "RecordingWriter",
+    "SavedPair",
+    "Topic",
+    "export_recording",
+    "read_saved_pairs",
+    "record",
+    "repair_recording",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'ninedtact.recording' has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

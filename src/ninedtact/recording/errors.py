@@ -1,4 +1,4 @@
-"""What is said of a file that is no episode, and of an extra that is not installed."""
+"""The errors of recordings, and the check that the libraries for recordings are installed. This module loads no library."""
 
 from importlib.util import find_spec
 
@@ -6,15 +6,31 @@ from ninedtact.errors import NinedtactError
 
 
 class RecordingUnreadable(NinedtactError):
-    """Not an episode of this program, or one whose content is damaged."""
+    """Not a recording of this program, or one whose content is damaged."""
+
+
+class RecordingRefused(NinedtactError):
+    """A recording cannot be started with these options or at this path."""
+
+
+class RecordingStopped(NinedtactError):
+    """Nothing more can be written; what was written is kept."""
 
 
 class RecordingLibrariesMissing(NinedtactError):
-    """The libraries that read and write episodes are not installed."""
+    """The libraries that read and write recordings are not installed."""
+
+
+class SourcesMismatched(NinedtactError):
+    """A camera and a force/torque sensor that cannot belong together."""
+
+
+class SensorUnnamed(NinedtactError):
+    """Neither a sensor folder was named nor a recording that carries one."""
 
 
 def require_recording_libraries() -> None:
-    """Refuse at once where episodes can be neither read nor written; raises `RecordingLibrariesMissing`."""
+    """Raise `RecordingLibrariesMissing` where recordings can be neither read nor written."""
     absent = [name for name in ("rosbags", "mcap") if find_spec(name) is None]
     if absent:
         raise RecordingLibrariesMissing(

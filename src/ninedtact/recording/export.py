@@ -1,4 +1,4 @@
-"""A recording as files of their own: images, tables, heights, and the sensor's folder."""
+"""Exports a recording to files of their own: images, CSV tables, heights, and the folder of the sensor."""
 
 import csv
 import json
@@ -13,113 +13,112 @@ import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Wrench
-from ninedtact.recording.reader import FOLDER, Recording, write_copy
+from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.ros_messages import Topic
-from ninedtact.recording.saved_pairs import SavedPairReader
-from ninedtact.recording.summary import summarise_recording
 
-SIX = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
-QUICK_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
+_WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
+_TIME_COLUMNS = ("monotonic_ns", "wall_ns")
+_FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 class ExportRefused(NinedtactError):
-    """A folder with other content."""
+    """The folder to export to holds other files."""
 
 
-def export_recording(episode: Recording, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
-    """Write everything into a new or empty folder; how many rows or files of each. Raises `ExportRefused`."""
+def export_recording(recording: Recording, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
+    """Write everything into a new or empty folder and return how many rows or files of each kind were written.
+
+    Images are PNG, wrenches and times CSV, heights .npy in mm. `on_image` is called after every image. Raises `ExportRefused`.
+
+        with Recording("press.mcap") as recording:
+            export_recording(recording, Path("press"))
+    """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
     out.mkdir(parents=True, exist_ok=True)
     written = {
-        "images": images(episode, out, on_image),
-        "untouched": untouched(episode, out),
-        "measured": wrenches(episode, out / "wrench_measured.csv", Topic.MEASURED),
-        "estimated": wrenches(episode, out / "wrench_estimated.csv", Topic.ESTIMATED),
-        "heights": heights(episode, out / "heights"),
-        "pairs": pairs(episode, out / "pairs.csv"),
-        "events": events(episode, out / "events.csv"),
-        "sensor": sum(write_copy(out / FOLDER, copied.name, copied.data) for copied in episode.attachments()),
+        "images": _export_images(recording, out, on_image),
+        "references": _export_references(recording, out),
+        "measured": _export_wrenches(recording, out / "wrench_measured.csv", Topic.MEASURED),
+        "estimated": _export_wrenches(recording, out / "wrench_estimated.csv", Topic.ESTIMATED),
+        "heights": _export_heights(recording, out / "heights"),
+        "pairs": _export_pairs(recording, out / "pairs.csv"),
+        "events": _export_events(recording, out / "events.csv"),
+        "sensor": recording.write_sensor_files(out / SENSOR_FOLDER),
     }
-    write_file_atomically(
-        out / "recording.json", json.dumps(asdict(summarise_recording(episode)), indent=2, ensure_ascii=False).encode()
-    )
+    summary = json.dumps(asdict(recording.summary()), indent=2, ensure_ascii=False)
+    write_file_atomically(out / "recording.json", summary.encode())
     return written
 
 
-def images(episode: Recording, out: Path, on_image: Callable[[], None]) -> int:
-    """Every image as PNG, named by its number, and a table of their times."""
+def _export_images(recording: Recording, out: Path, on_image: Callable[[], None]) -> int:
+    """Write every image as PNG, named by its index, and a table of their times."""
     rows = []
-    for frame in episode.frames():
+    for frame in recording.frames():
         name = f"image_{frame.index:08d}.png"
-        write_png(out / "images" / name, frame.image)
-        rows.append((name, *times(episode, frame.stamp_ns)))
+        _write_png(out / "images" / name, frame.image)
+        rows.append((name, *_both_times(recording, frame.stamp_ns)))
         on_image()
-    return table(out / "images.csv", ("image", *TIMES), rows)
+    return _write_csv(out / "images.csv", ("image", *_TIME_COLUMNS), rows)
 
 
-def untouched(episode: Recording, out: Path) -> int:
-    """The images of untouched skin, named by the tare that they belong to."""
+def _export_references(recording: Recording, out: Path) -> int:
+    """Write the reference images (no contact), named by the tare that they belong to."""
     count = 0
-    for count, frame in enumerate(episode.frames(Topic.UNTOUCHED), start=1):
-        write_png(out / "untouched" / f"untouched_{frame.index:03d}_{count:05d}.png", frame.image)
+    for count, frame in enumerate(recording.frames(Topic.REFERENCE), start=1):
+        _write_png(out / "references" / f"reference_{frame.index:03d}_{count:05d}.png", frame.image)
     return count
 
 
-def wrenches(episode: Recording, path: Path, topic: Topic) -> int:
-    """A table of wrenches about the skin's centre."""
-    return table(path, (*TIMES, *SIX), ((*times(episode, one.stamp_ns), *six(one)) for one in episode.wrenches(topic)))
+def _export_wrenches(recording: Recording, path: Path, topic: Topic) -> int:
+    """Write a table of wrenches about the skin centre."""
+    wrenches = recording.wrenches(topic)
+    rows = ((*_both_times(recording, wrench.stamp_ns), *wrench.six.tolist()) for wrench in wrenches)
+    return _write_csv(path, (*_TIME_COLUMNS, *_WRENCH_COLUMNS), rows)
 
 
-def heights(episode: Recording, out: Path) -> int:
-    """Every height map in mm, NaN out of view, named by its image's number."""
-    names = []
-    for index, z_mm in episode.heights():
+def _export_heights(recording: Recording, out: Path) -> int:
+    """Write every height map in mm, NaN out of view, named by the index of its image."""
+    indices = []
+    for index, z_mm in recording.heights():
         out.mkdir(exist_ok=True)
-        names.append(f"height_{index:08d}.npy")
-        np.save(out / names[-1], z_mm)
-    return len(names)
+        np.save(out / f"height_{index:08d}.npy", z_mm)
+        indices.append(index)
+    return len(indices)
 
 
-def pairs(episode: Recording, path: Path) -> int:
-    """A table of what was collected, undone contacts taken out."""
+def _export_pairs(recording: Recording, path: Path) -> int:
+    """Write a table of the saved pairs, undone contacts excluded."""
     rows = (
-        (f"image_{mark.image:08d}.png", mark.object, mark.contact, mark.kind, mark.untouched, *six(mark.wrench))
-        for mark in SavedPairReader(episode).marks
+        (f"image_{pair.image:08d}.png", pair.object, pair.contact, pair.kind, pair.reference, *pair.wrench.six.tolist())
+        for pair in recording.kept_labels()
     )
-    return table(path, ("image", "object", "contact", "kind", "untouched", *SIX), rows)
+    return _write_csv(path, ("image", "object", "contact", "kind", "reference", *_WRENCH_COLUMNS), rows)
 
 
-def events(episode: Recording, path: Path) -> int:
-    """A table of what else happened."""
-    rows = ((*times(episode, one.stamp_ns), one.kind.value, one.subject, one.words) for one in episode.events())
-    return table(path, (*TIMES, "kind", "subject", "words"), rows)
+def _export_events(recording: Recording, path: Path) -> int:
+    """Write a table of the events."""
+    rows = (
+        (*_both_times(recording, event.stamp_ns), event.kind.value, event.subject, event.text)
+        for event in recording.events()
+    )
+    return _write_csv(path, (*_TIME_COLUMNS, "kind", "subject", "text"), rows)
 
 
-TIMES = ("monotonic_ns", "wall_ns")
+def _both_times(recording: Recording, stamp_ns: int) -> tuple[int, int]:
+    """Return a stamp on the monotonic and on the wall clock."""
+    return stamp_ns, recording.metadata.wall_ns(stamp_ns)
 
 
-def times(episode: Recording, stamp_ns: int) -> tuple[int, int]:
-    """A stamp on both clocks."""
-    return stamp_ns, episode.session.wall_ns(stamp_ns)
-
-
-def six(wrench: Wrench) -> list[float]:
-    """Six numbers."""
-    return wrench.six.tolist()
-
-
-def table(path: Path, heading: Iterable[str], rows: Iterable[Iterable[Any]]) -> int:
-    """Write rows as CSV, if there are any; how many."""
+def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> int:
+    """Write rows as CSV if there are any, and return their number."""
     all_rows, text = list(rows), StringIO()
-    csv.writer(text).writerows([list(heading), *map(list, all_rows)])
+    csv.writer(text).writerows([list(header), *map(list, all_rows)])
     if all_rows:
         write_file_atomically(path, text.getvalue().encode())
     return len(all_rows)
 
 
-def write_png(path: Path, image: np.ndarray) -> None:
-    """An image, whole."""
+def _write_png(path: Path, image: np.ndarray) -> None:
     path.parent.mkdir(exist_ok=True)
-    write_file_atomically(path, bytes(cv2.imencode(".png", image, QUICK_PNG)[1]))
+    write_file_atomically(path, bytes(cv2.imencode(".png", image, _FAST_PNG)[1]))

@@ -1,8 +1,8 @@
-"""What an MCAP file of ours holds, by its records alone, so that a file that was cut short is read like a whole one.
+"""Index of an MCAP file by its records alone, so that a file that was cut short is read like a whole one.
 
-https://mcap.dev/spec: after eight magic bytes come records, each an opcode, a length and its content. Messages stand in chunks;
-each chunk is followed by records that say when and where in it each message is. Only those are read here; what is half
-written at the end is left alone. All schemas and channels stand in the first chunk: our writer puts them there.
+https://mcap.dev/spec: after eight magic bytes come records, each an opcode, a length and its content. Messages are stored in
+chunks; each chunk is followed by records with the time and position of each message. Only those are read here; an incomplete
+record at the end is ignored. All schemas and channels are in the first chunk, where `writer` puts them.
 """
 
 import struct
@@ -22,19 +22,19 @@ from numpy import ndarray as Array
 
 from ninedtact.recording.errors import RecordingUnreadable
 
-PREFIX_BYTES = 9
-"""Opcode and length."""
-OURS = (Opcode.HEADER, Opcode.METADATA, Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
-"""Records before the end of data in files of ours."""
-INDEX_ENTRY = np.dtype([("wall_ns", "<u8"), ("offset", "<u8")])
-MESSAGE_BEGINNING = struct.Struct("<HIQQ")
+RECORD_PREFIX_BYTES = 9
+"""Opcode and length, before the content of a record."""
+_KNOWN_RECORDS = (Opcode.HEADER, Opcode.METADATA, Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+"""Records that the writer of this package puts before the end of the data."""
+_INDEX_ENTRY = np.dtype([("stamp_ns", "<u8"), ("offset", "<u8")])
+_MESSAGE_HEADER = struct.Struct("<HIQQ")
 """Channel, sequence number, log time and publish time."""
-PLACE = np.dtype([("wall_ns", "i8"), ("chunk", "i4"), ("channel", "i4"), ("offset", "i8")])
-"""Where a message is: number of its chunk, and where in it when decompressed; with what it must turn out to be."""
+MESSAGE_POSITION = np.dtype([("stamp_ns", "i8"), ("chunk", "i4"), ("channel", "i4"), ("offset", "i8")])
+"""Position of a message: number of its chunk and offset in it when decompressed, with the stamp and channel it must have."""
 
 
-class Span(NamedTuple):
-    """One record in the file."""
+class RecordSpan(NamedTuple):
+    """Opcode, start and end of one record in the file."""
 
     opcode: int
     start: int
@@ -43,64 +43,64 @@ class Span(NamedTuple):
 
 @dataclass
 class McapIndex:
-    """All records of a file but the summary."""
+    """All records of a file except the summary."""
 
     finished: bool = False
-    """Whether it was closed in order."""
+    """Whether the file was closed properly."""
     end: int = len(MCAP0_MAGIC)
-    """Of the last whole record before the summary."""
-    chunks: list[Span] = field(default_factory=list)
-    attachments: list[Span] = field(default_factory=list)
-    metadata: list[Span] = field(default_factory=list)
+    """End of the last whole record before the summary."""
+    chunks: list[RecordSpan] = field(default_factory=list)
+    attachments: list[RecordSpan] = field(default_factory=list)
+    metadata: list[RecordSpan] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    places: dict[int, list[Array]] = field(default_factory=lambda: defaultdict(list))
-    """`PLACE` of each channel's messages in the order of writing, chunk by chunk."""
+    positions: dict[int, list[Array]] = field(default_factory=lambda: defaultdict(list))
+    """`MESSAGE_POSITION` of the messages of each channel in the order of writing, chunk by chunk."""
     indexes: dict[int, dict[int, int]] = field(default_factory=lambda: defaultdict(dict))
-    """Where the index of each chunk and channel starts."""
+    """Start of the index record of each chunk and channel."""
     index_bytes: dict[int, int] = field(default_factory=lambda: defaultdict(int))
-    """Length of all index records of each chunk."""
+    """Total length of the index records of each chunk."""
 
 
 def index_mcap_records(file: BinaryIO, name: str) -> McapIndex:
-    """The records of a file; raises `RecordingUnreadable`."""
+    """Return the index of a file; raises `RecordingUnreadable`."""
     start = file.read(len(MCAP0_MAGIC))
     if start != MCAP0_MAGIC:
         what = "something else" if start else "an empty file"
         raise RecordingUnreadable(f"expected a recording (.mcap) in {name}, got {what}; check the path")
-    found, is_over = McapIndex(finished=ends_in_order(file)), False
-    for span in spans(file):
+    found, is_over = McapIndex(finished=_is_finished(file)), False
+    for span in _iterate_records(file):
         is_over = span.opcode == Opcode.DATA_END
-        if is_over or span.opcode not in OURS:
+        if is_over or span.opcode not in _KNOWN_RECORDS:
             break
-        note(found, span, file)
+        _add_record(found, span, file)
         found.end = span.end
     if found.finished and not is_over:
-        raise damaged(name, found.end)
+        raise damage_error(name, found.end)
     return found
 
 
-def ends_in_order(file: BinaryIO) -> bool:
-    """Whether the last bytes are those of a file that was closed in order."""
+def _is_finished(file: BinaryIO) -> bool:
+    """Return whether the last bytes are those of a file that was closed properly."""
     file.seek(max(file.seek(0, 2) - len(MCAP0_MAGIC), 0))
     return file.read() == MCAP0_MAGIC
 
 
-def spans(file: BinaryIO) -> Iterator[Span]:
-    """The whole records after the magic bytes."""
+def _iterate_records(file: BinaryIO) -> Iterator[RecordSpan]:
+    """Yield the whole records after the magic bytes."""
     size, start = file.seek(0, 2), len(MCAP0_MAGIC)
-    while start + PREFIX_BYTES <= size:
+    while start + RECORD_PREFIX_BYTES <= size:
         file.seek(start)
-        prefix = file.read(PREFIX_BYTES)
-        end = start + PREFIX_BYTES + int.from_bytes(prefix[1:], "little")
+        prefix = file.read(RECORD_PREFIX_BYTES)
+        end = start + RECORD_PREFIX_BYTES + int.from_bytes(prefix[1:], "little")
         if end > size:
             return
-        yield Span(prefix[0], start, end)
+        yield RecordSpan(prefix[0], start, end)
         start = end
 
 
-def note(found: McapIndex, span: Span, file: BinaryIO) -> None:
-    """Remember a record."""
+def _add_record(found: McapIndex, span: RecordSpan, file: BinaryIO) -> None:
+    """Add a record of the file to the index."""
     if span.opcode == Opcode.CHUNK:
         found.chunks.append(span)
     elif span.opcode == Opcode.ATTACHMENT:
@@ -108,93 +108,93 @@ def note(found: McapIndex, span: Span, file: BinaryIO) -> None:
     elif span.opcode == Opcode.METADATA:
         found.metadata.append(span)
     elif span.opcode == Opcode.MESSAGE_INDEX and found.chunks:
-        chunk, content = len(found.chunks) - 1, content_of(file, span)
+        chunk, content = len(found.chunks) - 1, _read_content(file, span)
         channel = int.from_bytes(content[:2], "little")
-        entries = np.frombuffer(content[6:], INDEX_ENTRY)
+        entries = np.frombuffer(content[6:], _INDEX_ENTRY)
         found.indexes[chunk][channel] = span.start
         found.index_bytes[chunk] += span.end - span.start
-        found.places[channel].append(places(channel, chunk, entries["wall_ns"], entries["offset"]))
+        found.positions[channel].append(_positions(channel, chunk, entries["stamp_ns"], entries["offset"]))
 
 
-def read_outer_chunks(found: McapIndex, file: BinaryIO, name: str) -> None:
-    """Schemas and channels from the first chunk; from a last one whose index was cut off, where its messages are."""
+def index_first_and_last_chunk(found: McapIndex, file: BinaryIO, name: str) -> None:
+    """Add schemas and channels from the first chunk, and positions from a last chunk whose index was cut off."""
     if not found.chunks:
         return
-    for record in breakup_chunk(chunk_at(file, found.chunks[0], name)):
+    for record in breakup_chunk(read_chunk(file, found.chunks[0], name)):
         if isinstance(record, Schema):
             found.schemas[record.id] = record
         elif isinstance(record, Channel):
             found.channels[record.id] = record
     last = len(found.chunks) - 1
     if not found.finished:
-        for channel, entries in index_of(chunk_at(file, found.chunks[last], name)).items():
+        for channel, entries in _message_offsets(read_chunk(file, found.chunks[last], name)).items():
             if channel not in found.indexes[last]:
-                wall_ns, offset = np.array(entries).T
-                found.places[channel].append(places(channel, last, wall_ns, offset))
+                stamp_ns, offset = np.array(entries).T
+                found.positions[channel].append(_positions(channel, last, stamp_ns, offset))
 
 
-def index_of(chunk: Chunk) -> dict[int, list[tuple[int, int]]]:
-    """Stamp and offset of each message by channel, as an index has them."""
+def _message_offsets(chunk: Chunk) -> dict[int, list[tuple[int, int]]]:
+    """Return stamp and offset of each message by channel, as an index record has them."""
     entries: dict[int, list[tuple[int, int]]] = defaultdict(list)
     at = 0
     while at < len(chunk.data):
-        length = int.from_bytes(chunk.data[at + 1 : at + PREFIX_BYTES], "little")
+        length = int.from_bytes(chunk.data[at + 1 : at + RECORD_PREFIX_BYTES], "little")
         if chunk.data[at] == Opcode.MESSAGE:
-            message = message_at(chunk.data, at)
-            entries[message.channel].append((message.wall_ns, at))
-        at += PREFIX_BYTES + length
+            message = parse_message(chunk.data, at)
+            entries[message.channel].append((message.stamp_ns, at))
+        at += RECORD_PREFIX_BYTES + length
     return entries
 
 
 class StoredMessage(NamedTuple):
-    """One message as it stands in a chunk."""
+    """One message as it is stored in a chunk."""
 
     channel: int
     sequence: int
-    wall_ns: int
+    stamp_ns: int
     data: bytes
 
 
-def message_at(chunk: bytes, at: int) -> StoredMessage:
-    """The message at this offset of a decompressed chunk."""
+def parse_message(chunk: bytes, at: int) -> StoredMessage:
+    """Return the message at this offset of a decompressed chunk; raises `ValueError` where there is none."""
     if chunk[at] != Opcode.MESSAGE:
         raise ValueError(f"expected a message, got opcode {chunk[at]}")
-    end = at + PREFIX_BYTES + int.from_bytes(chunk[at + 1 : at + PREFIX_BYTES], "little")
-    channel, sequence, wall_ns, _ = MESSAGE_BEGINNING.unpack_from(chunk, at + PREFIX_BYTES)
-    return StoredMessage(channel, sequence, wall_ns, chunk[at + PREFIX_BYTES + MESSAGE_BEGINNING.size : end])
+    end = at + RECORD_PREFIX_BYTES + int.from_bytes(chunk[at + 1 : at + RECORD_PREFIX_BYTES], "little")
+    channel, sequence, stamp_ns, _ = _MESSAGE_HEADER.unpack_from(chunk, at + RECORD_PREFIX_BYTES)
+    return StoredMessage(channel, sequence, stamp_ns, chunk[at + RECORD_PREFIX_BYTES + _MESSAGE_HEADER.size : end])
 
 
-def places(channel: int, chunk: int, wall_ns: Array, offset: Array) -> Array:
-    """`PLACE` of some messages of one channel and chunk."""
-    found = np.empty(len(wall_ns), PLACE)
-    found["channel"], found["chunk"], found["wall_ns"], found["offset"] = channel, chunk, wall_ns, offset
+def _positions(channel: int, chunk: int, stamp_ns: Array, offset: Array) -> Array:
+    """Return `MESSAGE_POSITION` of some messages of one channel and chunk."""
+    found = np.empty(len(stamp_ns), MESSAGE_POSITION)
+    found["channel"], found["chunk"], found["stamp_ns"], found["offset"] = channel, chunk, stamp_ns, offset
     return found
 
 
-def chunk_at(file: BinaryIO, span: Span, name: str) -> Chunk:
-    """A chunk, decompressed and checked; raises `RecordingUnreadable`."""
+def read_chunk(file: BinaryIO, span: RecordSpan, name: str) -> Chunk:
+    """Return a chunk, decompressed and checked; raises `RecordingUnreadable`."""
     try:
-        chunk = Chunk.read(stream_of(file, span))
+        chunk = Chunk.read(record_stream(file, span))
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
         chunk.data, chunk.compression = stream.read(size), ""
-    except Exception as trouble:  # whatever the decompressor calls it
-        raise damaged(name, span.start) from trouble
+    except Exception as trouble:  # every decompressor has errors of its own
+        raise damage_error(name, span.start) from trouble
     return chunk
 
 
-def damaged(name: str, at: int) -> RecordingUnreadable:
-    """What is said of content that is not what was written."""
+def damage_error(name: str, at: int) -> RecordingUnreadable:
+    """Return the error for content that is not what was written."""
     return RecordingUnreadable(
         f"expected {name} as it was recorded, got damaged data at byte {at}; restore the file from a copy"
     )
 
 
-def content_of(file: BinaryIO, span: Span) -> bytes:
-    """A record without its prefix."""
-    file.seek(span.start + PREFIX_BYTES)
-    return file.read(span.end - span.start - PREFIX_BYTES)
+def _read_content(file: BinaryIO, span: RecordSpan) -> bytes:
+    """Return the content of a record."""
+    file.seek(span.start + RECORD_PREFIX_BYTES)
+    return file.read(span.end - span.start - RECORD_PREFIX_BYTES)
 
 
-def stream_of(file: BinaryIO, span: Span) -> ReadDataStream:
-    """A record without its prefix, for the library's readers."""
-    return ReadDataStream(BytesIO(content_of(file, span)))
+def record_stream(file: BinaryIO, span: RecordSpan) -> ReadDataStream:
+    """Return the content of a record as a stream for the readers of the mcap library."""
+    return ReadDataStream(BytesIO(_read_content(file, span)))

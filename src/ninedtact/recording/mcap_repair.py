@@ -1,6 +1,6 @@
-"""Finishes a file that was cut short, in place: the summary that its writer did not live to write.
+"""Repairs a recording that was cut short, in place: writes the summary that its writer could not write.
 
-Without it our own reader does well, other programs may refuse (`ros2 bag`, rosbags) or read it slowly.
+This package reads a recording without it; other programs may refuse it (`ros2 bag`, rosbags) or read it slowly.
 """
 
 import struct
@@ -26,80 +26,83 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from ninedtact.recording.mcap_index import PREFIX_BYTES, McapIndex, Span, stream_of
+from ninedtact.recording.mcap_index import RECORD_PREFIX_BYTES, McapIndex, RecordSpan, record_stream
 from ninedtact.recording.reader import Recording
 
-FOOTER_BYTES = 20
-CHUNK_BEGINNING_BYTES = 64
-"""More than precedes its data."""
+_FOOTER_BYTES = 20
+_CHUNK_HEADER_BYTES = 64
+"""More than the fields before the data of a chunk."""
 
 
 def repair_recording(path: Path) -> bool:
-    """Finish the file if it was cut short; whether it was. Raises what `Recording` raises, and `OSError` on a full disk."""
-    with Recording(path) as episode:
-        found = episode.scan
+    """Finish the file if it was cut short, and return whether it was.
+
+    Raises what `Recording` raises, and `OSError` on a full disk.
+    """
+    with Recording(path) as recording:
+        found = recording.index
     if found.finished:
         return False
     with path.open("r+b", buffering=0) as file:
         try:
-            content = ending(found, file)
+            content = _file_ending(found, file)
             file.truncate(found.end)
             file.seek(found.end)
-            write_all(file, content)
+            _write_all(file, content)
         except BaseException:
             file.truncate(found.end)
             raise
     return True
 
 
-def write_all(file: FileIO, content: bytes) -> None:
-    """Write to the last byte."""
+def _write_all(file: FileIO, content: bytes) -> None:
+    """Write all bytes, however many a single write takes."""
     left = memoryview(content)
     while left:
         left = left[file.write(left) :]
 
 
-def ending(found: McapIndex, file: BinaryIO) -> bytes:
-    """All that comes after the last whole record."""
-    data_end = last_index(found) + records([DataEnd(0)])
+def _file_ending(found: McapIndex, file: BinaryIO) -> bytes:
+    """Return everything that follows the last whole record."""
+    data_end = _missing_chunk_index(found) + _to_bytes([DataEnd(0)])
     start = found.end + len(data_end)
-    summary = records(summary_of(found, file))
-    # The check sum covers the footer too, but for the check sum itself.
-    prefix = struct.pack("<BQQQ", Opcode.FOOTER, FOOTER_BYTES, start, 0)
-    footer = records([Footer(start, 0, zlib.crc32(prefix, zlib.crc32(summary)))])
+    summary = _to_bytes(_summary_records(found, file))
+    # The checksum covers the footer too, except for the checksum itself.
+    prefix = struct.pack("<BQQQ", Opcode.FOOTER, _FOOTER_BYTES, start, 0)
+    footer = _to_bytes([Footer(start, 0, zlib.crc32(prefix, zlib.crc32(summary)))])
     return data_end + summary + footer + MCAP0_MAGIC
 
 
-def last_index(found: McapIndex) -> bytes:
-    """What is missing of the last chunk's index; the scan is told where it will stand."""
+def _missing_chunk_index(found: McapIndex) -> bytes:
+    """Return the index records that the last chunk lacks, and add their positions to the index."""
     builder, last = RecordBuilder(), len(found.chunks) - 1
-    for channel, parts in found.places.items():
+    for channel, parts in found.positions.items():
         here = parts[-1]
         if here["chunk"][0] == last and channel not in found.indexes[last]:
             found.indexes[last][channel] = found.end + builder.count
-            entries = zip(here["wall_ns"].tolist(), here["offset"].tolist(), strict=True)
+            entries = zip(here["stamp_ns"].tolist(), here["offset"].tolist(), strict=True)
             MessageIndex(channel, list(entries)).write(builder)
     found.index_bytes[last] += builder.count
     return builder.end()
 
 
-def summary_of(found: McapIndex, file: BinaryIO) -> Iterator[McapRecord]:
-    """Schemas, channels, figures and indexes."""
+def _summary_records(found: McapIndex, file: BinaryIO) -> Iterator[McapRecord]:
+    """Yield schemas, channels, statistics and indexes."""
     yield from found.schemas.values()
     yield from found.channels.values()
-    yield statistics(found)
+    yield _statistics(found)
     for number in range(len(found.chunks)):
-        yield chunk_index(found, number, file)
+        yield _chunk_index(found, number, file)
     for span in found.attachments:
-        yield attachment_index(span, Attachment.read(stream_of(file, span)))
+        yield _attachment_index(span, Attachment.read(record_stream(file, span)))
     for span in found.metadata:
-        yield MetadataIndex(span.start, span.end - span.start, Metadata.read(stream_of(file, span)).name)
+        yield MetadataIndex(span.start, span.end - span.start, Metadata.read(record_stream(file, span)).name)
 
 
-def statistics(found: McapIndex) -> Statistics:
-    """How many of everything, and from when to when."""
-    counts = {channel: sum(map(len, parts)) for channel, parts in found.places.items()}
-    stamps = [part["wall_ns"] for parts in found.places.values() for part in parts]
+def _statistics(found: McapIndex) -> Statistics:
+    """Return the number of records of each kind, and the first and last time."""
+    counts = {channel: sum(map(len, parts)) for channel, parts in found.positions.items()}
+    stamps = [part["stamp_ns"] for parts in found.positions.values() for part in parts]
     return Statistics(
         attachment_count=len(found.attachments),
         channel_count=len(found.channels),
@@ -113,14 +116,14 @@ def statistics(found: McapIndex) -> Statistics:
     )
 
 
-def chunk_index(found: McapIndex, number: int, file: BinaryIO) -> ChunkIndex:
-    """Where a chunk is; only its beginning is read."""
+def _chunk_index(found: McapIndex, number: int, file: BinaryIO) -> ChunkIndex:
+    """Return the index record of a chunk, of which only the header is read."""
     span = found.chunks[number]
-    file.seek(span.start + PREFIX_BYTES)
-    beginning = ReadDataStream(BytesIO(file.read(CHUNK_BEGINNING_BYTES)))
-    first_ns, last_ns, size = (beginning.read8() for _ in range(3))
-    beginning.read4()  # the check sum
-    compression, compressed_size = beginning.read_prefixed_string(), beginning.read8()
+    file.seek(span.start + RECORD_PREFIX_BYTES)
+    header = ReadDataStream(BytesIO(file.read(_CHUNK_HEADER_BYTES)))
+    first_ns, last_ns, size = (header.read8() for _ in range(3))
+    header.read4()  # the checksum
+    compression, compressed_size = header.read_prefixed_string(), header.read8()
     return ChunkIndex(
         chunk_start_offset=span.start,
         chunk_length=span.end - span.start,
@@ -134,8 +137,8 @@ def chunk_index(found: McapIndex, number: int, file: BinaryIO) -> ChunkIndex:
     )
 
 
-def attachment_index(span: Span, attachment: Attachment) -> AttachmentIndex:
-    """Where an attachment is."""
+def _attachment_index(span: RecordSpan, attachment: Attachment) -> AttachmentIndex:
+    """Return the index record of an attachment."""
     return AttachmentIndex(
         offset=span.start,
         length=span.end - span.start,
@@ -147,8 +150,8 @@ def attachment_index(span: Span, attachment: Attachment) -> AttachmentIndex:
     )
 
 
-def records(of: Iterable[McapRecord]) -> bytes:
-    """Records as bytes."""
+def _to_bytes(of: Iterable[McapRecord]) -> bytes:
+    """Return the bytes of some records."""
     builder = RecordBuilder()
     for record in of:
         record.write(builder)

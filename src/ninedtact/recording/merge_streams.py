@@ -1,6 +1,7 @@
-"""A source read in a thread of its own, so that nothing is lost while something else is done.
+"""Merges the frames of a camera and the samples of a force/torque sensor into one stream.
 
-Images and samples in one stream: live ones as they come, those of recordings and stepped twins in turn.
+Live sources are read in background threads and merged as their items arrive; recordings and simulated sources are merged in
+the order of their stamps.
 """
 
 from collections import deque
@@ -15,18 +16,23 @@ from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSampleRejected, WrenchSource
 from ninedtact.quantities import Frame, Wrench
 
+_READ_AHEAD_NS = 300_000_000
+"""Samples are read this far ahead of the newest frame before the next frame is read."""
+_BUFFERED_IMAGES, _BUFFERED_SAMPLES = 128, 100_000
+_WAIT_S = 0.02
+
 Item = TypeVar("Item", covariant=True)
 
 
 @runtime_checkable
-class Source(Protocol[Item]):
+class _Source(Protocol[Item]):
     """A `FrameSource` or a `WrenchSource`."""
 
     name: str
 
-    def open(self) -> None: ...  # noqa: D102
-    def read(self) -> Item: ...  # noqa: D102
-    def close(self) -> None: ...  # noqa: D102
+    def open(self) -> None: ...
+    def read(self) -> Item: ...
+    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -37,27 +43,31 @@ class Arrival(Generic[Item]):
     at_ns: int
 
 
-class BackgroundReader(Generic[Item]):
-    """Reads a source on and on while it is open (`with`); what nobody took in time is lost and counted."""
+MergedArrival = Arrival[Frame | Wrench | WrenchSampleRejected] | None
+"""None: nothing arrived for a moment."""
 
-    def __init__(self, source: Source[Item], most: int, *excused: type[Exception]) -> None:
-        """most: items that wait to be taken. excused: troubles that are handed over like items, the source going on."""
+
+class BackgroundReader(Generic[Item]):
+    """Reads a source continuously in a thread while it is open (`with`); items that nobody took in time are lost and counted."""
+
+    def __init__(self, source: _Source[Item], capacity: int, *delivered_errors: type[Exception]) -> None:
+        """capacity: items that wait to be taken. delivered_errors: errors that are delivered like items; reading continues."""
         self.source, self.lost = source, 0
-        self._most, self._excused = most, excused
+        self._capacity, self._delivered_errors = capacity, delivered_errors
         self._items: deque[Arrival[Item]] = deque()
-        self._trouble: BaseException | None = None
-        self._news = Condition()
+        self._error: BaseException | None = None
+        self._changed = Condition()
         self._closing = False
-        self._thread = Thread(target=self._listen, name=f"listen to {source.name}", daemon=True)
+        self._thread = Thread(target=self._read_all, name=f"listen to {source.name}", daemon=True)
 
     def take(self, wait_s: float = 0.0) -> Arrival[Item] | None:
-        """The oldest item, or None when none came in time; after the last one raises what ended the source."""
-        with self._news:
-            self._news.wait_for(lambda: self._items or self._trouble, wait_s)
+        """Return the oldest item, or None when none arrives in time; after the last one raises what ended the source."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._error, wait_s)
             if self._items:
                 return self._items.popleft()
-            if self._trouble is not None:
-                raise self._trouble
+            if self._error is not None:
+                raise self._error
             return None
 
     def __enter__(self) -> "BackgroundReader[Item]":
@@ -71,72 +81,63 @@ class BackgroundReader(Generic[Item]):
         self.source.close()
         self._thread.join()
 
-    def _listen(self) -> None:
+    def _read_all(self) -> None:
         try:
             while not self._closing:
-                self._hear(self._next())
-        except BaseException as trouble:  # whoever takes is who can handle it
-            with self._news:
-                self._trouble = trouble
-                self._news.notify_all()
+                self._store(self._read_next())
+        except BaseException as error:  # handed to the thread that takes items
+            with self._changed:
+                self._error = error
+                self._changed.notify_all()
 
-    def _next(self) -> Any:
+    def _read_next(self) -> Any:
         try:
             return self.source.read()
-        except self._excused as trouble:
-            return trouble
+        except self._delivered_errors as error:
+            return error
 
-    def _hear(self, item: Any) -> None:
-        with self._news:
-            if len(self._items) < self._most:
+    def _store(self, item: Any) -> None:
+        with self._changed:
+            if len(self._items) < self._capacity:
                 self._items.append(Arrival(item, monotonic_ns()))
-                self._news.notify_all()
+                self._changed.notify_all()
             else:
                 self.lost += 1
 
 
-AHEAD_NS = 300_000_000
-"""By which samples are read before the next image is."""
-IMAGES_AT_MOST, SAMPLES_AT_MOST = 128, 100_000
-WAIT_S = 0.02
-
-MergedArrival = Arrival[Frame | Wrench | WrenchSampleRejected] | None
-"""None: nothing came for a moment."""
-
-
 def merge_live_streams(camera: FrameSource, force_torque: WrenchSource) -> Generator[MergedArrival, None, None]:
-    """What two devices deliver, each read in a thread of its own; raises what they raise, ends with a recording."""
+    """Yield what two devices deliver, each read in its own thread; raises what they raise, ends with a recording."""
     with (
-        BackgroundReader[Wrench](force_torque, SAMPLES_AT_MOST, WrenchSampleRejected) as samples,
-        BackgroundReader[Frame](camera, IMAGES_AT_MOST) as images,
+        BackgroundReader[Wrench](force_torque, _BUFFERED_SAMPLES, WrenchSampleRejected) as samples,
+        BackgroundReader[Frame](camera, _BUFFERED_IMAGES) as images,
     ):
         try:
             while True:
                 while (sample := samples.take()) is not None:
                     yield sample
-                yield images.take(WAIT_S)
+                yield images.take(_WAIT_S)
         except SourceEnded:
             return
 
 
 def merge_recorded_streams(camera: FrameSource, force_torque: WrenchSource) -> Generator[MergedArrival, None, None]:
-    """Every image and every sample in the order of their stamps, as fast as they are asked for, until one ends."""
+    """Yield every frame and every sample in the order of their stamps, as fast as they are requested, until one source ends."""
     newest_ns = 0
     with force_torque, camera:
         try:
             while True:
                 frame = camera.read()
                 yield Arrival(frame, frame.stamp_ns)
-                while newest_ns < frame.stamp_ns + AHEAD_NS:
-                    sample = next_sample(force_torque)
+                while newest_ns < frame.stamp_ns + _READ_AHEAD_NS:
+                    sample = _read_sample(force_torque)
                     newest_ns = max(newest_ns, sample.stamp_ns if isinstance(sample, Wrench) else 0)
                     yield Arrival(sample, newest_ns)
         except SourceEnded:
             return
 
 
-def next_sample(force_torque: WrenchSource) -> Wrench | WrenchSampleRejected:
-    """The next one, or why it must not be used."""
+def _read_sample(force_torque: WrenchSource) -> Wrench | WrenchSampleRejected:
+    """Return the next sample, or why it was rejected."""
     try:
         return force_torque.read()
     except WrenchSampleRejected as reason:

@@ -1,138 +1,294 @@
-"""An episode on disk: its nouns again, whether the file was finished or cut short.
-
-The sensor's folder rides along in an episode: whoever has the file has the calibration.
-"""
+"""Reads a recording, whether it was finished or cut short: frames, wrenches, heights, labels, and a summary of its content."""
 
 import struct
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32, Float64, Int64
 from mcap.exceptions import McapError
 from mcap.records import Attachment, Metadata
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.quantities import Frame, Wrench
+from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_index import (
-    PLACE,
+    MESSAGE_POSITION,
     McapIndex,
     StoredMessage,
-    chunk_at,
-    damaged,
+    damage_error,
+    index_first_and_last_chunk,
     index_mcap_records,
-    message_at,
-    read_outer_chunks,
-    stream_of,
+    parse_message,
+    read_chunk,
+    record_stream,
 )
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, parse_recording_metadata
 from ninedtact.recording.ros_messages import (
+    MESSAGE_TYPES,
+    EventKind,
     PairLabel,
     RecordingEvent,
     Topic,
-    event_of,
-    height_of,
-    image_of,
-    pair_of,
-    wrench_of,
+    decode_covariance,
+    decode_event,
+    decode_height,
+    decode_image,
+    decode_label,
+    decode_warnings,
+    decode_wrench,
 )
+
+SENSOR_FOLDER = "sensor"
+"""First part of the names of the attachments that hold the sensor folder."""
+_GAP_FACTOR = 2.5
+"""From this many times the usual distance of two messages, something is missing between them."""
+_PERIODIC_TOPICS = (Topic.IMAGES, Topic.MEASURED, Topic.ESTIMATED, Topic.HEIGHTS)
+"""Topics that arrive at a rate, unless their messages were selected one by one."""
+_DEFAULT_HZ = 30.0
+
+
+@dataclass(frozen=True)
+class TopicSummary:
+    """Number, rate and gaps of the messages of one topic."""
+
+    topic: str
+    type: str
+    messages: int
+    rate_hz: float | None = None
+    """Usual rate; None where messages are not periodic."""
+    longest_gap_ms: float | None = None
+    gaps: int | None = None
+    """How often something is missing between two messages."""
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """What is in a recording, as `ninedtact info` prints it."""
+
+    sensor: str
+    source: str
+    force_torque: str
+    purpose: str
+    id: str
+    began: str
+    """UTC."""
+    seconds: float
+    finished: bool
+    """Whether the file was closed properly; if not, its last half second may be missing."""
+    dropped: int
+    """Images that the source counted and that were not written."""
+    topics: list[TopicSummary]
+    pairs: dict[str, int]
+    """Number of pairs of each kind, undone contacts excluded."""
+    events: dict[str, int]
 
 
 class Recording:
-    """One recording, open for reading (`with`). One thread at a time."""
+    """One recording, open for reading (`with`). One thread at a time.
+
+    with Recording("press.mcap") as recording:
+        print(recording.sensor, recording.duration_s, recording.topics, recording.dropped)
+        for frame in recording.frames():
+            print(frame.stamp_ns, frame.image.shape)
+    """
 
     def __init__(self, path: Path | str) -> None:
-        """Open and survey it; raises `CameraNotFound` or `RecordingUnreadable`."""
+        """Open the file and index its records; raises `CameraNotFound` or `RecordingUnreadable`."""
         self.path = Path(path)
-        self._file = opened(self.path)
+        self._file = _open_file(self.path)
         self._chunk: tuple[int, bytes] = (-1, b"")
         try:
-            self.scan, self.session = surveyed(self._file, str(self.path))
+            self.index, self.metadata = _read_structure(self._file, str(self.path))
         except BaseException:
             self._file.close()
             raise
 
-    @cached_property
-    def _channels(self) -> dict[str, int]:
-        return {channel.topic: number for number, channel in self.scan.channels.items()}
+    @property
+    def sensor(self) -> str:
+        """Name of the tactile sensor, as in its sensor.toml."""
+        return self.metadata.sensor
 
     @property
-    def finished(self) -> bool:
-        """Whether it was closed in order; if not, its last half second may be missing."""
-        return self.scan.finished
+    def is_finished(self) -> bool:
+        """Whether the file was closed properly; if not, its last half second may be missing."""
+        return self.index.finished
 
-    def places(self, topic: Topic) -> Array:
-        """`PLACE` of the topic's messages, in the order of writing."""
-        parts = self.scan.places.get(self._channels.get(topic, -1), [])
-        return np.concatenate(parts) if parts else np.empty(0, PLACE)
+    @property
+    def topics(self) -> list[str]:
+        """Full names of the topics that hold messages, such as `/my_sensor/image_raw`."""
+        return [topic.path(self.sensor) for topic in Topic if len(self.positions(topic))]
+
+    @cached_property
+    def duration_s(self) -> float:
+        """Seconds from the first message to the last."""
+        first_ns, last_ns = self._time_span_ns
+        return (last_ns - first_ns) / 1e9
+
+    @cached_property
+    def dropped(self) -> int:
+        """Images that the source counted and that were not written."""
+        return sum(int(event.subject) for event in self.events() if event.kind is EventKind.DROPPED)
+
+    @cached_property
+    def _channels(self) -> dict[str, int]:
+        return {channel.topic: number for number, channel in self.index.channels.items()}
+
+    @cached_property
+    def _time_span_ns(self) -> tuple[int, int]:
+        stamps_ns = [stamps for topic in Topic if len(stamps := self.stamps_ns(topic))]
+        if not stamps_ns:
+            return 0, 0
+        return int(min(map(np.min, stamps_ns))), int(max(map(np.max, stamps_ns)))
+
+    def positions(self, topic: Topic) -> Array:
+        """Return `MESSAGE_POSITION` of the messages of a topic, in the order of writing."""
+        parts = self.index.positions.get(self._channels.get(topic.path(self.sensor), -1), [])
+        return np.concatenate(parts) if parts else np.empty(0, MESSAGE_POSITION)
 
     def stamps_ns(self, topic: Topic) -> Int64[Array, " n"]:
-        """When the topic's messages were, monotonic clock."""
-        return np.asarray(self.places(topic)["wall_ns"] - self.session.wall_minus_monotonic_ns)
+        """Return the stamps of the messages of a topic, ns of the monotonic clock."""
+        return np.asarray(self.positions(topic)["stamp_ns"])
 
-    def message(self, place: np.void) -> StoredMessage:
-        """The message at one `PLACE`; raises `RecordingUnreadable` where the file is damaged."""
-        number = int(place["chunk"])
-        span = self.scan.chunks[number]
+    def message(self, position: np.void) -> StoredMessage:
+        """Return the message at one `MESSAGE_POSITION`; raises `RecordingUnreadable` where the file is damaged."""
+        number = int(position["chunk"])
+        span = self.index.chunks[number]
         if self._chunk[0] != number:
-            self._chunk = number, chunk_at(self._file, span, str(self.path)).data
+            self._chunk = number, read_chunk(self._file, span, str(self.path)).data
         try:
-            message = message_at(self._chunk[1], int(place["offset"]))
-        except (ValueError, IndexError, struct.error) as trouble:
-            raise damaged(str(self.path), span.end) from trouble
-        if message.wall_ns != place["wall_ns"] or message.channel != place["channel"]:
-            raise damaged(str(self.path), span.end)
+            message = parse_message(self._chunk[1], int(position["offset"]))
+        except (ValueError, IndexError, struct.error) as error:
+            raise damage_error(str(self.path), span.end) from error
+        if message.stamp_ns != position["stamp_ns"] or message.channel != position["channel"]:
+            raise damage_error(str(self.path), span.end)
         return message
 
     def messages(self, topic: Topic) -> Iterator[StoredMessage]:
-        """All messages of a topic."""
-        return map(self.message, self.places(topic))
+        """Yield the messages of a topic, undecoded, in the order of writing."""
+        return map(self.message, self.positions(topic))
 
-    def stamp_ns(self, message: StoredMessage) -> int:
-        """When it was, monotonic clock."""
-        return message.wall_ns - self.session.wall_minus_monotonic_ns
-
-    def frame(self, place: np.void) -> Frame:
-        """One image as it was read, its stamp and index too."""
-        message = self.message(place)
-        return Frame(image_of(message.data), self.stamp_ns(message), message.sequence)
+    def frame(self, position: np.void) -> Frame:
+        """Return one frame as it was read, its stamp and index included."""
+        message = self.message(position)
+        return Frame(decode_image(message.data), message.stamp_ns, message.sequence)
 
     def frames(self, topic: Topic = Topic.IMAGES) -> Iterator[Frame]:
-        """All images."""
-        return map(self.frame, self.places(topic))
+        """Yield all frames, or the reference images with `Topic.REFERENCE`."""
+        return map(self.frame, self.positions(topic))
 
-    def wrench(self, place: np.void) -> Wrench:
-        """One wrench, about the skin's centre."""
-        message = self.message(place)
-        return wrench_of(message.data, self.stamp_ns(message))
+    def readings(self) -> Iterator[Reading]:
+        """Yield what the recorded sensor measures in every frame: its calibration is applied to the images.
+
+        The first ten frames are taken as reference images (no contact). Raises `RecordingUnreadable` where the recording
+        carries no sensor folder.
+        """
+        from ninedtact.calibration.sensor_folder import load_sensor
+        from ninedtact.recording.recorder import ReadingComputer
+
+        with TemporaryDirectory(prefix="ninedtact_") as folder:
+            computer = ReadingComputer(load_sensor(self.save_sensor_folder(Path(folder) / "sensor")).shape)
+            for frame in self.frames():
+                yield from computer.readings(frame)
+
+    def wrench(self, position: np.void) -> Wrench:
+        """Return one wrench about the skin centre."""
+        message = self.message(position)
+        return decode_wrench(message.data, message.stamp_ns)
 
     def wrenches(self, topic: Topic = Topic.MEASURED) -> Iterator[Wrench]:
-        """All wrenches of a topic."""
-        return map(self.wrench, self.places(topic))
+        """Yield all measured wrenches, or the estimated ones with `Topic.ESTIMATED`."""
+        return map(self.wrench, self.positions(topic))
+
+    def covariances(self) -> Iterator[Float64[Array, "6 6"]]:
+        """Yield the covariance of every estimated wrench, in the order of `Wrench.six`, N and N·m."""
+        return (decode_covariance(message.data) for message in self.messages(Topic.COVARIANCE))
+
+    def warnings(self) -> Iterator[tuple[int, list[str]]]:
+        """Yield the image index and the warnings of every estimate that has any."""
+        return ((message.sequence, decode_warnings(message.data)) for message in self.messages(Topic.WARNINGS))
 
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
-        """Number of the image, and heights in mm."""
-        return ((message.sequence, height_of(message.data)) for message in self.messages(Topic.HEIGHTS))
+        """Yield the image index and the heights in mm, NaN out of view."""
+        return ((message.sequence, decode_height(message.data)) for message in self.messages(Topic.HEIGHTS))
 
-    def pairs(self) -> Iterator[PairLabel]:
-        """What was marked, undone contacts included."""
-        return (pair_of(message.data, self.stamp_ns(message)) for message in self.messages(Topic.PAIRS))
+    def labels(self) -> Iterator[PairLabel]:
+        """Yield the labels of all saved pairs, undone contacts included."""
+        return (decode_label(message.data, message.stamp_ns) for message in self.messages(Topic.LABELS))
+
+    def kept_labels(self) -> list[PairLabel]:
+        """Return the labels of all saved pairs, undone contacts excluded."""
+        undone = {event.subject for event in self.events() if event.kind is EventKind.CONTACT_UNDONE}
+        return [label for label in self.labels() if label.contact not in undone]
 
     def events(self) -> list[RecordingEvent]:
-        """What else happened."""
-        return [event_of(message.data, self.stamp_ns(message)) for message in self.messages(Topic.EVENTS)]
+        """Return what happened beside images and wrenches."""
+        return [decode_event(message.data, message.stamp_ns) for message in self.messages(Topic.EVENTS)]
 
     def attachments(self) -> Iterator[Attachment]:
-        """The files that ride along."""
-        return (Attachment.read(stream_of(self._file, span)) for span in self.scan.attachments)
+        """Yield the attached files."""
+        return (Attachment.read(record_stream(self._file, span)) for span in self.index.attachments)
+
+    def save_sensor_folder(self, into: Path) -> Path:
+        """Write the attached sensor folder; raises `RecordingUnreadable` where the recording carries none."""
+        if self.write_sensor_files(into) == 0:
+            raise RecordingUnreadable(
+                f"expected {self.path} to carry its sensor's folder, got a recording without; name one with --sensor"
+            )
+        return into
+
+    def write_sensor_files(self, into: Path) -> int:
+        """Write the files of the attached sensor folder and return their number. Names that lead elsewhere are skipped."""
+        count = 0
+        for attachment in self.attachments():
+            name = PurePosixPath(attachment.name)
+            if name.parts[:1] == (SENSOR_FOLDER,) and len(name.parts) > 1 and ".." not in name.parts:
+                path = into.joinpath(*name.parts[1:])
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(attachment.data)
+                count += 1
+        return count
+
+    def summary(self) -> RecordingSummary:
+        """Return sensor, duration, topics with rates and gaps, drops, pairs and events."""
+        metadata = self.metadata
+        began = datetime.fromtimestamp(metadata.wall_ns(self._time_span_ns[0]) / 1e9, UTC)
+        return RecordingSummary(
+            sensor=metadata.sensor,
+            source=metadata.source,
+            force_torque=metadata.force_torque,
+            purpose=metadata.purpose,
+            id=metadata.id,
+            began=began.isoformat(timespec="milliseconds"),
+            seconds=self.duration_s,
+            finished=self.is_finished,
+            dropped=self.dropped,
+            topics=[summary for topic in Topic if (summary := self._topic_summary(topic)).messages],
+            pairs=dict(Counter(label.kind for label in self.kept_labels())),
+            events=dict(Counter(event.kind.value for event in self.events())),
+        )
+
+    def _topic_summary(self, topic: Topic) -> TopicSummary:
+        stamps_ns = self.stamps_ns(topic)
+        name, type_name = topic.path(self.sensor), MESSAGE_TYPES[topic]
+        selected = topic is Topic.IMAGES and self.metadata.purpose != "record"
+        if topic not in _PERIODIC_TOPICS or selected or len(stamps_ns) < 3:
+            return TopicSummary(name, type_name, len(stamps_ns))
+        steps_ns = np.diff(stamps_ns)
+        longest_ms, gaps = float(steps_ns.max() / 1e6), int((steps_ns > _GAP_FACTOR * np.median(steps_ns)).sum())
+        return TopicSummary(name, type_name, len(stamps_ns), median_rate_hz(stamps_ns), longest_ms, gaps)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file of the recording."""
         self._file.close()
 
     def __enter__(self) -> "Recording":
@@ -142,70 +298,53 @@ class Recording:
         self.close()
 
 
-def opened(path: Path) -> BinaryIO:
-    """The file; raises `CameraNotFound` where there is none, and `RecordingUnreadable`."""
+def median_rate_hz(stamps_ns: Array) -> float:
+    """Return the usual rate of some stamps, by the median of their distances, which gaps do not change; 30 if unknown."""
+    usual_ns = float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
+    return 1e9 / usual_ns if usual_ns > 0 else _DEFAULT_HZ
+
+
+def sensor_folder_attachments(folder: Path) -> dict[str, bytes]:
+    """Return the content of the files of a sensor folder by the names that they have in a recording."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {f"{SENSOR_FOLDER}/{path.relative_to(folder).as_posix()}": path.read_bytes() for path in files}
+
+
+def restore_sensor_folder(recording: Path | str, into: Path) -> Path:
+    """Write the sensor folder that a recording carries; raises `RecordingUnreadable` where it carries none."""
+    with Recording(recording) as opened:
+        return opened.save_sensor_folder(into)
+
+
+def _open_file(path: Path) -> BinaryIO:
+    """Open the file; raises `CameraNotFound` where there is none, and `RecordingUnreadable`."""
     if not path.is_file():
         raise CameraNotFound(f"expected a recording at {path}, got no such file; check the path")
     try:
         return path.open("rb")
-    except OSError as trouble:
-        raise RecordingUnreadable(
-            f"expected to read {path}, got: {trouble.strerror}; check its permissions"
-        ) from trouble
+    except OSError as error:
+        raise RecordingUnreadable(f"expected to read {path}, got: {error.strerror}; check its permissions") from error
 
 
-def surveyed(file: BinaryIO, name: str) -> tuple[McapIndex, RecordingMetadata]:
-    """Structure and session of a file; raises `RecordingUnreadable`."""
+def _read_structure(file: BinaryIO, name: str) -> tuple[McapIndex, RecordingMetadata]:
+    """Return the index and the metadata of a file; raises `RecordingUnreadable`."""
     try:
-        found = index_mcap_records(file, name)
-        session = session_in(found, file, name)
-        read_outer_chunks(found, file, name)
-    except (McapError, ValueError, IndexError, MemoryError, struct.error) as trouble:
+        index = index_mcap_records(file, name)
+        metadata = _read_metadata(index, file, name)
+        index_first_and_last_chunk(index, file, name)
+    except (McapError, ValueError, IndexError, MemoryError, struct.error) as error:
         raise RecordingUnreadable(
-            f"expected a recording in {name}, got a damaged file ({trouble}); restore it from a copy"
-        ) from trouble
-    return found, session
+            f"expected a recording in {name}, got a damaged file ({error}); restore it from a copy"
+        ) from error
+    return index, metadata
 
 
-def session_in(found: McapIndex, file: BinaryIO, name: str) -> RecordingMetadata:
-    """What the file says about itself; raises `RecordingUnreadable`."""
-    for span in found.metadata:
-        record = Metadata.read(stream_of(file, span))
+def _read_metadata(index: McapIndex, file: BinaryIO, name: str) -> RecordingMetadata:
+    for span in index.metadata:
+        record = Metadata.read(record_stream(file, span))
         if record.name == METADATA_RECORD:
             return parse_recording_metadata(record.metadata, name)
     raise RecordingUnreadable(
         f"expected a recording of ninedtact in {name}, got an MCAP file of another program, or one that was cut short "
         "before it began; record with 'ninedtact record'"
     )
-
-
-FOLDER = "sensor"
-"""What the names of its attachments begin with."""
-
-
-def sensor_folder_attachments(folder: Path) -> dict[str, bytes]:
-    """The files of a sensor folder by the names that they have in an episode."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {f"{FOLDER}/{path.relative_to(folder).as_posix()}": path.read_bytes() for path in files}
-
-
-def restore_sensor_folder(recording: Path | str, into: Path) -> Path:
-    """Write the sensor folder that a recording carries; raises `RecordingUnreadable` where it carries none."""
-    with Recording(recording) as episode:
-        copied = [write_copy(into, attachment.name, attachment.data) for attachment in episode.attachments()]
-    if not any(copied):
-        raise RecordingUnreadable(
-            f"expected {recording} to carry its sensor's folder, got a recording without; name one with --sensor"
-        )
-    return into
-
-
-def write_copy(into: Path, name: str, content: bytes) -> bool:
-    """Write one file of the sensor folder; whether it belongs there. Names that lead elsewhere do not."""
-    way = PurePosixPath(name)
-    if way.parts[:1] != (FOLDER,) or len(way.parts) < 2 or ".." in way.parts or way.is_absolute():
-        return False
-    path = into.joinpath(*way.parts[1:])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(content)
-    return True

@@ -1,102 +1,156 @@
-"""Sources in, episode out: nothing that is slow holds a source up, and what is lost is counted."""
+"""Records a sensor: reads its sources in the background, so that slow writing delays no source, and counts what is lost."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from time import monotonic
 
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.force.estimator import ForceEstimator, NoForce
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.merge_streams import BackgroundReader
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
-IMAGES_AT_MOST = 128
-"""That wait to be written: some 120 MB."""
-SAMPLES_AT_MOST = 100_000
-WAIT_S = 0.05
-REFERENCE_FRAMES = 10
+_BUFFERED_IMAGES = 128
+"""Images that wait to be written at most: about 120 MB."""
+_BUFFERED_SAMPLES = 100_000
+_WAIT_S = 0.05
+_REFERENCE_FRAMES = 10
+
+
+def record(
+    source: FrameSource,
+    out: Path | str,
+    sensor: SensorFolder,
+    force_torque: WrenchSource | None = None,
+    seconds: float | None = None,
+    heights: bool = False,
+    estimator: ForceEstimator | None = None,
+    settings: str = "{}",
+    should_stop: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[RecordingWriter], None] = lambda writer: None,
+) -> RecordingWriter:
+    """Record a sensor into a new MCAP file until `seconds` are over, `should_stop` is true, or the source ends.
+
+    source: opened and closed here. sensor: its folder is attached to the file. force_torque: its wrenches are written as
+    measured. heights and estimator: also write heights (mm) and estimated wrenches; the first ten frames are then taken as
+    reference images (no contact). settings: stored in the file, JSON. on_progress: called a few times a second.
+
+    Returns the closed writer, which has the numbers of messages and dropped images. Raises `RecordingRefused`,
+    `RecordingStopped` and what a lost device raises; the file keeps everything recorded before.
+
+        record(source_for("0"), "press.mcap", load_sensor("my_sensor"), seconds=60)
+    """
+    estimates = RecordedEstimates(sensor.shape, estimator or NoForce(), heights) if heights or estimator else None
+    topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
+    metadata = RecordingMetadata(
+        sensor=sensor.id,
+        purpose="record",
+        source=source.name,
+        force_torque=force_torque.name if force_torque else "",
+        settings=settings,
+        mm_per_px=sensor.shape.rectify.mm_per_px if estimates else 0.0,
+        software=version("ninedtact"),
+    )
+    end_at = float("inf") if seconds is None else monotonic() + seconds
+    with RecordingWriter(out, metadata, topics, sensor_folder_attachments(sensor.path)) as writer:
+        Recorder(writer, source, force_torque, estimates).run(
+            lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer)
+        )
+    return writer
 
 
 @dataclass
-class RecordedEstimates:
-    """What images mean, written beside them: heights, and the wrench where there is an estimator.
-
-    The first images are taken for untouched skin, and read like all others.
-    """
+class ReadingComputer:
+    """Computes readings from frames; the first ten frames are taken as reference images (no contact) and also read."""
 
     shape: CalibratedShape
-    estimator: ForceEstimator = field(default_factory=NoForce)
-    heights: bool = True
     _first: list[Frame] = field(default_factory=list, init=False)
-    _reader: DepthReader | None = field(default=None, init=False)
+    _depth_reader: DepthReader | None = field(default=None, init=False)
 
-    @property
-    def topics(self) -> set[Topic]:
-        """What it writes."""
-        wrench = set() if isinstance(self.estimator, NoForce) else {Topic.ESTIMATED}
-        return wrench | ({Topic.HEIGHTS} if self.heights else set())
-
-    def write(self, frame: Frame, episode: RecordingWriter) -> None:
-        """Read an image."""
-        for waiting, reader in self._readable(frame):
+    def readings(self, frame: Frame) -> Iterator[Reading]:
+        """Yield the readings that this frame completes: none for the first nine frames, ten for the tenth, then one."""
+        for waiting, depth_reader in self._readable(frame):
             rectified = self.shape.rectify(waiting)
-            reading = Reading(waiting, rectified, reader(rectified), reference=reader.reference)
-            if self.heights:
-                episode.height(reading.height, waiting.index)
-            if Topic.ESTIMATED in self.topics:
-                episode.estimated(self.estimator.estimate(reading).wrench)
+            yield Reading(waiting, rectified, depth_reader(rectified), reference=depth_reader.reference)
 
     def _readable(self, frame: Frame) -> Iterator[tuple[Frame, DepthReader]]:
-        if self._reader is not None:
-            yield frame, self._reader
+        if self._depth_reader is not None:
+            yield frame, self._depth_reader
             return
         self._first.append(frame)
-        if len(self._first) == REFERENCE_FRAMES:
-            self._reader = self.shape.depth_reader(*self._first)
-            yield from ((waiting, self._reader) for waiting in self._first)
+        if len(self._first) == _REFERENCE_FRAMES:
+            depth_reader = self._depth_reader = self.shape.depth_reader(*self._first)
+            yield from ((waiting, depth_reader) for waiting in self._first)
             self._first.clear()
 
 
 @dataclass
-class Recorder:
-    """Writes what a camera and a force/torque sensor deliver until it is over."""
+class RecordedEstimates:
+    """Heights and estimated wrenches that are written beside the images."""
 
-    episode: RecordingWriter
+    shape: CalibratedShape
+    estimator: ForceEstimator = field(default_factory=NoForce)
+    heights: bool = True
+
+    def __post_init__(self) -> None:
+        self._computer = ReadingComputer(self.shape)
+        self._estimates_force = not isinstance(self.estimator, NoForce)
+
+    @property
+    def topics(self) -> set[Topic]:
+        """The topics that `write` writes to."""
+        force = {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if self._estimates_force else set()
+        return force | ({Topic.HEIGHTS} if self.heights else set())
+
+    def write(self, frame: Frame, writer: RecordingWriter) -> None:
+        """Write heights and estimate of a frame, and of the first frames once the reference is known."""
+        for reading in self._computer.readings(frame):
+            index = reading.frame.index
+            if self.heights:
+                writer.write_height(reading.height, index)
+            if self._estimates_force:
+                writer.write_estimated(self.estimator.estimate(reading), index)
+
+
+@dataclass
+class Recorder:
+    """Writes what a camera and a force/torque sensor deliver into an open recording."""
+
+    writer: RecordingWriter
     camera: FrameSource
     force_torque: WrenchSource | None = None
-    interpretation: RecordedEstimates | None = None
+    estimates: RecordedEstimates | None = None
 
-    def run(self, is_over: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
-        """Record; ends well with a recording that is played. Raises what a live source raises, everything before kept."""
+    def run(self, should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
+        """Record until `should_stop` is true or the source ends; raises what a live source raises."""
         with ExitStack() as opened:
             samples = None
             if self.force_torque is not None:
-                samples = opened.enter_context(BackgroundReader[Wrench](self.force_torque, SAMPLES_AT_MOST))
-            images = opened.enter_context(BackgroundReader[Frame](self.camera, IMAGES_AT_MOST))
+                samples = opened.enter_context(BackgroundReader[Wrench](self.force_torque, _BUFFERED_SAMPLES))
+            images = opened.enter_context(BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES))
             try:
-                while not is_over():
-                    self._write_what_came(images, samples)
+                while not should_stop():
+                    self._write_arrivals(images, samples)
                     on_progress()
             except SourceEnded:
                 return
 
-    def _write_what_came(self, images: BackgroundReader[Frame], samples: BackgroundReader[Wrench] | None) -> None:
-        if samples is not None:
-            for wrench in waiting(samples):
-                self.episode.measured(wrench)
-        heard = images.take(WAIT_S)
-        if heard is not None:
-            self.episode.image(heard.item)
-            if self.interpretation is not None:
-                self.interpretation.write(heard.item, self.episode)
-
-
-def waiting(samples: BackgroundReader[Wrench]) -> Iterator[Wrench]:
-    """All samples that came."""
-    while (heard := samples.take()) is not None:
-        yield heard.item
+    def _write_arrivals(self, images: BackgroundReader[Frame], samples: BackgroundReader[Wrench] | None) -> None:
+        while samples is not None and (sample := samples.take()) is not None:
+            self.writer.write_measured(sample.item)
+        arrival = images.take(_WAIT_S)
+        if arrival is not None:
+            self.writer.write_image(arrival.item)
+            if self.estimates is not None:
+                self.estimates.write(arrival.item, self.writer)

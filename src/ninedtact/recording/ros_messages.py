@@ -1,63 +1,66 @@
-"""The nouns of an episode as ROS 2 messages, and back; rosbags knows their types and their encoding (CDR).
+"""The topics of a recording, and the conversion between the package's quantities and ROS 2 messages.
 
-All wrenches are about the skin's centre (frame `skin`); heights are mm, 32FC1. What ROS 2 has no type for is `Pair` and `Event`:
-their definitions ride along in the file, so that readers which never heard of them show their fields.
+All wrenches are about the skin centre (frame `skin`), N and N·m. Heights are in metres (REP 103), signed from the untouched
+surface, 32FC1, NaN out of view; in memory they are mm. `header.stamp` is the wall time of arrival. Labels and events are JSON in
+std_msgs/String, so that no program needs a message definition of this package. rosbags provides types and encoding (CDR).
 """
 
+import json
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray as Array
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from ninedtact.quantities import Wrench
 
-OWN_TYPES = {
-    "ninedtact_msgs/msg/Pair": """
-std_msgs/Header header         # stamp of its image in /camera/image_raw
-uint32 image                 # sequence number of that image
-uint32 untouched               # sequence number of its reference in /skin/untouched
-string object
-string contact
-string kind
-geometry_msgs/Wrench wrench    # object on skin, about the skin's centre, tare taken off
-""",
-    "ninedtact_msgs/msg/Event": """
-std_msgs/Header header
-string kind
-string subject
-string words
-""",
-}
-NS_PER_S = 1_000_000_000
+_NS_PER_S = 1_000_000_000
+_MM_PER_M = 1e3
+_WARN = 1
+"""Level of a diagnostic_msgs/DiagnosticStatus."""
 
 
 class Topic(StrEnum):
-    """What an episode may hold."""
+    """The topics of a recording, without the name of the sensor that precedes them."""
 
-    IMAGES = "/camera/image_raw"
-    UNTOUCHED = "/skin/untouched"
-    """Images of the untouched skin; those of one tare share a sequence number."""
-    MEASURED = "/wrench/measured"
-    """As the force/torque sensor told, nothing taken off."""
-    ESTIMATED = "/wrench/estimated"
-    HEIGHTS = "/skin/height_mm"
-    PAIRS = "/pairs"
-    EVENTS = "/events"
+    IMAGES = "image_raw"
+    REFERENCE = "reference"
+    """Reference images (no contact); those of one tare share a sequence number."""
+    MEASURED = "wrench_measured"
+    """As the force/torque sensor reports it, without a tare."""
+    ESTIMATED = "wrench_estimated"
+    COVARIANCE = "wrench_covariance"
+    """Of the estimated wrench, 6 x 6 in the order of `Wrench.six`."""
+    WARNINGS = "warnings"
+    """Why an estimate should not be trusted; nothing where there is no warning."""
+    HEIGHTS = "height"
+    LABELS = "labels"
+    """Images that were saved as training pairs."""
+    EVENTS = "events"
+
+    def path(self, sensor: str) -> str:
+        """Return the full name of the topic, such as `/my_sensor/image_raw`; ROS allows letters, digits and underscores."""
+        name = re.sub(r"[^A-Za-z0-9_]", "_", sensor)
+        prefix = name if name[:1].isalpha() else f"sensor_{name}"
+        return f"/{prefix}/{self.value}"
 
 
-TYPES = {
+MESSAGE_TYPES = {
     Topic.IMAGES: "sensor_msgs/msg/Image",
-    Topic.UNTOUCHED: "sensor_msgs/msg/Image",
+    Topic.REFERENCE: "sensor_msgs/msg/Image",
     Topic.MEASURED: "geometry_msgs/msg/WrenchStamped",
     Topic.ESTIMATED: "geometry_msgs/msg/WrenchStamped",
+    Topic.COVARIANCE: "std_msgs/msg/Float64MultiArray",
+    Topic.WARNINGS: "diagnostic_msgs/msg/DiagnosticArray",
     Topic.HEIGHTS: "sensor_msgs/msg/Image",
-    Topic.PAIRS: "ninedtact_msgs/msg/Pair",
-    Topic.EVENTS: "ninedtact_msgs/msg/Event",
+    Topic.LABELS: "std_msgs/msg/String",
+    Topic.EVENTS: "std_msgs/msg/String",
 }
 
 
@@ -67,147 +70,172 @@ class EventKind(StrEnum):
     DROPPED = "dropped"
     """Subject: how many images were lost before this moment."""
     TARED = "tared"
-    """Subject: sequence number of the reference that begins here; words: what was taken off, N and N·m."""
+    """Subject: sequence number of the reference that begins here; text: the wrench that was taken off, N and N·m."""
     OBJECT = "object"
     """Subject: the object from here on."""
     CONTACT_UNDONE = "contact undone"
     """Subject: a contact whose pairs are not to be used."""
     REMARK = "remark"
-    """Words: what a person was told."""
+    """Text: a message that a person saw."""
 
 
 @dataclass(frozen=True)
 class RecordingEvent:
-    """Something that happened."""
+    """Something that happened during a recording."""
 
     stamp_ns: int
     kind: EventKind
     subject: str = ""
-    words: str = ""
+    text: str = ""
 
 
 @dataclass(frozen=True)
 class PairLabel:
-    """That an image of the episode was saved as a pair."""
+    """The label of an image that was saved as a training pair."""
 
     stamp_ns: int
+    """Of the image."""
     image: int
-    untouched: int
+    """Sequence number of the image."""
+    reference: int
+    """Sequence number of its reference images."""
     object: str
     contact: str
     kind: str
     wrench: Wrench
+    """Object on skin, about the skin centre, tare taken off."""
 
 
 @cache
-def store() -> Any:
-    """The types of ROS 2, and ours."""
-    types = get_typestore(Stores.ROS2_JAZZY)
-    for name, definition in OWN_TYPES.items():
-        types.register(get_types_from_msg(definition, name))
-    return types
+def _type_store() -> Any:
+    return get_typestore(Stores.ROS2_JAZZY)
 
 
-def definition(name: str) -> bytes:
-    """A type's definition with all that it consists of, as ROS 2 writes it."""
-    text: str = store().generate_msgdef(name, ros_version=2)[0]
+def message_definition(name: str) -> bytes:
+    """Return the definition of a message type with all types that it contains, as ROS 2 writes it."""
+    text: str = _type_store().generate_msgdef(name, ros_version=2)[0]
     return text.encode()
 
 
-def camera_image_message(image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
-    """An image, BGR."""
-    return image_message(Topic.IMAGES, header(wall_ns, "camera"), image.shape[:2], "bgr8", image)
+def encode_image(image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
+    """Return an image message, BGR."""
+    return _encode_pixels(Topic.IMAGES, _header(wall_ns, "camera"), image.shape[:2], "bgr8", image)
 
 
-def height_message(z_mm: Float32[Array, "rows cols"], wall_ns: int) -> bytes:
-    """Heights in mm, NaN where nothing is seen."""
-    return image_message(Topic.HEIGHTS, header(wall_ns, "skin"), z_mm.shape, "32FC1", z_mm.astype("<f4", copy=False))
+def encode_height(z_mm: Float32[Array, "rows cols"], wall_ns: int) -> bytes:
+    """Return a height message in metres, NaN out of view."""
+    z_m = (z_mm.astype(np.float64) / _MM_PER_M).astype("<f4")
+    return _encode_pixels(Topic.HEIGHTS, _header(wall_ns, "skin"), z_m.shape, "32FC1", z_m)
 
 
-def image_message(topic: Topic, heading: Any, shape: tuple[int, ...], encoding: str, values: Array) -> bytes:
-    """Pixels row by row, little-endian."""
-    rows, cols = shape
-    data = np.ascontiguousarray(values).view(np.uint8).reshape(-1)
-    about = {"height": rows, "width": cols, "encoding": encoding, "is_bigendian": 0, "step": data.size // rows}
-    return encoded(topic, header=heading, data=data, **about)
-
-
-def wrench_message(wrench: Wrench, wall_ns: int) -> bytes:
-    """A wrench, about the skin's centre."""
-    return encoded(Topic.MEASURED, header=header(wall_ns, "skin"), wrench=bare_wrench(wrench))
-
-
-def pair_message(mark: PairLabel, wall_ns: int) -> bytes:
-    """The mark of a pair."""
-    numbers = {"image": mark.image, "untouched": mark.untouched}
-    words = {"object": mark.object, "contact": mark.contact, "kind": mark.kind}
-    return encoded(Topic.PAIRS, header=header(wall_ns, "skin"), **numbers, **words, wrench=bare_wrench(mark.wrench))
-
-
-def event_message(event: RecordingEvent, wall_ns: int) -> bytes:
-    """An event."""
-    words = {"kind": event.kind.value, "subject": event.subject, "words": event.words}
-    return encoded(Topic.EVENTS, header=header(wall_ns, ""), **words)
-
-
-def image_of(data: bytes) -> UInt8[Array, "rows cols 3"]:
-    """The image in a message, in its own memory."""
-    message = decoded(Topic.IMAGES, data)
-    return message.data.reshape(message.height, message.width, 3).copy()
-
-
-def height_of(data: bytes) -> Float32[Array, "rows cols"]:
-    """The heights in a message, mm."""
-    message = decoded(Topic.HEIGHTS, data)
-    return message.data.view("<f4").reshape(message.height, message.width).astype(np.float32)
-
-
-def wrench_of(data: bytes, stamp_ns: int) -> Wrench:
-    """The wrench in a message."""
-    return with_stamp(decoded(Topic.MEASURED, data).wrench, stamp_ns)
-
-
-def pair_of(data: bytes, stamp_ns: int) -> PairLabel:
-    """The mark in a message."""
-    told = decoded(Topic.PAIRS, data)
-    wrench = with_stamp(told.wrench, stamp_ns)
-    return PairLabel(stamp_ns, told.image, told.untouched, told.object, told.contact, told.kind, wrench)
-
-
-def event_of(data: bytes, stamp_ns: int) -> RecordingEvent:
-    """The event in a message."""
-    told = decoded(Topic.EVENTS, data)
-    return RecordingEvent(stamp_ns, EventKind(told.kind), told.subject, told.words)
-
-
-def encoded(topic: Topic, **values: Any) -> bytes:
-    """A message of the topic's type."""
-    name = TYPES[topic]
-    return bytes(store().serialize_cdr(store().types[name](**values), name))
-
-
-def decoded(topic: Topic, data: bytes) -> Any:
-    """A message of the topic's type, read."""
-    return store().deserialize_cdr(data, TYPES[topic])
-
-
-def header(wall_ns: int, frame: str) -> Any:
-    """Stamp and frame."""
-    types = store().types
-    stamp = types["builtin_interfaces/msg/Time"](*divmod(wall_ns, NS_PER_S))
-    return types["std_msgs/msg/Header"](stamp, frame)
-
-
-def bare_wrench(wrench: Wrench) -> Any:
-    """The six numbers about the skin's centre, without a stamp."""
-    types = store().types
+def encode_wrench(wrench: Wrench, wall_ns: int) -> bytes:
+    """Return a wrench message about the skin centre."""
+    types = _type_store().types
     about_centre = wrench.about(np.zeros(3)) if wrench.about_mm.any() else wrench
     vector = types["geometry_msgs/msg/Vector3"]
     force, torque = vector(*about_centre.force_n.tolist()), vector(*about_centre.torque_nm.tolist())
-    return types["geometry_msgs/msg/Wrench"](force, torque)
+    message = types["geometry_msgs/msg/Wrench"](force, torque)
+    return _encode(Topic.MEASURED, header=_header(wall_ns, "skin"), wrench=message)
 
 
-def with_stamp(told: Any, stamp_ns: int) -> Wrench:
-    """Six numbers of a message as a wrench."""
-    force, torque = ([part.x, part.y, part.z] for part in (told.force, told.torque))
+def encode_covariance(covariance: Float64[Array, "6 6"]) -> bytes:
+    """Return a covariance message in the order of `Wrench.six`, N and N·m."""
+    types = _type_store().types
+    dimension = types["std_msgs/msg/MultiArrayDimension"]
+    layout = types["std_msgs/msg/MultiArrayLayout"]([dimension("rows", 6, 36), dimension("columns", 6, 6)], 0)
+    return _encode(Topic.COVARIANCE, layout=layout, data=np.ascontiguousarray(covariance, np.float64).reshape(-1))
+
+
+def encode_warnings(warnings: Sequence[str], sensor: str, wall_ns: int) -> bytes:
+    """Return a diagnostic message with one status of level WARN for each warning."""
+    status = _type_store().types["diagnostic_msgs/msg/DiagnosticStatus"]
+    statuses = [
+        status(level=_WARN, name=f"{sensor}: force", message=text, hardware_id=sensor, values=[]) for text in warnings
+    ]
+    return _encode(Topic.WARNINGS, header=_header(wall_ns, "skin"), status=statuses)
+
+
+def encode_label(label: PairLabel) -> bytes:
+    """Return the label of a pair as a JSON message."""
+    wrench = {"force_n": label.wrench.force_n.tolist(), "torque_nm": label.wrench.torque_nm.tolist()}
+    return _encode_json(Topic.LABELS, {**_without_stamp(label), "wrench": wrench})
+
+
+def encode_event(event: RecordingEvent) -> bytes:
+    """Return an event as a JSON message."""
+    return _encode_json(Topic.EVENTS, _without_stamp(event))
+
+
+def decode_image(data: bytes) -> UInt8[Array, "rows cols 3"]:
+    """Return the image of a message in its own memory."""
+    message = _decode(Topic.IMAGES, data)
+    return message.data.reshape(message.height, message.width, 3).copy()
+
+
+def decode_height(data: bytes) -> Float32[Array, "rows cols"]:
+    """Return the heights of a message in mm."""
+    message = _decode(Topic.HEIGHTS, data)
+    z_m = message.data.view("<f4").reshape(message.height, message.width)
+    return (z_m.astype(np.float64) * _MM_PER_M).astype(np.float32)
+
+
+def decode_wrench(data: bytes, stamp_ns: int) -> Wrench:
+    """Return the wrench of a message."""
+    message = _decode(Topic.MEASURED, data).wrench
+    force, torque = ([part.x, part.y, part.z] for part in (message.force, message.torque))
     return Wrench(np.array(force), np.array(torque), stamp_ns=stamp_ns)
+
+
+def decode_covariance(data: bytes) -> Float64[Array, "6 6"]:
+    """Return the covariance of a message, in the order of `Wrench.six`."""
+    return np.array(_decode(Topic.COVARIANCE, data).data, float).reshape(6, 6)
+
+
+def decode_warnings(data: bytes) -> list[str]:
+    """Return the warnings of a message."""
+    return [status.message for status in _decode(Topic.WARNINGS, data).status]
+
+
+def decode_label(data: bytes, stamp_ns: int) -> PairLabel:
+    """Return the label of a message."""
+    fields = json.loads(_decode(Topic.LABELS, data).data)
+    wrench = fields.pop("wrench")
+    force_n, torque_nm = np.array(wrench["force_n"], float), np.array(wrench["torque_nm"], float)
+    return PairLabel(stamp_ns, **fields, wrench=Wrench(force_n, torque_nm, stamp_ns=stamp_ns))
+
+
+def decode_event(data: bytes, stamp_ns: int) -> RecordingEvent:
+    """Return the event of a message."""
+    fields = json.loads(_decode(Topic.EVENTS, data).data)
+    return RecordingEvent(stamp_ns, EventKind(fields["kind"]), fields["subject"], fields["text"])
+
+
+def _encode(topic: Topic, **values: Any) -> bytes:
+    name = MESSAGE_TYPES[topic]
+    return bytes(_type_store().serialize_cdr(_type_store().types[name](**values), name))
+
+
+def _decode(topic: Topic, data: bytes) -> Any:
+    return _type_store().deserialize_cdr(data, MESSAGE_TYPES[topic])
+
+
+def _encode_json(topic: Topic, fields: dict[str, Any]) -> bytes:
+    return _encode(topic, data=json.dumps(fields, ensure_ascii=False))
+
+
+def _without_stamp(item: RecordingEvent | PairLabel) -> dict[str, Any]:
+    return {name: value for name, value in vars(item).items() if name != "stamp_ns"}
+
+
+def _encode_pixels(topic: Topic, header: Any, shape: tuple[int, ...], encoding: str, values: Array) -> bytes:
+    """Return an image message, row by row, little-endian."""
+    rows, cols = shape
+    data = np.ascontiguousarray(values).view(np.uint8).reshape(-1)
+    layout = {"height": rows, "width": cols, "encoding": encoding, "is_bigendian": 0, "step": data.size // rows}
+    return _encode(topic, header=header, data=data, **layout)
+
+
+def _header(wall_ns: int, frame: str) -> Any:
+    types = _type_store().types
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(wall_ns, _NS_PER_S))
+    return types["std_msgs/msg/Header"](stamp, frame)

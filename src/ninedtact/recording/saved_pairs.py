@@ -1,28 +1,26 @@
-"""A pair that was collected: what the camera saw, and the wrench at that moment.
-
-`ninedtact collect` marks pairs in its episode; `episode_pairs.pairs_of` reads them, without those of contacts that were undone.
-
-What an episode's marks say, put together: image, wrench and untouched skin of each pair.
-"""
+"""The training pairs that `ninedtact collect` saved in a recording: raw image, wrench and reference images of each."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
-import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import Wrench
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.reader import Recording
-from ninedtact.recording.ros_messages import EventKind, PairLabel, Topic, image_of
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ninedtact.recording.reader import Recording
+    from ninedtact.recording.ros_messages import PairLabel
 
 PairKind = Literal["rule", "light_touch", "no_contact"]
-"""Why it was saved: the sampling rule kept it; it weighs less than the rule begins with; nothing touches."""
+"""Why a pair was saved: the sampling rule kept it; its load is below the start of the rule; nothing touches the skin."""
 PAIR_KINDS: tuple[PairKind, ...] = get_args(PairKind)
 NO_OBJECT = "none"
 """The object of a pair without contact."""
@@ -30,12 +28,12 @@ NO_OBJECT = "none"
 
 @dataclass(frozen=True)
 class ReferenceImages:
-    """The skin before a stretch of the session: the reference of the pairs that follow. Taken anew at every tare."""
+    """The reference images (no contact) of a tare, which belong to the pairs that follow it."""
 
     id: str
-    """Unlike that of any other, in any episode."""
+    """Unique over all recordings."""
     images: tuple[UInt8[Array, "rows cols 3"], ...]
-    """Raw BGR, read-only: all pairs of the stretch share them. To be rectified one by one and averaged."""
+    """Raw BGR, read-only, because all pairs after the tare share them. To be rectified one by one and averaged."""
 
 
 @dataclass(frozen=True)
@@ -43,86 +41,82 @@ class SavedPair:
     """One raw image and the wrench that the object applied to the skin when it was taken."""
 
     image: UInt8[Array, "rows cols 3"]
-    """Raw BGR, as the camera gave it."""
+    """Raw BGR, as the camera delivered it."""
     wrench: Wrench
-    """About the skin's centre, tare taken off; interpolated between the neighbouring samples to the image's stamp."""
+    """About the skin centre, tare taken off; interpolated between the neighbouring samples to the stamp of the image."""
     object: str
     """`NO_OBJECT` where nothing touches."""
     contact: str
-    """Pairs of one contact are alike: splits keep them together. Unlike any other contact's, in any episode."""
+    """Pairs of one contact are similar, so splits keep them together. Unique over all recordings."""
     kind: PairKind
     time_ns: int
-    """The image's stamp, monotonic clock of the recording machine."""
+    """The stamp of the image, monotonic clock of the recording machine."""
     sensor: str
-    """Name of the tactile sensor, as in its sensor.toml; its folder is attached to the episode."""
-    untouched: ReferenceImages
+    """Name of the tactile sensor, as in its sensor.toml; its folder is attached to the recording."""
+    reference: ReferenceImages
 
 
 def read_saved_pairs(recording: Path | str) -> Iterator[SavedPair]:
-    """The pairs of an episode that `ninedtact collect` wrote, finished or cut short, without undone contacts.
+    """Yield the pairs of a recording, finished or cut short, in the order of saving, undone contacts excluded.
 
     Raises `CameraNotFound` where there is no file, and `RecordingUnreadable`.
     """
-    with Recording(recording) as episode:
-        yield from SavedPairReader(episode).pairs()
+    from ninedtact.recording.reader import Recording
+
+    with Recording(recording) as opened:
+        reader = _SavedPairReader(opened)
+        for label in opened.kept_labels():
+            yield reader.pair(label)
 
 
-class SavedPairReader:
-    """The pairs of an open episode."""
+class _SavedPairReader:
+    """Finds image and reference images of the labels of an open recording."""
 
-    def __init__(self, episode: Recording) -> None:
-        self.episode = episode
+    def __init__(self, recording: "Recording") -> None:
+        self.recording = recording
 
-    def pairs(self) -> Iterator[SavedPair]:
-        """In the order of saving, without undone contacts; raises `RecordingUnreadable`."""
-        for mark in self.marks:
-            yield self.pair(mark)
-
-    @cached_property
-    def marks(self) -> list[PairLabel]:
-        """What was marked and not undone."""
-        events = self.episode.events()
-        undone = {event.subject for event in events if event.kind is EventKind.CONTACT_UNDONE}
-        return [mark for mark in self.episode.pairs() if mark.contact not in undone]
-
-    def pair(self, mark: PairLabel) -> SavedPair:
-        """One pair."""
-        kinds = [kind for kind in PAIR_KINDS if kind == mark.kind]
-        if not kinds or mark.stamp_ns not in self.places or mark.untouched not in self.skins:
+    def pair(self, label: "PairLabel") -> SavedPair:
+        """Return the pair of a label; raises `RecordingUnreadable` where its images are missing."""
+        kinds = [kind for kind in PAIR_KINDS if kind == label.kind]
+        if not kinds or label.stamp_ns not in self.image_positions or label.reference not in self.references:
             raise RecordingUnreadable(
-                f"expected a pair of {', '.join(PAIR_KINDS)} with its images in {self.episode.path}, got a {mark.kind!r} at "
-                f"{mark.stamp_ns} ns; restore the file from a copy"
+                f"expected a pair of {', '.join(PAIR_KINDS)} with its images in {self.recording.path}, got a {label.kind!r} at "
+                f"{label.stamp_ns} ns; restore the file from a copy"
             )
         return SavedPair(
-            image=self.episode.frame(self.places[mark.stamp_ns]).image,
-            wrench=mark.wrench,
-            object=mark.object,
-            contact=mark.contact,
+            image=self.recording.frame(self.image_positions[label.stamp_ns]).image,
+            wrench=label.wrench,
+            object=label.object,
+            contact=label.contact,
             kind=kinds[0],
-            time_ns=mark.stamp_ns,
-            sensor=self.episode.session.sensor,
-            untouched=self.skins[mark.untouched],
+            time_ns=label.stamp_ns,
+            sensor=self.recording.sensor,
+            reference=self.references[label.reference],
         )
 
     @cached_property
-    def places(self) -> dict[int, np.void]:
-        """Where the image of each stamp is."""
-        stamps_ns = self.episode.stamps_ns(Topic.IMAGES).tolist()
-        return dict(zip(stamps_ns, self.episode.places(Topic.IMAGES), strict=True))
+    def image_positions(self) -> "dict[int, np.void]":
+        """Position of the image of each stamp."""
+        from ninedtact.recording.ros_messages import Topic
+
+        stamps_ns = self.recording.stamps_ns(Topic.IMAGES).tolist()
+        return dict(zip(stamps_ns, self.recording.positions(Topic.IMAGES), strict=True))
 
     @cached_property
-    def skins(self) -> dict[int, ReferenceImages]:
-        """The untouched skin of each tare."""
-        messages = self.episode.messages(Topic.UNTOUCHED)
+    def references(self) -> dict[int, ReferenceImages]:
+        """The reference images of each tare."""
+        from ninedtact.recording.ros_messages import Topic
+
+        frames = groupby(self.recording.frames(Topic.REFERENCE), key=lambda frame: frame.index)
         return {
-            number: ReferenceImages(
-                f"{self.episode.session.id}-u{number:03d}", tuple(locked(image_of(one.data)) for one in of_tare)
+            tare: ReferenceImages(
+                f"{self.recording.metadata.id}-u{tare:03d}", tuple(_read_only(frame.image) for frame in of_tare)
             )
-            for number, of_tare in groupby(messages, key=lambda message: message.sequence)
+            for tare, of_tare in frames
         }
 
 
-def locked(image: Array) -> Array:
-    """The same image, not to be written to."""
+def _read_only(image: Array) -> Array:
+    """Make an image read-only and return it."""
     image.flags.writeable = False
     return image

@@ -1,7 +1,4 @@
-"""A file that only grows, by whole records: whatever stops it, what stands in it can be read.
-
-Writing an episode: one MCAP file that is good up to the last half second, however the program ends.
-"""
+"""Writes a recording: one MCAP file that is readable up to the last half second, however the program ends."""
 
 import os
 from collections import Counter
@@ -15,118 +12,62 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Frame, HeightMap, Wrench
+from ninedtact.quantities import Frame, HeightMap, Wrench, WrenchEstimate
+from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata
 from ninedtact.recording.ros_messages import (
-    TYPES,
+    MESSAGE_TYPES,
     EventKind,
     PairLabel,
     RecordingEvent,
     Topic,
-    camera_image_message,
-    definition,
-    event_message,
-    height_message,
-    pair_message,
-    wrench_message,
+    encode_covariance,
+    encode_event,
+    encode_height,
+    encode_image,
+    encode_label,
+    encode_warnings,
+    encode_wrench,
+    message_definition,
 )
-
-
-class RecordingRefused(NinedtactError):
-    """An episode cannot be begun there."""
-
-
-class RecordingStopped(NinedtactError):
-    """Nothing more can be written; what was written is kept."""
-
-
-class RecordFile:
-    """The output of an MCAP writer, which hands over whole records with every write; nothing waits in this process.
-
-    Not synced to the disk: it outlives the program, not a power cut.
-    """
-
-    def __init__(self, path: Path) -> None:
-        """Begin a new file; raises `RecordingRefused`."""
-        self.path, self._end = path, 0
-        try:
-            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-        except FileExistsError as trouble:
-            raise RecordingRefused(f"expected a new file to record to, got {path}; choose another name") from trouble
-        except OSError as trouble:
-            raise RecordingRefused(
-                f"expected to begin {path}, got: {trouble.strerror}; correct the path and its permissions"
-            ) from trouble
-
-    def write(self, records: bytes) -> int:
-        """Append whole records, or none of them; raises `RecordingStopped`."""
-        left = memoryview(records)
-        try:
-            while left:
-                left = left[os.write(self._file, left) :]
-        except BaseException as trouble:
-            os.ftruncate(self._file, self._end)
-            os.lseek(self._file, self._end, os.SEEK_SET)
-            if isinstance(trouble, OSError):
-                raise RecordingStopped(stopped(self.path, trouble)) from trouble
-            raise
-        self._end += len(records)
-        return len(records)
-
-    def tell(self) -> int:
-        """Where the next record will stand."""
-        return self._end
-
-    def flush(self) -> None:
-        """Nothing waits."""
-
-    def close(self) -> None:
-        """Let go of the file; its number may soon be another file's."""
-        descriptor, self._file = self._file, -1
-        os.close(descriptor)
-
-
-def stopped(path: Path, trouble: OSError) -> str:
-    """What is said when the disk takes no more."""
-    return (
-        f"expected to write on to {path}, got: {trouble.strerror}; what was recorded until then is kept: free the disk, and "
-        "record on under another name"
-    )
-
 
 CHUNK_BYTES = 2**19
 """Less than an image: whatever is written before an image is on disk with it."""
-LONGEST_WAIT_S = 0.5
-"""After which what was written is handed to the system, whatever its size."""
+_LONGEST_BUFFERING_S = 0.5
+"""After this time what was written is handed to the operating system, whatever its size."""
 
 
 class RecordingWriter:
-    """Writes an episode while it is open (`with`). One thread at a time.
+    """Writes a recording while it is open (`with`). One thread at a time.
 
-    Images are stored as they are (bgr8) in chunks that zstd compresses without loss (docs/recording.md has the figures).
+    Images are stored without loss (bgr8) in chunks that zstd compresses (docs/recording.md has the figures).
+
+        with RecordingWriter("press.mcap", RecordingMetadata("my_sensor")) as recording:
+            recording.write_image(frame)
     """
 
     def __init__(
         self,
         path: Path | str,
-        session: RecordingMetadata,
+        metadata: RecordingMetadata,
         topics: Collection[Topic] = tuple(Topic),
-        attached: Mapping[str, bytes] | None = None,
+        attachments: Mapping[str, bytes] | None = None,
     ) -> None:
-        """topics: those that will be written to. attached: files that ride along, by name."""
-        self.path, self.session = Path(path), session
+        """topics: those that will be written. attachments: content of the attached files by their names."""
+        self.path, self.metadata = Path(path), metadata
         self.written: Counter[Topic] = Counter()
+        """Messages written so far."""
         self.dropped = 0
-        """Images that the source counted and nobody wrote."""
+        """Images that the source counted and that were not written."""
         self._topics = {*topics, Topic.EVENTS}
-        self._attached = dict(attached or {})
+        self._attachments = dict(attachments or {})
         self._next_index: int | None = None
         self._between_records = True
 
     def __enter__(self) -> "RecordingWriter":
-        """Begin the file; raises `RecordingRefused` or `RecordingStopped`."""
-        self._file = RecordFile(self.path)
+        """Create the file; raises `RecordingRefused` or `RecordingStopped`."""
+        self._file = _RecordFile(self.path)
         self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)  # type: ignore[arg-type]
         try:
             self._begin()
@@ -137,92 +78,94 @@ class RecordingWriter:
         self._flushed_at = monotonic()
         return self
 
-    def image(self, frame: Frame) -> None:
-        """An image as it was read, and how many are missing before it."""
+    def write_image(self, frame: Frame) -> None:
+        """Write a frame as it was read, and an event where frames are missing before it."""
         missing = 0 if self._next_index is None else frame.index - self._next_index
         self._next_index = frame.index + 1
         if missing > 0:
             self.dropped += missing
-            self.event(RecordingEvent(frame.stamp_ns, EventKind.DROPPED, str(missing)))
-        self.kept_image(frame)
+            self.write_event(RecordingEvent(frame.stamp_ns, EventKind.DROPPED, str(missing)))
+        self.write_selected_image(frame)
 
-    def kept_image(self, frame: Frame) -> None:
-        """An image that was chosen among many: those between are not missing."""
-        wall_ns = self.session.wall_ns(frame.stamp_ns)
-        self._add(Topic.IMAGES, wall_ns, camera_image_message(frame.image, wall_ns), frame.index)
+    def write_selected_image(self, frame: Frame) -> None:
+        """Write a frame that was selected among many: frames before it do not count as missing."""
+        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns))
+        self._add(Topic.IMAGES, frame.stamp_ns, image, frame.index)
 
-    def untouched(self, frame: Frame, tare: int) -> None:
-        """An image of the untouched skin, of this tare."""
-        wall_ns = self.session.wall_ns(frame.stamp_ns)
-        self._add(Topic.UNTOUCHED, wall_ns, camera_image_message(frame.image, wall_ns), tare)
+    def write_reference(self, frame: Frame, tare: int) -> None:
+        """Write a reference image (no contact) of this tare."""
+        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns))
+        self._add(Topic.REFERENCE, frame.stamp_ns, image, tare)
 
-    def measured(self, wrench: Wrench) -> None:
-        """What the force/torque sensor told."""
-        self._wrench(Topic.MEASURED, wrench)
+    def write_measured(self, wrench: Wrench) -> None:
+        """Write a wrench of the force/torque sensor."""
+        self._add(Topic.MEASURED, wrench.stamp_ns, encode_wrench(wrench, self.metadata.wall_ns(wrench.stamp_ns)))
 
-    def estimated(self, wrench: Wrench) -> None:
-        """What was estimated from an image."""
-        self._wrench(Topic.ESTIMATED, wrench)
+    def write_estimated(self, estimate: WrenchEstimate, index: int = 0) -> None:
+        """Write an estimated wrench with its covariance, and its warnings where it has any; index: of the image."""
+        stamp_ns = estimate.wrench.stamp_ns
+        wall_ns = self.metadata.wall_ns(stamp_ns)
+        self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns), index)
+        self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(np.diag(estimate.error**2)), index)
+        if estimate.doubts:
+            warnings = encode_warnings([doubt.value for doubt in estimate.doubts], self.metadata.sensor, wall_ns)
+            self._add(Topic.WARNINGS, stamp_ns, warnings, index)
 
-    def height(self, height: HeightMap, index: int) -> None:
-        """The heights of the image of this number, NaN out of view."""
-        wall_ns = self.session.wall_ns(height.stamp_ns)
+    def write_height(self, height: HeightMap, index: int) -> None:
+        """Write the heights of the image with this index, NaN out of view."""
         z_mm = np.where(height.in_view, height.z_mm, np.float32(np.nan))
-        self._add(Topic.HEIGHTS, wall_ns, height_message(z_mm, wall_ns), index)
+        self._add(Topic.HEIGHTS, height.stamp_ns, encode_height(z_mm, self.metadata.wall_ns(height.stamp_ns)), index)
 
-    def pair(self, mark: PairLabel) -> None:
-        """That an image was saved as a pair; on disk when this returns."""
-        wall_ns = self.session.wall_ns(mark.stamp_ns)
-        self._add(Topic.PAIRS, wall_ns, pair_message(mark, wall_ns))
+    def write_label(self, label: PairLabel) -> None:
+        """Write that an image was saved as a pair; the label is on disk when this returns."""
+        self._add(Topic.LABELS, label.stamp_ns, encode_label(label))
         self.flush()
 
-    def event(self, event: RecordingEvent) -> None:
-        """Something that happened; on disk when this returns."""
-        wall_ns = self.session.wall_ns(event.stamp_ns)
-        self._add(Topic.EVENTS, wall_ns, event_message(event, wall_ns))
+    def write_event(self, event: RecordingEvent) -> None:
+        """Write an event; it is on disk when this returns."""
+        self._add(Topic.EVENTS, event.stamp_ns, encode_event(event))
         self.flush()
 
     def flush(self) -> None:
-        """Hand everything to the system."""
-        with self._records():
+        """Hand everything that was written to the operating system."""
+        with self._writing_records():
             self._writer.flush()
         self._flushed_at = monotonic()
 
-    def _wrench(self, topic: Topic, wrench: Wrench) -> None:
-        wall_ns = self.session.wall_ns(wrench.stamp_ns)
-        self._add(topic, wall_ns, wrench_message(wrench, wall_ns))
-
-    def _add(self, topic: Topic, wall_ns: int, data: bytes, sequence: int = 0) -> None:
-        with self._records():
-            self._writer.add_message(self._channels[topic], wall_ns, data, wall_ns, sequence)
+    def _add(self, topic: Topic, stamp_ns: int, data: bytes, sequence: int = 0) -> None:
+        with self._writing_records():
+            wall_ns = self.metadata.wall_ns(stamp_ns)
+            self._writer.add_message(self._channels[topic], stamp_ns, data, wall_ns, sequence)
         self.written[topic] += 1
-        if monotonic() - self._flushed_at > LONGEST_WAIT_S:
+        if monotonic() - self._flushed_at > _LONGEST_BUFFERING_S:
             self.flush()
 
     @contextmanager
-    def _records(self) -> Iterator[None]:
-        """The library's writer at work: interrupted there, it does not know what it has written."""
+    def _writing_records(self) -> Iterator[None]:
+        """Mark the block in which an interruption leaves the library's writer in an unknown state."""
         self._between_records = False
         yield
         self._between_records = True
 
     def _begin(self) -> None:
-        now_ns = self.session.wall_ns(monotonic_ns())
-        self._writer.start("ros2", f"ninedtact {self.session.software}".strip())
-        self._writer.add_metadata(METADATA_RECORD, self.session.as_metadata())
-        for name, content in self._attached.items():
-            self._writer.add_attachment(now_ns, now_ns, name, "application/octet-stream", content)
+        now_ns = monotonic_ns()
+        self._writer.start("ros2", f"ninedtact {self.metadata.software}".strip())
+        self._writer.add_metadata(METADATA_RECORD, self.metadata.to_mcap_metadata())
+        for name, content in self._attachments.items():
+            wall_ns = self.metadata.wall_ns(now_ns)
+            self._writer.add_attachment(wall_ns, now_ns, name, "application/octet-stream", content)
         topics = [topic for topic in Topic if topic in self._topics]
         schemas = {
-            name: self._writer.register_schema(name, "ros2msg", definition(name))
-            for name in dict.fromkeys(TYPES[topic] for topic in topics)
+            name: self._writer.register_schema(name, "ros2msg", message_definition(name))
+            for name in dict.fromkeys(MESSAGE_TYPES[topic] for topic in topics)
         }
         self._channels = {
-            topic: self._writer.register_channel(topic.value, "cdr", schemas[TYPES[topic]]) for topic in topics
+            topic: self._writer.register_channel(topic.path(self.metadata.sensor), "cdr", schemas[MESSAGE_TYPES[topic]])
+            for topic in topics
         }
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        """Finish the file, whatever ended the block; where it ended before anything came, nothing is left."""
+        """Finish the file, whatever ended the block; delete it where the block failed before any message."""
         try:
             if self._between_records:
                 self._between_records = False
@@ -235,3 +178,52 @@ class RecordingWriter:
             elif not self._between_records:
                 with suppress(OSError, NinedtactError):  # no room for a summary: it can be read without one
                     repair_recording(self.path)
+
+
+class _RecordFile:
+    """The output of the MCAP writer, which writes whole records; nothing is buffered in this process.
+
+    The file is not synced to the disk: it survives the program, not a power cut.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create a new file; raises `RecordingRefused`."""
+        self.path, self._end = path, 0
+        try:
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        except FileExistsError as error:
+            raise RecordingRefused(f"expected a new file to record to, got {path}; choose another name") from error
+        except OSError as error:
+            raise RecordingRefused(
+                f"expected to create {path}, got: {error.strerror}; correct the path and its permissions"
+            ) from error
+
+    def write(self, records: bytes) -> int:
+        """Append whole records, or none of them; raises `RecordingStopped`."""
+        left = memoryview(records)
+        try:
+            while left:
+                left = left[os.write(self._file, left) :]
+        except BaseException as error:
+            os.ftruncate(self._file, self._end)
+            os.lseek(self._file, self._end, os.SEEK_SET)
+            if isinstance(error, OSError):
+                raise RecordingStopped(
+                    f"expected to continue writing {self.path}, got: {error.strerror}; what was recorded until then is "
+                    "kept: free the disk, and record on under another name"
+                ) from error
+            raise
+        self._end += len(records)
+        return len(records)
+
+    def tell(self) -> int:
+        """Return the position of the next record."""
+        return self._end
+
+    def flush(self) -> None:
+        """Do nothing, because nothing is buffered."""
+
+    def close(self) -> None:
+        """Close the file; its descriptor may soon belong to another file."""
+        descriptor, self._file = self._file, -1
+        os.close(descriptor)

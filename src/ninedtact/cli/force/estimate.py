@@ -73,7 +73,7 @@ class Estimate:
     def frames(self) -> "FrameSource":
         """The images that were named, as a source; raises `NothingToEstimate`."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA
-        from ninedtact.cli.devices import source_named
+        from ninedtact.cli.devices import frame_source_for
 
         if not self.source:
             raise NothingToEstimate("expected images of the touched skin, got none; name them after the options")
@@ -90,7 +90,7 @@ class Estimate:
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )
-        return source_named(self.source[0], DEFAULT_CAMERA)
+        return frame_source_for(self.source[0], DEFAULT_CAMERA)
 
     @property
     def references(self) -> "list[Frame]":

@@ -48,9 +48,9 @@ class _RecordingPart(SourcePart):
         known: set[str] = set()
         steps: Counter[str] = Counter()
         for pair in read_saved_pairs(self.file):
-            if pair.untouched.id not in known:
-                known.add(pair.untouched.id)
-                yield _mean_reference(pair.untouched, pair.sensor, rectify)
+            if pair.reference.id not in known:
+                known.add(pair.reference.id)
+                yield _mean_reference(pair.reference, pair.sensor, rectify)
             yield self._make_row(pair, steps[pair.contact], rectify)
             steps[pair.contact] += 1
 
@@ -68,7 +68,7 @@ class _RecordingPart(SourcePart):
         return DatasetRow(
             id=f"{pair.contact}/{step:03d}",
             image=_encode_grey_levels(rectify(Frame(pair.image)).grey),
-            reference_id=pair.untouched.id,
+            reference_id=pair.reference.id,
             wrench=pair.wrench.about(np.zeros(3)).six.astype(np.float32),
             object=pair.object,
             contact_id=pair.contact,

@@ -1,11 +1,8 @@
-"""The last seconds of a force/torque sensor, and its wrench at any moment of them.
+"""Collects training pairs: images and force/torque samples in, labelled images in a recording out.
 
-Images and samples in, saved pairs out.
+image ──waits until later samples are known──▶ wrench at its time ──without fault?──▶ selected? ──▶ recording
 
-image ──waits until what comes after it is known──▶ wrench at its moment ──trusted?──▶ worth keeping? ──▶ episode
-
-Everything goes by stamps, nothing by the clock on the wall: what is collected live, from a twin or from a recording is collected
-by the same steps.
+Only stamps count, never the time of processing: live devices, simulated sensors and recordings are collected by the same steps.
 """
 
 from bisect import bisect_left
@@ -21,7 +18,12 @@ from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collecting.pair_counts import CountedPair, PairCounts
 from ninedtact.recording.collecting.pair_selection import PairCandidate, PairSelector, ZeroDriftMonitor
-from ninedtact.recording.collecting.sample_faults import FAULTS, ClockDriftMonitor, SampleFault, SampleFaultTracker
+from ninedtact.recording.collecting.sample_faults import (
+    REJECTION_FAULTS,
+    ClockDriftMonitor,
+    SampleFault,
+    SampleFaultTracker,
+)
 from ninedtact.recording.collecting.settings import CollectSettings
 from ninedtact.recording.collecting.tare import TareInProgress, TareReference
 from ninedtact.recording.merge_streams import Arrival
@@ -29,19 +31,22 @@ from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEven
 from ninedtact.recording.saved_pairs import NO_OBJECT
 from ninedtact.recording.writer import RecordingWriter
 
-KEPT_NS = 5_000_000_000
+COLLECTED_TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)
+_HISTORY_NS = 5_000_000_000
+_LONGEST_WAIT_NS = 1_000_000_000
+"""After this time an image no longer waits for samples."""
 
 
-class WrenchHistory:
-    """Samples about the skin's centre in the order of their stamps."""
+class _WrenchHistory:
+    """The samples of the last seconds, about the skin centre, and the wrench interpolated at any time among them."""
 
     def __init__(self) -> None:
         self.samples: deque[Wrench] = deque()
 
     def add(self, wrench: Wrench) -> None:
-        """A sample younger than all before."""
+        """Add a sample that is newer than all before."""
         self.samples.append(wrench)
-        while wrench.stamp_ns - self.samples[0].stamp_ns > KEPT_NS:
+        while wrench.stamp_ns - self.samples[0].stamp_ns > _HISTORY_NS:
             self.samples.popleft()
 
     @property
@@ -49,27 +54,23 @@ class WrenchHistory:
         """Stamp of the newest sample, 0 before the first."""
         return self.samples[-1].stamp_ns if self.samples else 0
 
-    def since(self, from_ns: int) -> Iterator[Wrench]:
-        """All samples that are not older."""
-        return (wrench for wrench in self.samples if wrench.stamp_ns >= from_ns)
-
     def distance_ns(self, at_ns: int) -> float:
-        """How far the farther of the two samples around a moment is from it; infinite where one is missing."""
-        before, after = self._around(at_ns)
+        """Return the distance of the farther of the two neighbouring samples; infinite where one is missing."""
+        before, after = self._neighbours(at_ns)
         if before is None or after is None:
             return np.inf
         return max(at_ns - before.stamp_ns, after.stamp_ns - at_ns)
 
-    def at(self, at_ns: int) -> Wrench | None:
-        """The wrench at a moment, straight between the samples around it; None where one is missing."""
-        before, after = self._around(at_ns)
+    def interpolate(self, at_ns: int) -> Wrench | None:
+        """Return the wrench at this time, linear between the neighbouring samples; None where one is missing."""
+        before, after = self._neighbours(at_ns)
         if before is None or after is None:
             return None
         part = (at_ns - before.stamp_ns) / max(after.stamp_ns - before.stamp_ns, 1)
         force_n, torque_nm = ((1 - part) * before.six + part * after.six).reshape(2, 3)
         return Wrench(force_n, torque_nm, stamp_ns=at_ns)
 
-    def _around(self, at_ns: int) -> tuple[Wrench | None, Wrench | None]:
+    def _neighbours(self, at_ns: int) -> tuple[Wrench | None, Wrench | None]:
         after = bisect_left(self.samples, at_ns, key=lambda wrench: wrench.stamp_ns)
         if after < len(self.samples) and self.samples[after].stamp_ns == at_ns:
             return self.samples[after], self.samples[after]
@@ -77,184 +78,184 @@ class WrenchHistory:
         return before, self.samples[after] if after < len(self.samples) else None
 
 
-COLLECTED_TOPICS = (Topic.IMAGES, Topic.UNTOUCHED, Topic.MEASURED, Topic.PAIRS)
-PATIENCE_NS = 1_000_000_000
-"""After which an image no longer waits for samples."""
-
-
 @dataclass
 class Collector:
-    """Saves pairs into an open episode. Starts with a tare."""
+    """Saves pairs into an open recording. It starts with a tare.
 
-    episode: RecordingWriter
+    collector = Collector(writer)
+    for arrival in merge_live_streams(camera, force_torque):
+        if arrival is not None:
+            collector.add(arrival)
+    collector.finish()
+    """
+
+    writer: RecordingWriter
     settings: CollectSettings = CollectSettings()
     objects: Iterator[str] = field(default_factory=lambda: (f"object_{number:03d}" for number in count(1)))
     """Names of the objects, in turn."""
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
 
     def __post_init__(self) -> None:
-        self.worth, self.rest = (
-            PairSelector(self.settings, SamplingRule(self.settings.rule, self.rng)),
-            ZeroDriftMonitor(self.settings),
-        )
-        self.counters = PairCounts(self.settings.rule.ranges)
-        self.refused: Counter[SampleFault] = Counter()
-        """Images that were not saved because something is wrong."""
-        self.told: SampleFault | None = None
-        """What is wrong now."""
-        self.now: PairCandidate | None = None
+        self.selector = PairSelector(self.settings, SamplingRule(self.settings.rule, self.rng))
+        self.zero_drift = ZeroDriftMonitor(self.settings)
+        self.counts = PairCounts(self.settings.rule.ranges)
+        self.rejected: Counter[SampleFault] = Counter()
+        """Images that were not saved because of a fault."""
+        self.fault: SampleFault | None = None
+        """The present fault."""
+        self.newest: PairCandidate | None = None
         """The newest moment that was decided."""
-        self.words = ""
-        """What a refused sample says of itself."""
-        self.track = WrenchHistory()
-        self.trust = SampleFaultTracker(int(self.settings.trust.frozen_ms * 1e6))
+        self.sample_faults = SampleFaultTracker(int(self.settings.checks.frozen_ms * 1e6))
         self.clocks = ClockDriftMonitor(self.settings.tolerance_ms), ClockDriftMonitor(self.settings.tolerance_ms)
-        self.pending: deque[tuple[Frame, str]] = deque()
-        """Images that wait for what comes after them, and the object in the hand."""
-        self.taring: TareInProgress | None = TareInProgress(0, self.settings)
-        self.untouched: TareReference | None = None
+        self.tare_in_progress: TareInProgress | None = TareInProgress(0, self.settings)
+        self.reference: TareReference | None = None
         self.object = ""
-        self.newest_ns = 0
-        self._object_decided = ""
+        self._rejection_text = ""
+        self._history = _WrenchHistory()
+        self._pending: deque[tuple[Frame, str]] = deque()
+        """Images that wait for later samples, and the object at their time."""
+        self._newest_ns = 0
+        self._decided_object = ""
 
-    def hear(self, heard: Arrival[Frame | Wrench | WrenchSampleRejected]) -> None:
-        """An image, a sample, or a sample that must not be used; images and samples each in the order of their stamps."""
-        if isinstance(heard.item, Frame):
-            self.clocks[0].note(heard.item.stamp_ns, heard.at_ns)
-            self._see(heard.item)
-        elif isinstance(heard.item, Wrench):
-            self.clocks[1].note(heard.item.stamp_ns, heard.at_ns)
-            self._feel(heard.item)
+    def add(self, arrival: Arrival[Frame | Wrench | WrenchSampleRejected]) -> None:
+        """Add an image, a sample, or a rejected sample; images and samples each in the order of their stamps."""
+        if isinstance(arrival.item, Frame):
+            self.clocks[0].add_arrival(arrival.item.stamp_ns, arrival.at_ns)
+            self._add_frame(arrival.item)
+        elif isinstance(arrival.item, Wrench):
+            self.clocks[1].add_arrival(arrival.item.stamp_ns, arrival.at_ns)
+            self._add_wrench(arrival.item)
         else:
-            self.trust.refuse(heard.item)
-            self.words = str(heard.item)
+            self.sample_faults.reject(arrival.item)
+            self._rejection_text = str(arrival.item)
 
-    def _see(self, frame: Frame) -> None:
-        self.newest_ns = max(self.newest_ns, frame.stamp_ns)
-        if self.taring is not None:
-            self.taring.see(frame)
-            self._end_tare()
+    def _add_frame(self, frame: Frame) -> None:
+        self._newest_ns = max(self._newest_ns, frame.stamp_ns)
+        if self.tare_in_progress is not None:
+            self.tare_in_progress.add_frame(frame)
+            self._finish_tare()
         else:
-            self.pending.append((frame, self.object))
+            self._pending.append((frame, self.object))
             self._decide_pending()
 
-    def _feel(self, sample: Wrench) -> None:
+    def _add_wrench(self, sample: Wrench) -> None:
         wrench = sample.about(np.zeros(3))
-        self.episode.measured(wrench)
-        if not self.trust.takes(wrench):
+        self.writer.write_measured(wrench)
+        if not self.sample_faults.accept(wrench):
             return
-        self.track.add(wrench)
-        if self.taring is not None:
-            self.taring.feel(wrench)
+        self._history.add(wrench)
+        if self.tare_in_progress is not None:
+            self.tare_in_progress.add_wrench(wrench)
         else:
             self._decide_pending()
 
-    def tare(self) -> None:
-        """Weigh the untouched skin anew, and take its image."""
-        self.pending.clear()
-        self.taring = TareInProgress(self.untouched.number + 1 if self.untouched else 0, self.settings, self.untouched)
+    def begin_tare(self) -> None:
+        """Take new reference images and a new zero from the frames and samples that follow."""
+        self._pending.clear()
+        number = self.reference.number + 1 if self.reference else 0
+        self.tare_in_progress = TareInProgress(number, self.settings, self.reference)
 
-    def next_object(self, name: str | None = None, at_ns: int | None = None) -> None:
-        """Another object from now on: the named one, else the next in turn. at_ns: when, if not now."""
+    def begin_object(self, name: str | None = None, at_ns: int | None = None) -> None:
+        """Continue with another object: the named one, else the next in turn. at_ns: since when, if not now."""
         self.object = name or next(self.objects)
-        self.episode.event(RecordingEvent(at_ns or self.newest_ns, EventKind.OBJECT, self.object))
+        self.writer.write_event(RecordingEvent(at_ns or self._newest_ns, EventKind.OBJECT, self.object))
 
-    def undo(self) -> str:
-        """Take back the newest contact that has pairs; what was done, in words."""
-        contact = self.counters.last_contact
+    def undo_last_contact(self) -> str:
+        """Remove the newest contact that has pairs; return what was done as text."""
+        contact = self.counts.last_contact
         if contact is None:
             return "nothing to undo"
-        pairs = self.counters.undo(contact)
-        self.worth.begin_contact()
-        self.episode.event(RecordingEvent(self.newest_ns, EventKind.CONTACT_UNDONE, contact))
+        pairs = self.counts.undo(contact)
+        self.selector.begin_contact()
+        self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.CONTACT_UNDONE, contact))
         return f"undone: the last contact with its {pairs} pairs"
 
-    def end(self) -> None:
-        """No more comes: decide what still waits."""
-        while self.pending:
-            self._decide(*self.pending.popleft())
+    def finish(self) -> None:
+        """Decide the images that still wait, because no more samples arrive."""
+        while self._pending:
+            self._decide(*self._pending.popleft())
 
-    def _end_tare(self) -> None:
-        assert self.taring is not None
-        found = self.taring.untouched()
-        if found is None:
-            return
-        self.untouched, self.taring = found, None
-        for frame in found.frames:
-            self.episode.untouched(frame, found.number)
-        zero = " ".join(f"{number:.6g}" for number in found.zero)
-        self.episode.event(RecordingEvent(self.newest_ns, EventKind.TARED, str(found.number), zero))
-        self.trust.at_rest()
-        self.rest.begin()
-        if not self.object:
-            self.next_object()
-
-    def _decide_pending(self) -> None:
-        while self.pending:
-            at_ns = self._moment_ns(self.pending[0][0])
-            if self.track.newest_ns < at_ns + self.settings.hindsight_ns and self.newest_ns < at_ns + PATIENCE_NS:
-                return
-            self._decide(*self.pending.popleft())
-
-    def _moment_ns(self, frame: Frame) -> int:
-        return frame.stamp_ns - int(self.settings.camera_late_ms * 1e6)
-
-    def _decide(self, frame: Frame, name: str) -> None:
-        assert self.untouched is not None
-        if name != self._object_decided:
-            self._object_decided = name
-            self.worth.begin_contact()
-        at_ns = self._moment_ns(frame)
-        fault, wrench = self._fault_at(at_ns), self.track.at(at_ns)
-        if wrench is not None and fault in (None, SampleFault.SHIFTED):
-            change = self.untouched.seen.change(frame.image)
-            self.now = PairCandidate(frame, self.untouched.taken_off(wrench), change)
-            fault = self._fault_of(self.now, fault)
-            if fault is None:
-                self._save(self.now)
-        self._tell(fault)
-
-    def _fault_at(self, at_ns: int) -> SampleFault | None:
-        if not all(clock.keeps for clock in self.clocks):
-            return SampleFault.CLOCK
-        tolerance_ns = int(self.settings.tolerance_ms * 1e6)
-        if fault := self.trust.fault(at_ns - tolerance_ns, at_ns + tolerance_ns):
-            return fault
-        return SampleFault.UNPAIRED if self.track.distance_ns(at_ns) > tolerance_ns else None
-
-    def _fault_of(self, moment: PairCandidate, fault: SampleFault | None) -> SampleFault | None:
-        if self.rest.sees(moment):
-            self.trust.at_rest()
-            return None
-        return SampleFault.NOT_AT_REST if self.rest.has_drifted else fault
-
-    def _save(self, moment: PairCandidate) -> None:
-        kind = self.worth.of(moment, self.counters)
-        if kind is None:
-            return
-        frame, name = moment.frame, NO_OBJECT if kind == "no_contact" else self._object_decided
-        contact = f"{self.episode.session.id}-{self.worth.contact:05d}"
-        assert self.untouched is not None
-        numbers = {"image": frame.index, "untouched": self.untouched.number}
-        self.episode.kept_image(frame)
-        self.episode.pair(
-            PairLabel(frame.stamp_ns, **numbers, object=name, contact=contact, kind=kind, wrench=moment.wrench)
-        )
-        self.counters.add(CountedPair(kind, name, contact, moment.wrench.six))
-
-    def _tell(self, fault: SampleFault | None) -> None:
-        if fault is not None:
-            self.refused[fault] += 1
-            if fault is not self.told:
-                self.episode.event(
-                    RecordingEvent(self.newest_ns, EventKind.REMARK, fault.name.lower(), self.sentence(fault))
-                )
-        self.told = fault
-
-    def sentence(self, fault: SampleFault) -> str:
-        """What to tell a person of it."""
-        if fault in FAULTS.values():
-            return self.words or fault.value
+    def fault_text(self, fault: SampleFault) -> str:
+        """Return a fault as a sentence for a person."""
+        if fault in REJECTION_FAULTS.values():
+            return self._rejection_text or fault.value
         if fault is SampleFault.UNPAIRED:
             return f"{fault.value} (tolerance {self.settings.tolerance_ms:g} ms)"
         return fault.value
+
+    def _finish_tare(self) -> None:
+        assert self.tare_in_progress is not None
+        reference = self.tare_in_progress.finish()
+        if reference is None:
+            return
+        self.reference, self.tare_in_progress = reference, None
+        for frame in reference.frames:
+            self.writer.write_reference(frame, reference.number)
+        zero = " ".join(f"{number:.6g}" for number in reference.zero)
+        self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.TARED, str(reference.number), zero))
+        self.sample_faults.confirm_zero()
+        self.zero_drift.reset()
+        if not self.object:
+            self.begin_object()
+
+    def _decide_pending(self) -> None:
+        while self._pending:
+            at_ns = self._exposed_ns(self._pending[0][0])
+            is_early = self._history.newest_ns < at_ns + self.settings.decision_delay_ns
+            if is_early and self._newest_ns < at_ns + _LONGEST_WAIT_NS:
+                return
+            self._decide(*self._pending.popleft())
+
+    def _exposed_ns(self, frame: Frame) -> int:
+        return frame.stamp_ns - int(self.settings.camera_delay_ms * 1e6)
+
+    def _decide(self, frame: Frame, name: str) -> None:
+        assert self.reference is not None
+        if name != self._decided_object:
+            self._decided_object = name
+            self.selector.begin_contact()
+        at_ns = self._exposed_ns(frame)
+        fault, wrench = self._fault_at(at_ns), self._history.interpolate(at_ns)
+        if wrench is not None and fault in (None, SampleFault.SHIFTED):
+            change_levels = self.reference.detector.change_levels(frame.image)
+            self.newest = PairCandidate(frame, self.reference.remove_zero(wrench), change_levels)
+            fault = self._fault_of_zero(self.newest, fault)
+            if fault is None:
+                self._save(self.newest)
+        self._report(fault)
+
+    def _fault_at(self, at_ns: int) -> SampleFault | None:
+        if not all(clock.is_within_tolerance for clock in self.clocks):
+            return SampleFault.CLOCK
+        tolerance_ns = int(self.settings.tolerance_ms * 1e6)
+        if fault := self.sample_faults.fault_between(at_ns - tolerance_ns, at_ns + tolerance_ns):
+            return fault
+        return SampleFault.UNPAIRED if self._history.distance_ns(at_ns) > tolerance_ns else None
+
+    def _fault_of_zero(self, candidate: PairCandidate, fault: SampleFault | None) -> SampleFault | None:
+        if self.zero_drift.check(candidate):
+            self.sample_faults.confirm_zero()
+            return None
+        return SampleFault.NOT_AT_REST if self.zero_drift.has_drifted else fault
+
+    def _save(self, candidate: PairCandidate) -> None:
+        kind = self.selector.select(candidate, self.counts)
+        if kind is None:
+            return
+        frame, name = candidate.frame, NO_OBJECT if kind == "no_contact" else self._decided_object
+        contact = f"{self.writer.metadata.id}-{self.selector.contact:05d}"
+        assert self.reference is not None
+        self.writer.write_selected_image(frame)
+        label = PairLabel(
+            frame.stamp_ns, frame.index, self.reference.number, name, contact, kind, wrench=candidate.wrench
+        )
+        self.writer.write_label(label)
+        self.counts.add(CountedPair(kind, name, contact, candidate.wrench.six))
+
+    def _report(self, fault: SampleFault | None) -> None:
+        if fault is not None:
+            self.rejected[fault] += 1
+            if fault is not self.fault:
+                name, text = fault.name.lower(), self.fault_text(fault)
+                self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.REMARK, name, text))
+        self.fault = fault

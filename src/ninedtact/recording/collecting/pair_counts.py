@@ -1,4 +1,4 @@
-"""What was saved, counted per range of each axis, so that a person sees which forces are missing."""
+"""Counts the saved pairs in bins of each wrench axis, so that a person sees which forces are missing."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -11,15 +11,17 @@ from ninedtact.capture.sampling_rule import SixFloats
 from ninedtact.recording.saved_pairs import PairKind
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
-BINS = 12
-SCARCE = 0.02
-"""Share of the pairs below which a range is missing."""
+AXIS_UNITS = ("N", "N", "N", "N·mm", "N·mm", "N·mm")
+AXIS_SCALES = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
+"""From N and N·m to what is shown to a person."""
+_BINS = 12
+_SCARCE_FRACTION = 0.02
+"""Fraction of the pairs below which a bin counts as missing."""
 
 
 @dataclass(frozen=True)
 class CountedPair:
-    """What is remembered of a pair."""
+    """What is remembered of a saved pair."""
 
     kind: PairKind
     object: str
@@ -29,24 +31,24 @@ class CountedPair:
 
 @dataclass
 class PairCounts:
-    """Everything that was saved in this session, undone contacts taken out."""
+    """All pairs that were saved in this session, undone contacts excluded."""
 
     ranges: SixFloats
-    saved: list[CountedPair] = field(default_factory=list)
+    pairs: list[CountedPair] = field(default_factory=list)
     kinds: Counter[str] = field(default_factory=Counter)
     objects: Counter[str] = field(default_factory=Counter)
-    counts: Array = field(default_factory=lambda: np.zeros((6, BINS), int))
-    """Pairs in each of the twelve parts of each axis's range; what is beyond counts at its end."""
+    counts: Array = field(default_factory=lambda: np.zeros((6, _BINS), int))
+    """Pairs in each of the twelve bins of each axis; what is beyond the range counts in the last bin."""
 
     def add(self, pair: CountedPair) -> None:
-        """One more."""
-        self.saved.append(pair)
+        """Count one more saved pair."""
+        self.pairs.append(pair)
         self._count(pair, +1)
 
     def undo(self, contact: str) -> int:
-        """Take a contact out; how many pairs it had."""
-        undone = [pair for pair in self.saved if pair.contact == contact]
-        self.saved = [pair for pair in self.saved if pair.contact != contact]
+        """Remove the pairs of a contact and return their number."""
+        undone = [pair for pair in self.pairs if pair.contact == contact]
+        self.pairs = [pair for pair in self.pairs if pair.contact != contact]
         for pair in undone:
             self._count(pair, -1)
         return len(undone)
@@ -54,13 +56,13 @@ class PairCounts:
     def _count(self, pair: CountedPair, by: int) -> None:
         self.kinds[pair.kind] += by
         self.objects[pair.object] += by
-        low, high = self.spans
-        parts = ((pair.six - low) / (high - low) * BINS).astype(int).clip(0, BINS - 1)
-        self.counts[np.arange(6), parts] += by
+        low, high = self.limits
+        bins = ((pair.six - low) / (high - low) * _BINS).astype(int).clip(0, _BINS - 1)
+        self.counts[np.arange(6), bins] += by
 
     @property
-    def spans(self) -> Float64[Array, "2 6"]:
-        """From where to where each axis is counted: about zero, the load from zero inwards."""
+    def limits(self) -> Float64[Array, "2 6"]:
+        """Lower and upper limit of each axis, N and N·m: symmetric about zero, F_z from zero inwards."""
         widths = np.array(self.ranges)
         low = -widths / 2
         low[2] = -widths[2]
@@ -69,15 +71,15 @@ class PairCounts:
     @property
     def last_contact(self) -> str | None:
         """The newest contact that has pairs."""
-        return next((pair.contact for pair in reversed(self.saved) if pair.kind != "no_contact"), None)
+        return next((pair.contact for pair in reversed(self.pairs) if pair.kind != "no_contact"), None)
 
-    def missing(self) -> list[str]:
-        """Ranges with hardly a pair, in words."""
-        return [words for axis in range(6) for words in self._missing_of(axis)]
+    def missing_ranges(self) -> list[str]:
+        """Return the ranges with hardly a pair, as text."""
+        return [text for axis in range(6) for text in self._missing_ranges_of(axis)]
 
-    def _missing_of(self, axis: int) -> list[str]:
-        low, high = self.spans[:, axis]
-        edges = np.linspace(low, high, BINS + 1)
-        scarce = self.counts[axis] <= SCARCE * max(len(self.saved), 1)
+    def _missing_ranges_of(self, axis: int) -> list[str]:
+        low, high = self.limits[:, axis] * AXIS_SCALES[axis]
+        edges = np.linspace(low, high, _BINS + 1)
+        scarce = self.counts[axis] <= _SCARCE_FRACTION * max(len(self.pairs), 1)
         borders = np.flatnonzero(np.diff(np.concatenate([[False], scarce, [False]]).astype(int))).reshape(-1, 2)
-        return [f"{AXES[axis]} {edges[one]:.3g} to {edges[other]:.3g} {UNITS[axis]}" for one, other in borders]
+        return [f"{AXES[axis]} {edges[one]:.3g} to {edges[other]:.3g} {AXIS_UNITS[axis]}" for one, other in borders]

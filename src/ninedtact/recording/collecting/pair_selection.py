@@ -1,8 +1,6 @@
-"""An image and the wrench of its moment, before anything is decided about them.
+"""Which moments are saved as pairs, and to which contact each belongs.
 
-What rest tells: a sensor that jumped came back, or one that weighs something where nothing touches has drifted.
-
-Which of the moments that can be trusted are worth saving, and which contact each belongs to.
+The sampling rule selects pairs within a contact; fixed fractions of light touches and of moments without contact are added.
 """
 
 from dataclasses import dataclass, field
@@ -15,63 +13,60 @@ from ninedtact.recording.collecting.pair_counts import PairCounts
 from ninedtact.recording.collecting.settings import CollectSettings
 from ninedtact.recording.saved_pairs import PairKind
 
+_REST_TIMEOUT_NS = 2_000_000_000
+"""A load without visible contact is accepted for this long: a broad flat object is felt before it is visible."""
+_MIN_INTERVAL_NS = {"light_touch": 200_000_000, "no_contact": 1_000_000_000}
+"""Smallest time between two pairs of a kind that the sampling rule does not select."""
+
 
 @dataclass(frozen=True)
 class PairCandidate:
-    """What was seen and weighed at once."""
+    """An image and the wrench at its time, before it is decided whether to save them."""
 
     frame: Frame
     wrench: Wrench
-    """About the skin's centre, tare taken off."""
-    change: float
-    """Grey levels from the untouched skin."""
+    """About the skin centre, tare taken off."""
+    change_levels: float
+    """Grey levels by which the image differs from the reference."""
 
     def looks_untouched(self, settings: CollectSettings) -> bool:
-        """Whether the image shows nothing; between this and a touch it shows neither."""
-        return self.change < settings.touched_levels / 2
+        """Return whether the image shows no contact; between this and contact it shows neither."""
+        return self.change_levels < settings.contact_levels / 2
 
-    def rests(self, settings: CollectSettings) -> bool:
-        """Whether the force/torque sensor reads nothing."""
+    def is_at_rest(self, settings: CollectSettings) -> bool:
+        """Return whether the force/torque sensor reads nothing."""
         return bool((np.abs(self.wrench.six) <= settings.rest).all())
-
-
-UNREST_NS = 2_000_000_000
-"""A load on skin that looks untouched is believed for so long: a broad flat object is felt before it is seen."""
 
 
 @dataclass
 class ZeroDriftMonitor:
-    """Watches the skin while nothing seems to touch it."""
+    """Whether the force/torque sensor reads a load while the image shows no contact, which means that its zero has drifted."""
 
     settings: CollectSettings
     has_drifted: bool = field(default=False, init=False)
-    """Weighs something where nothing touches; until it is seen at rest."""
-    unrest_since_ns: int | None = field(default=None, init=False)
+    """Set until the sensor is at rest without visible contact."""
+    load_since_ns: int | None = field(default=None, init=False)
 
-    def sees(self, moment: PairCandidate) -> bool:
-        """Look at a moment; whether it is one of rest."""
-        if not moment.looks_untouched(self.settings):
-            self.unrest_since_ns = None
+    def check(self, candidate: PairCandidate) -> bool:
+        """Take a moment into account; return whether it is one of rest without contact."""
+        if not candidate.looks_untouched(self.settings):
+            self.load_since_ns = None
             return False
-        if moment.rests(self.settings):
-            self.begin()
+        if candidate.is_at_rest(self.settings):
+            self.reset()
             return True
-        self.unrest_since_ns = self.unrest_since_ns or moment.frame.stamp_ns
-        self.has_drifted |= moment.frame.stamp_ns - self.unrest_since_ns > UNREST_NS
+        self.load_since_ns = self.load_since_ns or candidate.frame.stamp_ns
+        self.has_drifted |= candidate.frame.stamp_ns - self.load_since_ns > _REST_TIMEOUT_NS
         return False
 
-    def begin(self) -> None:
-        """The skin is known to rest."""
-        self.unrest_since_ns, self.has_drifted = None, False
-
-
-APART_NS = {"light_touch": 200_000_000, "no_contact": 1_000_000_000}
-"""Between two pairs of a kind that the rule does not choose."""
+    def reset(self) -> None:
+        """Take the present zero as right."""
+        self.load_since_ns, self.has_drifted = None, False
 
 
 @dataclass
 class PairSelector:
-    """The paper's rule, and shares of what it leaves out: light touches, and skin that nothing touches."""
+    """Selects the moments to save, given every moment in turn."""
 
     settings: CollectSettings
     rule: SamplingRule
@@ -80,37 +75,37 @@ class PairSelector:
     touching: bool = field(default=False, init=False)
     last_ns: dict[PairKind, int] = field(default_factory=dict, init=False)
 
-    def of(self, moment: PairCandidate, counters: PairCounts) -> PairKind | None:
-        """Why to save a moment, if at all; asked about every moment in turn."""
-        kept = self.rule.keeps(moment.wrench)
-        self._note_touch(moment)
+    def select(self, candidate: PairCandidate, counts: PairCounts) -> PairKind | None:
+        """Return why to save a moment, or None."""
+        kept = self.rule.keeps(candidate.wrench)
+        self._update_contact(candidate)
         if kept:
             return "rule"
         kind: PairKind = "light_touch" if self.touching else "no_contact"
-        return kind if self._is(kind, moment) and self._is_wanted(kind, moment, counters) else None
+        return kind if self._is_of_kind(kind, candidate) and self._is_wanted(kind, candidate, counts) else None
 
     def begin_contact(self) -> None:
-        """What follows is another contact, though nothing may have been lifted."""
+        """Start another contact, even if nothing was lifted."""
         self.contact += 1
         self.rule.end_contact()
 
-    def _note_touch(self, moment: PairCandidate) -> None:
-        # A touch that was seen goes on until the image shows nothing.
-        levels = self.settings.touched_levels / (2 if self.touching else 1)
-        touching = self.rule.touching or moment.change > levels
+    def _update_contact(self, candidate: PairCandidate) -> None:
+        # A contact that was visible continues until the image shows none.
+        levels = self.settings.contact_levels / (2 if self.touching else 1)
+        touching = self.rule.touching or candidate.change_levels > levels
         self.contact += touching != self.touching
         self.touching = touching
 
-    def _is(self, kind: PairKind, moment: PairCandidate) -> bool:
+    def _is_of_kind(self, kind: PairKind, candidate: PairCandidate) -> bool:
         if kind == "light_touch":
-            return not self.rule.touching and moment.change > self.settings.touched_levels
-        return moment.looks_untouched(self.settings) and moment.rests(self.settings)
+            return not self.rule.touching and candidate.change_levels > self.settings.contact_levels
+        return candidate.looks_untouched(self.settings) and candidate.is_at_rest(self.settings)
 
-    def _is_wanted(self, kind: PairKind, moment: PairCandidate, counters: PairCounts) -> bool:
-        """Whether a kind is short of its share, and the last one some time ago."""
-        share = self.settings.light_touch if kind == "light_touch" else self.settings.no_contact
-        is_soon = moment.frame.stamp_ns - self.last_ns.get(kind, 0) < APART_NS[kind]
-        if is_soon or counters.kinds[kind] >= share * (len(counters.saved) + 1):
+    def _is_wanted(self, kind: PairKind, candidate: PairCandidate, counts: PairCounts) -> bool:
+        """Return whether there are too few pairs of a kind, and the last one is some time ago."""
+        fraction = self.settings.light_touch if kind == "light_touch" else self.settings.no_contact
+        is_soon = candidate.frame.stamp_ns - self.last_ns.get(kind, 0) < _MIN_INTERVAL_NS[kind]
+        if is_soon or counts.kinds[kind] >= fraction * (len(counts.pairs) + 1):
             return False
-        self.last_ns[kind] = moment.frame.stamp_ns
+        self.last_ns[kind] = candidate.frame.stamp_ns
         return True

@@ -1,7 +1,7 @@
-"""Which moments are not to be believed, because of their samples or because of a clock.
+"""Faults of the force/torque sensor and of the clocks, by time: which moments must not be saved.
 
-`Trusted` refuses samples one by one (capture/force_torque/trusted.py). Here it is kept for when: also for the time before a
-refusal in which the fault was already there and nobody could know.
+`CheckedWrenchSource` rejects samples one by one (capture/force_torque/sample_checks.py). Here the faults are remembered with
+their times, including the time before a rejection in which the fault existed and could not be known yet.
 """
 
 from collections import deque
@@ -13,101 +13,108 @@ import numpy as np
 from ninedtact.capture.wrench_source import WrenchFrozen, WrenchJumped, WrenchSampleRejected, WrenchSaturated
 from ninedtact.quantities import Wrench
 
-REMEMBERED = 64
-WATCH_NS = 1_000_000_000
-"""Over which the least delay of a source is taken: delays vary, the least does not."""
+_REMEMBERED_INTERVALS = 64
+_DELAY_WINDOW_NS = 1_000_000_000
+"""Time over which the smallest delay of a source is taken: delays vary, the smallest one does not."""
 
 
 class SampleFault(StrEnum):
-    """Why a moment is not saved, as a person is told where nothing tells more."""
+    """Why a moment is not saved, as a sentence for a person."""
 
     FROZEN = "the force/torque sensor repeats one sample"
     JUMPED = "the force/torque sensor jumped"
     SATURATED = "the force/torque sensor is at its limit: press less"
-    FAULTY = "the force/torque sensor calls its samples wrong"
-    SHIFTED = "the force/torque sensor jumped or was away, and was not seen at rest since: lift the object"
+    FAULTY = "the force/torque sensor marks its samples as wrong"
+    SHIFTED = "the force/torque sensor jumped or was away, and has not been at rest since: lift the object"
     NOT_AT_REST = "the skin looks untouched, but the force/torque sensor is not at rest: lift the object and tare (t)"
     UNPAIRED = "no force/torque samples near enough to the image in time"
-    CLOCK = "the clocks of images and forces drift apart: stop and begin anew"
+    CLOCK = "the clocks of images and forces drift apart: stop and start again"
 
 
-FAULTS = {WrenchFrozen: SampleFault.FROZEN, WrenchJumped: SampleFault.JUMPED, WrenchSaturated: SampleFault.SATURATED}
+REJECTION_FAULTS = {
+    WrenchFrozen: SampleFault.FROZEN,
+    WrenchJumped: SampleFault.JUMPED,
+    WrenchSaturated: SampleFault.SATURATED,
+}
+"""The fault of each kind of rejection; `FAULTY` for any other."""
 
 
 @dataclass
 class SampleFaultTracker:
-    """Hears of every sample and every refusal, and knows when something was wrong."""
+    """Receives every sample and every rejection, and knows at which times something was wrong."""
 
     frozen_ns: int
-    """How long a sensor may have been frozen when it is refused."""
-    stretches: deque[tuple[int, int, SampleFault]] = field(default_factory=lambda: deque(maxlen=REMEMBERED), init=False)
-    refusal: tuple[int, SampleFault] | None = field(default=None, init=False)
-    """Since when samples are refused, until one is not."""
-    shifted_since_ns: int | None = field(default=None, init=False)
-    """Its zero may be another since then."""
+    """How long a sensor may have been frozen when its samples are rejected."""
+    intervals: deque[tuple[int, int, SampleFault]] = field(
+        default_factory=lambda: deque(maxlen=_REMEMBERED_INTERVALS), init=False
+    )
+    """Begin, end and fault."""
+    rejection: tuple[int, SampleFault] | None = field(default=None, init=False)
+    """Since when samples are rejected and why, until one is accepted."""
+    zero_uncertain_since_ns: int | None = field(default=None, init=False)
     last_ns: int = field(default=0, init=False)
 
-    def takes(self, wrench: Wrench) -> bool:
-        """A sample that was not refused; whether it has a place after the others."""
+    def accept(self, wrench: Wrench) -> bool:
+        """Note a sample that was not rejected; return whether its stamp follows the others."""
         if wrench.stamp_ns <= self.last_ns:
-            self.stretches.append((wrench.stamp_ns, self.last_ns, SampleFault.CLOCK))
+            self.intervals.append((wrench.stamp_ns, self.last_ns, SampleFault.CLOCK))
             return False
-        if self.refusal is not None:
-            since_ns, fault = self.refusal
-            self.stretches.append((since_ns, wrench.stamp_ns, fault))
-        self.last_ns, self.refusal = wrench.stamp_ns, None
+        if self.rejection is not None:
+            since_ns, fault = self.rejection
+            self.intervals.append((since_ns, wrench.stamp_ns, fault))
+        self.last_ns, self.rejection = wrench.stamp_ns, None
         return True
 
-    def refuse(self, reason: WrenchSampleRejected) -> None:
-        """A sample was refused."""
-        fault = FAULTS.get(type(reason), SampleFault.FAULTY)
+    def reject(self, reason: WrenchSampleRejected) -> None:
+        """Note that a sample was rejected."""
+        fault = REJECTION_FAULTS.get(type(reason), SampleFault.FAULTY)
         since_ns = self.last_ns - (self.frozen_ns if fault is SampleFault.FROZEN else 0)
-        self.refusal = self.refusal or (since_ns, fault)
+        self.rejection = self.rejection or (since_ns, fault)
         if fault is SampleFault.JUMPED:
-            self.doubt_zero()
+            self.mark_zero_uncertain()
 
-    def doubt_zero(self) -> None:
-        """What the sensor reads when nothing touches may have changed."""
-        self.shifted_since_ns = self.shifted_since_ns or self.last_ns
+    def mark_zero_uncertain(self) -> None:
+        """Note that the reading without contact may have changed."""
+        self.zero_uncertain_since_ns = self.zero_uncertain_since_ns or self.last_ns
 
-    def at_rest(self) -> None:
-        """The skin is untouched and the sensor reads nothing: whatever happened, it came back."""
-        self.shifted_since_ns = None
+    def confirm_zero(self) -> None:
+        """Note that the sensor reads nothing without contact: whatever happened, the zero is right again."""
+        self.zero_uncertain_since_ns = None
 
-    def fault(self, from_ns: int, to_ns: int) -> SampleFault | None:
-        """What speaks against this time."""
-        stretches = list(self.stretches)
-        if self.refusal is not None:
-            stretches.append((self.refusal[0], to_ns, self.refusal[1]))
-        for begin_ns, end_ns, fault in stretches:
+    def fault_between(self, from_ns: int, to_ns: int) -> SampleFault | None:
+        """Return a fault in this time, or None."""
+        intervals = list(self.intervals)
+        if self.rejection is not None:
+            intervals.append((self.rejection[0], to_ns, self.rejection[1]))
+        for begin_ns, end_ns, fault in intervals:
             if begin_ns <= to_ns and end_ns >= from_ns:
                 return fault
-        shifted = self.shifted_since_ns is not None and to_ns > self.shifted_since_ns
-        return SampleFault.SHIFTED if shifted else None
+        is_shifted = self.zero_uncertain_since_ns is not None and to_ns > self.zero_uncertain_since_ns
+        return SampleFault.SHIFTED if is_shifted else None
 
 
 @dataclass
 class ClockDriftMonitor:
-    """Whether a source's stamps keep their distance to this machine's clock."""
+    """Whether the stamps of a source keep their distance to the clock of this machine."""
 
     tolerance_ms: float
-    first_ns: float | None = field(default=None, init=False)
-    """Least delay at the beginning."""
+    first_delay_ns: float | None = field(default=None, init=False)
+    """Smallest delay at the beginning."""
     drift_ns: float = field(default=0.0, init=False)
-    least_ns: float = field(default=np.inf, init=False)
-    watch_ends_ns: int = field(default=0, init=False)
+    smallest_delay_ns: float = field(default=np.inf, init=False)
+    window_ends_ns: int = field(default=0, init=False)
 
-    def note(self, stamp_ns: int, heard_ns: int) -> None:
-        """An image or sample came."""
-        self.watch_ends_ns = self.watch_ends_ns or heard_ns + WATCH_NS
-        self.least_ns = min(self.least_ns, heard_ns - stamp_ns)
-        if heard_ns < self.watch_ends_ns:
+    def add_arrival(self, stamp_ns: int, arrived_ns: int) -> None:
+        """Note the stamp and the arrival of an image or sample."""
+        self.window_ends_ns = self.window_ends_ns or arrived_ns + _DELAY_WINDOW_NS
+        self.smallest_delay_ns = min(self.smallest_delay_ns, arrived_ns - stamp_ns)
+        if arrived_ns < self.window_ends_ns:
             return
-        self.first_ns = self.least_ns if self.first_ns is None else self.first_ns
-        self.drift_ns = self.least_ns - self.first_ns
-        self.least_ns, self.watch_ends_ns = np.inf, heard_ns + WATCH_NS
+        self.first_delay_ns = self.smallest_delay_ns if self.first_delay_ns is None else self.first_delay_ns
+        self.drift_ns = self.smallest_delay_ns - self.first_delay_ns
+        self.smallest_delay_ns, self.window_ends_ns = np.inf, arrived_ns + _DELAY_WINDOW_NS
 
     @property
-    def keeps(self) -> bool:
-        """Whether it does."""
+    def is_within_tolerance(self) -> bool:
+        """Whether the drift since the beginning is within the tolerance."""
         return abs(self.drift_ns) <= self.tolerance_ms * 1e6

@@ -1,8 +1,7 @@
-"""Whether an image shows the skin untouched: places of 8 x 8 pixels, held against the reference.
+"""The tare of a collection: reference images (no contact), and the zero of the force/torque sensor.
 
-Noise averages out in a place. What the whole image gained or lost (a lamp that warms up) is taken off first.
-
-The untouched skin of a stretch of the session: how it looks, and what it weighs.
+Whether an image shows contact is decided on blocks of 8 x 8 pixels, in which noise averages out. The change of brightness of the
+whole image (a lamp that warms up) is removed first.
 """
 
 from collections.abc import Sequence
@@ -17,113 +16,108 @@ from ninedtact.capture.force_torque.tare import TareRefused, compute_tare
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collecting.settings import CollectSettings
 
-PLACE_PX = 8
+_BLOCK_PX = 8
+_KEEP_OFF = "leave the skin untouched"
+_NO_SAMPLES = "no samples from the force/torque sensor yet"
 
 
 class ContactImageDetector:
-    """The untouched skin, and how far an image is from it."""
+    """How far an image is from the reference images."""
 
-    def __init__(self, untouched: Sequence[UInt8[Array, "rows cols 3"]]) -> None:
-        self._reference = np.mean([places(image) for image in untouched], axis=0)
+    def __init__(self, references: Sequence[UInt8[Array, "rows cols 3"]]) -> None:
+        self._reference = np.mean([_block_means(image) for image in references], axis=0)
         self._median = float(np.median(self._reference))
 
-    def change(self, image: UInt8[Array, "rows cols 3"]) -> float:
-        """Grey levels by which the most changed place differs."""
-        seen = places(image)
-        if seen.shape != self._reference.shape:
+    def change_levels(self, image: UInt8[Array, "rows cols 3"]) -> float:
+        """Return the grey levels by which the most changed block differs; infinite for an image of another size."""
+        blocks = _block_means(image)
+        if blocks.shape != self._reference.shape:
             return float("inf")
-        gain = self._median / max(float(np.median(seen)), 1.0)
-        return float(np.abs(gain * seen - self._reference).max())
+        gain = self._median / max(float(np.median(blocks)), 1.0)
+        return float(np.abs(gain * blocks - self._reference).max())
 
 
-def places(image: UInt8[Array, "rows cols 3"]) -> Float32[Array, "_ _"]:
-    """Mean grey level of each place."""
-    rows, cols = (max(side // PLACE_PX, 1) for side in image.shape[:2])
+def _block_means(image: UInt8[Array, "rows cols 3"]) -> Float32[Array, "_ _"]:
+    """Return the mean grey level of each block."""
+    rows, cols = (max(side // _BLOCK_PX, 1) for side in image.shape[:2])
     small = cv2.resize(image.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA)
     return cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
 
 
-LEAVE_IT = "leave the skin untouched"
-NO_SAMPLES = "no samples from the force/torque sensor yet"
-
-
 @dataclass(frozen=True)
 class TareReference:
-    """What a tare found."""
+    """The result of a tare."""
 
     number: int
     frames: tuple[Frame, ...]
     zero: Float64[Array, "6"]
-    """N and N·m about the skin's centre."""
-    seen: ContactImageDetector
+    """Reading without contact, N and N·m about the skin centre."""
+    detector: ContactImageDetector
 
-    def taken_off(self, wrench: Wrench) -> Wrench:
-        """A wrench about the skin's centre without what nothing weighs."""
+    def remove_zero(self, wrench: Wrench) -> Wrench:
+        """Return a wrench about the skin centre minus the reading without contact."""
         force_n, torque_nm = (wrench.six - self.zero).reshape(2, 3)
         return Wrench(force_n, torque_nm, stamp_ns=wrench.stamp_ns)
 
 
 @dataclass
 class TareInProgress:
-    """Gathers images and samples until they are enough and still; begins anew when something moves."""
+    """Gathers images and samples until there are enough and nothing moves; starts over when something does."""
 
     number: int
     settings: CollectSettings
     last: TareReference | None = None
-    """What the skin was before."""
+    """The tare before."""
     frames: list[Frame] = field(default_factory=list)
     wrenches: list[Wrench] = field(default_factory=list)
-    advice: str = LEAVE_IT
-    """For a person, while it goes on."""
+    advice: str = _KEEP_OFF
+    """What a person should do meanwhile."""
 
-    def see(self, frame: Frame) -> None:
-        """An image; only as many as are wanted are kept."""
+    def add_frame(self, frame: Frame) -> None:
+        """Add an image; only as many as the settings ask for are kept."""
         self.frames.append(frame)
-        del self.frames[: -self.settings.untouched_images]
+        del self.frames[: -self.settings.reference_images]
         if not self.wrenches:
-            self.advice = NO_SAMPLES
+            self.advice = _NO_SAMPLES
 
-    def feel(self, wrench: Wrench) -> None:
-        """A sample about the skin's centre."""
+    def add_wrench(self, wrench: Wrench) -> None:
+        """Add a sample about the skin centre."""
         self.wrenches.append(wrench)
-        if self.advice == NO_SAMPLES:
-            self.advice = LEAVE_IT
+        if self.advice == _NO_SAMPLES:
+            self.advice = _KEEP_OFF
 
-    @property
-    def is_enough(self) -> bool:
-        """Whether there are as many images, and samples for as long, as were asked for."""
-        long_ns = self.wrenches[-1].stamp_ns - self.wrenches[0].stamp_ns if self.wrenches else 0
-        return len(self.frames) >= self.settings.untouched_images and long_ns >= self.settings.tare.seconds * 1e9
-
-    def untouched(self) -> TareReference | None:
-        """What was found, when it is enough and still."""
-        if not self.is_enough:
+    def finish(self) -> TareReference | None:
+        """Return the tare when there is enough and nothing moved; None otherwise, and then start over if something moved."""
+        if not self._has_enough:
             return None
         try:
-            found = self.found()
+            tare = self._compute()
         except TareRefused as refusal:
             self.advice = str(refusal)
         else:
-            self.advice = self.objection(found)
+            self.advice = self._objection(tare)
             if not self.advice:
-                return found
+                return tare
         self.frames.clear()
         self.wrenches.clear()
         return None
 
-    def found(self) -> TareReference:
-        """The skin as it was gathered; raises `TareRefused`."""
-        zero = compute_tare(self.wrenches, self.settings.tare).mean
-        return TareReference(
-            self.number, tuple(self.frames), zero, ContactImageDetector([frame.image for frame in self.frames])
-        )
+    @property
+    def _has_enough(self) -> bool:
+        duration_ns = self.wrenches[-1].stamp_ns - self.wrenches[0].stamp_ns if self.wrenches else 0
+        return len(self.frames) >= self.settings.reference_images and duration_ns >= self.settings.tare.seconds * 1e9
 
-    def objection(self, found: TareReference) -> str:
-        """Why this cannot be untouched skin; empty when it can."""
-        most = self.settings.touched_levels
-        if any(found.seen.change(frame.image) > most for frame in found.frames):
-            return f"{LEAVE_IT}: it moves"
-        if self.last is None or self.last.seen.change(found.frames[-1].image) <= most:
+    def _compute(self) -> TareReference:
+        zero = compute_tare(self.wrenches, self.settings.tare).mean
+        detector = ContactImageDetector([frame.image for frame in self.frames])
+        return TareReference(self.number, tuple(self.frames), zero, detector)
+
+    def _objection(self, tare: TareReference) -> str:
+        """Return why this cannot be a tare without contact; empty when it can."""
+        limit = self.settings.contact_levels
+        if any(tare.detector.change_levels(frame.image) > limit for frame in tare.frames):
+            return f"{_KEEP_OFF}: it moves"
+        if self.last is None or self.last.detector.change_levels(tare.frames[-1].image) <= limit:
             return ""
-        weighs = (np.abs(found.zero - self.last.zero) > self.settings.rest).any()
-        return f"{LEAVE_IT}: something presses on it" if weighs else ""
+        is_loaded = (np.abs(tare.zero - self.last.zero) > self.settings.rest).any()
+        return f"{_KEEP_OFF}: something presses on it" if is_loaded else ""

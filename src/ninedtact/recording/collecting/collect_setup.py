@@ -1,0 +1,136 @@
+"""The two sources of a collection, read together: devices, recordings, or a simulated sensor that a script presses.
+
+The script takes one object after the other and presses, drags, twists and tilts it a few times.
+"""
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field
+from math import radians
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+from ninedtact.capture.force_torque.pipeline import MountedWrenchSource
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
+from ninedtact.capture.frame_source import FrameSource
+from ninedtact.capture.reconnecting import ReconnectingWrenchSource
+from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame
+from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
+from ninedtact.recording.reader import Recording
+from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
+from ninedtact.simulation.trajectory import (
+    HOVER_MM,
+    Trajectory,
+    TrajectorySegment,
+    concatenate_trajectories,
+    press_trajectory,
+)
+from ninedtact.simulation.twin import Twin
+
+_DEFAULT_OBJECTS = ("ball:4", "cylinder:3,11", "ring_02", "letter_03", "key_01")
+_UNTOUCHED_S = 1.5
+"""Time before the first touch: longer than a tare."""
+_PAUSE_S = 0.3
+_LOADS_N = (3.5, 10.0)
+_IMAGE_HZ, _SAMPLE_HZ = 20.0, 200.0
+_SPEED = 1.5
+"""Times the speed of a calm hand."""
+_OFFSET_MM, _DRAG_MM, _TWIST_DEG, _TILT_DEG = 3.0, 0.9, 15.0, 4.0
+
+
+@dataclass(frozen=True)
+class CollectSetup:
+    """A camera and a force/torque sensor that belong together, not yet opened."""
+
+    camera: FrameSource
+    force_torque: WrenchSource
+    """Rejects unusable samples; its tare is not taken off."""
+    is_live: bool = True
+    object_at: Callable[[Frame], str] | None = None
+    """The object in an image, where it is known without a key press."""
+    was_away: Event = field(default_factory=Event)
+    """Set when a force/torque sensor that was lost is back."""
+    wall_minus_monotonic_ns: int | None = None
+    """Of the stamps of a recording."""
+
+    def arrivals(self) -> Generator[MergedArrival, None, None]:
+        """Open both sources and yield their images and samples in one stream."""
+        merge = merge_live_streams if self.is_live else merge_recorded_streams
+        return merge(self.camera, self.force_torque)
+
+
+def setup_with_devices(
+    camera: FrameSource,
+    force_torque: WrenchSource,
+    folder: SensorFolder,
+    checks: SampleCheckSettings,
+    on_message: Callable[[str], None],
+) -> CollectSetup:
+    """Return the setup of a camera and of a force/torque sensor in its own frame; a lost sensor is reopened and reported."""
+    was_away = Event()
+
+    def on_back() -> None:
+        was_away.set()
+        on_message("the force/torque sensor is back")
+
+    reopened = ReconnectingWrenchSource(force_torque, lambda loss: on_message(f"{loss}; waiting for it"), on_back)
+    mounted = MountedWrenchSource(CheckedWrenchSource(reopened, checks), folder.record.design.force_torque)
+    return CollectSetup(camera, mounted, was_away=was_away)
+
+
+def setup_with_recordings(images: Path, wrenches: Path, checks: SampleCheckSettings) -> CollectSetup:
+    """Return the setup of the images and the wrenches of recordings, with their own stamps."""
+    with Recording(images) as recording:
+        ahead_ns = recording.metadata.wall_minus_monotonic_ns
+    force_torque = CheckedWrenchSource(RecordedWrenchSource(wrenches), checks)
+    return CollectSetup(RecordedSource(images), force_torque, is_live=False, wall_minus_monotonic_ns=ahead_ns)
+
+
+def setup_with_twin(
+    folder: SensorFolder, objects: Sequence[str], touches: int, seed: int, checks: SampleCheckSettings
+) -> CollectSetup:
+    """Return the setup of the twin of a sensor, pressed by a script: each object so many times, steps without pauses."""
+    names = tuple(objects or _DEFAULT_OBJECTS)
+    simulation = _simulate_script(build_sensor_twin(folder), names, touches, seed)
+
+    def object_at(frame: Frame) -> str:
+        at_s = (frame.stamp_ns - simulation.clock.start_ns) / 1e9
+        return names[simulation.trajectory_at(at_s)[0] % len(names)]
+
+    force_torque = CheckedWrenchSource(SimulatedForceTorque(simulation, _SAMPLE_HZ), checks)
+    return CollectSetup(SimulatedCamera(simulation), force_torque, is_live=False, object_at=object_at)
+
+
+def _simulate_script(twin: Twin, names: Sequence[str], touches: int, seed: int) -> PressSimulation:
+    rng = np.random.default_rng(seed)
+    above = Pose(depth_mm=-HOVER_MM)
+    presses: list[ObjectTrajectory] = []
+    for name in names:
+        indenter = indenter_from_name(name)
+        trajectories = [_random_touch(twin, indenter, rng) for _ in range(touches)]
+        if not presses:
+            trajectories.insert(0, Trajectory(above, (TrajectorySegment(above, _UNTOUCHED_S),)))
+        presses.append(ObjectTrajectory(indenter, concatenate_trajectories(trajectories)))
+    return PressSimulation(twin, presses, _IMAGE_HZ, real_time=False, rounds=1)
+
+
+def _random_touch(twin: Twin, indenter: Indenter, rng: np.random.Generator) -> Trajectory:
+    """Return one touch with random load, position, drag, twist and tilt."""
+    load_n = float(rng.uniform(*_LOADS_N))
+    depth_mm = ScriptedPress(load_n=load_n).simulate(twin, indenter, solver_settings=None).pose.depth_mm
+    x, y = rng.uniform(-_OFFSET_MM, _OFFSET_MM, 2) * (1, 0.7)
+    drag_x, drag_y = rng.uniform(-_DRAG_MM, _DRAG_MM, 2)
+    tilt = radians(rng.uniform(-_TILT_DEG, _TILT_DEG)), radians(rng.uniform(-_TILT_DEG, _TILT_DEG))
+    pose = Pose(float(x), float(y), depth_mm, radians(rng.uniform(-180, 180)))
+    twist = radians(rng.uniform(-_TWIST_DEG, _TWIST_DEG))
+    return press_trajectory(pose, (float(drag_x), float(drag_y)), twist, tilt, _PAUSE_S, _SPEED)
