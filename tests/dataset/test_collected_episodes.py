@@ -55,11 +55,11 @@ def episode(path: Path, attached: dict[str, bytes] | None = None) -> None:
         for tare in (0, 1):
             begin_ns = 1_000_000_000 * (tare + 1)
             for index in range(2):
-                writer.untouched(Frame(skin, begin_ns + index, index), tare)
+                writer.write_reference(Frame(skin, begin_ns + index, index), tare)
             frame = Frame(touched(skin, 3.0, tare), begin_ns + 100, 10 + tare)
-            writer.image(frame)
+            writer.write_image(frame)
             wrench = Wrench(SIX[:3], SIX[3:], stamp_ns=frame.stamp_ns)
-            writer.pair(
+            writer.write_label(
                 PairLabel(frame.stamp_ns, frame.index, tare, f"cup_{tare}", f"{path.stem}-c{tare}", "rule", wrench)
             )
 
