@@ -114,7 +114,9 @@ def _wrench_source(address: str, folder: "SensorFolder") -> "WrenchSource":
     from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 
     reopened = ReconnectingWrenchSource(
-        force_torque_sensor_for(address), lambda loss: print_notice(f"{loss}; waiting for it"), lambda: print_notice("it is back")
+        force_torque_sensor_for(address),
+        lambda loss: print_notice(f"{loss}; waiting for it"),
+        lambda: print_notice("it is back"),
     )
     skipping = SkippingWrenchSource(reopened, on_skip=lambda reason: print_notice(f"{reason}; left out"))
     return MountedWrenchSource(skipping, folder.record.design.force_torque)
