@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.cli import main
-from ninedtact.quantities import Doubt, Frame, HeightMap, HeightSource, Wrench, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Wrench, WrenchEstimate
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import METADATA_RECORD, RECORDING_FORMAT, RecordingMetadata
@@ -46,7 +46,10 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         episode.write_image(Frame(noise(9)[::-1, ::2], BEGAN_NS + 9 * FRAME_NS, 6))
         episode.write_measured(Wrench(SIX[:3], SIX[3:], np.array([0.0, 0.0, -35.0]), BEGAN_NS))
         episode.write_estimated(
-            WrenchEstimate(Wrench(-SIX[:3], SIX[3:], stamp_ns=BEGAN_NS), np.arange(6.0), True, (Doubt.PART_UNSEEN,)), 5
+            WrenchEstimate(
+                Wrench(-SIX[:3], SIX[3:], stamp_ns=BEGAN_NS), np.arange(6.0), True, (EstimateWarning.PART_UNSEEN,)
+            ),
+            5,
         )
         episode.write_height(HeightMap(pressed, source, 0.05, stamp_ns=BEGAN_NS), 5)
         episode.write_reference(frame(3), tare=2)
@@ -69,7 +72,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         assert z_mm.ravel()[1:] == pytest.approx(pressed.ravel()[1:], rel=2e-7, abs=0)
         (covariance,) = read.covariances()
         assert np.array_equal(covariance, np.diag(np.arange(6.0) ** 2))
-        assert list(read.warnings()) == [(5, [Doubt.PART_UNSEEN.value])]
+        assert list(read.warnings()) == [(5, [EstimateWarning.PART_UNSEEN.value])]
         (untouched,) = read.frames(Topic.REFERENCE)
         assert untouched.index == 2 and np.array_equal(untouched.image, noise(3))
         (pair,) = read.labels()

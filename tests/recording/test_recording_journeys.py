@@ -28,7 +28,7 @@ from ninedtact.cli.collect_screen import CollectScreen, open_key_reader, progres
 from ninedtact.cli.devices import live_source, sensor_of
 from ninedtact.cli.terminal import stop_on_signal
 from ninedtact.force.estimator import ForceEstimator
-from ninedtact.quantities import Doubt, Frame, Wrench, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.settings import CollectSettings
@@ -195,7 +195,7 @@ class Guessing(ForceEstimator):
             Wrench(force_n, np.zeros(3), stamp_ns=reading.frame.stamp_ns),
             np.array([2.0, 1, 1, 1, 1, 1]),
             True,
-            (Doubt.OUT_OF_RANGE,),
+            (EstimateWarning.OUT_OF_RANGE,),
         )
 
     def forget(self) -> None: ...

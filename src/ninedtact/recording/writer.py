@@ -107,8 +107,8 @@ class RecordingWriter:
         wall_ns = self.metadata.wall_ns(stamp_ns)
         self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns), index)
         self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(np.diag(estimate.error**2)), index)
-        if estimate.doubts:
-            warnings = encode_warnings([doubt.value for doubt in estimate.doubts], self.metadata.sensor, wall_ns)
+        if estimate.warnings:
+            warnings = encode_warnings([warning.value for warning in estimate.warnings], self.metadata.sensor, wall_ns)
             self._add(Topic.WARNINGS, stamp_ns, warnings, index)
 
     def write_height(self, height: HeightMap, index: int) -> None:
