@@ -72,8 +72,7 @@ class CameraGeometry:
     """The wide-angle camera under the gel, which looks straight up through the middle of the skin."""
 
     distance_mm: float = 14.05
-    """From the lens front to the undeformed skin. At so short a distance, pressed skin is seen displaced outwards: see
-    `shape.orthorectification`."""
+    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards, see docs/accuracy.md."""
 
     lens_angle_deg: float = 160.0
     """Angle that the lens sees in air, from side to side along the image's diagonal."""

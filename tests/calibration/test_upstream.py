@@ -225,7 +225,7 @@ def test_an_export_that_would_lose_something_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OriginalExportImpossible, match="new or an empty folder"):
         export_original_calibration(ours, tmp_path / "ours")
     imported = import_original_calibration(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "imported")
-    UpstreamFolder(position_scale=np.array([239.0, 318.0, 0.0511])).write(imported.path / "upstream")
+    UpstreamFolder(position_scale=np.array([239.0, 318.0, 0.0511])).write(imported.path / "original_9dtact")
     with pytest.raises(OriginalFolderDamaged, match="as it was imported"):
         export_original_calibration(imported, tmp_path / "sensor_1")
 

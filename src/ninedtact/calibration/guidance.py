@@ -41,7 +41,7 @@ TOUCHED_LEVELS = 2.5
 """Change from the untouched skin above which something touches it."""
 BEST_DEPTH_MM = (1.0, 2.2)
 PATIENCE = 4
-"""_StillFrameAverager presses that are let pass in the hope of a better one."""
+"""Still presses that are passed over in the hope of a better one."""
 
 
 @dataclass(frozen=True)

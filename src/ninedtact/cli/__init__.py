@@ -10,6 +10,7 @@ from typing import Annotated
 
 import tyro
 
+from ninedtact._version import __version__
 from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.check import CheckCommand
 from ninedtact.cli.collect import Collect
@@ -27,6 +28,7 @@ from ninedtact.cli.hardware import DESCRIPTION as HARDWARE
 from ninedtact.cli.hardware import HardwareCommand
 from ninedtact.cli.info import Info
 from ninedtact.cli.live import Live
+from ninedtact.cli.option_parser import parse_command
 from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
 from ninedtact.cli.reconstruct import ReconstructCommand
 from ninedtact.cli.record import Record
@@ -61,6 +63,8 @@ DESCRIPTION = "The software of the 9DTact tactile sensor: images in, calibrated 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 1 the work failed (one line says why), 2 usage."""
+    if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        return _print_version()
     try:
         return parse_arguments(arguments).run()
     except NinedtactError as refusal:
@@ -79,7 +83,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parse_arguments(arguments: Sequence[str] | None) -> Command:
     """Turn the command line into one command."""
-    return tyro.cli(Command, prog="ninedtact", description=DESCRIPTION, args=arguments)
+    command: Command = parse_command(Command, DESCRIPTION, arguments)
+    return command
+
+
+def _print_version() -> int:
+    """Print the version of the package."""
+    print(f"ninedtact {__version__}")
+    return 0
 
 
 def _report_failure(sentence: str) -> int:

@@ -23,7 +23,7 @@ class NoImageToReconstruct(NinedtactError):
 
 @dataclass(frozen=True)
 class ReconstructCommand:
-    """ReconstructCommand the shape of what touches, from images."""
+    """Reconstruct the shape of what touches the gel, from images."""
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote."""
@@ -41,7 +41,7 @@ class ReconstructCommand:
     """Print the figures of every image as one JSON object."""
 
     def run(self) -> int:
-        """ReconstructCommand every image, the first bad one stopping the rest."""
+        """Reconstruct every image and write its files; the first unreadable image ends the command."""
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.image_file import read_image
         from ninedtact.quantities import Frame

@@ -1,0 +1,66 @@
+"""The help of every command reads as a person expects it: whole sentences, plain placeholders, no words of the code."""
+
+import re
+from collections.abc import Iterator
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
+
+import pytest
+
+from ninedtact import __version__
+from ninedtact.cli import Command, main, parse_arguments
+
+
+def command_names(commands: Any, group: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The names of every command and of every group of commands."""
+    for member in get_args(commands):
+        command, *annotations = get_args(member)
+        name = next(each.name for each in annotations if hasattr(each, "name"))
+        yield (*group, name)
+        if get_origin(command) in (Union, UnionType):
+            yield from command_names(command, (*group, name))
+
+
+NAMES = [(), *command_names(Command)]
+
+
+@pytest.fixture
+def help_of(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
+    def shown(names: tuple[str, ...], columns: int) -> str:
+        monkeypatch.setenv("COLUMNS", str(columns))
+        with pytest.raises(SystemExit) as end:
+            parse_arguments([*names, "--help"])
+        assert end.value.code == 0
+        return capsys.readouterr().out
+
+    return shown
+
+
+@pytest.mark.parametrize("names", NAMES, ids=" ".join)
+def test_help_says_no_empty_defaults_and_no_words_of_the_code(names: tuple[str, ...], help_of: Any) -> None:
+    words = " ".join(re.sub(r"[│╭╮╰╯─•]", " ", help_of(names, 100)).split())
+    for unwanted in (
+        "(default: )",
+        "None",
+        "MISSING",
+        "(default: False)",
+        "(default: True)",
+        "STR",
+        "tyro",
+        "dataclass",
+        "tuple",
+    ):
+        assert unwanted not in words, unwanted
+    assert not re.findall(r"`[a-z_]+\.[a-z_.]+`", words), "names of modules"
+
+
+@pytest.mark.parametrize("names", NAMES, ids=" ".join)
+def test_help_has_no_hard_breaks_inside_sentences(names: tuple[str, ...], help_of: Any) -> None:
+    above_the_boxes = re.split(r"[╭┌]|\n\S*(?=positional arguments|options|subcommands)", help_of(names, 2000))[0].splitlines()[1:]
+    for line in filter(None, map(str.strip, above_the_boxes)):
+        assert line[-1] in ".:?!)", line
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"ninedtact {__version__}\n"
