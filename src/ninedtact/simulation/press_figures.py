@@ -1,8 +1,4 @@
-"""One press as one figure: what the camera sees, what the skin does, what presses it, and the wrench of it all.
-
-matplotlib is slow to import, so it is imported when a figure is drawn; its global state is never touched.
-
-Several presses below each other: image, true heights, reconstructed heights, and the wrench.
+"""Figures of simulated presses: one press in full, and several presses beside their reconstructions.
 
 matplotlib is slow to import, so it is imported when a figure is drawn; its global state is never touched.
 """
@@ -37,46 +33,46 @@ MM_PER_PX = 0.1
 INK, PALE_INK, OBJECT = "#22262b", "#6b7280", "#d97706"
 STICK, SLIP = "#0f766e", "#be185d"
 ARROWS_ACROSS = 18
-"""Along the longer side of the contact."""
+"""Number of arrows along the longer side of the contact."""
 ABOVE_MM = 1.0
-"""How much of an object is drawn over the highest skin."""
+"""Height of the object that is drawn above the highest skin."""
 ROUND_CONTACT_MM = 2.5
-"""Of skin shown around the contact."""
+"""Margin of skin around the contact."""
 DPI = 110
 
 
 @dataclass(frozen=True)
 class PressFigure:
-    """A contact, ready to be drawn."""
+    """One contact as one figure: image, heights, tractions, a cut, and the wrench."""
 
     contact: Contact
     indenter: Indenter
     image: BgrImage
     reach_mm: tuple[float, float]
-    """Half of the shown area's sides."""
+    """Half the width and half the height of the area that is drawn."""
     along: tuple[float, float] = (1.0, 0.0)
-    """Direction of the cut."""
+    """Direction of the cut, a unit vector."""
 
     @cached_property
     def shape(self) -> tuple[int, int]:
-        """(rows, cols) of the grid that is drawn."""
+        """The (rows, cols) of the grid that is drawn."""
         cols, rows = (2 * int(reach / MM_PER_PX) + 1 for reach in self.reach_mm)
         return rows, cols
 
     @cached_property
     def axes_mm(self) -> tuple[Float[Array, " cols"], Float[Array, " rows"]]:
-        """x of its columns and y of its rows."""
+        """x of the columns and y of the rows of the grid."""
         rows, cols = self.shape
         return (np.arange(cols) - cols // 2) * MM_PER_PX, (np.arange(rows) - rows // 2) * MM_PER_PX
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top, y downwards as in the image."""
+        """Left, right, bottom and top of the grid, with y downwards as in the image."""
         (x, y), half = self.axes_mm, MM_PER_PX / 2
         return float(x[0] - half), float(x[-1] + half), float(y[-1] + half), float(y[0] - half)
 
-    def png(self) -> bytes:
-        """The figure."""
+    def to_png(self) -> bytes:
+        """Return the figure as a PNG file."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(15.2, 8.6), dpi=DPI, facecolor="white", layout="constrained")
@@ -89,20 +85,20 @@ class PressFigure:
         self.draw_heights(height)
         self.draw_tractions(pressure)
         self.draw_cut(cut)
-        self.write(words)
+        self.draw_wrench(words)
         buffer = BytesIO()
         figure.savefig(buffer, format="png")
         return buffer.getvalue()
 
     def draw_image(self, axes: "Axes") -> None:
-        """What the camera sees."""
+        """Draw the image that the camera sees."""
         axes.imshow(self.image[..., ::-1])
         axes.set(xticks=[], yticks=[])
         rows, cols = self.image.shape[:2]
         _set_title(axes, f"image, {cols} x {rows} pixels")
 
     def draw_heights(self, axes: "Axes") -> None:
-        """The skin's height, blue where pressed in, red where it bulges, and the edge of the contact."""
+        """Draw the height of the skin (blue indented, red bulging) and the edge of the contact."""
         from matplotlib.colors import TwoSlopeNorm
 
         z_mm = true_height_map(self.contact, self.shape, MM_PER_PX).z_mm
@@ -110,20 +106,20 @@ class PressFigure:
         shown = axes.imshow(z_mm, cmap="RdBu_r", norm=TwoSlopeNorm(0, *ends), extent=self.extent_mm)
         self.draw_edge(axes)
         _add_colour_bar(axes, shown, "height (mm)")
-        self.label(axes, "height of the skin; line: edge of the contact")
+        self.set_labels(axes, "height of the skin; line: edge of the contact")
 
     def draw_edge(self, axes: "Axes") -> None:
-        """Where pressure ends."""
+        """Draw the edge of the contact as a line."""
         pressure = true_pressure_map_mpa(self.contact, self.shape, MM_PER_PX)
         if pressure.max() > 0:
             axes.contour(*self.axes_mm, pressure > 0, [0.5], colors=INK, linewidths=0.9)
 
     def draw_tractions(self, axes: "Axes") -> None:
-        """Pressure, shear as arrows, and where the skin sticks or slips."""
+        """Draw pressure as colours, and shear as arrows coloured by stick and slip."""
         pressure = true_pressure_map_mpa(self.contact, self.shape, MM_PER_PX)
         shown = axes.imshow(np.ma.masked_equal(1e3 * pressure, 0), cmap="Blues", vmin=0, extent=self.extent_mm)
         _add_colour_bar(axes, shown, "pressure (kPa)")
-        self.label(axes, "pressure, and shear on the skin")
+        self.set_labels(axes, "pressure, and shear on the skin")
         if not pressure.any():
             return
         self.draw_arrows(axes, pressure > 0)
@@ -136,7 +132,7 @@ class PressFigure:
             zoom(*(ends if zoom == axes.set_xlim else ends[::-1]))
 
     def draw_arrows(self, axes: "Axes", touched: Array) -> None:
-        """Shear at every so-manieth point, in the colours of stick and slip."""
+        """Draw the shear at evenly spaced points, in the colours of stick and slip."""
         from matplotlib.lines import Line2D
 
         rows, cols = np.nonzero(touched)
@@ -165,7 +161,7 @@ class PressFigure:
         )
 
     def draw_cut(self, axes: "Axes") -> None:
-        """Skin and object along a line through the object's middle."""
+        """Draw skin and object along a line through the object's centre."""
         t = np.arange(-12, 12 + MM_PER_PX, MM_PER_PX)
         pose = self.contact.pose
         x, y = (np.atleast_2d(middle + t * way) for middle, way in zip((pose.x_mm, pose.y_mm), self.along, strict=True))
@@ -174,22 +170,22 @@ class PressFigure:
         axes.plot(t, skin, color="#2166ac", linewidth=1.8, label="skin")
         top = float(skin.max()) + ABOVE_MM
         axes.plot(t, np.ma.masked_greater(under, top), color=OBJECT, linewidth=1.4, label=self.indenter.name)
-        axes.set(xlabel=f"mm from the object's middle, along {_format_direction(self.along)}", ylabel="height (mm)")
+        axes.set(xlabel=f"mm from the object's centre, along {_format_direction(self.along)}", ylabel="height (mm)")
         axes.set_xlim(t[0], t[-1])
         axes.legend(loc="lower right", fontsize=9)
         axes.spines[["top", "right"]].set_visible(False)
         _set_title(axes, "cut through skin and object (heights stretched)")
 
     def skin_mm(self, x_mm: Float[Array, "1 n"], y_mm: Float[Array, "1 n"]) -> Array:
-        """Height of the skin at places."""
+        """Return the height of the skin at positions of a line."""
         from ninedtact.simulation.seeing import Sight
 
         sight = Sight(x_mm.astype(np.float32), y_mm.astype(np.float32), 0.0)
         height = np.asarray(self.contact.height_mm, np.float32)
         return sight.height_mm(self.contact.skin.patch, self.contact.centre_mm, height)
 
-    def write(self, axes: "Axes") -> None:
-        """The wrench in words."""
+    def draw_wrench(self, axes: "Axes") -> None:
+        """Draw the six components of the wrench as text."""
         axes.axis("off")
         pose, wrench = self.contact.pose, self.contact.wrench()
         lines = [
@@ -204,8 +200,8 @@ class PressFigure:
         ]
         axes.text(0.02, 0.98, "\n".join(lines), va="top", family="monospace", size=11, color=INK, linespacing=1.55)
 
-    def label(self, axes: "Axes", title: str) -> None:
-        """Axes in mm."""
+    def set_labels(self, axes: "Axes", title: str) -> None:
+        """Label the axes in mm and set the title."""
         axes.set(xlabel="x (mm)", ylabel="y (mm)")
         _set_title(axes, title)
 
@@ -217,7 +213,7 @@ def _set_title(axes: "Axes", title: str) -> None:
 
 
 def _add_colour_bar(axes: "Axes", shown: Any, unit: str) -> None:
-    """What the colours mean."""
+    """Add the colour bar of an image."""
     figure = axes.get_figure()
     assert figure is not None
     bar = figure.colorbar(shown, ax=axes, shrink=0.8, pad=0.02, label=unit)
@@ -225,22 +221,22 @@ def _add_colour_bar(axes: "Axes", shown: Any, unit: str) -> None:
 
 
 def _format_direction(along: tuple[float, float]) -> str:
-    """A direction for a person."""
+    """Return a direction as text."""
     named = {(1.0, 0.0): "x", (0.0, 1.0): "y"}
     return named.get(along, f"({along[0]:.2f}, {along[1]:.2f})")
 
 
 def _format_press_wrench(wrench: Wrench) -> list[str]:
-    """Six numbers with their units, and what the torque is about."""
+    """Return lines with the six components, their units and the torque's reference point."""
     force, torque = wrench.force_n.tolist(), (1e3 * wrench.torque_nm).tolist()
     place = ", ".join(f"{part:g}" for part in wrench.about_mm.tolist())
-    rows = [f"F_{axis} {f:+8.3f} N    T_{axis} {t:+8.3f} mN·m" for axis, f, t in zip("xyz", force, torque, strict=True)]
+    rows = [f"F_{axis} {f:+8.3f} N    T_{axis} {t:+8.3f} N·mm" for axis, f, t in zip("xyz", force, torque, strict=True)]
     return ["object on skin, torque about", f"({place}) mm:", *(row.replace("-", "\N{MINUS SIGN}") for row in rows)]
 
 
 @dataclass(frozen=True)
 class PressComparison:
-    """One press of a twin, and what a sensor made of its image."""
+    """One press of a twin, its true heights, and the heights that a sensor reconstructed from its image."""
 
     name: str
     image: BgrImage
@@ -250,28 +246,28 @@ class PressComparison:
 
     @property
     def peaks_mm(self) -> tuple[float, float]:
-        """Deepest indentation, true and seen."""
+        """Maximum indentation, true and reconstructed."""
         return float(-self.true.z_mm.min()), float(-self.seen.z_mm.min())
 
     @property
     def mean_error_mm(self) -> float:
-        """Mean absolute error where the skin is pressed in."""
+        """Mean absolute height error where the skin is indented."""
         return mean_height_error_mm(self.true, self.seen)
 
 
-def plot_press_comparisons(answers: Sequence[PressComparison]) -> bytes:
-    """All of them as one PNG."""
+def plot_press_comparisons(presses: Sequence[PressComparison]) -> bytes:
+    """Return a figure of all presses below each other as a PNG file."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(14.6, 2.55 * len(answers)), dpi=DPI, facecolor="white", layout="constrained")
-    rows = figure.subplots(len(answers), 4, squeeze=False, width_ratios=[1, 1, 1, 1.1])
-    deepest, highest = (max(limit(answer) for answer in answers) for limit in (_lowest_shown_mm, _highest_shown_mm))
-    for (image, true, seen, words), answer in zip(rows, answers, strict=True):
-        image.imshow(answer.image[..., ::-1])
-        _set_title(image, answer.name)
+    figure = Figure(figsize=(14.6, 2.55 * len(presses)), dpi=DPI, facecolor="white", layout="constrained")
+    rows = figure.subplots(len(presses), 4, squeeze=False, width_ratios=[1, 1, 1, 1.1])
+    deepest, highest = (max(limit(press) for press in presses) for limit in (_lowest_shown_mm, _highest_shown_mm))
+    for (image, true, seen, words), press in zip(rows, presses, strict=True):
+        image.imshow(press.image[..., ::-1])
+        _set_title(image, press.name)
         for axes, height, title in (
-            (true, answer.true, "true height"),
-            (seen, answer.seen, "reconstructed from the image"),
+            (true, press.true, "true height"),
+            (seen, press.seen, "reconstructed from the image"),
         ):
             shown = _plot_height_map(axes, height, deepest, highest)
             _set_title(axes, title)
@@ -280,39 +276,39 @@ def plot_press_comparisons(answers: Sequence[PressComparison]) -> bytes:
         figure.colorbar(shown, ax=seen, label="height (mm)")
         words.axis("off")
         words.text(
-            0, 0.95, _format_comparison(answer), va="top", family="monospace", size=9.5, color=INK, linespacing=1.5
+            0, 0.95, _format_comparison(press), va="top", family="monospace", size=9.5, color=INK, linespacing=1.5
         )
     buffer = BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
 
 
-def _lowest_shown_mm(answer: PressComparison) -> float:
-    """Of both heights."""
-    return max(*answer.peaks_mm, 0.05)
+def _lowest_shown_mm(press: PressComparison) -> float:
+    """Return the larger maximum indentation of both height maps."""
+    return max(*press.peaks_mm, 0.05)
 
 
-def _highest_shown_mm(answer: PressComparison) -> float:
-    """Of both heights."""
-    return float(max(answer.true.z_mm.max(), answer.seen.z_mm.max(), 0.05))
+def _highest_shown_mm(press: PressComparison) -> float:
+    """Return the larger bulge of both height maps."""
+    return float(max(press.true.z_mm.max(), press.seen.z_mm.max(), 0.05))
 
 
 def _plot_height_map(axes: "Axes", height: HeightMap, deepest: float, highest: float) -> Any:
-    """Blue where pressed in, red where it bulges, alike in all rows."""
+    """Draw heights in colours that are the same in all rows (blue indented, red bulging)."""
     from matplotlib.colors import TwoSlopeNorm
 
     return axes.imshow(height.z_mm, cmap="RdBu_r", norm=TwoSlopeNorm(0, -deepest, highest))
 
 
-def _format_comparison(answer: PressComparison) -> str:
-    """Depths and wrench."""
-    true, seen = answer.peaks_mm
+def _format_comparison(press: PressComparison) -> str:
+    """Return indentations, mean error and wrench as text."""
+    true, seen = press.peaks_mm
     lines = [
-        f"deepest: true {true:.2f} mm, seen {seen:.2f} mm",
-        f"mean error where pressed: {answer.mean_error_mm:.3f} mm",
+        f"maximum indentation: true {true:.2f} mm, reconstructed {seen:.2f} mm",
+        f"mean error where indented: {press.mean_error_mm:.3f} mm",
         "",
         "true wrench, about the skin's centre",
     ]
-    pairs = zip("xyz", answer.wrench.force_n.tolist(), (1e3 * answer.wrench.torque_nm).tolist(), strict=True)
-    lines += [f"F_{axis} {force:+7.2f} N   T_{axis} {torque:+7.2f} mN·m" for axis, force, torque in pairs]
+    pairs = zip("xyz", press.wrench.force_n.tolist(), (1e3 * press.wrench.torque_nm).tolist(), strict=True)
+    lines += [f"F_{axis} {force:+7.2f} N   T_{axis} {torque:+7.2f} N·mm" for axis, force, torque in pairs]
     return "\n".join(lines).replace(" -", " \N{MINUS SIGN}")

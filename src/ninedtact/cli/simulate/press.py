@@ -116,7 +116,7 @@ class Press:
             "untouched.png": _encode_png(self.twin.renderer(None, 0)),
             "pressure.npy": _encode_npy(true_pressure_map_mpa(contact, *self.grid)),
             "shear.npy": _encode_npy(true_shear_map_mpa(contact, *self.grid)),
-            "figure.png": drawn.png(),
+            "figure.png": drawn.to_png(),
         }
 
     @cached_property

@@ -1,9 +1,8 @@
-"""Rigid objects to press with: a seeded family of shapes, meshes from files, models of Thingi10K.
+"""Rigid objects that press a simulated sensor, each an `Indenter` of `ninedtact.mechanics`.
 
-named.py        what a person types → an object: `ball:4`, `gear_07`, `part.stl@in`; read this first
-generated.py    object k of a seed, whatever else is asked for
-families.py     all families: solids, punches, machine parts, lettering, patterns, rough surfaces, everyday things
-grid.py        the grid that they are drawn on, and how their dimensions are drawn; outline.py shapes in the plane
-mesh.py         a mesh's size, side and unit; raster.py triangles seen from below; mesh_file.py reads STL, OBJ, PLY and more
-thingi.py       models of Thingi10K by number
+A name goes in, an indenter comes out: `catalogue.indenter_from_name("gear_07")`. Names are those of primitives (`ball:4`),
+generated objects by family and number (`gear_07`), mesh files (`part.stl@in`) and models of Thingi10K (`thingi10k:32770`).
+
+To add a generated object: write a function (sample, grid) → heights in the file of its kind, and list it by its name in the table
+at the end of that file; `catalogue.FAMILIES` then holds it. `height_grid` and `signed_distance` are the tools for such functions.
 """

@@ -1,10 +1,6 @@
-"""All families of generated objects by name.
+"""The catalogue of objects: the families of generated objects, and the indenter for every name that a person can give.
 
-Object k of a seed: the same whichever others are asked for.
-
-What a person types → an object.
-
-ball:4                          simple solids with their dimensions in mm and degrees
+ball:4                          primitives with their dimensions in mm and degrees
 gear_07                         generated objects, by family and number
 part.stl, part.stl@in@+x        mesh files, with unit, side that faces the skin, scale (@0.5) or size to fit (@fit:16)
 thingi10k:32770                 models of Thingi10K, with the same additions; made to fit 16 mm
@@ -47,38 +43,41 @@ FAMILIES_BY_KIND: dict[str, dict[str, HeightfieldFunction]] = {
     "lettering": LETTERING,
     "patterns": PATTERNS,
     "rough surfaces": ROUGH_SURFACES,
-    "things": HOUSEHOLD_OBJECTS,
+    "household objects": HOUSEHOLD_OBJECTS,
 }
 
 FAMILIES: dict[str, HeightfieldFunction] = {
     name: family for kind in FAMILIES_BY_KIND.values() for name, family in kind.items()
 }
-"""In the order in which objects are counted out; an object does not depend on it."""
+"""All families by name, in the order in which `generated_object_names` lists them; an object does not depend on the order."""
 
 
 PAPER_COUNT = 175
-"""Objects that the paper pressed (docs/references.md)."""
+"""Number of objects that the paper pressed (docs/references.md)."""
 OBJECT_GRID = HeightGrid()
 
 
 class UnknownObject(NinedtactError):
-    """No object goes by this name."""
+    """No object has this name."""
 
 
 def generated_object_names(count: int = PAPER_COUNT) -> list[str]:
-    """The first names: one of each family, then the second of each, and so on."""
+    """Return the first names: the first object of each family, then the second of each, and so on."""
     families = list(FAMILIES)
     return [f"{families[k % len(families)]}_{k // len(families) + 1:02d}" for k in range(count)]
 
 
 def generate_objects(count: int = PAPER_COUNT, seed: int = 0) -> Iterator[HeightGridIndenter]:
-    """The first objects of a seed, each made when its turn comes."""
+    """Yield the first objects of a seed, each generated when it is needed."""
     return (generate_object(name, seed) for name in generated_object_names(count))
 
 
 @lru_cache(maxsize=256)
 def generate_object(name: str, seed: int = 0) -> HeightGridIndenter:
-    """`gear_07`: the seventh gear of this seed; raises `UnknownObject`."""
+    """Return a generated object, the seventh gear of a seed for `gear_07`; raises `UnknownObject`.
+
+    An object is the same whichever others are generated.
+    """
     found = re.fullmatch(r"([a-z_]+?)_?(\d+)", name)
     if found is None or found[1] not in FAMILIES or int(found[2]) < 1:
         raise UnknownObject(
@@ -98,11 +97,11 @@ PRIMITIVES: dict[str, tuple[str, Callable[..., Indenter]]] = {
 
 
 class MeshNotClosed(UserWarning):
-    """A mesh with holes: usable, but an inside may show where a hole looks down."""
+    """A mesh with holes is usable, but its inside may count where a hole faces the skin."""
 
 
 def indenter_from_name(text: str, seed: int = 0) -> Indenter:
-    """The object that this names; the seed is that of generated objects.
+    """Return the indenter with this name; the seed is that of generated objects.
 
     Raises `UnknownObject` with a list of what is accepted, or what the named kind of object raises.
     """
@@ -122,7 +121,7 @@ def indenter_from_name(text: str, seed: int = 0) -> Indenter:
 
 
 def _accepted_names() -> str:
-    """All that can be named, in one sentence."""
+    """Return one sentence about all names that are accepted."""
     solids = ", ".join(f"{kind}:{dimensions}" for kind, (dimensions, _) in PRIMITIVES.items())
     return (
         f"a solid ({solids}, in mm), a generated object (gear_07; families: {', '.join(FAMILIES)}), a mesh file "
@@ -131,7 +130,7 @@ def _accepted_names() -> str:
 
 
 def _primitive_from_name(kind: str, dimensions: str) -> Indenter:
-    """A simple solid; dimensions that are left out are those of its class."""
+    """Return a primitive; dimensions that are left out have the defaults of its class."""
     names, make = PRIMITIVES[kind]
     try:
         numbers = [float(number) for number in dimensions.split(",")] if dimensions else []
@@ -143,7 +142,7 @@ def _primitive_from_name(kind: str, dimensions: str) -> Indenter:
 
 
 def _split_mesh_options(text: str) -> list[str]:
-    """A path, which may itself contain @, and what is added to it."""
+    """Split a path, which may itself contain @, from its additions."""
     parts = text.split("@")
     ends = [end for end in range(len(parts), 0, -1) if Path("@".join(parts[:end])).is_file()]
     end = ends[0] if ends else 1
@@ -151,7 +150,7 @@ def _split_mesh_options(text: str) -> list[str]:
 
 
 def _parse_mesh_placement(additions: Sequence[str], start: MeshPlacement) -> MeshPlacement:
-    """Unit, side, scale and size to fit, in any order; a unit or a scale takes back the fit that was the start."""
+    """Read unit, side, scale and size to fit, in any order; a unit or a scale cancels the default fit."""
     placing = start
     for addition in additions:
         if addition in SIDES:
@@ -171,15 +170,15 @@ def _parse_mesh_placement(additions: Sequence[str], start: MeshPlacement) -> Mes
 
 
 def _drop_default_fit(start: float | None, now: float | None) -> float | None:
-    """The present value, but none if it is only the one from the start."""
+    """Return the current fit, or None where it is only the default one."""
     return None if now == start else now
 
 
 def _warn_if_not_closed(mesh: MeshObject) -> Indenter:
-    """The underside of a mesh; that the mesh has holes is said."""
+    """Return the underside of a mesh, with a warning where the mesh has holes."""
     if not mesh.closed:
         warnings.warn(
-            f"{mesh.relief.name} is not closed: where a hole looks down, its inside is taken",
+            f"{mesh.relief.name} is not closed: where a hole faces the skin, the inside of the mesh is used",
             MeshNotClosed,
             stacklevel=3,
         )

@@ -1,7 +1,7 @@
-"""What a shape is drawn on, and how its dimensions are drawn.
+"""The grid on which a generated object's underside is computed, and the sampler of its dimensions.
 
-Heights are mm over the plane that the object touches, infinite where there is nothing. The union of two solids is the
-lower of both, a common part the higher one.
+A height field holds mm above the plane that the object touches, infinity where there is no object. The union of two solids is
+the lower of both fields, their intersection the higher one.
 """
 
 from collections.abc import Callable
@@ -17,47 +17,47 @@ Heightfield = Float[Array, "rows cols"]
 
 GOLDEN = (5**0.5 - 1) / 2
 ROOTS = (GOLDEN, *(root % 1 for root in np.sqrt([2, 3, 7, 11, 13, 17, 19, 23]).tolist()))
-"""Steps of the dimensions from one object of a family to the next: multiples of these fill an interval evenly."""
+"""Steps of the dimensions from one object of a family to the next; multiples of these fill an interval evenly."""
 ROUNDING_MM = 0.07
-"""Standard deviation of the smoothing that takes the sharpness off every edge; a radius of 0.1 mm and more."""
+"""Standard deviation of the smoothing that gives every edge a radius of at least 0.1 mm."""
 
 
 @dataclass(frozen=True)
 class HeightGrid:
-    """A square grid, centred on the object's origin."""
+    """A square grid centred on the object's origin."""
 
     side_mm: float = 22.0
     pitch_mm: float = 0.1
 
     @cached_property
     def x(self) -> Heightfield:
-        """Along the columns, mm."""
+        """x of every grid point in mm; it grows along the columns."""
         samples = round(self.side_mm / self.pitch_mm) + 1
         axis = (np.arange(samples) - (samples - 1) / 2) * self.pitch_mm
         return np.broadcast_to(axis, (samples, samples))
 
     @cached_property
     def y(self) -> Heightfield:
-        """Along the rows, mm."""
+        """y of every grid point in mm; it grows along the rows."""
         return self.x.T
 
     @cached_property
     def r(self) -> Heightfield:
-        """Distance from the middle, mm."""
+        """Distance of every grid point from the origin in mm."""
         return np.hypot(self.x, self.y)
 
     @cached_property
     def angle(self) -> Heightfield:
-        """Around the middle, rad from −π to π."""
+        """Polar angle of every grid point, −π to π rad."""
         return np.arctan2(self.y, self.x)
 
-    def turned(self, angle_rad: float) -> tuple[Heightfield, Heightfield]:
-        """x and y of a frame that is turned by this angle."""
+    def rotated_axes(self, angle_rad: float) -> tuple[Heightfield, Heightfield]:
+        """Return x and y of every grid point in a frame rotated by an angle."""
         cos, sin = np.cos(angle_rad), np.sin(angle_rad)
         return cos * self.x + sin * self.y, cos * self.y - sin * self.x
 
     def smooth(self, heights: Heightfield, sigma_mm: float = ROUNDING_MM) -> Heightfield:
-        """Without sharp edges; the footprint stays."""
+        """Return a height field with its edges rounded and its footprint unchanged."""
         from scipy.ndimage import gaussian_filter
 
         seen, sigma = np.isfinite(heights), sigma_mm / self.pitch_mm
@@ -66,34 +66,34 @@ class HeightGrid:
 
 
 class DimensionSampler:
-    """The dimensions of one object: each call draws the next, from the object's seed, family and number alone.
+    """Samples the dimensions of one object, one per call, from its seed, family and number alone.
 
-    Objects of a family that follow each other differ most in what is drawn first.
+    Successive objects of a family differ most in the dimension that is sampled first.
     """
 
     def __init__(self, seed: int, family: str, number: int) -> None:
         self.number = number
         self.start = np.random.default_rng([seed, crc32(family.encode())])
         self.random = np.random.default_rng([seed, crc32(family.encode()), number])
-        """For what has no dimensions: noise, scatter, letters."""
-        self.drawn = 0
+        """Generator for all that is not a dimension: noise, scattered positions, letters."""
+        self.count = 0
 
-    def part(self) -> float:
-        """The next number from 0 to 1."""
-        step = ROOTS[self.drawn % len(ROOTS)]
-        self.drawn += 1
+    def fraction(self) -> float:
+        """Sample the next number from 0 to 1."""
+        step = ROOTS[self.count % len(ROOTS)]
+        self.count += 1
         return float((self.start.random() + self.number * step) % 1)
 
     def between(self, low: float, high: float) -> float:
-        """A dimension."""
-        return low + (high - low) * self.part()
+        """Sample a dimension between two limits."""
+        return low + (high - low) * self.fraction()
 
     def integer(self, low: int, high: int) -> int:
-        """A count, both ends included."""
-        return low + int(self.part() * (high - low + 1))
+        """Sample an integer between two limits, both included."""
+        return low + int(self.fraction() * (high - low + 1))
 
     def scatter(self, count: int, radius_mm: float) -> Float[Array, "count 2"]:
-        """Places in a disc that keep away from each other: each is the loneliest of eight tries."""
+        """Sample positions in a disc that keep apart: each is the loneliest of eight candidates (Mitchell's algorithm)."""
         places = [np.zeros(2)]
         for _ in range(count - 1):
             angle, far = self.random.random(8) * 2 * np.pi, radius_mm * np.sqrt(self.random.random(8))

@@ -1,4 +1,4 @@
-"""Everyday things."""
+"""Everyday objects. To add one: write its function, and list it in `HOUSEHOLD_OBJECTS`."""
 
 import numpy as np
 

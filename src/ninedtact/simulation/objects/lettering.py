@@ -1,4 +1,4 @@
-"""Letters: a font of strokes, and what is written with it."""
+"""Letters: a font of strokes, and objects that carry text. To add one: write its function, and list it in `LETTERING`."""
 
 from functools import lru_cache
 

@@ -1,4 +1,4 @@
-"""Machine parts."""
+"""Machine parts. To add one: write its function, and list it in `MACHINE_PARTS`."""
 
 import numpy as np
 
@@ -40,7 +40,7 @@ def _bolt(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
         grid.r - radius * (0.45 + 0.09 * np.cos(6 * grid.angle)),
     )[drive]
     hexagon = polygon_sdf(grid.x, grid.y, polygon_corners(6, radius, HEXAGON))
-    head = hexagon if sample.part() < 0.4 else grid.r - radius
+    head = hexagon if sample.fraction() < 0.4 else grid.r - radius
     return recess(drive_recess, depth) + sample.between(0, 1.2) * (grid.r / radius) ** 2 + flat_face(head, 0.4)
 
 
@@ -195,7 +195,7 @@ def _hook(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
         np.r_[bow[::-1] - np.array([1, 0]), np.array([1, 0]) - bow[1:]],
         np.array([[-2, 1], [2, 1], [2, -1], [-2, -1], [-2, 0.4], [1.3, 0.4], [1.3, -0.4], [-1, -0.4]]) * 1.1,
     )
-    return round_bar(polyline_sdf(*grid.turned(sample.between(0, np.pi)), paths[kind] * size), wire)
+    return round_bar(polyline_sdf(*grid.rotated_axes(sample.between(0, np.pi)), paths[kind] * size), wire)
 
 
 MACHINE_PARTS: dict[str, HeightfieldFunction] = {

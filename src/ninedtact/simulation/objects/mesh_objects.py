@@ -1,14 +1,10 @@
-"""Meshes as undersides: their unit, the side that faces the skin, their size.
+"""Meshes as indenters: files read by trimesh, and models of Thingi10K by number (docs/objects.md).
 
-The footprint's middle becomes the object's origin. A mesh need not be closed: what counts is what is seen from below, and
-where nothing is seen, nothing is there. Of an object wider than `KEPT_MM` the middle is kept.
+The centre of the footprint becomes the object's origin. A mesh need not be closed: its underside counts, and where nothing is
+seen from below there is no object. Of an object wider than `KEPT_MM`, only the middle is kept.
 
-Mesh files, read by trimesh.
-
-Models of Thingi10K by number (docs/objects.md), through the package `thingi10k`.
-
-The first model downloads the whole set into the cache of Hugging Face; from then on it is read from there. The models are of
-all sizes, so each is made to fit unless it is told otherwise. Their licences differ: see the entry of a model.
+The first model of Thingi10K downloads the whole set into the cache of Hugging Face; later ones are read from there. The models
+are of all sizes, so each is scaled to fit unless options say otherwise. Their licences differ: see the entry of a model.
 """
 
 from dataclasses import dataclass
@@ -36,28 +32,28 @@ SIDES = {
     "-y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
     "+y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
 }
-"""The turn that brings this side of the mesh to face the skin."""
+"""The rotation that makes this side of the mesh face the skin."""
 PITCH_MM = 0.1
 LEAST_MM, LARGEST_MM = 1.0, 60.0
 KEPT_MM = 36.0
-"""The sensing area's diagonal is 30 mm; the rest is for drags."""
+"""The diagonal of the sensing area, 30 mm, and a margin for drags."""
 MOST_TRIANGLES = 5_000_000
 
 
 class MeshUnusable(NinedtactError):
-    """A file from which no object can be made as it is."""
+    """The mesh cannot be used as it is."""
 
 
 @dataclass(frozen=True)
 class MeshPlacement:
-    """How a mesh is to be taken."""
+    """Unit, orientation and size of a mesh."""
 
     unit: str = "mm"
     side: str = "-z"
-    """Which side faces the skin."""
+    """The side that faces the skin."""
     scale: float = 1.0
     fit_mm: float | None = None
-    """If given, the longer side of the footprint is made this long, whatever the unit."""
+    """If given, the mesh is scaled until the longer side of its footprint has this length."""
 
     def __post_init__(self) -> None:
         if self.unit not in MM_PER_UNIT or self.side not in SIDES:
@@ -73,21 +69,21 @@ class MeshPlacement:
 
 @dataclass(frozen=True)
 class MeshObject:
-    """The underside of a mesh, and what to know of the mesh."""
+    """The underside of a mesh, with the size and the defects of the mesh."""
 
     relief: HeightGridIndenter
     size_mm: tuple[float, float, float]
     triangles: int
     closed: bool
-    """Whether the mesh bounds a solid; through a hole that looks down, its inside shows."""
+    """Whether the mesh bounds a solid; through a hole that faces the skin, its inside counts."""
     cropped: bool
-    """Whether only the middle was kept."""
+    """Whether only the middle of the mesh was kept."""
 
 
 def _object_from_triangles(
     name: str, vertices: Vertices, faces: Faces, placing: MeshPlacement = MeshPlacement()
 ) -> MeshObject:
-    """The object that a mesh is; raises `MeshUnusable`."""
+    """Return the object of a triangle mesh; raises `MeshUnusable`."""
     _require_valid_triangles(name, vertices, faces)
     used = np.unique(faces)
     turned = vertices @ np.array(SIDES[placing.side], float).T * placing.scale * MM_PER_UNIT[placing.unit]
@@ -103,7 +99,7 @@ def _object_from_triangles(
 
 
 def _crop_to_middle(heights: Heightfield) -> tuple[Float[Array, "kept_rows kept_cols"], bool]:
-    """The middle of a table, and whether anything was left out."""
+    """Return the middle of a height field, and whether anything was cut off."""
     most = round(KEPT_MM / PITCH_MM)
     starts = [max(samples - most, 0) // 2 for samples in heights.shape]
     rows, cols = (slice(start, start + most) for start in starts)
@@ -111,7 +107,7 @@ def _crop_to_middle(heights: Heightfield) -> tuple[Float[Array, "kept_rows kept_
 
 
 def _require_valid_triangles(name: str, vertices: Vertices, faces: Faces) -> None:
-    """Refuse what has no triangles, or corners nowhere."""
+    """Refuse a mesh without triangles, or with vertices that are missing or not finite."""
     if not 0 < len(faces) <= MOST_TRIANGLES:
         raise MeshUnusable(
             f"expected triangles in {name}, 1 to {MOST_TRIANGLES} of them, got {len(faces)}; export a surface mesh, or simplify it"
@@ -125,7 +121,7 @@ def _require_valid_triangles(name: str, vertices: Vertices, faces: Faces) -> Non
 
 
 def _require_plausible_size(name: str, size_mm: Float[Array, "3"]) -> None:
-    """Refuse what is in another unit, flat, or far beyond the sensor."""
+    """Refuse a mesh in a wrong unit, without a face towards the skin, or much larger than the sensor."""
     got = " x ".join(f"{side:.3g}" for side in size_mm)
     if size_mm.max() < LEAST_MM:
         metres, inches = (" x ".join(f"{side * MM_PER_UNIT[unit]:.3g}" for side in size_mm) for unit in ("m", "in"))
@@ -143,7 +139,7 @@ def _require_plausible_size(name: str, size_mm: Float[Array, "3"]) -> None:
 
 
 def _is_closed(vertices: Vertices, faces: Faces) -> bool:
-    """Whether every edge belongs to two triangles; corners in the same place are one."""
+    """Return whether every edge belongs to two triangles; vertices at the same position count as one."""
     _, same = np.unique(vertices, axis=0, return_inverse=True)
     corners = same.reshape(-1)[faces]
     edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
@@ -156,7 +152,7 @@ MOST_MB = 500
 
 
 class _ObjectLibraryMissing(NinedtactError):
-    """A library that reads objects is missing."""
+    """A library that reads objects is not installed."""
 
 
 def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
@@ -166,7 +162,7 @@ def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> Me
 
 
 def _read_mesh(path: Path) -> tuple[Vertices, Faces]:
-    """Corners and triangles as the file has them, several bodies as one."""
+    """Return vertices and triangles as the file has them, several bodies as one."""
     if not path.is_file() or path.suffix.lower() not in MESH_FILE_SUFFIXES or path.stat().st_size > MOST_MB * 1e6:
         raise MeshUnusable(
             f"expected a file of at most {MOST_MB} MB ending in {', '.join(MESH_FILE_SUFFIXES)}, got {path}"
@@ -174,7 +170,7 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces]:
         )
     trimesh = _import_trimesh()
     try:
-        # Nothing is merged or mended here, so that broken corners are seen and refused.
+        # No processing, so that broken vertices reach the checks and are refused.
         mesh = trimesh.load_mesh(path, process=False)
     except Exception as failure:
         raise MeshUnusable(
@@ -186,7 +182,7 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces]:
 
 
 def _import_trimesh() -> Any:
-    """The library, or how to get it."""
+    """Return the library; raises `ObjectLibraryMissing`."""
     try:
         import trimesh
     except ImportError as absence:
@@ -200,7 +196,7 @@ FITTING = MeshPlacement(fit_mm=16.0)
 
 
 class _MeshNotFound(NinedtactError):
-    """A model that is not in the set, or a set that cannot be had."""
+    """The model is not in Thingi10K, or Thingi10K cannot be downloaded."""
 
 
 def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> MeshObject:
@@ -212,7 +208,7 @@ def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> Mesh
 
 
 def _find_model(number: int) -> tuple[Any, Any]:
-    """The entry of a model, and the library that reads it."""
+    """Return the entry of a model, and the library that reads it."""
     library = _import_thingi10k()
     try:
         library.init()
@@ -230,12 +226,12 @@ def _find_model(number: int) -> tuple[Any, Any]:
 
 
 def _first_line(failure: Exception) -> str:
-    """What went wrong, briefly."""
+    """Return the first line of an error message."""
     return (str(failure).splitlines() or [type(failure).__name__])[0][:120]
 
 
 def _import_thingi10k() -> Any:
-    """The library, or how to get it."""
+    """Return the library; raises `ObjectLibraryMissing`."""
     try:
         import thingi10k
     except ImportError as absence:

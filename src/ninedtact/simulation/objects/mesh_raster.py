@@ -1,4 +1,4 @@
-"""Triangles seen from straight below: the lowest height over every point of a grid.
+"""Rasterisation of triangles from below: the lowest height above every point of a grid.
 
 Scan lines: each triangle is cut into the rows of the grid that it crosses, each row into the columns between the two
 edges that it meets. All triangles at once, in portions that fit into memory; the work is the number of covered points.
@@ -24,7 +24,7 @@ NEAR = 1e-6
 
 
 def rasterize_lowest_mm(triangles_mm: Triangles, pitch_mm: float) -> Heightfield:
-    """Lowest z on a grid over the triangles' footprint and in its middle, infinite where there is none."""
+    """Return the lowest z on a grid over the footprint of triangles, infinite where there is none."""
     flat = triangles_mm[..., :2].reshape(-1, 2)
     low, high = flat.min(axis=0), flat.max(axis=0)
     cols, rows = (np.floor((high - low) / pitch_mm + NEAR).astype(int) + 1).tolist()
@@ -37,7 +37,7 @@ def rasterize_lowest_mm(triangles_mm: Triangles, pitch_mm: float) -> Heightfield
 
 
 def split_into_batches(placed: Triangles) -> Iterator[Triangles]:
-    """Runs of triangles whose bounding boxes hold a bounded number of grid points."""
+    """Split triangles into batches whose bounding boxes hold a limited number of grid points."""
     sides = placed[..., :2].max(axis=1) - placed[..., :2].min(axis=1)
     load = np.cumsum((sides + 2).prod(axis=1))
     cuts = np.searchsorted(load, np.arange(PORTION, load[-1], PORTION))
@@ -45,7 +45,7 @@ def split_into_batches(placed: Triangles) -> Iterator[Triangles]:
 
 
 def lower_to_triangles(table: Heightfield, placed: Triangles) -> None:
-    """Lower the table to these triangles, given in columns, rows and mm."""
+    """Lower a height table to triangles that are given in columns, rows and mm."""
     owner, row = _runs(*_covered(placed[:, :, 1].min(axis=1), placed[:, :, 1].max(axis=1), table.shape[0]))
     left, right = _crossings(placed, owner, row)
     span, col = _runs(*_covered(left, right, table.shape[1]))

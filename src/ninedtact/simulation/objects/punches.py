@@ -1,4 +1,4 @@
-"""Flat faces with all kinds of outlines."""
+"""Flat faces with outlines of many kinds. To add one: write its function, and list it in `PUNCHES`."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def _tile(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """A rectangle."""
     length, width = sample.between(5, 16), sample.between(3, 9)
     return flat_face(
-        box_sdf(*grid.turned(sample.between(0, np.pi)), length, width, sample.between(0.2, 1.4)),
+        box_sdf(*grid.rotated_axes(sample.between(0, np.pi)), length, width, sample.between(0.2, 1.4)),
         sample.between(0.2, 0.8),
     )
 
@@ -38,7 +38,7 @@ def _polygon_punch(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def star_corners(points: int, radius_mm: float, waist: float, turn_rad: float) -> Points:
-    """Corners of a star."""
+    """Return the corners of a star, tips and waists alternating."""
     tips, waists = (
         polygon_corners(points, radius_mm, turn_rad),
         polygon_corners(points, radius_mm * waist, turn_rad + np.pi / points),
@@ -65,7 +65,7 @@ def _cross(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 def _bar(grid: HeightGrid, end: list[float]) -> tuple[Heightfield, Heightfield]:
     """The frame of a bar through this point."""
-    return grid.turned(float(np.arctan2(end[1], end[0])))
+    return grid.rotated_axes(float(np.arctan2(end[1], end[0])))
 
 
 def _ring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -78,14 +78,14 @@ def _ring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _crescent(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """A disc with a disc taken out."""
     radius, bite = sample.between(4, 8), sample.between(0.55, 0.9)
-    x, y = grid.turned(sample.between(0, 2 * np.pi))
+    x, y = grid.rotated_axes(sample.between(0, 2 * np.pi))
     inner = np.hypot(x - radius * (1.25 - bite), y) - radius * bite
     return flat_face(np.maximum(grid.r - radius, -inner), 0.3)
 
 
 def _heart(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Two bows and a tip."""
-    size, (x, y) = sample.between(0.3, 0.5), grid.turned(sample.between(-1, 1))
+    size, (x, y) = sample.between(0.3, 0.5), grid.rotated_axes(sample.between(-1, 1))
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     bows = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t)
     return flat_face(
@@ -99,7 +99,7 @@ def _arrow(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     tip, neck, wing = length / 2, length / 2 - head * 0.7, head / 2
     half = [[-tip, shaft / 2], [neck, shaft / 2], [neck, wing], [tip, 0]]
     points = np.array([*half, *([px, -py] for px, py in half[-2::-1])])
-    return flat_face(polygon_sdf(*grid.turned(sample.between(0, 2 * np.pi)), points), 0.25)
+    return flat_face(polygon_sdf(*grid.rotated_axes(sample.between(0, 2 * np.pi)), points), 0.25)
 
 
 def _blob(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -116,7 +116,7 @@ def _profile_bar(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     kind, size, wall = sample.integer(0, 4), sample.between(3, 6.5), sample.between(0.5, 1.1)
     paths = ("00 02 22", "00 20 10 12", "00 02 22 20", "00 10 12 22", "00 02 01 21 20 22")
     points = (np.array([[int(pair[0]), int(pair[1])] for pair in paths[kind].split()], float) - 1) * size
-    return flat_face(polyline_sdf(*grid.turned(sample.between(0, np.pi)), points) - wall, 0.25)
+    return flat_face(polyline_sdf(*grid.rotated_axes(sample.between(0, np.pi)), points) - wall, 0.25)
 
 
 def _pin_array(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:

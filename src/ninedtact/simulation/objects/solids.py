@@ -1,4 +1,4 @@
-"""Simple solids and unions of them."""
+"""Simple solids and unions of them. To add one: write its function, and list it in `SOLIDS`."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ def _ball(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 def _ellipsoid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Three different axes."""
-    x, y = grid.turned(sample.between(0, np.pi))
+    x, y = grid.rotated_axes(sample.between(0, np.pi))
     length, width, height = sample.between(4, 9), sample.between(2, 4), sample.between(2, 6)
     return height * round_bar(np.hypot(x / length, y / width), 1.0)
 
@@ -30,7 +30,7 @@ def _ellipsoid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _cylinder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Lying on its side."""
     radius, length = sample.between(1.5, 7), sample.between(8, 19)
-    x, y = grid.turned(sample.between(0, np.pi))
+    x, y = grid.rotated_axes(sample.between(0, np.pi))
     return round_bar(y, radius) + flat_face(box_sdf(x, y, length, 2 * radius), 0.3)
 
 
@@ -85,7 +85,7 @@ def _torus(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 def _saddle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Bent down along one axis and up along the other."""
-    x, y = grid.turned(sample.between(0, np.pi))
+    x, y = grid.rotated_axes(sample.between(0, np.pi))
     waves, height = sample.integer(2, 4), sample.between(0.6, 1.5)
     angle = np.arctan2(y, x)
     return height * (grid.r / 6) ** 2 * (1 + np.cos(waves * angle)) + flat_face(grid.r - sample.between(5, 8), 0.4)

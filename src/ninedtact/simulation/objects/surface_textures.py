@@ -1,7 +1,4 @@
-"""Regular reliefs on plates.
-
-Irregular surfaces, from filtered noise and scattered places.
-"""
+"""Regular patterns and rough surfaces on plates. To add one: write its function, and list it in `PATTERNS` or `ROUGH_SURFACES`."""
 
 import numpy as np
 
@@ -32,7 +29,7 @@ def _plate(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _grid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Crossing bars."""
     pitch, bar, relief = sample.between(1.6, 4), sample.between(0.15, 0.35), sample.between(0.5, 1.5)
-    x, y = grid.turned(sample.between(0, np.pi / 2))
+    x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
     bars = (
         np.minimum(np.abs(wrap_to_pitch(x, pitch)), np.abs(wrap_to_pitch(y, pitch * sample.between(1, 1.6))))
         - bar * pitch / 2
@@ -43,7 +40,7 @@ def _grid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _weave(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Threads over and under each other."""
     pitch, depth = sample.between(1.4, 3.2), sample.between(0.3, 0.7)
-    x, y = grid.turned(sample.between(0, np.pi / 2))
+    x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
     warp = _over(x, y, pitch, depth)
     return np.minimum(warp, _over(y, x + pitch, pitch, depth)) + _plate(sample, grid)
 
@@ -68,7 +65,7 @@ def _dots(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _ridges(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Parallel ridges, sharp or round."""
     pitch, relief = sample.between(1.2, 3.5), sample.between(0.4, 1.2)
-    x, _ = grid.turned(sample.between(0, np.pi))
+    x, _ = grid.rotated_axes(sample.between(0, np.pi))
     part = np.abs(wrap_to_pitch(x, pitch)) / (pitch / 2)
     return relief * part ** sample.between(1, 2.5) + _plate(sample, grid)
 
@@ -76,7 +73,7 @@ def _ridges(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _waves(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Two crossing wave trains."""
     first, second, relief = sample.between(2, 6), sample.between(2, 6), sample.between(0.3, 0.7)
-    (u, _), (v, _) = grid.turned(sample.between(0, np.pi)), grid.turned(sample.between(0, np.pi))
+    (u, _), (v, _) = grid.rotated_axes(sample.between(0, np.pi)), grid.rotated_axes(sample.between(0, np.pi))
     heights = relief * (2 + np.cos(2 * np.pi * u / first) + np.cos(2 * np.pi * v / second))
     return heights + _plate(sample, grid)
 
@@ -101,7 +98,7 @@ def _knurl(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _honeycomb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Six-sided cells."""
     pitch, wall, depth = sample.between(2.2, 4.5), sample.between(0.25, 0.5), sample.between(0.6, 1.5)
-    x, y = _hexagon_frame(*grid.turned(sample.between(0, np.pi)), pitch)
+    x, y = _hexagon_frame(*grid.rotated_axes(sample.between(0, np.pi)), pitch)
     border = np.maximum.reduce([np.abs(nx * x + ny * y) for nx, ny in polygon_corners(6, 1.0)[:3].tolist()]) - pitch / 2
     return recess(border + wall, depth, 0.35) + _plate(sample, grid)
 
@@ -118,7 +115,7 @@ def _hexagon_frame(x: Heightfield, y: Heightfield, pitch_mm: float) -> tuple[Hei
 def _pyramids(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """A field of pyramids on their tips."""
     pitch, relief = sample.between(1.6, 4), sample.between(0.6, 1.6)
-    x, y = grid.turned(sample.between(0, np.pi / 2))
+    x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
     part = np.maximum(np.abs(wrap_to_pitch(x, pitch)), np.abs(wrap_to_pitch(y, pitch))) / (pitch / 2)
     return relief * smooth_abs(part, 0.15) + _plate(sample, grid)
 
@@ -178,7 +175,7 @@ def _scales(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _checker(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Fields of different heights."""
     pitch, turn = sample.between(1.8, 4), sample.between(0, np.pi / 2)
-    x, y = grid.turned(turn)
+    x, y = grid.rotated_axes(turn)
     heights = sample.random.uniform(0, sample.between(0.6, 1.3), (40, 40))
     field = heights[np.round(x / pitch).astype(int) % 40, np.round(y / pitch).astype(int) % 40]
     return grid.smooth(field, 0.15) + _plate(sample, grid)
