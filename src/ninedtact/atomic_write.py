@@ -10,10 +10,10 @@ from pathlib import Path
 from secrets import token_hex
 from typing import BinaryIO
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import OutputError
 
 
-class FileNotWritten(NinedtactError):
+class FileNotWritten(OutputError):
     """The disk is full, the folder is missing or closed to us; what was at the path before is still there."""
 
 

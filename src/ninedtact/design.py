@@ -5,13 +5,13 @@ from math import isfinite
 from operator import attrgetter
 from typing import Literal
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
 """Handbook values of window and gel; no maker states those of these sheets and silicones."""
 
 
-class DesignImpossible(NinedtactError):
+class DesignImpossible(InputError):
     """A dimension or a combination of dimensions that no sensor can have."""
 
 

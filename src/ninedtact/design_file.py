@@ -10,14 +10,14 @@ import msgspec
 import tomli_w
 
 from ninedtact.design import SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError
 
 HARDWARE_TABLE = "hardware"
 """Table of the parts' own dimensions, which only the package `hardware` reads."""
 Design = TypeVar("Design")
 
 
-class DesignFileUnreadable(NinedtactError):
+class DesignFileUnreadable(FileFormatError):
     """A design file that is missing, is not TOML, or has a key or value that no design has."""
 
 

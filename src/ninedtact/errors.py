@@ -1,8 +1,66 @@
-"""The one base class that the command line turns into a sentence and an exit code."""
+"""The errors of the package: one base class, and under it the classes that a program catches.
+
+    NinedtactError
+    ├── InputError             a value, an option, a design or an object that cannot be used
+    ├── FileFormatError        a file or folder that is missing, damaged, or of another format
+    ├── OutputError            a file or folder that cannot be written, or not without overwriting something else
+    ├── MissingLibraryError    an optional library that is not installed
+    ├── CameraError            a camera or another source of images
+    ├── DeviceError            a force/torque sensor, a graphics processor, a network port
+    ├── CalibrationError       calibration images, a sensor's calibration, its reference image
+    ├── ForceError             force estimation, force models and their training
+    ├── SimulationError        contact mechanics and simulated sensors
+    └── DatasetError           recordings in progress and data sets: no usable pairs, faults found, work stopped
+
+Every package derives its concrete errors from these (`BoardNotFound`, `CameraLost`). Each message says what was expected, what was
+found, and what to do. The command line prints it as one line and ends with exit code 1.
+
+>>> try:
+...     ninedtact.load_sensor("no_such_folder")
+... except ninedtact.errors.FileFormatError as error:
+...     print(error)
+"""
 
 
 class NinedtactError(Exception):
-    """Something the user can act on; its message says what was expected, what came instead, and what to do.
+    """An error that the user can act on; the message says what was expected, what was found, and what to do."""
 
-    Each room derives its own, named in its own words (`BoardNotFound`, `CameraLost`).
-    """
+
+class InputError(NinedtactError):
+    """A value, an option, a design or an object cannot be used."""
+
+
+class FileFormatError(NinedtactError):
+    """A file or folder is missing, damaged, or of another format."""
+
+
+class OutputError(NinedtactError):
+    """A file or folder cannot be written, or not without overwriting something else."""
+
+
+class MissingLibraryError(NinedtactError):
+    """An optional library is not installed."""
+
+
+class CameraError(NinedtactError):
+    """A camera or another source of images is missing, lost, or delivers something else than expected."""
+
+
+class DeviceError(NinedtactError):
+    """A force/torque sensor, a graphics processor or a network port is missing, lost or refused."""
+
+
+class CalibrationError(NinedtactError):
+    """Images cannot calibrate a sensor, or a calibration or its reference image cannot be used."""
+
+
+class ForceError(NinedtactError):
+    """Force estimation, a force model or its training is impossible with what was given."""
+
+
+class SimulationError(NinedtactError):
+    """Contact mechanics or a simulated sensor cannot compute what was asked for."""
+
+
+class DatasetError(NinedtactError):
+    """A recording in progress or a data set cannot be built, checked or used as asked."""

@@ -9,7 +9,7 @@ from time import monotonic_ns, perf_counter
 from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
@@ -20,7 +20,7 @@ REFERENCE_FRAMES = 10
 """Number of reference frames averaged when a session starts; it brings their noise below that of a reading."""
 
 
-class ReferenceMissing(NinedtactError):
+class ReferenceMissing(CalibrationError):
     """A reading was asked for before the sensor had a reference image."""
 
 

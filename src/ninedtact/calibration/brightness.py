@@ -6,7 +6,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 from scipy import ndimage
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 
 BgrImage = UInt8[Array, "_ _ 3"]
@@ -16,7 +16,7 @@ MIN_REFERENCE_GREY = 8.0
 OVEREXPOSED = 250
 
 
-class ImageUnusable(NinedtactError):
+class ImageUnusable(CalibrationError):
     """An image that no calibration can use."""
 
 

@@ -14,7 +14,7 @@ from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_record import SensorRecord, StoredImage
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import OutputError
 
 CERTIFICATE_FILE = "certificate.html"
 IMAGE_FOLDER = "images"
@@ -25,7 +25,7 @@ _FORCE_FILE = "force.toml"
 """The force calibration with known loads (`force.adaptation_file`)."""
 
 
-class SensorFolderNotReplaceable(NinedtactError):
+class SensorFolderNotReplaceable(OutputError):
     """A sensor cannot be written there without overwriting something else."""
 
 

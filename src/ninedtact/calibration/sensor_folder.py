@@ -18,13 +18,14 @@ import numpy as np
 from ninedtact.calibration.sensor_record import SENSOR_FORMAT, LensModelTable, PinMapTable, PixelMapTable, SensorRecord
 from ninedtact.capture.image_file import read_image
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.lens import LensModel, PinMap, Projection
 from ninedtact.shape.rectification import Rectification, rectification_of_projection
 
 if TYPE_CHECKING:
+    from ninedtact.force.estimator import ForceEstimator
     from ninedtact.simulation.twin import Twin
 
 SENSOR_FILE = "sensor.toml"
@@ -32,7 +33,7 @@ _MIN_INVERSE_DISTANCE_PER_MM = 1e-4
 """Inverse viewing distance below which lines of sight count as parallel."""
 
 
-class SensorFolderDamaged(NinedtactError):
+class SensorFolderDamaged(FileFormatError):
     """The folder is not a sensor, something in it is missing or changed, or it is of another format."""
 
 
@@ -114,6 +115,17 @@ class SensorFolder:
         from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 
         return build_sensor_twin(self)
+
+    def estimator(self, spec: str = "physics") -> "ForceEstimator":
+        """Load a force estimator for this sensor: `physics`, `network`, `both`, `none`, or the path of a force model (.onnx).
+
+        Raises what `force.estimator_loading.load_estimator` raises.
+
+        >>> estimator = ninedtact.load_sensor("my_sensor").estimator("physics")
+        """
+        from ninedtact.force.estimator_loading import load_estimator
+
+        return load_estimator(spec, self)
 
     def _verify_file(self, file: str, digest: str) -> Path:
         """Return the path of a file of the folder, once its content is known to be what was written."""

@@ -12,13 +12,13 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import CameraSettings, FrameSource, SourceEnded
 from ninedtact.capture.uvc_camera import UvcCamera
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CameraError, NinedtactError
 
 _SETTLING_IMAGES = 5
 """Images that arrive in a burst after opening, left out."""
 
 
-class FrameRateUnmeasurable(NinedtactError):
+class FrameRateUnmeasurable(CameraError):
     """Too few different images arrived to measure a rate."""
 
 

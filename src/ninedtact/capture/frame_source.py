@@ -10,33 +10,33 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import ClassVar, TypeVar
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CameraError, InputError
 from ninedtact.quantities import Frame
 
 Opened = TypeVar("Opened", bound="Openable")
 
 
-class SourceUnknown(NinedtactError):
+class SourceUnknown(InputError):
     """The text names no camera, stream or file."""
 
 
-class CameraNotFound(NinedtactError):
+class CameraNotFound(CameraError):
     """No camera, stream or file could be opened at the given address."""
 
 
-class CameraLost(NinedtactError):
+class CameraLost(CameraError):
     """A camera that had delivered images stopped."""
 
 
-class CameraSettingRefused(NinedtactError):
+class CameraSettingRefused(CameraError):
     """A setting that the camera did not accept, or settings that contradict each other."""
 
 
-class SourceEnded(NinedtactError):
+class SourceEnded(CameraError):
     """A recording has no further item."""
 
 
-class SourceNotOpen(NinedtactError):
+class SourceNotOpen(CameraError):
     """A source was read before it was opened or after it was closed."""
 
     def __init__(self, name: str) -> None:

@@ -15,7 +15,7 @@ from jaxtyping import Shaped, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.capture.library_output import capture_output
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError
 
 _LARGEST_PIXELS = 100_000_000
 _PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
@@ -99,11 +99,11 @@ def _too_large(cols: int, rows: int) -> str | None:
 _LARGEST_FILE_BYTES = 500_000_000
 
 
-class ImageUnreadable(NinedtactError):
+class ImageUnreadable(FileFormatError):
     """An image that is missing, damaged, or not of a kind that can be measured."""
 
 
-class ImageSizeWrong(NinedtactError):
+class ImageSizeWrong(FileFormatError):
     """An image of another size than the ones it belongs to."""
 
 

@@ -6,11 +6,11 @@ from threading import Condition, Event, Thread
 from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
 
-class NoRecentFrame(NinedtactError):
+class NoRecentFrame(CameraError):
     """No frame arrived that is both new to the reader and young enough."""
 
 

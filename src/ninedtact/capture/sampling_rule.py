@@ -12,13 +12,13 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 
 SixFloats = tuple[float, float, float, float, float, float]
 
 
-class SamplingRuleInvalid(NinedtactError):
+class SamplingRuleInvalid(InputError):
     """The settings describe a rule that keeps nothing, or everything."""
 
 

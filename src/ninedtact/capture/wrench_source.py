@@ -8,23 +8,23 @@ from abc import abstractmethod
 from collections.abc import Iterator
 
 from ninedtact.capture.frame_source import Openable
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DeviceError, InputError, MissingLibraryError
 from ninedtact.quantities import Wrench
 
 
-class ForceTorqueAddressUnknown(NinedtactError):
+class ForceTorqueAddressUnknown(InputError):
     """The text names no force/torque sensor."""
 
 
-class WrenchSensorNotFound(NinedtactError):
+class WrenchSensorNotFound(DeviceError):
     """No force/torque sensor could be opened at the given address."""
 
 
-class WrenchSensorLost(NinedtactError):
+class WrenchSensorLost(DeviceError):
     """A force/torque sensor that had delivered samples stopped."""
 
 
-class ForceTorqueLibraryMissing(NinedtactError):
+class ForceTorqueLibraryMissing(MissingLibraryError):
     """The library that communicates with this device is not installed."""
 
     def __init__(self, name: str, package: str) -> None:
@@ -33,7 +33,7 @@ class ForceTorqueLibraryMissing(NinedtactError):
         )
 
 
-class WrenchSampleRejected(NinedtactError):
+class WrenchSampleRejected(DeviceError):
     """One sample that must not be used. The source stays open, and the next read continues with the next sample."""
 
 

@@ -17,7 +17,7 @@ from ninedtact.cli.devices import frame_source_for
 from ninedtact.cli.options import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
 from ninedtact.cli.terminal import print_result
 from ninedtact.design import SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CameraError, InputError, NinedtactError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.board.detection import BoardNotFound
@@ -31,11 +31,11 @@ _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
 _IMAGE_OPTIONS = ", ".join("--" + name.replace("_", "-") for name in _IMAGE_NAMES)
 
 
-class ImagesMissing(NinedtactError):
+class ImagesMissing(InputError):
     """The command was given neither four images nor a folder of them nor a camera."""
 
 
-class RecordingTooShort(NinedtactError):
+class RecordingTooShort(CameraError):
     """A recording ended before all four images were taken."""
 
 

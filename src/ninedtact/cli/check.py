@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.terminal import print_result
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.drift.diagnosis import DriftFinding
     from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
 
 
-class NoImageToCheck(NinedtactError):
+class NoImageToCheck(InputError):
     """No image was named."""
 
 

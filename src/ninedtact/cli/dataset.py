@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.terminal import print_result
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DatasetError
 
 if TYPE_CHECKING:
     from ninedtact.dataset.build import BuildResult
@@ -20,7 +20,7 @@ _MOST_NAMES = 8
 """Names of a kind that are printed one by one."""
 
 
-class DatasetStopped(NinedtactError):
+class DatasetStopped(DatasetError):
     """Ctrl-C ended the command before the data set was finished."""
 
     def __init__(self, folder: Path) -> None:

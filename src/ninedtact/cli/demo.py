@@ -17,7 +17,7 @@ from ninedtact.cli.live import (
 )
 from ninedtact.cli.options import DesignFileOption, read_design_or_default, require_sensor_or_design
 from ninedtact.design import SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -29,7 +29,7 @@ STEPS_HZ = 6.0
 """Of the presses that are drawn: as coarse as friction allows."""
 
 
-class InvalidDemoOption(NinedtactError):
+class InvalidDemoOption(InputError):
     """A demo that shows nothing."""
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from ninedtact.cli.terminal import print_result
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, MissingLibraryError
 
 if TYPE_CHECKING:
     from ninedtact.hardware.bill_of_materials import BillItem
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ninedtact.hardware.explore.design_sweep import DesignSweep, ExploredDesign
 
 
-class Build123dMissing(NinedtactError):
+class Build123dMissing(MissingLibraryError):
     """build123d is not installed."""
 
 
@@ -118,7 +118,7 @@ def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
     yield from (f"  {each.rule}: {each.message}" for each in broken)
 
 
-class SensingAreaUnreadable(NinedtactError):
+class SensingAreaUnreadable(InputError):
     """A text that is not a width and a height."""
 
 

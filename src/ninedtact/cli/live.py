@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from ninedtact.cli.devices import SIM, live_source, sensor_of
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
 
 if TYPE_CHECKING:
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 FASTEST_SCREEN_HZ = 120.0
 
 
-class PageLibraryMissing(NinedtactError):
+class PageLibraryMissing(MissingLibraryError):
     """The library that serves the page is not installed."""
 
 
-class InvalidLiveOption(NinedtactError):
+class InvalidLiveOption(InputError):
     """An option with a value that no page can have."""
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ninedtact.design import SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.procedure import CalibrationSettings
@@ -17,7 +17,7 @@ DesignFileOption = Annotated[Path | None, tyro.conf.arg(name="design")]
 """`--design sensor.toml`: what differs from the published sensor."""
 
 
-class DesignGivenTwice(NinedtactError):
+class DesignGivenTwice(InputError):
     """A design in a file and another one beside it."""
 
 

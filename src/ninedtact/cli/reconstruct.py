@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from ninedtact.cli.terminal import print_result
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.quantities import HeightMap
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _HeightFormat = Literal["npy", "png", "ply", "stl", "obj"]
 
 
-class NoImageToReconstruct(NinedtactError):
+class NoImageToReconstruct(InputError):
     """No image was named."""
 
 

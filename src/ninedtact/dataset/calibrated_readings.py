@@ -14,7 +14,7 @@ from ninedtact.dataset.parquet_files import DatasetDamaged, iterate_rows, wrench
 from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.dataset.stored_images import StoredImageUnreadable, decode_stored_image, read_reference_values
 from ninedtact.design import Gel, SensingArea
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -24,7 +24,7 @@ READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
 """Columns that `FileDepthReader` needs."""
 
 
-class SensorCalibrationMissing(NinedtactError):
+class SensorCalibrationMissing(CalibrationError):
     """Images of a sensor whose calibration was not given, or was made with images of another size."""
 
 

@@ -10,7 +10,7 @@ from ninedtact.dataset.quality_report import QualityReport
 from ninedtact.dataset.schema import PAIR_COLUMNS, to_utf8
 from ninedtact.dataset.sources.source import Source
 from ninedtact.dataset.statistics import DatasetStatistics
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 _LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")
 _FRAME = (
@@ -19,7 +19,7 @@ _FRAME = (
 )
 
 
-class LicenceImpossible(NinedtactError):
+class LicenceImpossible(InputError):
     """Something that is not the name of a licence."""
 
 

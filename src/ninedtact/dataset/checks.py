@@ -21,7 +21,7 @@ from ninedtact.dataset.parquet_files import iterate_rows, wrench_vector
 from ninedtact.dataset.quality_report import PairFault, PairFinding, QualityReport, make_quality_report
 from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
 from ninedtact.dataset.worker_pool import run_in_processes
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 _GreyImage = UInt8[Array, "rows cols"]
 _MOST_TILES, _TILE_PX = 40, 6
@@ -29,7 +29,7 @@ _CHECKED_COLUMNS = ("id", "image", "reference_id", "wrench", "wrench_delay_ms")
 _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
-class CheckSettingsImpossible(NinedtactError):
+class CheckSettingsImpossible(InputError):
     """Limits that no pair could meet."""
 
 

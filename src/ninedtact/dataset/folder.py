@@ -19,7 +19,7 @@ from typing import Any
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.dataset.parquet_files import DatasetDamaged, require_pair_columns
 from ninedtact.dataset.schema import DATASET_FORMAT
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import OutputError
 
 REFERENCES_FILE, SETTINGS_FILE, SENSORS_FILE = "references.parquet", "settings.json", "sensors.json"
 REPORT_FILE = "report.json"
@@ -30,7 +30,7 @@ class DatasetUnfinished(DatasetDamaged):
     """A data set some of whose files are still missing."""
 
 
-class DatasetFolderTaken(NinedtactError):
+class DatasetFolderTaken(OutputError):
     """A folder that holds something else, or a data set that was begun with other settings."""
 
 

@@ -30,14 +30,14 @@ from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files, make_folder
 from ninedtact.dataset.parquet_files import DatasetDamaged, iterate_rows, open_parquet_file
 from ninedtact.dataset.stored_images import StoredImageUnreadable, decode_stored_image
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 _IMAGES, _REFERENCES, _STORED_SHAPES = "images.npy", "references.npy", "stored_shapes.npy"
 _KNOWN_FILES = "files.json"
 _SMALLEST_PX = 8
 
 
-class ImageSizeImpossible(NinedtactError):
+class ImageSizeImpossible(InputError):
     """Images of a size that no network takes."""
 
 

@@ -27,14 +27,14 @@ from ninedtact.dataset.schema import (
     reference_to_columns,
     row_to_columns,
 )
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError
 
 _ROWS_PER_GROUP = 100
 """Rows in memory at once, and the smallest unit that a reader can pick."""
 _NO_WRENCH = [float("nan")] * 6
 
 
-class DatasetDamaged(NinedtactError):
+class DatasetDamaged(FileFormatError):
     """A folder that is not a data set, or a file of it that is not whole."""
 
 

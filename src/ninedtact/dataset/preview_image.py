@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.parquet_files import iterate_rows, iterate_rows_at, wrench_vector
 from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.force.deformation import render_deformation, split_brightness_change
 from ninedtact.quantities import Deformation
 
@@ -31,7 +31,7 @@ _CONTRAST = 2
 _GREY, _WHITE = (170, 170, 170), (255, 255, 255)
 
 
-class NothingToPreview(NinedtactError):
+class NothingToPreview(InputError):
     """A data set without a pair that can be drawn."""
 
 

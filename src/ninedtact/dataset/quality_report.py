@@ -8,14 +8,14 @@ from pathlib import Path
 import msgspec
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DatasetError
 
 
-class NoUsablePairs(NinedtactError):
+class NoUsablePairs(DatasetError):
     """Not one pair of the data set can be trained with."""
 
 
-class FaultsFound(NinedtactError):
+class FaultsFound(DatasetError):
     """The checks found faults where none are accepted."""
 
 

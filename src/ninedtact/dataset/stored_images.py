@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.image_file import image_file_fault
 from ninedtact.dataset.parquet_files import iterate_rows
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError
 
 GreyImage = UInt8[Array, "rows cols"]
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -20,7 +20,7 @@ _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 _MOST_DECODED = 32
 
 
-class StoredImageUnreadable(NinedtactError):
+class StoredImageUnreadable(FileFormatError):
     """Stored bytes that are not an 8-bit image."""
 
 

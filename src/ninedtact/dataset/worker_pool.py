@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 Result = TypeVar("Result")
 
 
-class WorkersImpossible(NinedtactError):
+class WorkersImpossible(InputError):
     """Fewer than one worker process."""
 
 

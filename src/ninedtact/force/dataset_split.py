@@ -27,7 +27,7 @@ from jaxtyping import Bool, Int, Shaped
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, InputError
 
 Kind = Literal["standard", "object", "sensor", "sensor_and_object"]
 What = Literal["pairs", "objects", "sensors"]
@@ -36,11 +36,11 @@ NO_OBJECT = "none"
 """Name of the object where nothing touches."""
 
 
-class SplitImpossible(NinedtactError):
+class SplitImpossible(InputError):
     """A split that cannot be made of these data."""
 
 
-class SplitUnfit(NinedtactError):
+class SplitUnfit(FileFormatError):
     """A stored split that is damaged, or belongs to other data."""
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float32, Shaped, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, InputError
 from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.quantities import Deformation, Rectified
 
@@ -34,11 +34,11 @@ SAME_SCALE = 1e-3
 """Two images may differ by this part in their mm per pixel and still be of one sensor."""
 
 
-class ImagesDoNotMatch(NinedtactError):
+class ImagesDoNotMatch(InputError):
     """An image and its reference of different sizes, or a size that would distort the skin."""
 
 
-class NotAMixedImage(NinedtactError):
+class NotAMixedImage(FileFormatError):
     """An image that the original project's arithmetic cannot have made."""
 
 

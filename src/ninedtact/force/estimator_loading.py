@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import ForceError, InputError
 
 if TYPE_CHECKING:
     from ninedtact.design import Gel
@@ -15,11 +15,11 @@ BOTH, NETWORK, PHYSICS, NONE = "both", "network", "physics", "none"
 _MODEL_SUFFIX, _WEIGHTS_SUFFIX = ".onnx", ".pt"
 
 
-class ContactDetectionMissing(NinedtactError):
+class ContactDetectionMissing(ForceError):
     """Contact detection cannot be switched off, because the estimator has none that could be."""
 
 
-class EstimatorUnknown(NinedtactError):
+class EstimatorUnknown(InputError):
     """A text that names no estimator."""
 
 

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, ForceError
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.quantities import Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -35,7 +35,7 @@ CURVE_MUST_GAIN = 0.8
 STANDARD_GRAVITY = 9.80665
 
 
-class ForceScaleImpossible(NinedtactError):
+class ForceScaleImpossible(ForceError):
     """Weighed presses that do not tell how strong a sensor's gel is."""
 
 
@@ -176,7 +176,7 @@ def weight_of_grams_n(grams: float) -> float:
 FORCE_SCALE_FILE = "force.toml"
 
 
-class ForceScaleFileDamaged(NinedtactError):
+class ForceScaleFileDamaged(FileFormatError):
     """A file of adaptations that cannot be understood."""
 
 

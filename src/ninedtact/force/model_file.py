@@ -16,7 +16,7 @@ from jaxtyping import Float32, Float64
 from msgspec import Struct
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.out_of_distribution import StatisticRange
 
@@ -70,7 +70,7 @@ INPUT_NAME, WRENCH_NAME, SCALE_NAME = "input", "wrench", "scale"
 FATAL = 4
 
 
-class ForceModelUnusable(NinedtactError):
+class ForceModelUnusable(FileFormatError):
     """A file that is no force model, or one that this program cannot use."""
 
 

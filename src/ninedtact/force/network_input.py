@@ -23,7 +23,7 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.design import FieldOfView, Gel, SensingArea
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import ForceError
 from ninedtact.force.deformation import (
     ChannelLayout,
     DeformationReader,
@@ -86,7 +86,7 @@ WHOLE_MM_PER_PX = 0.0522
 """Of the published rectified image."""
 
 
-class NetworkInputImpossible(NinedtactError):
+class NetworkInputImpossible(ForceError):
     """A network's input that cannot be built, or cannot be had of this reading."""
 
 

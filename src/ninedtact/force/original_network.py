@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from torch import Tensor
 
 from ninedtact.design import ForceTorqueMount
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
 from ninedtact.force.estimator import ForceEstimator, zero_wrench
 from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES_AT_SKIN
@@ -30,7 +30,7 @@ NETWORK = "densenet169"
 WRENCH_MIN, WRENCH_MAX = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([3, 3, 0, 0.2, 0.2, 0.05])
 
 
-class OriginalWeightsUnusable(NinedtactError):
+class OriginalWeightsUnusable(FileFormatError):
     """A file that does not hold the weights of the original's network, or holds more than weights."""
 
 

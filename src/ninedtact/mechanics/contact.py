@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, SimulationError
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
 from ninedtact.mechanics.batching import CountPerContact, ScalarPerContact
 from ninedtact.mechanics.friction import slip_mask
@@ -91,15 +91,15 @@ class Contact:
         return np.concatenate([np.stack([across + x, along + y], axis=-3), height], axis=-3)
 
 
-class ContactNotConverged(NinedtactError):
+class ContactNotConverged(SimulationError):
     """The solver ran out of iterations before it reached its tolerance."""
 
 
-class InvalidLoad(NinedtactError):
+class InvalidLoad(InputError):
     """A load under which nothing rests on the skin."""
 
 
-class ContactLeavesGrid(NinedtactError):
+class ContactLeavesGrid(SimulationError):
     """The contact reaches the patch's border, where it would meet its own image on the other side."""
 
 

@@ -16,11 +16,11 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter
 
 
-class InvalidUnderside(NinedtactError):
+class InvalidUnderside(InputError):
     """A table of heights that no object has."""
 
 

@@ -2,30 +2,30 @@
 
 from importlib.util import find_spec
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DatasetError, FileFormatError, InputError, MissingLibraryError, OutputError
 
 
-class RecordingUnreadable(NinedtactError):
+class RecordingUnreadable(FileFormatError):
     """Not a recording of this program, or one whose content is damaged."""
 
 
-class RecordingRefused(NinedtactError):
+class RecordingRefused(OutputError):
     """A recording cannot be started with these options or at this path."""
 
 
-class RecordingStopped(NinedtactError):
+class RecordingStopped(DatasetError):
     """Nothing more can be written; what was written is kept."""
 
 
-class RecordingLibrariesMissing(NinedtactError):
+class RecordingLibrariesMissing(MissingLibraryError):
     """The libraries that read and write recordings are not installed."""
 
 
-class SourcesMismatched(NinedtactError):
+class SourcesMismatched(InputError):
     """A camera and a force/torque sensor that cannot belong together."""
 
 
-class SensorUnnamed(NinedtactError):
+class SensorUnnamed(InputError):
     """Neither a sensor folder was named nor a recording that carries one."""
 
 

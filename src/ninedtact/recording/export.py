@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import OutputError
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.ros_messages import Topic
 
@@ -21,7 +21,7 @@ _TIME_COLUMNS = ("monotonic_ns", "wall_ns")
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
-class ExportRefused(NinedtactError):
+class ExportRefused(OutputError):
     """The folder to export to holds other files."""
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.shape.depth import FINE_SMOOTHING, Deblurring, DepthCurve, DepthReader, LightLoss, Smoothing
 from ninedtact.shape.rectification import Rectification
@@ -16,7 +16,7 @@ KEPT_BYTES = 31 << 20
 """Just below the 32 MiB from which on glibc learns nothing (mallopt(3), M_MMAP_THRESHOLD)."""
 
 
-class ReferenceUnusable(NinedtactError):
+class ReferenceUnusable(CalibrationError):
     """The untouched image of this session cannot serve as one."""
 
 

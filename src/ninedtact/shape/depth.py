@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8, UInt16
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.quantities import HeightMap, HeightSource, Rectified
 
 TYPICAL_GLOBAL_DIMMING = 0.7
@@ -124,7 +124,7 @@ DIMMEST_REFERENCE = 1.0
 """Grey level below which a ratio means nothing; the reference is not taken darker than this."""
 
 
-class DepthCurveImpossible(NinedtactError):
+class DepthCurveImpossible(InputError):
     """A depth curve that is not one."""
 
 

@@ -20,7 +20,7 @@ from jaxtyping import Float32, Int32, UInt16
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, InputError, OutputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud
 from ninedtact.shape.surface import point_cloud, surface_mesh, triangulate_view
 
@@ -38,11 +38,11 @@ TEXT_PLACE = len(SIGNATURE) + 25
 """Where a PNG may first carry text: after its header chunk."""
 
 
-class HeightNotStorable(NinedtactError):
+class HeightNotStorable(OutputError):
     """A height that 16 bits of micrometres do not hold."""
 
 
-class HeightImageUnreadable(NinedtactError):
+class HeightImageUnreadable(FileFormatError):
     """A PNG that is none, or that does not carry heights."""
 
 
@@ -113,7 +113,7 @@ PLY_FACE = np.dtype([("corners", "u1"), ("faces", "<i4", 3)])
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-class FormatUnknown(NinedtactError):
+class FormatUnknown(InputError):
     """A file name whose ending says nothing that can be written."""
 
 

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.interpolate import RBFInterpolator
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError
 
 Points = Float[Array, "n 2"]
 
@@ -28,7 +28,7 @@ CENTRE_TERMS = 2
 TANGENTIAL_TERMS = 2
 
 
-class PointNotSeen(NinedtactError):
+class PointNotSeen(CalibrationError):
     """No point of the skin appears at this pixel."""
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.design import FieldOfView
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError
 from ninedtact.quantities import Frame, HeightSource, Rectified, centred_axis_mm
 from ninedtact.shape.lens import Projection
 
@@ -17,7 +17,7 @@ Area = tuple[float, float, float, float]
 """x from, x to, y from, y to, in mm on the skin."""
 
 
-class WrongImageSize(NinedtactError):
+class WrongImageSize(FileFormatError):
     """An image of another size than the one calibrated."""
 
 

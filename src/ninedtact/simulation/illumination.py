@@ -23,11 +23,11 @@ from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.simulation.pixel_map import PixelMap
 
 
-class InvalidBrightnessModel(NinedtactError):
+class InvalidBrightnessModel(InputError):
     """A parameter of the brightness model is out of its range."""
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceEnded
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.trajectory import Trajectory
@@ -82,11 +82,11 @@ KEPT_CONTACTS, KEPT_WRENCHES = 16, 1024
 """Number of the newest steps that are stored."""
 
 
-class EmptyPressSimulation(NinedtactError):
+class EmptyPressSimulation(SimulationError):
     """The simulation has no trajectory that takes time, or no rate."""
 
 
-class SimulationStepExpired(NinedtactError):
+class SimulationStepExpired(SimulationError):
     """The requested step is older than all stored ones."""
 
 

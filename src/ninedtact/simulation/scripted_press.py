@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
@@ -17,7 +17,7 @@ DOWN_MM, ALONG_MM, ROUND_RAD = 0.5, 0.3, np.radians(4.0)
 PRESS_SOLVER_SETTINGS = SolverSettings(tolerance=2e-3)
 
 
-class InvalidPress(NinedtactError):
+class InvalidPress(InputError):
     """A press needs either a depth or a load, above zero, and must stay within the gel."""
 
 

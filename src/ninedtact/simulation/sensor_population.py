@@ -22,7 +22,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.finite_strain import finite_strain_height_mm, finite_strain_traction_mpa
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
@@ -149,7 +149,7 @@ def apply_finite_strain(contact: Contact, thickness_mm: float) -> Contact:
     )
 
 
-class InvalidPopulation(NinedtactError):
+class InvalidPopulation(InputError):
     """The settings of a population admit no sensor."""
 
 

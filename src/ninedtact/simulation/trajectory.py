@@ -8,11 +8,11 @@ from itertools import accumulate
 
 import numpy as np
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.mechanics.pose import Pose
 
 
-class InvalidTrajectory(NinedtactError):
+class InvalidTrajectory(InputError):
     """A trajectory without segments, or a segment that takes no time."""
 
 

@@ -16,7 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, Gel, SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import SimulationError
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact import Contact, ContactLeavesGrid
@@ -37,11 +37,11 @@ LIVE_SOLVER_SETTINGS = SolverSettings(tolerance=1e-2, must_converge=False)
 """A tolerance of one hundredth of the depth, which is less than image noise shows."""
 
 
-class PoseOutOfView(NinedtactError):
+class PoseOutOfView(SimulationError):
     """The object is beside the part of the skin that the camera sees."""
 
 
-class ObjectTooLarge(NinedtactError):
+class ObjectTooLarge(SimulationError):
     """The object would touch more than the gel."""
 
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from viser import GuiEvent, GuiUplotHandle, Icon, ViserServer, uplot
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DeviceError, NinedtactError
 from ninedtact.studio.page_cards import (
     WrenchCard,
     colour_legend_html,
@@ -32,7 +32,7 @@ LAST_WORDS_S = 0.1
 IN_USE = "it in use (another 'ninedtact live'?)"
 
 
-class PortRefused(NinedtactError):
+class PortRefused(DeviceError):
     """The page cannot be served there."""
 
 

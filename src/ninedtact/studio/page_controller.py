@@ -15,7 +15,7 @@ from typing import Literal, Protocol, runtime_checkable
 import cv2
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.export import export_shape
@@ -102,7 +102,7 @@ def _save_reading_files(reading: Reading, folder: Path) -> list[Path]:
 WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first image"
 
 
-class NothingToSave(NinedtactError):
+class NothingToSave(InputError):
     """No reading has been shown yet."""
 
 

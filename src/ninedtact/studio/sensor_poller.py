@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.latest_frame import NoRecentFrame
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CameraError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated_shape import ReferenceUnusable
@@ -78,7 +78,7 @@ class _IndentationHistory:
         return np.stack([(depths[:, 0] - now_ns) / NS_PER_S, depths[:, 1]])
 
 
-class RecordingTooShort(NinedtactError):
+class RecordingTooShort(CameraError):
     """A recording ended before the untouched skin was known."""
 
 

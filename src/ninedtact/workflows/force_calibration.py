@@ -7,7 +7,7 @@ from pathlib import Path
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.image_and_video_files import ImageList
 from ninedtact.capture.image_file import read_image
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.force.estimator import ForceEstimator
 from ninedtact.force.estimator_loading import BOTH, NONE, load_unscaled_estimator
 from ninedtact.force.force_scale import (
@@ -36,7 +36,7 @@ _PITCH_MM = 0.3
 _REFERENCE_FRAMES = 8
 
 
-class NothingToCalibrate(NinedtactError):
+class NothingToCalibrate(InputError):
     """No estimator was named whose force could be calibrated."""
 
 

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from ninedtact.calibration.brightness import BgrImage, estimate_pixel_noise, smooth_gaussian
 from ninedtact.design import BallGauge
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError
 
 SMOOTHING_PX = 2.0
 EDGE_SMOOTHING_PX = 1.0
@@ -33,7 +33,7 @@ ROUNDNESS = 0.12
 """Largest scatter of the edge, relative to the radius: a sheared ball press has 0.03, other objects far more."""
 
 
-class BallPressUnusable(NinedtactError):
+class BallPressUnusable(CalibrationError):
     """The ball image cannot calibrate depth, and why."""
 
 

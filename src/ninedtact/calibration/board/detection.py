@@ -27,7 +27,7 @@ from ninedtact.calibration.board.lattice import (
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms
 from ninedtact.calibration.brightness import estimate_pixel_noise, smooth_gaussian
 from ninedtact.design import PinBoard
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError
 from ninedtact.shape.lens import Points
 
 SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
@@ -107,7 +107,7 @@ UNTOUCHED = 4.0
 """Range of a smoothed change, in standard deviations of a pixel, below which nothing happened."""
 
 
-class BoardNotFound(NinedtactError):
+class BoardNotFound(CalibrationError):
     """The pin board is not in the image, or too little of it. Holds what was detected, for a drawing."""
 
     def __init__(

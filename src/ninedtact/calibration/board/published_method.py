@@ -8,13 +8,13 @@ from scipy.interpolate import RBFInterpolator
 
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.brightness import smooth_gaussian
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.shape.lens import PinMap, Points, central_mm_per_px
 
 Point = Float[Array, "2"]
 
 
-class CentralPinMissing(NinedtactError):
+class CentralPinMissing(InputError):
     """The paper's way needs a board with a pin in the middle."""
 
 

@@ -55,7 +55,7 @@ from ninedtact.calibration.sensor_record import (
     SensorRecord,
 )
 from ninedtact.design import SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import OutputError
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
 from ninedtact.shape.rectification import Area, Rectification
@@ -97,7 +97,7 @@ def _mean_reference_grey(sensor: SensorFolder) -> float:
 Index = Int32[Array, "raw_rows raw_cols"]
 
 
-class OriginalExportImpossible(NinedtactError):
+class OriginalExportImpossible(OutputError):
     """A sensor that the original project's layout has no room for, or a place where it may not be written."""
 
 

@@ -24,12 +24,12 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import FieldOfView
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError
 
 NAME = re.compile(r"sensor_\w+")
 
 
-class OriginalFolderDamaged(NinedtactError):
+class OriginalFolderDamaged(FileFormatError):
     """The folder is not a calibration of the original project, or something in it is missing or wrong."""
 
 

@@ -6,7 +6,7 @@ from scipy.interpolate import RBFInterpolator
 from ninedtact.calibration.brightness import BgrImage
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import Gel
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.shape.rectification import Rectification, skin_grid_mm
 from ninedtact.simulation.illumination import BrightnessModel
@@ -18,7 +18,7 @@ EVERY_PX = 23
 """Of the rectified grid, to read it backwards: lenses are smooth."""
 
 
-class TwinMissing(NinedtactError):
+class TwinMissing(CalibrationError):
     """A sensor that has no twin yet."""
 
 

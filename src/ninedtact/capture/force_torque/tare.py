@@ -12,7 +12,7 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
 _NS_PER_S = 1_000_000_000
@@ -23,7 +23,7 @@ _FEW_SAMPLES = 8
 """With this few samples the noise itself is known only to a factor of two."""
 
 
-class TareRefused(NinedtactError):
+class TareRefused(DeviceError):
     """The load moved while it was measured, or there were too few samples."""
 
 

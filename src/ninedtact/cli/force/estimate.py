@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.terminal import print_result
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import BOTH
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ Point = tuple[float, float, float]
 COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
 
 
-class NothingToEstimate(NinedtactError):
+class NothingToEstimate(InputError):
     """No image was named, or several things that are not images."""
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.terminal import print_notice, print_result
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.force.evaluation import WrenchPredictions
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _Point = tuple[float, float, float]
 
 
-class NothingToEvaluate(NinedtactError):
+class NothingToEvaluate(InputError):
     """Neither predictions nor a data set to make them on, or both."""
 
 

@@ -10,7 +10,7 @@ import tyro
 from ninedtact.cli.force.train import require_training_packages
 from ninedtact.cli.options import DesignFileOption, read_design_or_default
 from ninedtact.cli.terminal import print_notice, print_result
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import ForceError
 
 if TYPE_CHECKING:
     from ninedtact.workflows.force_model_pipeline import ForceModelResult
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 DESCRIPTION = "Force models: print a model card, or make a model from nothing."
 
 
-class ModelMakingStopped(NinedtactError):
+class ModelMakingStopped(ForceError):
     """Ctrl-C ended the command before there was a model."""
 
 

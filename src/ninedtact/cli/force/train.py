@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from ninedtact.cli.terminal import print_notice, print_result
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import MissingLibraryError
 
 if TYPE_CHECKING:
     from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _REQUIRED_PACKAGES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime", "tensorboard", "pyarrow")
 
 
-class TrainingPackagesMissing(NinedtactError):
+class TrainingPackagesMissing(MissingLibraryError):
     """Packages that training needs are not installed."""
 
 

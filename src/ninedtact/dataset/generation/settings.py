@@ -6,7 +6,7 @@ from typing import Any
 from ninedtact.capture.sampling_rule import SamplingRuleSettings
 from ninedtact.dataset.generation.press_trajectory import PressSettings
 from ninedtact.design import SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
 from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
 from ninedtact.simulation.twin import PITCH_MM
@@ -14,7 +14,7 @@ from ninedtact.simulation.twin import PITCH_MM
 _SMALLEST_PX = 16
 
 
-class GenerationImpossible(NinedtactError):
+class GenerationImpossible(InputError):
     """A data set that cannot be generated."""
 
 

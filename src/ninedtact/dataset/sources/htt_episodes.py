@@ -23,7 +23,7 @@ from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, find_source_files, relative_name
 from ninedtact.dataset.stored_images import encode_png
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, NinedtactError
 
 EPISODE_SUFFIX = ".npz"
 _IMAGES, _FORCES, _REFERENCE, _OLDER_REFERENCE, _TARE = "tactile_img", "6d_force", "ref_frame", "bg_frame", "ref_force"
@@ -49,7 +49,7 @@ _READ_ERRORS = (
 """What the libraries raise for a damaged archive."""
 
 
-class EpisodeDamaged(NinedtactError):
+class EpisodeDamaged(FileFormatError):
     """An .npz file that is not a force episode, or not a whole one."""
 
 

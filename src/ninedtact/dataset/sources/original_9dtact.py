@@ -25,7 +25,7 @@ from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, SourceUnknown
 from ninedtact.dataset.stored_images import encode_png
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.deformation import NotAMixedImage, decode_mixed_image, rectified_from_stored_image
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 
@@ -42,7 +42,7 @@ _GreyImage = UInt8[Array, "rows cols"]
 _Faults = list[tuple[PairFault, str]]
 
 
-class WrenchUnreadable(NinedtactError):
+class WrenchUnreadable(FileFormatError):
     """A file that does not hold six numbers."""
 
 

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.image_and_video_files import natural_sort_key
 from ninedtact.dataset.schema import SourceItem
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 
 Point = tuple[float, float, float]
@@ -22,7 +22,7 @@ _Axes = tuple[str, str, str]
 _AS_MEASURED: _Axes = ("+x", "+y", "+z")
 
 
-class SourceUnknown(NinedtactError):
+class SourceUnknown(InputError):
     """A path without pairs of any known kind, or a statement about a source that cannot be true."""
 
 

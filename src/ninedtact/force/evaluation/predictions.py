@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
@@ -30,7 +30,7 @@ Wrenches = Float64[Array, "n 6"]
 Six = Float64[Array, "6"]
 
 
-class PredictionsUnusable(NinedtactError):
+class PredictionsUnusable(FileFormatError):
     """Predictions that cannot be evaluated."""
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.networks.published_architectures import (
     DENSENET_LAYERS,
@@ -118,7 +118,7 @@ SMALLEST_PX = 32
 """Sides of an image that is halved five times."""
 
 
-class NetworkUnknown(NinedtactError):
+class NetworkUnknown(InputError):
     """A name that no network has, or an image that it cannot take."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import ForceError
 from ninedtact.force.contact_detection import estimate_cell_noise
 from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.quantities import HeightMap, HeightSource, Rectified
@@ -32,7 +32,7 @@ _MIN_BRIGHTNESS_NOISE = 2e-4
 _MIN_HEIGHT_NOISE_MM = 0.002
 
 
-class TractionImpossible(NinedtactError):
+class TractionImpossible(ForceError):
     """A sensor or a reading from which no traction can be estimated."""
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from ninedtact.design import Gel
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import ForceError
 from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
@@ -26,7 +26,7 @@ _AXES = 6
 _FEWEST_PAIRS = 2
 
 
-class ExamplesUnusable(NinedtactError):
+class ExamplesUnusable(ForceError):
     """Examples from which nothing can be learnt."""
 
 

@@ -20,17 +20,17 @@ from lightning import Callback, LightningModule, Trainer
 from lightning.fabric.plugins.io.torch_io import TorchCheckpointIO
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, ForceError
 from ninedtact.force.training.training_module import MONITORED_METRIC
 
 EpochMetrics = dict[str, float]
 
 
-class CheckpointDamaged(NinedtactError):
+class CheckpointDamaged(FileFormatError):
     """A checkpoint of an earlier run that cannot be read."""
 
 
-class TrainingStopped(NinedtactError):
+class TrainingStopped(ForceError):
     """Ctrl-C ended the training before its last epoch."""
 
 

@@ -12,7 +12,7 @@ import onnx
 import torch
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import OutputError
 from ninedtact.force.model_file import (
     INPUT_NAME,
     METADATA_KEY,
@@ -30,7 +30,7 @@ _PARITY_TOLERANCE = 1e-3
 _PARITY_INPUTS = 3
 
 
-class ExportFailed(NinedtactError):
+class ExportFailed(OutputError):
     """The exported graph and the network give different predictions."""
 
 

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import msgspec
 
 from ninedtact.design import ForceTorqueMount
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, full_resolution_input
 from ninedtact.force.networks.wrench_network import require_network_input_size
 from ninedtact.force.training.augmentation import NO_AUGMENTATION, Augmentation
@@ -14,7 +14,7 @@ from ninedtact.force.training.augmentation import NO_AUGMENTATION, Augmentation
 _Point = tuple[float, float, float]
 
 
-class TrainingImpossible(NinedtactError):
+class TrainingImpossible(InputError):
     """Settings with which no training is possible."""
 
 

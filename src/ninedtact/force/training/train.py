@@ -18,7 +18,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from torch.utils.data import DataLoader
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import OutputError
 from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
 from ninedtact.force.evaluation.plots import plot_training_curves
@@ -50,7 +50,7 @@ CHECKPOINT_FOLDER, _TENSORBOARD_FOLDER = "checkpoints", "tensorboard"
 _BEST_CHECKPOINT, _LAST_CHECKPOINT = "best", "last"
 
 
-class TrainingFolderTaken(NinedtactError):
+class TrainingFolderTaken(OutputError):
     """A folder that holds something else, or another training."""
 
 

@@ -8,7 +8,7 @@ from math import prod
 from typing import Any
 
 from ninedtact.design import SensingArea, SensorDesign, shore_a_to_shear_modulus_mpa
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.explore.performance_prediction import (
     PerformancePrediction,
@@ -25,7 +25,7 @@ SPARE_MM = 0.1
 """Camera distance added to what the lens needs to see the corner."""
 
 
-class SweepTooLarge(NinedtactError):
+class SweepTooLarge(InputError):
     """A sweep over more designs than anyone looks through."""
 
 

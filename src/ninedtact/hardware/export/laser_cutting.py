@@ -8,14 +8,14 @@ from typing import Any
 
 from build123d import Axis, Edge, GeomType, Part, Wire
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.hardware.assembly_dimensions import XY
 
 SAME_POINT_MM = 1e-4
 """Ends nearer than this are one point."""
 
 
-class OutlineNotCuttable(NinedtactError):
+class OutlineNotCuttable(InputError):
     """A part that cannot be cut from a sheet."""
 
 

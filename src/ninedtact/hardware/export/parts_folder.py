@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 
 from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import OutputError
 from ninedtact.hardware.assembly_images import render_exploded_view, render_part, render_section, render_sensor
 from ninedtact.hardware.bill_of_materials import bill_to_csv, bill_to_html
 from ninedtact.hardware.built_sensor import BuiltSensor
@@ -26,7 +26,7 @@ from ninedtact.hardware.solid_renderer import BgrImage
 MANIFEST = "manifest.json"
 
 
-class ExportFolderRefused(NinedtactError):
+class ExportFolderRefused(OutputError):
     """Something else is in the folder that the export would replace."""
 
 

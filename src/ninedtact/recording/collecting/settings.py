@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 from ninedtact.capture.force_torque.tare import TareSettings
 from ninedtact.capture.sampling_rule import SamplingRuleSettings, SixFloats
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 
-class CollectSettingsInvalid(NinedtactError):
+class CollectSettingsInvalid(InputError):
     """The settings describe a collection in which nothing can be saved."""
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from sys import platform
 from typing import Any
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DeviceError
 
 DRIVERS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")
 """One of these is where a GPU can be used (NVIDIA, AMD, and either under WSL): torch, which takes seconds to load, is asked
@@ -16,7 +16,7 @@ FULL = ("out of memory", "CUFFT_ALLOC_FAILED", "CUFFT_INTERNAL_ERROR")
 """What errors say where memory ran out; cuFFT has names of its own for it."""
 
 
-class DeviceMissing(NinedtactError):
+class DeviceMissing(DeviceError):
     """A device that is not there."""
 
 

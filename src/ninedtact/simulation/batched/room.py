@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import to_device
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DeviceError
 from ninedtact.simulation.batch import BatchRenderer
 from ninedtact.simulation.batched.device import Device, ran_out
 from ninedtact.simulation.batched.judging import Judge, Told, refused_before
@@ -19,7 +19,7 @@ from ninedtact.simulation.batched.steps import Steps
 from ninedtact.simulation.batched.weighing import stacked
 
 
-class DeviceMemoryExhausted(NinedtactError):
+class DeviceMemoryExhausted(DeviceError):
     """Not even one contact fits in the memory of the device."""
 
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 from math import isfinite, radians
 from pathlib import Path
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.indenter_primitives import Ball, Cone, Cylinder, Ellipsoid, FlatPunch
@@ -57,7 +57,7 @@ PAPER_COUNT = 175
 OBJECT_GRID = HeightGrid()
 
 
-class UnknownObject(NinedtactError):
+class UnknownObject(InputError):
     """No object has this name."""
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import FileFormatError, MissingLibraryError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.simulation.objects.height_grid import Heightfield
 from ninedtact.simulation.objects.mesh_raster import rasterize_lowest_mm
@@ -40,7 +40,7 @@ KEPT_MM = 36.0
 MOST_TRIANGLES = 5_000_000
 
 
-class MeshUnusable(NinedtactError):
+class MeshUnusable(FileFormatError):
     """The mesh cannot be used as it is."""
 
 
@@ -151,7 +151,7 @@ MESH_FILE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
 MOST_MB = 500
 
 
-class _ObjectLibraryMissing(NinedtactError):
+class _ObjectLibraryMissing(MissingLibraryError):
     """A library that reads objects is not installed."""
 
 
@@ -195,7 +195,7 @@ def _import_trimesh() -> Any:
 FITTING = MeshPlacement(fit_mm=16.0)
 
 
-class _MeshNotFound(NinedtactError):
+class _MeshNotFound(FileFormatError):
     """The model is not in Thingi10K, or Thingi10K cannot be downloaded."""
 
 
