@@ -1,7 +1,7 @@
 """Contact mechanics on one thread: a step of a live press, and a cold solve beside tamaas, the C++ library of the field.
 
 Warm: a ball is pressed into the gel, dragged and lifted, as the live twin does it; one step is timed, from overlap to the
-whole patch's displacements, in ms and in transforms there and back of the same grid. Cold: a ball and a rough surface are
+whole grid's displacements, in ms and in transforms there and back of the same grid. Cold: a ball and a rough surface are
 pressed onto a half-space with a given load from nothing, 256 x 256, double precision, by both to the same largest gap or overlap.
 Times are of the thread itself (median), in turns. tamaas (AGPL) is asked for here alone: pip install tamaas.
 """
@@ -26,7 +26,7 @@ from ninedtact.mechanics.contact import Contact, periodic_image_error_mm
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.layer_compliance import half_space_compliance
-from ninedtact.mechanics.normal_contact import LoadConstraint, PressureSolution, solve_pressure
+from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, gel_skin
@@ -58,8 +58,8 @@ def contact_speed(rounds: int = 30, json: bool = False) -> None:
 def warm_figures(times: dict[tuple[str, str], Times]) -> Iterator[Figure]:
     """Steps of a live press."""
     pair = times["ours", PAIR].median_cpu_ms
-    patch = padded_grid(*AREA_MM, PITCH_MM, MARGIN_MM)
-    yield Figure(f"{PAIR}, {patch.rows} x {patch.cols}, float32, ms", pair)
+    grid = padded_grid(*AREA_MM, PITCH_MM, MARGIN_MM)
+    yield Figure(f"{PAIR}, {grid.rows} x {grid.cols}, float32, ms", pair)
     for tolerance in TOLERANCES:
         step = times["ours", warm(tolerance)].median_cpu_ms
         name = f"{warm(tolerance)}, ms"
@@ -83,7 +83,7 @@ def cold_figures(times: dict[tuple[str, str], Times], with_tamaas: bool) -> Iter
 
 
 def margin_figures() -> Iterator[Figure]:
-    """What the patch's margin leaves of the periodic images."""
+    """What the grid's margin leaves of the periodic images."""
     moves = [Pose(depth_mm=1.0), Pose(depth_mm=1.5), Pose(x_mm=0.5, depth_mm=1.5)]
     for margin in (0.0, 2.0, MARGIN_MM):
         model = ContactModel(gel_skin(padded_grid(*AREA_MM, PITCH_MM, margin), GEL, np.zeros(())))
@@ -94,12 +94,10 @@ def margin_figures() -> Iterator[Figure]:
 
 
 def our_tasks() -> Tasks:
-    patch = padded_grid(*AREA_MM, PITCH_MM, MARGIN_MM)
-    field = np.random.default_rng(0).normal(size=patch.shape).astype(np.float32)
-    tasks: Tasks = {
-        PAIR: lambda call: inverse_transform(forward_transform(field, patch.shape), patch.shape, patch.shape)
-    }
-    tasks |= {warm(tolerance): live_steps(patch, tolerance) for tolerance in TOLERANCES}
+    grid = padded_grid(*AREA_MM, PITCH_MM, MARGIN_MM)
+    field = np.random.default_rng(0).normal(size=grid.shape).astype(np.float32)
+    tasks: Tasks = {PAIR: lambda call: inverse_transform(forward_transform(field, grid.shape), grid.shape, grid.shape)}
+    tasks |= {warm(tolerance): live_steps(grid, tolerance) for tolerance in TOLERANCES}
     tasks[FRAME] = live_frames()
     skin = Skin(GRID, partial(half_space_compliance, gel=GEL), np.zeros(()))
     return tasks | {name: partial(our_cold_solve, skin, surface(name)) for name in SURFACES}
@@ -109,10 +107,10 @@ def warm(tolerance: float) -> str:
     return f"warm step to {tolerance:g} of the depth"
 
 
-def live_steps(patch: PeriodicGrid, tolerance: float) -> Callable[[int], Contact]:
+def live_steps(grid: PeriodicGrid, tolerance: float) -> Callable[[int], Contact]:
     """One step further at each call, over and over."""
-    model = ContactModel(gel_skin(patch, GEL), effort=SolverSettings(tolerance=tolerance))
-    poses, contacts = cycle(live_poses()), [model.untouched()]
+    model = ContactModel(gel_skin(grid, GEL), settings=SolverSettings(tolerance=tolerance))
+    poses, contacts = cycle(live_poses()), [model.initial_contact()]
 
     def step(call: int) -> Contact:
         contacts[0] = model.step(contacts[0], BALL, next(poses))
@@ -124,7 +122,7 @@ def live_steps(patch: PeriodicGrid, tolerance: float) -> Callable[[int], Contact
 def live_frames() -> Callable[[int], object]:
     """The same through the default twin, with its image."""
     twin = default_twin()
-    poses, contacts = cycle(live_poses()), [twin.model.untouched()]
+    poses, contacts = cycle(live_poses()), [twin.model.initial_contact()]
 
     def frame(call: int) -> object:
         contacts[0] = twin.step(contacts[0], BALL, next(poses))
@@ -144,9 +142,9 @@ def live_poses() -> list[Pose]:
 def surface(name: str) -> Float64[Array, "rows cols"]:
     """Heights over the plane of what is pressed on."""
     if name == "ball":
-        x, y = GRID.place_mm
+        x, y = GRID.positions_mm
         return (x**2 + y**2) / 8
-    k = np.hypot(*GRID.waves)
+    k = np.hypot(*GRID.wave_vectors)
     k[0, 0] = 1
     power = np.where(k < 8, np.maximum(k, 0.8) ** -1.8, 0.0)
     white = np.random.default_rng(0).normal(size=GRID.shape)
@@ -155,10 +153,10 @@ def surface(name: str) -> Float64[Array, "rows cols"]:
 
 
 def our_cold_solve(skin: Skin, heights: Float64[Array, "rows cols"], call: int = 0) -> PressureSolution:
-    none, held = np.zeros((1, 1)), LoadConstraint(LOAD_N / GRID.cell_mm2)
-    even = held.loaded(np.zeros(GRID.shape))
-    start = PressureSolution(even, skin.response.sunk_mm(even), none, none, none, none)
-    return solve_pressure(skin.response, held, -heights, start, none + 2 * TARGET_MM, 1000)
+    none, held = np.zeros((1, 1)), ContactConstraint(LOAD_N / GRID.cell_area_mm2)
+    even = held.scale_to_load(np.zeros(GRID.shape))
+    start = PressureSolution(even, skin.operators.indentation_from_pressure_mm(even), none, none, none, none)
+    return solve_pressure(skin.operators, held, -heights, start, none + 2 * TARGET_MM, 1000)
 
 
 def tamaas_tasks() -> Tasks:

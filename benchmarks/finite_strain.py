@@ -66,7 +66,7 @@ class Pair:
 
     @property
     def linear_load(self) -> float:
-        return float(self.linear.pressure_mpa.sum()) * self.linear.skin.patch.cell_mm2
+        return float(self.linear.pressure_mpa.sum()) * self.linear.skin.grid.cell_area_mm2
 
     @property
     def load_ratio(self) -> float:
@@ -74,7 +74,7 @@ class Pair:
 
     @property
     def linear_radius_mm(self) -> float:
-        return float(np.sqrt((self.linear.pressure_mpa > 0).sum() * self.linear.skin.patch.cell_mm2 / np.pi))
+        return float(np.sqrt((self.linear.pressure_mpa > 0).sum() * self.linear.skin.grid.cell_area_mm2 / np.pi))
 
     @property
     def true_mm(self) -> Float[Array, " radii"]:
@@ -85,9 +85,9 @@ class Pair:
     @property
     def half_row(self) -> tuple[Array, Array, Array]:
         """The linear model's r, u_r and u_z from the middle out."""
-        middle = self.linear.skin.patch.rows // 2
-        x = self.linear.skin.patch.place_mm[0][middle, middle:]
-        return x, self.linear.moved_mm[0][middle, middle:], self.linear.height_mm[middle, middle:]
+        middle = self.linear.skin.grid.rows // 2
+        x = self.linear.skin.grid.positions_mm[0][middle, middle:]
+        return x, self.linear.tangential_mm[0][middle, middle:], self.linear.height_mm[middle, middle:]
 
     @property
     def in_space_mm(self) -> Float[Array, " radii"]:
@@ -113,7 +113,7 @@ class Pair:
         """Sum of the corrected pressure."""
         contact = self.linear
         pressure = finite_strain_traction_mpa(contact.pressure_mpa, contact.height_mm, GEL.thickness_mm)
-        return float(pressure.sum()) * contact.skin.patch.cell_mm2
+        return float(pressure.sum()) * contact.skin.grid.cell_area_mm2
 
 
 Presses = dict[tuple[float, str], list[Pair]]

@@ -20,10 +20,16 @@ from tallied import Tally
 from ninedtact.capture.sampling_rule import SamplingRuleSettings
 from ninedtact.dataset.generation.session import GenerationSession, make_setup
 from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
-from ninedtact.simulation.batched.device import Device, device_named
-from ninedtact.simulation.batched.play import play
-from ninedtact.simulation.batched.requests import Asked, Bench, Felt, Look, Step, answer_of
-from ninedtact.simulation.batched.room import Room
+from ninedtact.simulation.batched.device import Device, find_device
+from ninedtact.simulation.batched.executor import BatchExecutor, run_sessions
+from ninedtact.simulation.batched.requests import (
+    ContactSummary,
+    RenderRequest,
+    Request,
+    SimulatedSetup,
+    StepRequest,
+    respond_on_processor,
+)
 
 WANTED_PER_S = 500.0
 """Of drawn contacts, on a GPU."""
@@ -38,7 +44,7 @@ REACHED, LAUNCH_S = 0.6, 8e-6
 """Assumed: the part of it that plain operations on large arrays reach, and the time to ask for one operation from Python, with
 no overlap of the two."""
 
-Way = Callable[[Sequence[Asked]], list[Any]]
+Way = Callable[[Sequence[Request]], list[Any]]
 
 
 def gpu_contacts(
@@ -49,7 +55,7 @@ def gpu_contacts(
     if find_spec("torch") is None:
         figures.append(Figure("many at a time", "not measured: torch is not installed; pip install 'ninedtact[train]'"))
     else:
-        figures += torch_figures(device_named(device), at_once, batches, threads)
+        figures += torch_figures(find_device(device), at_once, batches, threads)
     answer("Contacts per second of a data set, each drawn", figures, json)
 
 
@@ -67,18 +73,18 @@ def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, thread
     )
     yield Figure("device", f"{name}; torch {torch.__version__}")
     for many in at_once or (ON_GPU if gpu else ON_CPU):
-        clock = run(lambda benches, many=many: room(benches, on, many).answers, many, batches, threads)
+        clock = run(lambda benches, many=many: room(benches, on, many).execute, many, batches, threads)
         yield from clock.specification(f"{many} at a time", gpu)
     if not gpu:
         yield from extrapolated(on, max(at_once or ON_CPU))
 
 
-def one_by_one(asked: Sequence[Asked]) -> list[Any]:
-    return [answer_of(one) for one in asked]
+def one_by_one(asked: Sequence[Request]) -> list[Any]:
+    return [respond_on_processor(one) for one in asked]
 
 
-def room(benches: Sequence[Bench], device: Device, many: int) -> Room:
-    return Room(range(len(benches)), benches, device, many, print)
+def room(benches: Sequence[SimulatedSetup], device: Device, many: int) -> BatchExecutor:
+    return BatchExecutor(range(len(benches)), benches, device, many, print)
 
 
 @dataclass
@@ -94,12 +100,12 @@ class Clock:
     others_s: float = 0.0
     """Hands, noise and PNG."""
 
-    def answers(self, asked: Sequence[Asked]) -> list[Any]:
+    def answers(self, asked: Sequence[Request]) -> list[Any]:
         kind, start = type(asked[0]), perf_counter()
         told = self.method(asked)
         self.seconds[kind] += perf_counter() - start
-        self.answered[kind] += sum(kind is Look or isinstance(one, Felt) for one in told)
-        self.batches += kind is Step
+        self.answered[kind] += sum(kind is RenderRequest or isinstance(one, ContactSummary) for one in told)
+        self.batches += kind is StepRequest
         return told
 
     def each_s(self, kind: type) -> float:
@@ -107,14 +113,16 @@ class Clock:
 
     def specification(self, name: str, judged: bool = False) -> Iterator[Figure]:
         """Per second: solved; solved and drawn; with all else that a data set needs."""
-        drawn_s = self.each_s(Step) + self.each_s(Look)
-        yield Figure(f"{name}, solved per s", 1 / self.each_s(Step))
+        drawn_s = self.each_s(StepRequest) + self.each_s(RenderRequest)
+        yield Figure(f"{name}, solved per s", 1 / self.each_s(StepRequest))
         drawn = f"{name}, solved and drawn per s"
         yield at_least(drawn, 1 / drawn_s, WANTED_PER_S, "per s") if judged else Figure(drawn, 1 / drawn_s)
-        yield Figure(f"{name}, with hands, noise and PNG per s", 1 / (drawn_s + self.others_s / self.answered[Step]))
+        yield Figure(
+            f"{name}, with hands, noise and PNG per s", 1 / (drawn_s + self.others_s / self.answered[StepRequest])
+        )
 
 
-def run(way_of: Callable[[list[Bench]], Way], many: int, batches: int, threads: int) -> Clock:
+def run(way_of: Callable[[list[SimulatedSetup]], Way], many: int, batches: int, threads: int) -> Clock:
     """Some batches of this many sessions, after a few that do not count."""
     settings = GenerationSettings(
         1000 * many, sensors=min(SENSORS, many), session_pairs=1000, shares=KindShares(0, 0), rule=EVERY
@@ -122,7 +130,7 @@ def run(way_of: Callable[[list[Bench]], Way], many: int, batches: int, threads: 
     benches = [make_setup(number, settings) for number in range(settings.sensors)]
     clock = Clock(way_of(benches))
     sessions = [GenerationSession(number, settings, benches[number % len(benches)]) for number in range(many)]
-    going = play(sessions, clock, threads)  # type: ignore[arg-type]
+    going = run_sessions(sessions, clock, threads)  # type: ignore[arg-type]
     while clock.batches < WARM_UP:
         next(going)
     clock.seconds.clear(), clock.answered.clear()
@@ -136,14 +144,14 @@ def run(way_of: Callable[[list[Bench]], Way], many: int, batches: int, threads: 
 def extrapolated(device: Device, many: int) -> Iterator[Figure]:
     """What the operations of one batch, counted, would take on a GPU. Bytes grow with the batch, operations hardly do."""
     tally = Tally()
-    run(lambda benches: tally.of(room(benches, device, many).answers), many, 1, 1)
-    step, look = tally.last(Step), tally.last(Look)
-    patch_points = make_setup(0, GenerationSettings()).twin.model.skin.patch.place_mm[0].size
-    bytes_each = step.bytes / step.answers + look.bytes / look.answers
+    run(lambda benches: tally.of(room(benches, device, many).execute), many, 1, 1)
+    step, look = tally.last(StepRequest), tally.last(RenderRequest)
+    patch_points = make_setup(0, GenerationSettings()).twin.model.skin.grid.positions_mm[0].size
+    bytes_each = step.bytes / step.execute + look.bytes / look.execute
     operations = step.operations + look.operations
     yield Figure("operations of one batch, solved and drawn", operations)
     yield Figure(
-        "transforms there and back of the patch, per contact solved", step.points / patch_points / step.answers
+        "transforms there and back of the patch, per contact solved", step.points / patch_points / step.execute
     )
     yield Figure("read and written per contact, solved and drawn, GB", bytes_each / 1e9)
     for name, bandwidth in BANDWIDTH.items():

@@ -20,7 +20,7 @@ from ninedtact.mechanics.indenter_primitives import Cylinder
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.rectified import grey_eye
+from ninedtact.simulation.rectified_renderer import rectified_renderer
 from ninedtact.simulation.scripted_press import ScriptedPress
 from ninedtact.simulation.sensor_population import sample_sensor
 
@@ -39,13 +39,13 @@ def traction_image(
     """One row for each press: truth, then what was read."""
     cv2.setNumThreads(1)
     who, rng = sample_sensor(number, seed=1), np.random.default_rng(0)
-    eye = grey_eye(who, SIZE)
-    set_up = bench(who, eye.image(None, rng), folders, 1.96, SolverSettings())
+    eye = rectified_renderer(who, SIZE)
+    set_up = bench(who, eye.render(None, rng), folders, 1.96, SolverSettings())
     assert set_up is not None
     figure, rows = plt.subplots(len(PRESSES), 3, figsize=(11.5, 5.6), squeeze=False, layout="constrained")
     for row, (indenter, press) in zip(rows, PRESSES, strict=True):
         contact = press.simulate(who.twin(), indenter, None)
-        reading = set_up.reading(eye.image(contact, rng))
+        reading = set_up.reading(eye.render(contact, rng))
         set_up.estimator.forget()
         estimate = set_up.estimator.estimate(reading)
         draw_row(row, contact, estimate, reading.rectified.grey)

@@ -31,7 +31,7 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
-from ninedtact.simulation.rectified import FULL_MM_PER_PX, grey_eye, mm_per_px
+from ninedtact.simulation.rectified_renderer import PUBLISHED_MM_PER_PX, rectified_mm_per_px, rectified_renderer
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
 
 FAMILIES = {
@@ -169,8 +169,8 @@ def bench(
 def reader(shape: CalibratedShape, reference: np.ndarray) -> DepthReader:
     """For images of the data set's size: the same filters in millimetres."""
     size = reference.shape[::-1]
-    pitch = mm_per_px(size)
-    smaller = FULL_MM_PER_PX / pitch
+    pitch = rectified_mm_per_px(size)
+    smaller = PUBLISHED_MM_PER_PX / pitch
     smoothing = replace(
         FINE_SMOOTHING, first_px=FINE_SMOOTHING.first_px * smaller, second_px=FINE_SMOOTHING.second_px * smaller
     )
@@ -191,11 +191,11 @@ def reader(shape: CalibratedShape, reference: np.ndarray) -> DepthReader:
 def weighed(set_up: Bench, who: SampledSensor, weight_n: float) -> Bench:
     """With the modulus that makes the known weight read right, mean of three places."""
     twin, rng, ratios = who.twin(), np.random.default_rng(7), []
-    eye = grey_eye(who, set_up.reader.reference.grey.shape[::-1])
+    eye = rectified_renderer(who, set_up.reader.reference.grey.shape[::-1])
     for x, y in ((0.0, 0.0), (2.0, 1.0), (-2.0, -1.0)):
-        contact = twin.correct_contact(twin.step(twin.model.untouched(), Ball(4.0), Pose(x, y, 0.8), weight_n))
+        contact = twin.correct_contact(twin.step(twin.model.initial_contact(), Ball(4.0), Pose(x, y, 0.8), weight_n))
         set_up.estimator.forget()
-        read = set_up.estimator.estimate(set_up.reading(eye.image(contact, rng)))
+        read = set_up.estimator.estimate(set_up.reading(eye.render(contact, rng)))
         ratios.append(contact.wrench().force_n[2] / read.wrench.force_n[2])
     gel = set_up.estimator.gel
     told = replace(gel, shear_modulus_mpa=gel.shear_modulus_mpa * float(np.mean(ratios)))

@@ -62,7 +62,7 @@ def traction_speed(frames: int = 60, json: bool = False) -> None:
 def stream(frames: int) -> Iterator[Reading]:
     """A press, a drag, and the way back."""
     twin, rng = default_twin(), np.random.default_rng(0)
-    contact = twin.model.untouched()
+    contact = twin.model.initial_contact()
     before = Rectified(np.full(SHAPE, 150, np.float32), PX_MM)
     for part in np.linspace(0.1, 1, frames):
         pose = Pose(2 * part, -part, float(1.1 * np.sin(np.pi * min(part, 0.75)) + 0.05))

@@ -14,7 +14,7 @@ from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.illumination import BrightnessModel
-from ninedtact.simulation.rectified import looked_up
+from ninedtact.simulation.rectified_renderer import interpolate_image
 from ninedtact.simulation.twin import Twin, default_twin
 
 DESIGN = SensorDesign()
@@ -55,7 +55,7 @@ def apart(images: CalibrationImages) -> Calibration:
 def scale_error(made: Calibration, twin: Twin) -> float:
     """Relative, over the middle of the view."""
     rectify = made.rectify
-    true_mm = looked_up(twin.renderer.pixel_map.plane_mm, rectify.source_px)
+    true_mm = interpolate_image(twin.renderer.pixel_map.plane_mm, rectify.source_px)
     place_mm = np.stack(skin_grid_mm(true_mm.shape[:2], rectify.mm_per_px), axis=-1)
     middle = (np.abs(place_mm[..., 0]) < 8) & (np.abs(place_mm[..., 1]) < 6)
     return abs(float((true_mm * place_mm)[middle].sum() / (place_mm**2)[middle].sum()) - 1)

@@ -19,7 +19,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.illumination import BrightnessModel
-from ninedtact.simulation.seeing import Sight
+from ninedtact.simulation.sightlines import SightlineGrid
 from ninedtact.simulation.twin import Twin
 
 DESIGN = SensorDesign()
@@ -99,8 +99,8 @@ def test_a_real_sheared_press_tells_its_drag(fits: dict[str, TwinFit]) -> None:
 def seen_mm(contact: Contact, rectify_shape: tuple[int, int], mm_per_px: float) -> np.ndarray:
     x, y = skin_grid_mm(rectify_shape, mm_per_px)
     height = np.asarray(contact.height_mm, np.float32)
-    return Sight(x, y, LIGHT.inverse_distance_per_mm).height_mm(
-        contact.skin.patch, contact.centre_mm, height, fine=True
+    return SightlineGrid(x, y, LIGHT.inverse_distance_per_mm).height_mm(
+        contact.skin.grid, contact.centre_mm, height, fine=True
     )
 
 

@@ -79,7 +79,7 @@ class Bench:
         return RaspberryPiCamera(opener=BenchPi)
 
     def twin_source(self) -> FrameSource:
-        TWIN.renderer(TWIN.model.untouched())  # what is made once is made before the clock runs
+        TWIN.renderer(TWIN.model.initial_contact())  # what is made once is made before the clock runs
         return SimulatedCamera(small_press_simulation(hz=6.0, real_time=True))
 
 

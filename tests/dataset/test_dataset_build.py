@@ -27,7 +27,7 @@ from ninedtact.dataset.parquet_files import DatasetDamaged
 from ninedtact.dataset.quality_report import NoUsablePairs
 from ninedtact.dataset.sources.source import SourceUnknown
 from ninedtact.dataset.worker_pool import WorkersImpossible
-from ninedtact.simulation.rectified import mm_per_px
+from ninedtact.simulation.rectified_renderer import rectified_mm_per_px
 
 KEPT = ("reference_id", "wrench", "object", "contact_id", "step", "time_ns", "sensor", "kind")
 BUILD = """
@@ -50,7 +50,7 @@ def test_the_twin_s_output_comes_through_byte_by_byte(twins: Path, tmp_path: Pat
     for old, new in zip(before, after, strict=True):
         assert new["image"]["bytes"] == old["image"]["bytes"]
         assert [new[name] for name in KEPT] == [old[name] for name in KEPT]
-        assert new["mm_per_px"] == old["mm_per_px"] == pytest.approx(mm_per_px((64, 48)))
+        assert new["mm_per_px"] == old["mm_per_px"] == pytest.approx(rectified_mm_per_px((64, 48)))
     assert len({row["id"] for row in after}) == 18
     for name, image in references_in(twins).items():
         assert np.array_equal(references_in(tmp_path / "out")[name], image)

@@ -25,7 +25,7 @@ from ninedtact.dataset.statistics import REAL_PERCENTILES, move_to_force_sensor,
 from ninedtact.dataset.worker_pool import WorkersImpossible
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.simulation.batched.requests import alone
+from ninedtact.simulation.batched.requests import run_on_processor
 from ninedtact.simulation.objects.catalogue import UnknownObject
 from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor, sampled_sensor_from_json
 
@@ -245,16 +245,18 @@ def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
         )
         aim = PressTarget(6.0, np.array([1.0, -0.6]), 0.05, np.array([0.03, -0.04]))
         for _ in range(6):
-            felt = alone(touch.step_towards(aim))
+            felt = run_on_processor(touch.step_towards(aim))
         assert felt is not None
         assert felt.wrench.force_n == pytest.approx([1.0, -0.6, -6.0], rel=0.06, abs=0.03)
 
 
 def test_a_hand_stops_before_the_base() -> None:
     sensor = make_setup(6, replace(SMALL, pitch_mm=0.3, mechanics=MechanicsShares(0, 0)))
-    felt = alone(ScriptedPress(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD))
+    felt = run_on_processor(
+        ScriptedPress(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD)
+    )
     assert felt is not None
-    assert 0.6 < -felt.seen.height_mm.min() / sensor.member.gel.thickness_mm < 0.76
+    assert 0.6 < -felt.corrected.height_mm.min() / sensor.member.gel.thickness_mm < 0.76
 
 
 def test_the_command_takes_its_options_and_answers_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

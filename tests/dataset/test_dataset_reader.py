@@ -20,7 +20,7 @@ from ninedtact.dataset.image_cache import ImageSizeImpossible
 from ninedtact.dataset.parquet_files import DatasetDamaged, DatasetFormatUnknown
 from ninedtact.dataset.reader import load_dataset
 from ninedtact.dataset.sources.source import SourceConventions
-from ninedtact.simulation.rectified import mm_per_px
+from ninedtact.simulation.rectified_renderer import rectified_mm_per_px
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_images_are_means_over_areas_at_the_size_asked_for(folder: Path) -> None
     for image, row in zip(images, rows, strict=True):
         means = decoded(row["image"]).reshape(24, 2, 32, 2).mean((1, 3))
         assert np.abs(image - means).max() <= 0.5
-    assert pairs.mm_per_px == pytest.approx(mm_per_px((32, 24)))
+    assert pairs.mm_per_px == pytest.approx(rectified_mm_per_px((32, 24)))
 
 
 def test_a_built_set_reads_like_the_twin_s(folder: Path, tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_what_is_not_known_is_said_so(tree: LittleTree, folder: Path, tmp_path: 
     assert of_tree.sum() == 6
     assert (pairs.times_ns[of_tree] == -1).all()
     assert np.isnan(pairs.mm_per_px[of_tree]).all()
-    assert pairs.mm_per_px[~of_tree] == pytest.approx(mm_per_px((32, 24)))
+    assert pairs.mm_per_px[~of_tree] == pytest.approx(rectified_mm_per_px((32, 24)))
     built_from(tmp_path / "scaled", tree.root, conventions=SourceConventions(mm_per_px=0.5))
     assert load_dataset(tmp_path / "scaled", size=(24, 18)).mm_per_px == pytest.approx(1.0)
 

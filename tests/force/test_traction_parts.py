@@ -54,8 +54,8 @@ def test_cells_are_means_of_their_pixels() -> None:
 def test_heights_are_those_of_the_contact_mechanics() -> None:
     tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
     tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
-    response = gel_skin(CELLS.patch, Gel(2.5, 1.0)).response
-    true = response.displaced_mm(tractions[0], tractions[1:])[0]
+    response = gel_skin(CELLS.patch, Gel(2.5, 1.0)).operators
+    true = response.displacement_mm(tractions[0], tractions[1:])[0]
     np.testing.assert_allclose(FORWARD.heights(tractions[:, : CELLS.rows, : CELLS.cols]), true, atol=1e-4)
 
 
@@ -184,6 +184,6 @@ def test_heights_on_a_base_that_yields_are_those_of_the_contact_mechanics() -> N
     tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
     tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
     skin = Skin(CELLS.patch, layered_compliance((Gel(2.5, 1.0), COMPLIANT_BASE)))
-    true = skin.response.displaced_mm(tractions[0], tractions[1:])[0]
+    true = skin.operators.displacement_mm(tractions[0], tractions[1:])[0]
     found = ForwardModel(CELLS, 2.5, 0.5, 0.6, COMPLIANT_BASE).heights(tractions[:, : CELLS.rows, : CELLS.cols])
     np.testing.assert_allclose(found, true, atol=1e-4)

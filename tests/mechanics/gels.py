@@ -19,7 +19,7 @@ GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=0.1, poisson_ratio=0.5)
 BALL = Ball(4.0)
 DOUBLE = np.zeros((), np.float64)
 SMALL = PeriodicGrid(64, 72, 0.3)
-EXACT = SolverSettings(tolerance=1e-7, least_tolerance_mm=1e-10)
+EXACT = SolverSettings(tolerance=1e-7, min_tolerance_mm=1e-10)
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Punch(Indenter):
 
 @dataclass(frozen=True)
 class Plate(Indenter):
-    """Flat and larger than any patch."""
+    """Flat and larger than any grid."""
 
     name: str = "plate"
 
@@ -56,12 +56,12 @@ class Plate(Indenter):
 
 def model(
     gel: Gel = GEL,
-    patch: PeriodicGrid = SMALL,
+    grid: PeriodicGrid = SMALL,
     friction: float = 1.0,
-    effort: SolverSettings = EXACT,
+    settings: SolverSettings = EXACT,
     like: Any = DOUBLE,
 ):
-    return ContactModel(gel_skin(patch, gel, like), friction, effort)
+    return ContactModel(gel_skin(grid, gel, like), friction, settings)
 
 
 def pressed(model: ContactModel, *poses: Pose, indenter: Indenter = BALL) -> Contact:

@@ -20,18 +20,18 @@ from ninedtact.mechanics.skin import gel_skin
 BEGUN = [Pose(depth_mm=0.8), Pose(3.0, -2.0, 0.4, 0.3), Pose(depth_mm=-0.2), Pose(1.0, 2.0, 1.2, 0.0, 0.1, -0.05)]
 MOVED = [Pose(0.3, 0.1, 0.8), Pose(3.0, -1.8, 0.5, 0.5), Pose(depth_mm=0.3), Pose(1.2, 2.0, 1.2, 0.1, 0.05, 0.0)]
 TORCH = torch.zeros((), dtype=torch.float64)
-TIGHT = SolverSettings(tolerance=1e-6, least_tolerance_mm=1e-8)
+TIGHT = SolverSettings(tolerance=1e-6, min_tolerance_mm=1e-8)
 GRID = PeriodicGrid(40, 45, 0.45)
 
 
 def alone(like: Any) -> list[Contact]:
-    pressing = model(like=like, patch=GRID, effort=TIGHT)
+    pressing = model(like=like, grid=GRID, settings=TIGHT)
     return [list(pressing.follow(BALL, poses))[-1] for poses in zip(BEGUN, MOVED, strict=True)]
 
 
-def together(like: Any, effort: SolverSettings = TIGHT) -> list[Contact]:
-    pressing = model(like=like, patch=GRID, effort=effort)
-    return list(pressing.follow(BALL, [Pose.batch(BEGUN), Pose.batch(MOVED)]))[-1].each()
+def together(like: Any, settings: SolverSettings = TIGHT) -> list[Contact]:
+    pressing = model(like=like, grid=GRID, settings=settings)
+    return list(pressing.follow(BALL, [Pose.stack(BEGUN), Pose.stack(MOVED)]))[-1].unstack()
 
 
 def assert_same(found: list[Contact], wanted: list[Contact], tolerance: float) -> None:
@@ -70,26 +70,26 @@ def test_single_precision_is_as_good_as_its_tolerance(reference):
 
 
 def test_each_of_a_batch_says_how_well_it_was_solved():
-    batch = model(effort=SolverSettings(tolerance=1e-4)).step(model().untouched(), BALL, Pose.batch(BEGUN))
+    batch = model(settings=SolverSettings(tolerance=1e-4)).step(model().initial_contact(), BALL, Pose.stack(BEGUN))
     assert batch.residual_mm.shape == batch.iterations.shape == (4,)
     assert batch.iterations[2] == 0
     assert batch.iterations[[0, 1, 3]].min() > 3
     assert batch.touches
-    assert [one.touches for one in batch.each()] == [True, True, False, True]
+    assert [one.touches for one in batch.unstack()] == [True, True, False, True]
 
 
 def test_a_batch_shares_what_its_poses_share():
-    few = model(effort=SolverSettings(tolerance=1e-5))
-    swept = few.step(few.untouched(), BALL, Pose(x_mm=2.0, depth_mm=np.array([0.2, 0.5, 0.9])))
-    loads = [-one.wrench().force_n[2] for one in swept.each()]
-    again = few.step_to_load(few.untouched(), BALL, Pose(x_mm=2.0, depth_mm=0.5), np.array(loads))
+    few = model(settings=SolverSettings(tolerance=1e-5))
+    swept = few.step(few.initial_contact(), BALL, Pose(x_mm=2.0, depth_mm=np.array([0.2, 0.5, 0.9])))
+    loads = [-one.wrench().force_n[2] for one in swept.unstack()]
+    again = few.step_to_load(few.initial_contact(), BALL, Pose(x_mm=2.0, depth_mm=0.5), np.array(loads))
     np.testing.assert_allclose(again.pose.depth_mm, [0.2, 0.5, 0.9], atol=1e-4)
 
 
 def test_who_lifts_off_in_a_batch_leaves_the_skin_untouched():
-    pressing = model(patch=GRID, effort=SolverSettings(tolerance=1e-4))
-    down = pressing.step(pressing.untouched(), BALL, Pose(depth_mm=np.array([0.6, 0.8])))
-    lifted, pressed = pressing.step(down, BALL, Pose(x_mm=0.2, depth_mm=np.array([-0.3, 0.8]))).each()
+    pressing = model(grid=GRID, settings=SolverSettings(tolerance=1e-4))
+    down = pressing.step(pressing.initial_contact(), BALL, Pose(depth_mm=np.array([0.6, 0.8])))
+    lifted, pressed = pressing.step(down, BALL, Pose(x_mm=0.2, depth_mm=np.array([-0.3, 0.8]))).unstack()
     assert pressed.touches
     assert not lifted.touches
     assert not lifted.shear_mpa.any()
@@ -97,7 +97,7 @@ def test_who_lifts_off_in_a_batch_leaves_the_skin_untouched():
 
 
 def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    depths, pressing = np.geomspace(1e-4, 1.5, 12), model(patch=GRID, effort=TIGHT)
+    depths, pressing = np.geomspace(1e-4, 1.5, 12), model(grid=GRID, settings=TIGHT)
     poses = Pose(np.linspace(0, 1, 12), 0.0, depths, np.linspace(0, 0.5, 12)), Pose(np.linspace(0, 1, 12), 0.2, depths)
     found = []
     for fewest in (100, 1):
@@ -106,7 +106,7 @@ def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pyte
     waited, halved = found
     assert waited.iterations.tolist() == halved.iterations.tolist()
     assert waited.iterations.max() > 4 * np.median(waited.iterations), "some work long after others are done"
-    assert_same(halved.each(), waited.each(), 1e-9)
+    assert_same(halved.unstack(), waited.unstack(), 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -129,18 +129,18 @@ def test_windows_of_their_own_in_one_batch_answer_as_each_alone() -> None:
     for k, window in enumerate(windows):
         inside[k][window] = 1
         tractions[k][(..., *window)] = random.normal(size=tractions[k][(..., *window)].shape)
-    whole = replace(skin.response, inside=inside)
-    slid, sunk = whole.slid_mm(tractions), whole.sunk_mm(tractions[:, 0])
+    whole = replace(skin.operators, inside=inside)
+    slid, sunk = whole.tangential_from_shear_mm(tractions), whole.indentation_from_pressure_mm(tractions[:, 0])
     for k, window in enumerate(windows):
-        part, cut = skin.window(*inside[k][window].shape), (..., *window)
-        np.testing.assert_allclose(slid[k][cut], part.slid_mm(tractions[k][cut]), atol=1e-12)
-        np.testing.assert_allclose(sunk[k][cut], part.sunk_mm(tractions[k, 0][cut]), atol=1e-12)
+        part, cut = skin.cropped_operators(*inside[k][window].shape), (..., *window)
+        np.testing.assert_allclose(slid[k][cut], part.tangential_from_shear_mm(tractions[k][cut]), atol=1e-12)
+        np.testing.assert_allclose(sunk[k][cut], part.indentation_from_pressure_mm(tractions[k, 0][cut]), atol=1e-12)
         assert not slid[k][:, inside[k] == 0].any()
 
 
 def test_tilted_undersides_do_not_depend_on_how_far_others_are_tilted() -> None:
-    x, y = GRID.place_mm
+    x, y = GRID.positions_mm
     poses = [Pose(twist_rad=0.3, tilt_x_rad=0.02), Pose(depth_mm=0.4, tilt_y_rad=-0.5), Pose(1.0, tilt_x_rad=0.2)]
     for indenter in (Cone(), Cylinder()):
-        together = indenter.over_skin_mm(Pose.batch(poses), x, y)
-        np.testing.assert_array_equal(together, [indenter.over_skin_mm(pose, x, y) for pose in poses])
+        together = indenter.height_over_skin_mm(Pose.stack(poses), x, y)
+        np.testing.assert_array_equal(together, [indenter.height_over_skin_mm(pose, x, y) for pose in poses])

@@ -101,17 +101,17 @@ def test_a_stack_becomes_a_rigid_base_as_the_lower_layer_stiffens_and_only_then(
 
 def test_the_base_bears_what_the_skin_bears():
     """Force and torque of what reaches the base, by another part of the solution, are those put on the skin."""
-    # Compressible: in a gel that keeps its volume pressure from shear falls off as slowly as 1/r, too far for any patch.
-    patch, random, gel = PeriodicGrid(96, 80, 0.4), np.random.default_rng(0), Gel(1.2, 0.1, 0.3)
-    tractions = np.zeros((3, *patch.shape))
+    # Compressible: in a gel that keeps its volume pressure from shear falls off as slowly as 1/r, too far for any grid.
+    grid, random, gel = PeriodicGrid(96, 80, 0.4), np.random.default_rng(0), Gel(1.2, 0.1, 0.3)
+    tractions = np.zeros((3, *grid.shape))
     tractions[:, 40:52, 36:50] = random.normal(size=(3, 12, 14))
-    (x, y), base = patch.place_mm, base_tractions(patch, gel, tractions)
+    (x, y), base = grid.positions_mm, base_tractions(grid, gel, tractions)
     np.testing.assert_allclose(wrench(x, y, 0, tractions), wrench(x, y, -gel.thickness_mm, base), atol=1e-2)
 
 
-def base_tractions(patch: PeriodicGrid, gel: Gel, tractions: np.ndarray) -> np.ndarray:
+def base_tractions(grid: PeriodicGrid, gel: Gel, tractions: np.ndarray) -> np.ndarray:
     """(σ_xz, σ_yz, σ_zz) on the base under (q_x, q_y, −p) on the skin."""
-    (e_x, e_y), k = patch.unit_waves, np.hypot(*patch.waves)
+    (e_x, e_y), k = grid.wave_directions, np.hypot(*grid.wave_vectors)
     k[0, 0] = 1e-3  # a long wave in place of the mean, which is set below
     loads = _layer_amplitudes(k.ravel(), (gel,))
     through = (_layer_states(k.ravel(), gel, 0.0)[:, 2:] @ loads).reshape(*k.shape, 2, 2) * k[..., None, None]
@@ -121,7 +121,7 @@ def base_tractions(patch: PeriodicGrid, gel: Gel, tractions: np.ndarray) -> np.n
     drawn = 1j * (through[..., 1, 0] * s_zz - 1j * through[..., 1, 1] * along)
     base = np.stack([e_x * drawn - e_y * across, e_y * drawn + e_x * across, down])
     base[:, 0, 0] = waves[:, 0, 0]
-    return np.fft.irfft2(base, s=patch.shape)
+    return np.fft.irfft2(base, s=grid.shape)
 
 
 def wrench(x: np.ndarray, y: np.ndarray, z: float, tractions: np.ndarray) -> np.ndarray:

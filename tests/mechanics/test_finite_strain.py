@@ -39,7 +39,7 @@ def presses(request):
 
 
 def linear_load(contact, pressure_mpa) -> float:
-    return float(pressure_mpa.sum()) * contact.skin.patch.cell_mm2
+    return float(pressure_mpa.sum()) * contact.skin.grid.cell_area_mm2
 
 
 def test_the_factor_makes_the_linear_load_that_of_finite_strain(presses):

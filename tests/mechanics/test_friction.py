@@ -29,29 +29,29 @@ def shear_n(contact: Contact) -> np.ndarray:
 @pytest.mark.parametrize("part", [0.2, 0.5, 0.8])
 def test_a_ball_on_a_half_space_slips_from_its_rim_as_cattaneo_and_mindlin_say(part):
     """Pressure held; the drag allows for the images' share of the displacement."""
-    gel, patch, friction, radius, depth = Gel(2.5, 0.1, 0.5), PeriodicGrid(128, 128, 0.1), 0.5, 4.0, 0.2
-    response, zero = Skin(patch, partial(half_space_compliance, gel=gel), DOUBLE).response, np.zeros((1, 1))
+    gel, grid, friction, radius, depth = Gel(2.5, 0.1, 0.5), PeriodicGrid(128, 128, 0.1), 0.5, 4.0, 0.2
+    operators, zero = Skin(grid, partial(half_space_compliance, gel=gel), DOUBLE).operators, np.zeros((1, 1))
     ball, tolerance = hertz_contact(gel, radius, depth), np.full((1, 1), 1e-6)
-    x, y = patch.place_mm
+    x, y = grid.positions_mm
     pressure = ball.peak_mpa * np.sqrt(np.maximum(1 - (x**2 + y**2) / ball.radius_mm**2, 0))
     slips_at = 3 * friction * ball.load_n * 1.5 / (16 * 0.1 * ball.radius_mm)
     shear = mindlin_shear_force_n(gel, ball, friction, part * slips_at)
-    images = SQUARE_LATTICE_SUM / patch.width_mm * shear * 1.5 / (4 * np.pi * 0.1)
-    target = np.stack([np.full(patch.shape, part * slips_at - images), np.zeros(patch.shape)])
+    images = SQUARE_LATTICE_SUM / grid.width_mm * shear * 1.5 / (4 * np.pi * 0.1)
+    target = np.stack([np.full(grid.shape, part * slips_at - images), np.zeros(grid.shape)])
     start = ShearSolution(0 * target, 0 * target, zero, zero, zero)
-    found = solve_shear(response, target, FrictionLimit(friction * pressure), start, tolerance, 500)
+    found = solve_shear(operators, target, FrictionLimit(friction * pressure), start, tolerance, 500)
     assert found.residual_mm <= tolerance
-    assert found.shear_mpa[0].sum() * patch.cell_mm2 == pytest.approx(shear, rel=0.03)
+    assert found.shear_mpa[0].sum() * grid.cell_area_mm2 == pytest.approx(shear, rel=0.03)
     stuck = np.hypot(*found.shear_mpa) < 0.999 * friction * pressure
-    radius_stuck = np.sqrt(stuck.sum() * patch.cell_mm2 / np.pi)
+    radius_stuck = np.sqrt(stuck.sum() * grid.cell_area_mm2 / np.pi)
     assert radius_stuck == pytest.approx(ball.radius_mm * (1 - shear / friction / ball.load_n) ** (1 / 3), rel=0.06)
 
 
 @settings(max_examples=12, deadline=None)
 @given(st.floats(0.1, 1.5), st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(-0.5, 0.5))
 def test_coulombs_law_holds_everywhere(friction, by_x, by_y, twist):
-    before = pressed(model(friction=friction, effort=FINE), DOWN)
-    after = model(friction=friction, effort=FINE).step(before, BALL, Pose(by_x, by_y, 1.0, twist))
+    before = pressed(model(friction=friction, settings=FINE), DOWN)
+    after = model(friction=friction, settings=FINE).step(before, BALL, Pose(by_x, by_y, 1.0, twist))
     limit, shear = friction * after.pressure_mpa, np.hypot(*after.shear_mpa)
     assert np.all(shear <= limit * (1 + 1e-6))
     assert not shear[after.pressure_mpa == 0].any()
@@ -59,10 +59,10 @@ def test_coulombs_law_holds_everywhere(friction, by_x, by_y, twist):
 
 
 def test_what_sticks_has_moved_with_the_object_and_what_slips_has_slipped_against_its_shear():
-    before, after = model(friction=0.4, effort=FINE).follow(BALL, [DOWN, Pose(x_mm=0.25, depth_mm=1.0)])
-    slip = after.moved_mm - before.moved_mm - np.array([0.25, 0])[:, None, None]
+    before, after = model(friction=0.4, settings=FINE).follow(BALL, [DOWN, Pose(x_mm=0.25, depth_mm=1.0)])
+    slip = after.tangential_mm - before.tangential_mm - np.array([0.25, 0])[:, None, None]
     both = (before.pressure_mpa > 0) & (after.pressure_mpa > 0)
-    sticks, slips = after.stuck & both, ~after.stuck & both
+    sticks, slips = after.stick_mask & both, ~after.stick_mask & both
     assert sticks.sum() > 30
     assert slips.sum() > 30
     assert np.abs(slip[:, sticks]).max() < 2e-4
@@ -85,8 +85,8 @@ def test_without_friction_nothing_is_sheared_or_remembered():
 
 
 def test_a_long_drag_slips_all_over_and_its_shear_is_friction_times_load():
-    contact = pressed(model(friction=0.3, effort=FINE), DOWN, *(Pose(x, 0.75 * x, 1.0) for x in (0.4, 0.8, 1.2, 1.6)))
-    assert not contact.stuck.any()
+    contact = pressed(model(friction=0.3, settings=FINE), DOWN, *(Pose(x, 0.75 * x, 1.0) for x in (0.4, 0.8, 1.2, 1.6)))
+    assert not contact.stick_mask.any()
     load = -contact.wrench().force_n[2]
     assert np.hypot(*shear_n(contact)) == pytest.approx(0.3 * load, rel=0.01)
     assert shear_n(contact)[1] == pytest.approx(0.75 * shear_n(contact)[0], rel=0.02)

@@ -21,7 +21,7 @@ from ninedtact.mechanics.contact import Contact, ContactNotConverged
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import half_space_compliance
-from ninedtact.mechanics.normal_contact import DepthConstraint, PressureSolution, solve_pressure
+from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
@@ -30,16 +30,16 @@ UNIT = Gel(2.5, 1.0, 0.5)
 
 
 def measured(contact: Contact) -> BallContactSolution:
-    area = (contact.pressure_mpa > 0).sum() * contact.skin.patch.cell_mm2
+    area = (contact.pressure_mpa > 0).sum() * contact.skin.grid.cell_area_mm2
     return BallContactSolution(
         -contact.wrench().force_n[2], float(np.sqrt(area / np.pi)), float(contact.pressure_mpa.max())
     )
 
 
-def on_half_space(gel: Gel, indenter: Indenter, depth_mm: float, load_n: float, patch: PeriodicGrid) -> Contact:
+def on_half_space(gel: Gel, indenter: Indenter, depth_mm: float, load_n: float, grid: PeriodicGrid) -> Contact:
     """A contact whose images are allowed for."""
-    skin = Skin(patch, partial(half_space_compliance, gel=gel), DOUBLE)
-    depth = depth_mm - periodic_half_space_shortfall_mm(gel, load_n, patch.width_mm)
+    skin = Skin(grid, partial(half_space_compliance, gel=gel), DOUBLE)
+    depth = depth_mm - periodic_half_space_shortfall_mm(gel, load_n, grid.width_mm)
     return pressed(ContactModel(skin, 0.0, SolverSettings(tolerance=1e-4)), Pose(depth_mm=depth), indenter=indenter)
 
 
@@ -55,10 +55,10 @@ def test_a_ball_on_a_half_space_is_hertz(nu):
 
 
 def test_a_flat_punch_on_a_half_space_is_boussinesq_and_its_load_goes_with_depth():
-    patch, radius = PeriodicGrid(160, 160, 0.1), 1.0
+    grid, radius = PeriodicGrid(160, 160, 0.1), 1.0
     loads = [flat_punch_load_n(GEL, radius, depth) for depth in (0.1, 0.2)]
     found = [
-        measured(on_half_space(GEL, Punch(radius), depth, load, patch)).load_n
+        measured(on_half_space(GEL, Punch(radius), depth, load, grid)).load_n
         for depth, load in zip((0.1, 0.2), loads, strict=True)
     ]
     assert found[0] == pytest.approx(loads[0], rel=0.03)  # the edge is half a cell wide
@@ -69,10 +69,10 @@ def test_a_flat_punch_on_a_half_space_is_boussinesq_and_its_load_goes_with_depth
 def test_a_ball_on_a_thin_layer_squeezes_it(nu, within):
     gel, radius, depth = Gel(0.2, 1.0, nu), 100.0, 0.05
     wanted = thin_layer_contact(gel, radius, depth)
-    patch = PeriodicGrid(96, 96, wanted.radius_mm / 25)
+    grid = PeriodicGrid(96, 96, wanted.radius_mm / 25)
     found = measured(
         pressed(
-            model(gel, patch, 0.0, SolverSettings(tolerance=1e-4)), Pose(depth_mm=depth), indenter=Paraboloid(radius)
+            model(gel, grid, 0.0, SolverSettings(tolerance=1e-4)), Pose(depth_mm=depth), indenter=Paraboloid(radius)
         )
     )
     for name, value in vars(wanted).items():
@@ -91,8 +91,8 @@ def test_the_layer_bears_the_published_load(depth, load, radius):
 
 def test_either_there_is_pressure_or_a_gap():
     contact = pressed(model(friction=0.0), Pose(depth_mm=1.2))
-    x, y = SMALL.place_mm
-    gap = BALL.over_skin_mm(contact.pose, x, y) - contact.height_mm
+    x, y = SMALL.positions_mm
+    gap = BALL.height_over_skin_mm(contact.pose, x, y) - contact.height_mm
     assert contact.pressure_mpa.min() == 0
     assert gap.min() > -1e-6
     assert np.abs(gap[contact.pressure_mpa > 0]).max() < 1e-6
@@ -101,7 +101,7 @@ def test_either_there_is_pressure_or_a_gap():
 def test_the_load_is_the_slope_of_the_energy():
     def energy_mj(depth: float) -> float:
         contact = pressed(model(friction=0.0), Pose(depth_mm=depth))
-        return -0.5 * (contact.pressure_mpa * contact.height_mm).sum() * SMALL.cell_mm2
+        return -0.5 * (contact.pressure_mpa * contact.height_mm).sum() * SMALL.cell_area_mm2
 
     load = measured(pressed(model(friction=0.0), Pose(depth_mm=1.0))).load_n
     assert (energy_mj(1.001) - energy_mj(0.999)) / 0.002 == pytest.approx(load, rel=1e-5)
@@ -127,7 +127,7 @@ def test_pressure_goes_with_the_modulus_and_shape_does_not(stiffness, depth):
 def test_odd_and_even_grids_agree(shape):
     # The ball is wide against the pitch, so that it matters little which points lie under it.
     even, other = (
-        measured(pressed(model(patch=PeriodicGrid(*s, 0.3)), Pose(depth_mm=1.2, x_mm=0.3))) for s in ((64, 64), shape)
+        measured(pressed(model(grid=PeriodicGrid(*s, 0.3)), Pose(depth_mm=1.2, x_mm=0.3))) for s in ((64, 64), shape)
     )
     assert other.load_n == pytest.approx(even.load_n, rel=4e-3)
     assert other.peak_mpa == pytest.approx(even.peak_mpa, rel=1e-2)
@@ -136,13 +136,13 @@ def test_odd_and_even_grids_agree(shape):
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 10**6))
 def test_the_answer_does_not_depend_on_the_first_guess(seed):
-    skin, overlap = model().skin, -BALL.over_skin_mm(Pose(depth_mm=0.8), *SMALL.place_mm)
+    skin, overlap = model().skin, -BALL.height_over_skin_mm(Pose(depth_mm=0.8), *SMALL.positions_mm)
     none, tolerance = np.zeros((1, 1)), np.full((1, 1), 1e-8)
     guess = np.random.default_rng(seed).exponential(0.1, SMALL.shape) * (overlap > -0.5)
     answers = []
     for start in (0 * guess, guess):
-        first = PressureSolution(start, skin.response.sunk_mm(start), none, none, none, none)
-        answers.append(solve_pressure(skin.response, DepthConstraint(), overlap, first, tolerance, 300).pressure_mpa)
+        first = PressureSolution(start, skin.operators.indentation_from_pressure_mm(start), none, none, none, none)
+        answers.append(solve_pressure(skin.operators, ContactConstraint(), overlap, first, tolerance, 300).pressure_mpa)
     np.testing.assert_allclose(*answers, atol=1e-6)
 
 
@@ -151,7 +151,7 @@ def test_the_answer_does_not_depend_on_the_first_guess(seed):
 def test_pressing_to_a_load_finds_the_depth_that_has_it(friction, guess):
     pressing = model(friction=friction)
     held = pressed(pressing, Pose(depth_mm=1.1))
-    loaded = pressing.step_to_load(pressing.untouched(), BALL, Pose(depth_mm=guess), measured(held).load_n)
+    loaded = pressing.step_to_load(pressing.initial_contact(), BALL, Pose(depth_mm=guess), measured(held).load_n)
     assert loaded.pose.depth_mm == pytest.approx(1.1, abs=1e-5)
     assert measured(loaded).load_n == pytest.approx(measured(held).load_n, rel=1e-12)
     np.testing.assert_allclose(loaded.pressure_mpa, held.pressure_mpa, atol=2e-5)
@@ -159,7 +159,7 @@ def test_pressing_to_a_load_finds_the_depth_that_has_it(friction, guess):
 
 def test_a_load_can_be_dragged_and_lifted_like_a_depth():
     pressing = model()
-    first = pressing.step_to_load(pressing.untouched(), BALL, Pose(depth_mm=0.5), 4.0)
+    first = pressing.step_to_load(pressing.initial_contact(), BALL, Pose(depth_mm=0.5), 4.0)
     dragged = pressing.step_to_load(first, BALL, Pose(x_mm=0.4, depth_mm=first.pose.depth_mm), 4.0)
     assert dragged.wrench().force_n[2] == pytest.approx(-4.0, rel=1e-12)
     assert dragged.wrench().force_n[0] > 0.3
@@ -169,15 +169,16 @@ def test_a_load_can_be_dragged_and_lifted_like_a_depth():
 
 
 def test_what_has_not_converged_is_refused_unless_asked_for():
-    hasty = SolverSettings(tolerance=1e-6, rounds=1, iterations=2)
+    hasty = SolverSettings(tolerance=1e-6, max_rounds=1, max_iterations=2)
     with pytest.raises(
         ContactNotConverged, match=r"expected the contact solved to .* mm, got .* mm after \d+ iterations; take"
     ):
-        pressed(model(effort=hasty), Pose(depth_mm=1.0))
+        pressed(model(settings=hasty), Pose(depth_mm=1.0))
     found = pressed(
-        model(effort=SolverSettings(tolerance=1e-6, rounds=1, iterations=2, must_converge=False)), Pose(depth_mm=1.0)
+        model(settings=SolverSettings(tolerance=1e-6, max_rounds=1, max_iterations=2, must_converge=False)),
+        Pose(depth_mm=1.0),
     )
     assert found.residual_mm > 1e-6
-    exact = pressed(model(effort=EXACT), Pose(depth_mm=1.0))
+    exact = pressed(model(settings=EXACT), Pose(depth_mm=1.0))
     assert exact.residual_mm <= 1.001e-7
     assert exact.iterations > found.iterations

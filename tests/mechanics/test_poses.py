@@ -29,8 +29,8 @@ def test_a_rigid_object_carries_its_points_rigidly(before, after):
 @settings(max_examples=20, deadline=None)
 @given(st.lists(poses, min_size=1, max_size=4))
 def test_a_batch_of_poses_is_its_poses(single):
-    batch = Pose.batch(single)
-    assert batch.each() == single
+    batch = Pose.stack(single)
+    assert batch.unstack() == single
     assert batch.batch_shape == (len(single),)
     np.testing.assert_allclose(batch.rotation, [pose.rotation for pose in single], atol=1e-15)
     np.testing.assert_allclose(batch.origin_mm, [pose.origin_mm for pose in single])
@@ -49,14 +49,14 @@ def test_an_object_stays_above_the_base():
         pressed(model(), Pose(depth_mm=2.7))
     pressing = model()
     with pytest.raises(InvalidPose, match=r"base, 2\.5 mm"):
-        pressing.step_to_load(pressing.untouched(), BALL, Pose(depth_mm=1.0), 100.0)
+        pressing.step_to_load(pressing.initial_contact(), BALL, Pose(depth_mm=1.0), 100.0)
 
 
 @pytest.mark.parametrize("load", [0.0, -1.0, np.nan, np.inf])
 def test_a_load_presses(load):
     pressing = model()
     with pytest.raises(InvalidLoad, match=r"expected a load above zero, got .* N; press with a force, or lift"):
-        pressing.step_to_load(pressing.untouched(), BALL, Pose(depth_mm=1.0), load)
+        pressing.step_to_load(pressing.initial_contact(), BALL, Pose(depth_mm=1.0), load)
 
 
 def test_an_object_above_the_skin_leaves_it_untouched():

@@ -1,4 +1,4 @@
-"""A part of the patch answers as the whole does; a patch with its margin answers nearly as endless skin does."""
+"""A part of the grid answers as the whole does; a grid with its margin answers nearly as endless skin does."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.mechanics import contact_model as contacts
-from ninedtact.mechanics.active_region import find_active_region, whole_grid_region
+from ninedtact.mechanics.active_region import CroppedRegion, GridRectangle, find_active_region, whole_grid_region
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact import ContactLeavesGrid, periodic_image_error_mm
 from ninedtact.mechanics.periodic_grid import InvalidGrid, PeriodicGrid, padded_grid
@@ -25,16 +25,16 @@ def test_a_window_answers_exactly_as_the_patch_with_zeros_around_it(rows, cols, 
     inside = (..., slice(top, top + high), slice(left, left + wide))
     tractions = np.zeros((3, rows, cols))
     tractions[inside] = random.normal(size=(3, high, wide))
-    whole = skin.response.displaced_mm(tractions[0], tractions[1:])
-    part = skin.window(high, wide).displaced_mm(tractions[0][inside], tractions[1:][inside])
+    whole = skin.operators.displacement_mm(tractions[0], tractions[1:])
+    part = skin.cropped_operators(high, wide).displacement_mm(tractions[0][inside], tractions[1:][inside])
     for expected, found in zip(whole, part, strict=True):
         np.testing.assert_allclose(found, expected[inside], atol=1e-12 * np.abs(expected).max())
 
 
 def test_a_contact_in_a_window_is_the_contact_on_the_patch(monkeypatch):
     in_window = pressed(model(), *MOVES)
-    window = find_active_region(in_window.skin, -BALL.over_skin_mm(MOVES[0], *SMALL.place_mm))
-    assert window.response.field_shape < SMALL.shape
+    window = find_active_region(in_window.skin, -BALL.height_over_skin_mm(MOVES[0], *SMALL.positions_mm))
+    assert window.operators.field_shape < SMALL.shape
     monkeypatch.setattr(contacts, "find_active_region", lambda skin, overlap: whole_grid_region(skin))
     on_patch = pressed(model(), *MOVES)
     np.testing.assert_allclose(in_window.pressure_mpa, on_patch.pressure_mpa, atol=1e-6)
@@ -43,11 +43,11 @@ def test_a_contact_in_a_window_is_the_contact_on_the_patch(monkeypatch):
 
 def test_skin_that_rises_into_the_object_beyond_the_window_is_seen(monkeypatch):
     honest = pressed(model(friction=3.0), Pose(depth_mm=0.5), Pose(x_mm=1.0, depth_mm=0.5))
-    narrow = model(friction=3.0).skin.window(8, 8)
-    middle = slice(SMALL.rows // 2 - 4, SMALL.rows // 2 + 4), slice(SMALL.cols // 2 - 4, SMALL.cols // 2 + 4)
-    monkeypatch.setattr(
-        contacts, "find_active_region", lambda skin, _: contacts.ActiveRegion(*middle, SMALL.shape, narrow)
+    narrow = model(friction=3.0).skin.cropped_operators(8, 8)
+    middle = GridRectangle(
+        slice(SMALL.rows // 2 - 4, SMALL.rows // 2 + 4), slice(SMALL.cols // 2 - 4, SMALL.cols // 2 + 4)
     )
+    monkeypatch.setattr(contacts, "find_active_region", lambda skin, _: CroppedRegion(middle, skin, narrow))
     found = pressed(model(friction=3.0), Pose(depth_mm=0.5), Pose(x_mm=1.0, depth_mm=0.5))
     np.testing.assert_allclose(found.pressure_mpa, honest.pressure_mpa, atol=1e-5)
 
@@ -59,7 +59,7 @@ def test_the_margin_keeps_the_images_of_a_contact_away():
         SolverSettings(tolerance=1e-2),
     )
     worst = [
-        periodic_image_error_mm(pressed(model(patch=padded_grid(24, 18, 0.3, margin), effort=rough), *moves))
+        periodic_image_error_mm(pressed(model(grid=padded_grid(24, 18, 0.3, margin), settings=rough), *moves))
         for margin in (0, 4)
     ]
     near = [np.abs(error)[error.shape[0] // 2 - 10 : -(error.shape[0] // 2 - 10)].max() for error in worst]
@@ -72,19 +72,19 @@ def test_the_margin_keeps_the_images_of_a_contact_away():
 @pytest.mark.parametrize("depth", [0.1, 0.5])
 def test_what_reaches_the_border_is_refused(depth):
     with pytest.raises(
-        ContactLeavesGrid, match=r"expected the contact inside the patch of 21\.6 x 19\.2 mm, got it at .*; give"
+        ContactLeavesGrid, match=r"expected the contact inside the grid of 21\.6 x 19\.2 mm, got it at .*; give"
     ):
         pressed(model(), Pose(depth_mm=depth), indenter=Plate())
     with pytest.raises(ContactLeavesGrid, match="left and right"):
-        pressing = model(friction=0.0, effort=SolverSettings(rounds=2, iterations=20))
-        pressing.step_to_load(pressing.untouched(), Plate(), Pose(), 1.0)
+        pressing = model(friction=0.0, settings=SolverSettings(max_rounds=2, max_iterations=20))
+        pressing.step_to_load(pressing.initial_contact(), Plate(), Pose(), 1.0)
 
 
 def test_a_patch_is_wide_enough_and_quick_to_transform():
-    patch = padded_grid(24, 18, 0.2, 4)
-    assert patch.width_mm >= 32
-    assert patch.height_mm >= 26
-    assert patch.cell_mm2 == pytest.approx(0.04)
-    np.testing.assert_allclose(patch.place_mm.mean(axis=(1, 2)), 0, atol=1e-12)
+    grid = padded_grid(24, 18, 0.2, 4)
+    assert grid.width_mm >= 32
+    assert grid.height_mm >= 26
+    assert grid.cell_area_mm2 == pytest.approx(0.04)
+    np.testing.assert_allclose(grid.positions_mm.mean(axis=(1, 2)), 0, atol=1e-12)
     with pytest.raises(InvalidGrid, match=r"expected a grid of at least 8 x 8 points"):
         PeriodicGrid(4, 100, 0.2)

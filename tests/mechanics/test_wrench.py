@@ -22,24 +22,26 @@ def test_a_straight_press_has_neither_shear_nor_torque():
 @given(st.floats(-8, 8), st.floats(-6, 6), st.floats(0.2, 1.2))
 def test_a_press_beside_the_middle_is_the_same_press(x, y, depth):
     poses = [Pose(depth_mm=depth), Pose(0.3, 0.1, depth)]
-    middle = pressed(model(effort=FINE), *poses)
-    beside = pressed(model(effort=FINE), *(Pose(x + pose.x_mm, y + pose.y_mm, pose.depth_mm) for pose in poses))
+    middle = pressed(model(settings=FINE), *poses)
+    beside = pressed(model(settings=FINE), *(Pose(x + pose.x_mm, y + pose.y_mm, pose.depth_mm) for pose in poses))
     np.testing.assert_allclose(beside.height_mm, middle.height_mm, atol=1e-6)
     there = np.array([x, y, 0.0])
     np.testing.assert_allclose(beside.wrench(about_mm=there).six, middle.wrench().six, atol=1e-5)
     np.testing.assert_allclose(
-        beside.surface_mm - middle.surface_mm, (there[:, None, None]) + 0 * middle.surface_mm, atol=1e-6
+        beside.surface_points_mm - middle.surface_points_mm,
+        (there[:, None, None]) + 0 * middle.surface_points_mm,
+        atol=1e-6,
     )
 
 
 def test_the_object_is_pushed_back_as_it_pushes():
     """Newton's third law: what the skin does to the object, summed over the object's own underside, turns the sign of all six."""
     contact = pressed(model(), Pose(2.0, 1.0, 1.0), Pose(2.3, 1.2, 1.0, 0.2, tilt_x_rad=0.05))
-    x, y = SMALL.place_mm
-    z = BALL.over_skin_mm(contact.pose, x + contact.pose.x_mm, y + contact.pose.y_mm)
+    x, y = SMALL.positions_mm
+    z = BALL.height_over_skin_mm(contact.pose, x + contact.pose.x_mm, y + contact.pose.y_mm)
     reach = contact.pressure_mpa > 0
     point = np.stack([x + contact.pose.x_mm, y + contact.pose.y_mm, z])[:, reach]
-    force = -np.stack([*contact.shear_mpa, -contact.pressure_mpa])[:, reach] * SMALL.cell_mm2
+    force = -np.stack([*contact.shear_mpa, -contact.pressure_mpa])[:, reach] * SMALL.cell_area_mm2
     torque = np.cross(point, force, axis=0).sum(axis=1) / 1e3
     six = np.concatenate([force.sum(axis=1), torque])
     assert np.abs(contact.wrench().six).min() > 1e-6
@@ -57,10 +59,10 @@ def test_a_torque_is_moved_as_statics_say():
 @given(st.integers(0, 10**6))
 def test_displacements_of_tractions_add_up_and_work_both_ways(seed):
     """Superposition, and Betti's law: what one load does along another's displacement, the other does along the first's."""
-    response, random = model().skin.response, np.random.default_rng(seed)
+    operators, random = model().skin.operators, np.random.default_rng(seed)
     (p1, p2), (q1, q2) = random.normal(size=(2, *SMALL.shape)), random.normal(size=(2, 2, *SMALL.shape))
     (z1, t1), (z2, t2), (z, t) = (
-        response.displaced_mm(*load) for load in ((p1, q1), (p2, q2), (p1 - 2 * p2, q1 - 2 * q2))
+        operators.displacement_mm(*load) for load in ((p1, q1), (p2, q2), (p1 - 2 * p2, q1 - 2 * q2))
     )
     np.testing.assert_allclose(z, z1 - 2 * z2, atol=1e-9)
     np.testing.assert_allclose(t, t1 - 2 * t2, atol=1e-9)

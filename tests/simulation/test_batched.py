@@ -22,13 +22,13 @@ from ninedtact.dataset.generation.session import make_setup
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics import skin
+from ninedtact.mechanics.height_grid_indenter import HeightGridStore
 from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched import device as devices
-from ninedtact.simulation.batched.device import Device, DeviceMissing, device_named
-from ninedtact.simulation.batched.objects import Shelf
-from ninedtact.simulation.batched.requests import Felt, Look, Step
-from ninedtact.simulation.batched.room import Room
+from ninedtact.simulation.batched.device import Device, DeviceMissing, find_device
+from ninedtact.simulation.batched.executor import BatchExecutor
+from ninedtact.simulation.batched.requests import ContactSummary, RenderRequest, StepRequest
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.sensor_population import MechanicsShares
 from ninedtact.simulation.twin import PoseOutOfView
@@ -68,9 +68,9 @@ def together(tmp_path_factory: pytest.TempPathFactory) -> GenerationResult:
 
 
 @pytest.fixture(scope="module")
-def room() -> Room:
+def room() -> BatchExecutor:
     benches = [make_setup(number, SMALL) for number in range(SMALL.sensors)]
-    return Room(range(SMALL.sensors), benches, Device("torch-cpu"), 8, print)
+    return BatchExecutor(range(SMALL.sensors), benches, Device("torch-cpu"), 8, print)
 
 
 def rows(folder: Path) -> list[dict[str, Any]]:
@@ -131,7 +131,7 @@ def test_kinds_of_devices_are_not_mixed(together: GenerationResult, by_processor
 
 
 class FullMemory:
-    """Room for the fields of so many contacts."""
+    """BatchExecutor for the fields of so many contacts."""
 
     def __init__(self, contacts: int, trouble: Exception) -> None:
         self.contacts, self.trouble, self.spectrum = contacts, trouble, skin.forward_transform
@@ -154,8 +154,8 @@ def test_a_full_memory_halves_the_batch_and_is_told(
     said: list[str] = []
     generate_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", notify=said.append)
     assert said == [
-        "the memory of torch-cpu is too small for 6 contacts at once; going on with 3",
-        "the memory of torch-cpu is too small for 3 contacts at once; going on with 1",
+        "the memory of torch-cpu is too small for 6 contacts at once; continuing with 3",
+        "the memory of torch-cpu is too small for 3 contacts at once; continuing with 1",
     ]
     assert_same_pairs(tmp_path / "pairs", together.folder)
 
@@ -167,59 +167,59 @@ def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
     options = "--pairs 2 --sensors 2 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --device torch-cpu"
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split()]) == 1
     told = capsys.readouterr().err
-    assert "ninedtact: the memory of torch-cpu is too small for 2 contacts at once; going on with 1\n" in told
+    assert "ninedtact: the memory of torch-cpu is too small for 2 contacts at once; continuing with 1\n" in told
     assert "expected room for one contact in the memory of torch-cpu, got 'CUDA out of memory.'; end what" in told
 
 
-def test_other_trouble_is_not_taken_for_a_full_memory(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_trouble_is_not_taken_for_a_full_memory(room: BatchExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(skin, "forward_transform", FullMemory(0, RuntimeError("CUDA error: an illegal memory access")))
     with pytest.raises(RuntimeError, match="illegal"):
-        room.answers([Step(room.bench(0), None, Ball(), Pose(depth_mm=0.5))])
+        room.execute([StepRequest(room.setup(0), None, Ball(), Pose(depth_mm=0.5))])
 
 
-def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: Room) -> None:
-    bench = room.bench(0)
-    assert isinstance(room.answers([Step(bench, None, Ball(), Pose(depth_mm=0.02), 3.0)])[0], Step), (
+def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: BatchExecutor) -> None:
+    bench = room.setup(0)
+    assert isinstance(room.execute([StepRequest(bench, None, Ball(), Pose(depth_mm=0.02), 3.0)])[0], StepRequest), (
         "its window was too small"
     )
     steps = [
-        Step(bench, None, Ball(), Pose(depth_mm=0.5)),
-        Step(bench, None, Ball(), Pose(x_mm=40.0), 1.0),
-        Step(bench, None, Ball(1.5), Pose(), 60.0, widely=True),
-        Step(bench, None, Ball(), Pose(depth_mm=50.0), widely=True),
-        Step(bench, None, FlatPunch(13.0), Pose(depth_mm=0.2), widely=True),
-        Step(bench, None, Ball(), Pose(depth_mm=-0.5)),
+        StepRequest(bench, None, Ball(), Pose(depth_mm=0.5)),
+        StepRequest(bench, None, Ball(), Pose(x_mm=40.0), 1.0),
+        StepRequest(bench, None, Ball(1.5), Pose(), 60.0, on_whole_grid=True),
+        StepRequest(bench, None, Ball(), Pose(depth_mm=50.0), on_whole_grid=True),
+        StepRequest(bench, None, FlatPunch(13.0), Pose(depth_mm=0.2), on_whole_grid=True),
+        StepRequest(bench, None, Ball(), Pose(depth_mm=-0.5)),
     ]
-    told = room.answers(steps)
+    told = room.execute(steps)
     for step, answer in zip(steps, told, strict=True):
         try:
-            alone: Felt | NinedtactError = step.alone()
+            alone: ContactSummary | NinedtactError = step.respond()
         except NinedtactError as refusal:
             alone = refusal
         assert type(answer) is type(alone)
-        if isinstance(alone, Felt):
+        if isinstance(alone, ContactSummary):
             assert answer.touches == alone.touches
             np.testing.assert_allclose(answer.wrench.six, alone.wrench.six, rtol=1e-4, atol=1e-6)
-            assert answer.deepest_mm == pytest.approx(alone.deepest_mm, rel=1e-4)
-            assert answer.area_mm2 == alone.area_mm2
-            assert answer.stiffer == pytest.approx(alone.stiffer)
+            assert answer.max_indentation_mm == pytest.approx(alone.max_indentation_mm, rel=1e-4)
+            assert answer.contact_area_mm2 == alone.contact_area_mm2
+            assert answer.stiffening == pytest.approx(alone.stiffening)
     assert isinstance(told[1], PoseOutOfView)
     assert isinstance(told[2], InvalidPose)
     assert isinstance(told[3], InvalidPose)
 
 
-def test_untouched_skin_is_shown_as_it_is(room: Room) -> None:
-    assert room.answers([Look(room.bench(1), None)]) == [None]
+def test_untouched_skin_is_shown_as_it_is(room: BatchExecutor) -> None:
+    assert room.execute([RenderRequest(room.setup(1), None)]) == [None]
 
 
 @pytest.mark.parametrize("poses", [TILTED, [Pose(pose.x_mm, twist_rad=pose.twist_rad) for pose in TILTED]])
 def test_objects_side_by_side_are_each_their_own(poses: list[Pose]) -> None:
     axis = np.linspace(-12, 12, 60)
     places = tuple(np.float32(place) for place in np.meshgrid(axis, axis))
-    several = Shelf(np.zeros((), np.float32)).several(OBJECTS)
-    found = several.over_skin_mm(Pose.batch(poses), *places)
+    several = HeightGridStore(np.zeros((), np.float32)).batch(OBJECTS)
+    found = several.height_over_skin_mm(Pose.stack(poses), *places)
     for height, indenter, pose in zip(found, OBJECTS, poses, strict=True):
-        np.testing.assert_allclose(height, indenter.over_skin_mm(pose, *places), atol=2e-5)
+        np.testing.assert_allclose(height, indenter.height_over_skin_mm(pose, *places), atol=2e-5)
 
 
 def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["tpu", "cuda:x", "CPU", "cpu:0", ""])
 def test_devices_go_by_their_names(name: str) -> None:
     with pytest.raises(DeviceMissing, match="expected a device named auto, cpu, cuda, cuda:N or torch-cpu"):
-        device_named(name)
+        find_device(name)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_a_gpu_that_is_not_there_is_one_sentence(
     there: int,
     said: str,
 ) -> None:
-    monkeypatch.setattr(devices, "gpus", lambda: there)
+    monkeypatch.setattr(devices, "_gpu_count", lambda: there)
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith(f"ninedtact: expected {name}, a GPU that torch sees, {said}; give --device cpu")
@@ -257,12 +257,12 @@ def test_a_gpu_that_is_not_there_is_one_sentence(
 
 
 def test_a_gpu_that_is_there_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "gpus", lambda: 2)
-    monkeypatch.setattr(devices, "driver_there", lambda: True)
-    assert [device_named(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
-    assert not device_named("cpu").many
-    monkeypatch.setattr(devices, "gpus", lambda: 0)
-    assert device_named("auto") == Device("cpu")
+    monkeypatch.setattr(devices, "_gpu_count", lambda: 2)
+    monkeypatch.setattr(devices, "_gpu_driver_exists", lambda: True)
+    assert [find_device(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
+    assert not find_device("cpu").is_batched
+    monkeypatch.setattr(devices, "_gpu_count", lambda: 0)
+    assert find_device("auto") == Device("cpu")
 
 
 def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -271,7 +271,7 @@ def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(torch, "zeros", full)
     with pytest.raises(DeviceMissing, match="expected room in the memory of cuda, got none at all"):
-        Device("cuda").like()
+        Device("cuda").zero_array()
 
 
 @pytest.mark.parametrize("name", ["cuda", "torch-cpu"])
@@ -279,16 +279,16 @@ def test_without_torch_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     monkeypatch.setattr(devices, "find_spec", lambda module: None)
-    monkeypatch.setattr(devices, "driver_there", lambda: True)
+    monkeypatch.setattr(devices, "_gpu_driver_exists", lambda: True)
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "got no such package; run pip install 'ninedtact[train]'" in line
-    assert device_named("auto") == Device("cpu")
+    assert find_device("auto") == Device("cpu")
 
 
 def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
     options = "--pairs 2 --sensors 1 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --workers 1 --json"
-    device = "--device cpu" if devices.driver_there() else ""
+    device = "--device cpu" if devices._gpu_driver_exists() else ""
     arguments = ["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split(), *device.split()]
     check = (
         f"import sys; from ninedtact.cli import main; main({arguments}); print('torch' in sys.modules, file=sys.stderr)"

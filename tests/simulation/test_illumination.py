@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.simulation.illumination import BrightnessModel, InvalidBrightnessModel
-from ninedtact.simulation.seeing import FINER, Sight, refined, scattered
+from ninedtact.simulation.sightlines import REFINEMENT, SightlineGrid, blur_and_refine_fields, refine_fields
 
 lights = st.builds(
     BrightnessModel,
@@ -46,17 +46,17 @@ def test_a_negative_light_is_refused(name: str) -> None:
 def test_a_finer_grid_goes_through_the_same_points(shape: tuple[int, int]) -> None:
     patch = PeriodicGrid(*shape, 0.2)
     field = np.random.default_rng(0).normal(size=shape).astype(np.float32)
-    (calm,) = scattered(patch, 0.4, field)
-    (fine,) = refined(patch, np.ascontiguousarray(calm[::FINER, ::FINER]))
+    (calm,) = blur_and_refine_fields(patch, 0.4, field)
+    (fine,) = refine_fields(patch, np.ascontiguousarray(calm[::REFINEMENT, ::REFINEMENT]))
     assert np.abs(fine - calm).max() < 1e-4 * np.abs(calm).max() + 1e-5
     assert calm.mean() == pytest.approx(field.mean(), abs=1e-5)
 
 
 def test_a_line_of_sight_meets_the_skin_where_it_is() -> None:
     patch, nearness = PeriodicGrid(100, 120, 0.2), 0.06
-    x, y = (axis.astype(np.float32) for axis in patch.place_mm)
+    x, y = (axis.astype(np.float32) for axis in patch.positions_mm)
     height = -1.5 * np.exp(-((x - 4) ** 2 + (y + 2) ** 2) / 8)
     through = np.array([[4.2, 3.0, 5.5]], np.float32), np.array([[-2.1, -1.0, -3.0]], np.float32)
-    seen = Sight(*through, nearness).height_mm(patch, (0.0, 0.0), height.astype(np.float32), fine=True)
+    seen = SightlineGrid(*through, nearness).height_mm(patch, (0.0, 0.0), height.astype(np.float32), fine=True)
     met = [place * (1 + nearness * seen) for place in through]
     assert seen == pytest.approx(-1.5 * np.exp(-((met[0] - 4) ** 2 + (met[1] + 2) ** 2) / 8), abs=0.01)

@@ -62,14 +62,14 @@ def test_the_same_in_every_library_and_precision(name: str) -> None:
     low = wanted < 3
     for found in (single, on_torch.numpy()[1]):
         assert np.percentile(abs(found - wanted)[low], 99.5) < 1e-3
-    assert MEMBERS[name].over_skin_mm(pose, X.astype(np.float32), Y.astype(np.float32)).dtype == np.float32
+    assert MEMBERS[name].height_over_skin_mm(pose, X.astype(np.float32), Y.astype(np.float32)).dtype == np.float32
 
 
 @every_member
 def test_twist_and_shift_move_the_field(name: str) -> None:
     straight = MEMBERS[name].underside_mm(X, Y)
-    twisted = MEMBERS[name].over_skin_mm(Pose(twist_rad=np.pi / 2, depth_mm=0.7), X, Y) + 0.7
-    shifted = MEMBERS[name].over_skin_mm(Pose(x_mm=10 * STEP, y_mm=-5 * STEP), X, Y)
+    twisted = MEMBERS[name].height_over_skin_mm(Pose(twist_rad=np.pi / 2, depth_mm=0.7), X, Y) + 0.7
+    shifted = MEMBERS[name].height_over_skin_mm(Pose(x_mm=10 * STEP, y_mm=-5 * STEP), X, Y)
     for found, wanted in ((twisted, np.rot90(straight, -1)), (shifted[:-5, 10:], straight[5:, :-10])):
         low = (wanted < 3) & (found < 3)
         assert low.sum() > 0.98 * (wanted < 3).sum() and abs(found - wanted)[low].max() < 0.02
@@ -87,7 +87,7 @@ def lowest_and_highest(field: Callable[..., np.ndarray], x: np.ndarray, y: np.nd
 def test_tilt_moves_every_point_as_a_rigid_body(name: str, degrees: int) -> None:
     member, pose = MEMBERS[name], Pose(0.5, 0.2, 0.6, 0.3, np.radians(degrees), np.radians(-degrees / 2))
     x, y = X[::3, ::3] + 0.01, Y[::3, ::3]
-    found = member.over_skin_mm(pose, x, y)
+    found = member.height_over_skin_mm(pose, x, y)
     assert np.isfinite(found).all()
     # What is found belongs to the object.
     points = np.stack([x, y, found])[:, found < 3]
@@ -97,7 +97,7 @@ def test_tilt_moves_every_point_as_a_rigid_body(name: str, degrees: int) -> None
     # No point of the object is lower than what is found.
     own = np.stack([x, y, member.underside_mm(x, y)])
     x, y, z = (own[:, own[2] < 3].T @ pose.rotation.T + pose.origin_mm).T
-    low, _ = lowest_and_highest(lambda *place: member.over_skin_mm(pose, *place), x[None], y[None])
+    low, _ = lowest_and_highest(lambda *place: member.height_over_skin_mm(pose, *place), x[None], y[None])
     assert np.mean(low < z + 0.02) > 0.998
 
 
@@ -105,13 +105,13 @@ def test_a_tilted_ball_is_a_ball_elsewhere() -> None:
     pose = Pose(depth_mm=1.0, tilt_x_rad=0.2, tilt_y_rad=-0.1)
     x, y, z = pose.origin_mm + pose.rotation @ [0, 0, 4]
     cap = z - np.sqrt(np.maximum(16 - (X - x) ** 2 - (Y - y) ** 2, 0))
-    assert abs(Ball(4.0).over_skin_mm(pose, X, Y) - cap)[cap < 1.5].max() < 2e-3
+    assert abs(Ball(4.0).height_over_skin_mm(pose, X, Y) - cap)[cap < 1.5].max() < 2e-3
 
 
 def test_a_tilted_punch_is_the_hull_of_its_faces() -> None:
     punch, angle = FlatPunch(3.0, 0.1), np.radians(10)
     y, below = np.arange(-5, 5, 0.01)[:, None], 1.0
-    found = punch.over_skin_mm(Pose(depth_mm=below, tilt_x_rad=angle), 0 * y, y)[:, 0] + below
+    found = punch.height_over_skin_mm(Pose(depth_mm=below, tilt_x_rad=angle), 0 * y, y)[:, 0] + below
     face, wall = np.sin(angle) * 3, np.cos(angle) * 3
     on_face = abs(y[:, 0]) < wall - 0.15
     assert found[on_face] == pytest.approx(np.tan(angle) * y[on_face, 0], abs=1e-6)
@@ -120,7 +120,7 @@ def test_a_tilted_punch_is_the_hull_of_its_faces() -> None:
     rise = (found[beyond] + face) - (-y[beyond, 0] - wall) / np.tan(angle)
     assert abs(rise).max() < 0.25 and (found[y[:, 0] > wall + 0.05] > 10).all()
     with pytest.raises(TiltTooSteep, match="expected tilts"):
-        punch.over_skin_mm(Pose(tilt_x_rad=1.2), 0 * y, y)
+        punch.height_over_skin_mm(Pose(tilt_x_rad=1.2), 0 * y, y)
 
 
 def test_as_many_distinct_shapes_as_the_paper() -> None:
@@ -147,9 +147,9 @@ def test_an_object_is_its_seed_family_and_number_alone() -> None:
             OBJECT_GRID.smooth(FAMILIES[family](DimensionSampler(0, family, int(number)), OBJECT_GRID)),
             OBJECT_GRID.pitch_mm,
         )
-        assert (generate_object(name).table_mm == again.table_mm).all()
-        other = generate_object(name, seed=1).table_mm
-        assert other.shape != again.table_mm.shape or abs(other - again.table_mm).max() > 0.1
+        assert (generate_object(name).heights_mm == again.heights_mm).all()
+        other = generate_object(name, seed=1).heights_mm
+        assert other.shape != again.heights_mm.shape or abs(other - again.heights_mm).max() > 0.1
     assert generate_object("gear_7").name == indenter_from_name("gear_07").name == "gear_07"
 
 

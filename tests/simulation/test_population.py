@@ -11,7 +11,12 @@ import pytest
 from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.rectified import grey_eye, mm_per_px, raw_places, read_places
+from ninedtact.simulation.rectified_renderer import (
+    misaligned_positions_mm,
+    raw_pixels_seeing,
+    rectified_mm_per_px,
+    rectified_renderer,
+)
 from ninedtact.simulation.sensor_population import (
     FITTED_LIGHT_PARAMETERS,
     CalibrationMisalignment,
@@ -81,7 +86,7 @@ def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
     depths = []
     for one in (rigid, based):
         twin = one.twin(0.3)
-        depths.append(twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=0.8), 4.0).pose.depth_mm)
+        depths.append(twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=0.8), 4.0).pose.depth_mm)
     assert 1.03 < depths[1] / depths[0] < 1.3
 
 
@@ -89,13 +94,13 @@ def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
     bonded = sample_sensor(3, kinds=ALL_BONDED)
     stiffens = replace(bonded, kind="finite_strain")
     twin = bonded.twin(0.3)
-    solved = twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=1.5))
+    solved = twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=1.5))
     assert bonded.correct_contact(solved) is solved
     felt = stiffens.correct_contact(solved)
     assert 1.1 < felt.wrench().force_n[2] / solved.wrench().force_n[2] < 1.5
     assert felt.height_mm.max() > 1.05 * solved.height_mm.max()
     assert felt.height_mm.min() == solved.height_mm.min()
-    light = twin.step(twin.model.untouched(), Ball(), Pose(depth_mm=0.05))
+    light = twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=0.05))
     assert apply_finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
 
 
@@ -114,19 +119,21 @@ def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(
         )
         twin = ours.twin()
         assert (twin.area_mm, twin.gel_mm) == ((36.0, 27.0), wide.sensing_area.gel_mm)
-        x_mm = grey_eye(ours, (92, 69)).renderer.pixel_map.plane_mm[34, :, 0]
+        x_mm = rectified_renderer(ours, (92, 69)).renderer.pixel_map.plane_mm[34, :, 0]
         assert x_mm[-1] - x_mm[0] == pytest.approx(36 * 91 / 92, rel=0.01)
 
 
 def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
     one = replace(sample_sensor(2, kinds=ALL_BONDED), misreading=CalibrationMisalignment(), noise_grey_levels=1e-6)
-    twin, eye = one.twin(), grey_eye(one, (460, 345))
-    contact = twin.step(twin.model.untouched(), Ball(), Pose(2.0, -1.0, 1.2))
-    seen = eye.image(contact, np.random.default_rng(0)).astype(float)
+    twin, eye = one.twin(), rectified_renderer(one, (460, 345))
+    contact = twin.step(twin.model.initial_contact(), Ball(), Pose(2.0, -1.0, 1.2))
+    seen = eye.render(contact, np.random.default_rng(0)).astype(float)
     raw = cv2.cvtColor(twin.renderer.render_without_noise(contact), cv2.COLOR_BGR2GRAY)
-    at = raw_places(one.view, read_places((460, 345), mm_per_px((460, 345)), CalibrationMisalignment()))
+    at = raw_pixels_seeing(
+        one.view, misaligned_positions_mm((460, 345), rectified_mm_per_px((460, 345)), CalibrationMisalignment())
+    )
     rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
-    assert np.ptp(seen - eye.untouched) > 12
+    assert np.ptp(seen - eye.reference) > 12
     assert np.abs(seen - rectified).mean() < 0.4
     assert np.abs(seen - rectified).max() < 2.5
 
@@ -134,17 +141,19 @@ def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
 def test_a_view_read_backwards_finds_its_pixels() -> None:
     view, wanted = (
         sample_sensor(4).view,
-        read_places((92, 69), mm_per_px((92, 69)), CalibrationMisalignment(1.01, 0.01, (0.2, -0.1))),
+        misaligned_positions_mm(
+            (92, 69), rectified_mm_per_px((92, 69)), CalibrationMisalignment(1.01, 0.01, (0.2, -0.1))
+        ),
     )
-    px = raw_places(view, wanted)
+    px = raw_pixels_seeing(view, wanted)
     place = cv2.remap(view.plane_mm, px[..., 0].copy(), px[..., 1].copy(), cv2.INTER_LINEAR)
     assert np.abs(place - wanted).max() < 3e-3, "OpenCV looks up to a 32nd of a pixel"
 
 
 def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None:
     one = sample_sensor(5)
-    eye, rng = grey_eye(one, (460, 345)), np.random.default_rng(0)
-    first, second = (eye.image(None, rng).astype(float) for _ in range(2))
+    eye, rng = rectified_renderer(one, (460, 345)), np.random.default_rng(0)
+    first, second = (eye.render(None, rng).astype(float) for _ in range(2))
     rounding = 1 / 6
     assert (first - second).std() == pytest.approx(np.sqrt(2 * one.noise_grey_levels**2 + rounding), rel=0.03)
 

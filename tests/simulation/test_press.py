@@ -56,7 +56,7 @@ def test_what_a_twin_cannot_answer_for_is_refused() -> None:
     with pytest.raises(InvalidPress, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
         ScriptedPress(2.7).simulate(TWIN, Ball(4.0))
     with pytest.raises(InvalidPose, match=r"its base, 2.5 mm, got 2.59"):
-        TWIN.step(TWIN.model.untouched(), Ball(4.0), Pose(depth_mm=2.6))
+        TWIN.step(TWIN.model.initial_contact(), Ball(4.0), Pose(depth_mm=2.6))
     for large, at in ((FlatPunch(18.0), (0.0, 0.0)), (FlatPunch(13.0), (0.0, 0.0)), (Ball(4.0), (13.5, 0.0))):
         with pytest.raises(ObjectTooLarge, match=r"touch no more than the gel of 29.5 x 22.5 mm, .* smaller object"):
             ScriptedPress(1.0, at_mm=at).simulate(TWIN, large)

@@ -27,7 +27,7 @@ def factor(contact: Contact) -> np.ndarray:
 
 
 def test_an_untouched_twin_gives_its_untouched_image_and_noise() -> None:
-    images = np.array([TWIN.renderer(TWIN.model.untouched(), number) for number in range(16)], float)
+    images = np.array([TWIN.renderer(TWIN.model.initial_contact(), number) for number in range(16)], float)
     assert np.array_equal(images[3], TWIN.renderer(None, 3))
     assert images.mean(axis=0) == pytest.approx(TWIN.renderer.reference, abs=2.0)
     spread = images.std(axis=0, ddof=1)

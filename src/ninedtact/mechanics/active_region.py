@@ -1,81 +1,203 @@
-"""The part of the patch where a contact may be: all solving happens there."""
+"""The part of the grid in which a contact is solved: where the object can touch, rounded up so that few sizes occur.
 
-from dataclasses import dataclass
+`CroppedRegion` is one rectangle for all contacts of a batch, cut out as a smaller grid: the cheapest for one contact.
+`MaskedRegions` is a rectangle for each contact of a batch; all are solved on the whole grid and kept at zero outside their own
+rectangle.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from array_api_compat import device
+from jaxtyping import Bool, Float
 
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
 from ninedtact.mechanics.batching import max_over_grid
+from ninedtact.mechanics.indenter import NO_OBJECT_MM
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin
 
-_REGION_STEP = 8
-"""Windows grow by this many points, so that few kinds of them are made."""
-REGION_CLEARANCE = 0.3
+_SIZE_STEP = 8
+"""Sides of a rectangle are multiples of this many points, so that operators of few sizes are built."""
+_CLEARANCE = 0.3
 """Skin may bulge up to an underside that stands clear by less than this part of the deepest overlap: bulges of balls and
-edges reach 0.15 to 0.2 of it, before a long drag. Where they reach farther, `ContactModel` sees it and takes the whole patch."""
+edges reach 0.15 to 0.2 of it, before a long drag. Where they reach farther, the contact is solved again on the whole grid."""
 
 
 @dataclass(frozen=True)
-class ActiveRegion:
-    """Rows and columns of a patch, with the operators for them."""
+class GridRectangle:
+    """A rectangle of grid points."""
 
     rows: slice
     cols: slice
-    patch_shape: tuple[int, int]
-    response: DisplacementOperators
 
-    def cut(self, field: Any) -> Any:
-        """The window's part of a field of the patch."""
-        return field[..., self.rows, self.cols]
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The number of points as (rows, cols)."""
+        return self.rows.stop - self.rows.start, self.cols.stop - self.cols.start
 
-    def put(self, field: Any) -> Any:
-        """A field of the window in one of the patch, zero elsewhere."""
-        if field.shape[-2:] == self.patch_shape:
+
+class ActiveRegion(ABC):
+    """Where on the grid contacts are solved, with the operators for it."""
+
+    operators: DisplacementOperators
+    """From tractions in the region to displacements there."""
+
+    @property
+    @abstractmethod
+    def whole_grid_operators(self) -> DisplacementOperators:
+        """The operators from tractions to displacements anywhere on the grid."""
+
+    @abstractmethod
+    def crop(self, field: Any) -> Any:
+        """Return the region's part of a field of the whole grid."""
+
+    @abstractmethod
+    def crop_overlap(self, overlap_mm: ScalarField) -> Any:
+        """Return the region's part of the overlap; there is no object outside it."""
+
+    @abstractmethod
+    def embed(self, field: Any) -> Any:
+        """Return a field of the region as one of the whole grid, zero outside it."""
+
+    @abstractmethod
+    def any_outside(self, points: PointMask) -> Any:
+        """Return whether some of these points of the whole grid lie outside the region: for all contacts together, or for each."""
+
+
+@dataclass(frozen=True)
+class CroppedRegion(ActiveRegion):
+    """One rectangle for all contacts, as a grid of its own."""
+
+    rectangle: GridRectangle
+    skin: Skin
+    operators: DisplacementOperators
+
+    @property
+    def whole_grid_operators(self) -> DisplacementOperators:
+        """The operators of the periodic grid."""
+        return self.skin.operators
+
+    def crop(self, field: Any) -> Any:
+        """Return the part of a field in the rectangle."""
+        return field[..., self.rectangle.rows, self.rectangle.cols]
+
+    def crop_overlap(self, overlap_mm: ScalarField) -> Any:
+        """Return the part of the overlap in the rectangle."""
+        return self.crop(overlap_mm)
+
+    def embed(self, field: Any) -> Any:
+        """Return a field of the rectangle on the whole grid, zero elsewhere."""
+        shape = self.skin.grid.shape
+        if field.shape[-2:] == shape:
             return field
-        xp = array_namespace_of(field)
-        whole = xp.zeros((*field.shape[:-2], *self.patch_shape), dtype=field.dtype, device=device(field))
-        whole[..., self.rows, self.cols] = field
+        whole = array_namespace_of(field).zeros((*field.shape[:-2], *shape), dtype=field.dtype, device=device(field))
+        whole[..., self.rectangle.rows, self.rectangle.cols] = field
         return whole
 
-    def holds(self, points: PointMask) -> bool:
-        """Whether all these points of the patch are in the window."""
-        return int(points.sum()) == int(self.cut(points).sum())
+    def any_outside(self, points: PointMask) -> bool:
+        """Return whether any contact of the batch has one of these points outside the rectangle."""
+        return int(points.sum()) != int(self.crop(points).sum())
 
 
-def whole_grid_region(skin: Skin) -> ActiveRegion:
-    """The window that is the patch."""
-    rows, cols = skin.patch.shape
-    return ActiveRegion(slice(0, rows), slice(0, cols), skin.patch.shape, skin.response)
+@dataclass(frozen=True)
+class MaskedRegions(ActiveRegion):
+    """A rectangle for each contact of a batch, as a mask on the whole grid."""
+
+    inside: PointMask
+    """The points of every contact's rectangle, (batch, rows, cols)."""
+    operators: DisplacementOperators
+    """With `inside` as numbers."""
+
+    @property
+    def whole_grid_operators(self) -> DisplacementOperators:
+        """The operators without the mask."""
+        return replace(self.operators, inside=None)
+
+    def crop(self, field: Any) -> Any:
+        """Return a field, zero outside each contact's rectangle."""
+        inside = self.operators.inside
+        return field * (inside if field.ndim == inside.ndim else inside[:, None])
+
+    def crop_overlap(self, overlap_mm: ScalarField) -> Any:
+        """Return the overlap, without an object outside each contact's rectangle."""
+        return array_namespace_of(overlap_mm).where(self.inside, overlap_mm, -NO_OBJECT_MM)
+
+    def embed(self, field: Any) -> Any:
+        """Return the field, which is one of the whole grid already."""
+        return field
+
+    def any_outside(self, points: PointMask) -> Bool[Any, " batch"]:
+        """Return for each contact whether it has one of these points outside its rectangle."""
+        return array_namespace_of(points).any(points & ~self.inside, axis=(1, 2))
 
 
-def find_active_region(skin: Skin, overlap_mm: ScalarField) -> ActiveRegion:
-    """The window in which objects with these overlaps can touch; one for all contacts of a batch.
+def whole_grid_rectangle(shape: tuple[int, int]) -> GridRectangle:
+    """Return the rectangle that covers a grid of this shape."""
+    return GridRectangle(slice(0, shape[0]), slice(0, shape[1]))
 
-    Contacts wider than half the patch get the whole patch: a window would cost more.
+
+def whole_grid_region(skin: Skin) -> CroppedRegion:
+    """Return the region that is the whole periodic grid."""
+    return CroppedRegion(whole_grid_rectangle(skin.grid.shape), skin, skin.operators)
+
+
+def find_active_region(skin: Skin, overlap_mm: ScalarField) -> CroppedRegion:
+    """Return the region in which objects with these overlaps can touch; one for all contacts of a batch.
+
+    Contacts wider than half the grid get the whole grid: a part of it would cost more.
     """
-    deepest = max_over_grid(overlap_mm)
-    near = to_numpy(_any_contact((overlap_mm > -REGION_CLEARANCE * deepest) & (deepest > 0)))
-    rows, cols = (
-        active_interval(near.any(axis=axis), points) for axis, points in zip((1, 0), skin.patch.shape, strict=True)
-    )
-    if rows is None or cols is None:
+    near = _near_object(overlap_mm)
+    near = to_numpy(array_namespace_of(near).any(near, axis=tuple(range(near.ndim - 2))))
+    rectangle = _rectangle_around(near.any(axis=1), near.any(axis=0), skin.grid.shape)
+    if rectangle.shape == skin.grid.shape:
         return whole_grid_region(skin)
-    return ActiveRegion(rows, cols, skin.patch.shape, skin.window(rows.stop - rows.start, cols.stop - cols.start))
+    return CroppedRegion(rectangle, skin, skin.cropped_operators(*rectangle.shape))
 
 
-def _any_contact(points: PointMask) -> Any:
-    """Where it holds for any contact of a batch."""
-    return array_namespace_of(points).any(points, axis=tuple(range(points.ndim - 2)))
+def find_active_rectangles(overlap_mm: Float[Any, "batch rows cols"]) -> list[GridRectangle]:
+    """Return for each contact of a batch the rectangle that `find_active_region` chooses for it alone."""
+    near = _near_object(overlap_mm)
+    xp, shape = array_namespace_of(near), (near.shape[1], near.shape[2])
+    by_row, by_col = (to_numpy(xp.any(near, axis=axis)) > 0 for axis in (2, 1))
+    return [_rectangle_around(rows, cols, shape) for rows, cols in zip(by_row, by_col, strict=True)]
 
 
-def active_interval(near: Any, points: int) -> slice | None:
-    """From the first to the last point that is near, lengthened to a rounded length; None for more than half of all."""
+def rectangle_masks(rectangles: Sequence[GridRectangle], field: Any) -> Bool[Any, "batch rows cols"]:
+    """Return the points of each rectangle, in the array library, shape and device of a field."""
+    xp = array_namespace_of(field)
+    sides = []
+    for name, points in (("rows", field.shape[-2]), ("cols", field.shape[-1])):
+        ends = np.array([(getattr(one, name).start, getattr(one, name).stop) for one in rectangles])
+        indices = np.arange(points)
+        sides.append((indices >= ends[:, :1]) & (indices < ends[:, 1:]))
+    by_row, by_col = (xp.asarray(side, device=device(field)) for side in sides)
+    return by_row[:, :, None] & by_col[:, None, :]
+
+
+def _near_object(overlap_mm: ScalarField) -> PointMask:
+    """Return the points where the skin may touch the object; none where the object reaches no skin."""
+    deepest = max_over_grid(overlap_mm)
+    return (overlap_mm > -_CLEARANCE * deepest) & (deepest > 0)
+
+
+def _rectangle_around(near_rows: Any, near_cols: Any, shape: tuple[int, int]) -> GridRectangle:
+    """Return the rectangle around these rows and columns; the whole grid where there are none, or too many."""
+    rows, cols = (_interval_around(near, points) for near, points in zip((near_rows, near_cols), shape, strict=True))
+    return whole_grid_rectangle(shape) if rows is None or cols is None else GridRectangle(rows, cols)
+
+
+def _interval_around(near: Any, points: int) -> slice | None:
+    """Return the interval from the first to the last near point, lengthened to a rounded length.
+
+    None where there is no near point, or where the interval is longer than half of all points.
+    """
     if not near.any():
         return None
     first, last = np.flatnonzero(near)[[0, -1]]
-    length = -(-(last + 1 - first) // _REGION_STEP) * _REGION_STEP
+    length = -(-(last + 1 - first) // _SIZE_STEP) * _SIZE_STEP
     if 2 * length > points:
         return None
     start = min(max(first - (length - (last + 1 - first)) // 2, 0), points - length)

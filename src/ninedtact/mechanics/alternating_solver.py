@@ -1,6 +1,6 @@
-"""Pressure and shear in turns, until neither disturbs the other.
+"""Pressure and shear are solved alternately until neither disturbs the other.
 
-Both are coupled: shear raises and lowers the skin under the object, pressure spreads it, and friction holds only what
+The two are coupled: shear raises and lowers the skin under the object, pressure spreads it, and friction holds only what
 pressure allows.
 """
 
@@ -15,100 +15,101 @@ from ninedtact.mechanics.skin import DisplacementOperators, ScalarField, VectorF
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """How exact an answer must be, and how long may be looked for it."""
+    """Accuracy and settings of the contact solver."""
 
     tolerance: float = 1e-3
     """Largest gap, overlap or missed stick, as a part of the depth."""
-    least_tolerance_mm: float = 1e-5
-    """That of an object which just touches."""
-    rounds: int = 20
-    """AlternatingSolver between normal contact and friction at most."""
-    iterations: int = 200
-    """Of each solver in one turn."""
+    min_tolerance_mm: float = 1e-5
+    """The tolerance for an object that just touches."""
+    max_rounds: int = 20
+    """Of pressure and shear in turn."""
+    max_iterations: int = 200
+    """Of each of the two solvers in one round."""
     must_converge: bool = True
-    """Whether an answer that misses its tolerance is refused; if not, its residual says how far off it is."""
+    """Whether a result that misses its tolerance is refused; if not, its residual says how far off it is."""
 
     def tolerance_mm(self, depth_mm: Any) -> Any:
-        """What counts as solved at this depth, a number or an array of them."""
-        return ((self.tolerance * depth_mm) ** 2 + self.least_tolerance_mm**2) ** 0.5
+        """Return the residual in mm at which a contact of this depth (a number or an array) counts as solved."""
+        return ((self.tolerance * depth_mm) ** 2 + self.min_tolerance_mm**2) ** 0.5
 
 
 @dataclass(frozen=True)
 class AlternationState:
-    """Where the turns have come to."""
+    """Pressure and shear after a round, with what each displaces."""
 
-    pressed: PressureSolution
-    sheared: ShearSolution
-    raised_mm: ScalarField
+    pressure: PressureSolution
+    shear: ShearSolution
+    bulge_mm: ScalarField
     """Outward displacement by the shear."""
     spread_mm: VectorField
     """Tangential displacement by the pressure."""
 
     @property
-    def moved_mm(self) -> VectorField:
-        """Tangential displacement by both."""
-        return self.sheared.slid_mm + self.spread_mm
+    def tangential_mm(self) -> VectorField:
+        """Tangential displacement by shear and pressure."""
+        return self.shear.displacement_mm + self.spread_mm
 
     @property
     def iterations(self) -> PerContact:
-        """Of both solvers in this turn; none where pressure and shear fitted before."""
-        return self.pressed.iterations + self.sheared.iterations
+        """Iterations of both solvers in this round; zero where pressure and shear fitted each other before."""
+        return self.pressure.iterations + self.shear.iterations
 
 
 @dataclass(frozen=True)
 class AlternationResult:
-    """The end of the turns."""
+    """The state after the last round."""
 
-    turn: AlternationState
+    state: AlternationState
     residual_mm: PerContact
-    """The largest violation of the contact's conditions that the last turn found."""
+    """The largest violation of the contact's conditions that the last round found."""
     iterations: PerContact
 
 
 @dataclass(frozen=True)
 class AlternatingSolver:
-    """One object on one window of skin, with nothing yet solved."""
+    """The problem of one object on one region of skin, or of each of a batch."""
 
-    response: DisplacementOperators
-    held: ContactConstraint
+    operators: DisplacementOperators
+    constraint: ContactConstraint
     overlap_mm: ScalarField
-    """How far the object reaches into the untouched skin."""
+    """How far the object reaches into the undeformed skin."""
     depth_mm: PerContact
-    """Of the object, as its overlap has it."""
+    """The depth of the object for which the overlap was computed."""
     carried_mm: VectorField
-    """Where the skin's points come to if all that touch stick."""
+    """Tangential displacement of the skin's points if all that touch stick."""
     friction: float | PerContact
-    effort: SolverSettings
+    settings: SolverSettings
 
-    def begun(self, pressure_mpa: ScalarField, shear_mpa: VectorField) -> AlternationState:
-        """First guesses with what they do to the skin."""
-        pressure, response = self.held.loaded(pressure_mpa), self.response
+    def initial_state(self, pressure_mpa: ScalarField, shear_mpa: VectorField) -> AlternationState:
+        """Return the state of first guesses of pressure and shear."""
+        pressure, operators = self.constraint.scale_to_load(pressure_mpa), self.operators
         none = 0 * self.depth_mm
-        pressed = PressureSolution(pressure, response.sunk_mm(pressure), none, none, none, none)
-        sheared = ShearSolution(shear_mpa, response.slid_mm(shear_mpa), none, none, none)
-        return AlternationState(pressed, sheared, response.raised_mm(shear_mpa), response.spread_mm(pressure))
+        pressed = PressureSolution(pressure, operators.indentation_from_pressure_mm(pressure), none, none, none, none)
+        sheared = ShearSolution(shear_mpa, operators.tangential_from_shear_mm(shear_mpa), none, none, none)
+        bulge = operators.bulge_from_shear_mm(shear_mpa)
+        return AlternationState(pressed, sheared, bulge, operators.tangential_from_pressure_mm(pressure))
 
-    def settled(self, turn: AlternationState) -> AlternationResult:
-        """AlternatingSolver until one has nothing to do."""
+    def solve(self, state: AlternationState) -> AlternationResult:
+        """Run rounds until one changes neither pressure nor shear, or until there were as many as the settings allow."""
         iterations = 0 * self.depth_mm
-        for _ in range(self.effort.rounds):
-            turn = self.turned(turn)
-            iterations = iterations + turn.iterations
-            if not bool(self.response.xp.any(turn.iterations > 0)):
+        for _ in range(self.settings.max_rounds):
+            state = self._next_state(state)
+            iterations = iterations + state.iterations
+            if not bool(self.operators.xp.any(state.iterations > 0)):
                 break
-        residual = self.response.xp.maximum(turn.pressed.disturbed_mm, turn.sheared.disturbed_mm)
-        return AlternationResult(turn, residual, iterations)
+        residual = self.operators.xp.maximum(state.pressure.initial_residual_mm, state.shear.initial_residual_mm)
+        return AlternationResult(state, residual, iterations)
 
-    def turned(self, last: AlternationState) -> AlternationState:
-        """Pressure, then shear; what was right already stays as it is."""
-        response, most = self.response, self.effort.iterations
-        tolerance = self.effort.tolerance_mm(self.depth_mm + last.pressed.deeper_mm)
-        pressed = solve_pressure(response, self.held, self.overlap_mm + last.raised_mm, last.pressed, tolerance, most)
-        same = pressed.pressure_mpa is last.pressed.pressure_mpa
-        spread = last.spread_mm if same else response.spread_mm(pressed.pressure_mpa)
-        grip = FrictionLimit(self.friction * pressed.pressure_mpa)
-        sheared = solve_shear(response, self.carried_mm - spread, grip, last.sheared, tolerance, most)
-        same = sheared.shear_mpa is last.sheared.shear_mpa
-        return AlternationState(
-            pressed, sheared, last.raised_mm if same else response.raised_mm(sheared.shear_mpa), spread
-        )
+    def _next_state(self, last: AlternationState) -> AlternationState:
+        """Return the state after one round: pressure, then shear. What is within the tolerance already is kept."""
+        operators, max_iterations = self.operators, self.settings.max_iterations
+        tolerance = self.settings.tolerance_mm(self.depth_mm + last.pressure.depth_increase_mm)
+        overlap = self.overlap_mm + last.bulge_mm
+        pressure = solve_pressure(operators, self.constraint, overlap, last.pressure, tolerance, max_iterations)
+        same = pressure.pressure_mpa is last.pressure.pressure_mpa
+        spread = last.spread_mm if same else operators.tangential_from_pressure_mm(pressure.pressure_mpa)
+        limit = FrictionLimit(self.friction * pressure.pressure_mpa)
+        shear = solve_shear(operators, self.carried_mm - spread, limit, last.shear, tolerance, max_iterations)
+        same = shear.shear_mpa is last.shear.shear_mpa
+        bulge = last.bulge_mm if same else operators.bulge_from_shear_mm(shear.shear_mpa)
+        return AlternationState(pressure, shear, bulge, spread)

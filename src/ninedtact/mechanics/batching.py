@@ -1,14 +1,13 @@
-"""Numbers of which there is one for each contact of a batch.
+"""Batches of contacts: one number for each contact, and batches that shrink while they are solved.
 
-Next to fields (…, rows, cols) they are shaped (…, 1, 1), next to vectors (…, 1, 1, 1), so that they scale them; without a
-batch too, so that one contact is computed as many are. Each contact of a batch stops on its own, so that its answer does
-not depend on who else is in the batch.
+A number of each contact is shaped (…, 1, 1) beside fields (…, rows, cols) and (…, 1, 1, 1) beside vector fields, so that it
+scales them. A single contact has the same shapes without the batch axis and is computed by the same code. Each contact of a
+batch stops on its own, so its result does not depend on the other contacts of the batch.
 
-A batch that shrinks while it is solved.
-
-Contacts of one batch need from ten to over a hundred iterations, and who waits for the others costs as much as they do. So as
-soon as no more than half of a batch goes on, that half goes on alone. That is two fifths of the work of waiting for the slowest (of
-256 steps of a data set). Halves, not just those that go on, so that few shapes occur: transforms are planned for each.
+Contacts of one batch need from ten to over a hundred iterations, and a contact that has converged costs as much as one that has
+not. As soon as no more than half of a batch is still being solved, that half is solved alone. This takes two fifths of the work
+of iterating all until the slowest has converged (measured on 256 steps of a data set). Halves are taken rather than exactly the
+unconverged contacts so that few array shapes occur: Fourier transforms are planned for each shape.
 """
 
 from typing import Any
@@ -21,31 +20,37 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
 
 PerContact = Float[Any, "... 1 1"]
+"""One number for each contact."""
 ContactFlags = Bool[Any, "... 1 1"]
-"""Contacts of a batch."""
+"""One truth value for each contact."""
 ScalarPerContact = float | Float[Any, "batch"]
-"""Of one contact, or of each in a batch."""
+"""The number of a single contact, or one for each contact of a batch, without the grid's axes."""
 CountPerContact = int | Int[Any, "batch"]
-"""Likewise."""
+"""The whole number of a single contact, or one for each contact of a batch."""
+ContactIndices = Int[Array, " half"]
+"""Positions of contacts in a batch, ascending."""
+
+MIN_CONTACTS_TO_SPLIT = 8
+"""Batches of up to this size are not split: their arithmetic costs next to nothing beside the overhead of each call."""
 
 
 def sum_over_grid(field: Shaped[Any, "*batch rows cols"]) -> Shaped[Any, "*batch 1 1"]:
-    """Sum over the grid; of points, their number."""
+    """Return the sum of each field over its grid; of a mask, the number of its points."""
     return field.sum(axis=(-2, -1), keepdims=True)
 
 
 def max_over_grid(field: Float[Any, "*batch rows cols"]) -> PerContact:
-    """Largest value on the grid, or of vectors."""
+    """Return the largest value of each field on its grid."""
     return array_namespace_of(field).max(field, axis=(-2, -1), keepdims=True)
 
 
 def nonzero_divisor(divisor: Any) -> Any:
-    """A divisor that is never zero: where it would be, what is divided is zero too."""
+    """Return a divisor without zeros; where it was zero, the dividend must be zero too."""
     return divisor + (divisor <= 0)
 
 
 def expand_over_grid(number: float | Float[Any, "*batch"], field: Any) -> Any:
-    """A number ready to meet a field: as it is, or an array of the field's kind, shaped (batch, 1, 1)."""
+    """Return a number in a form that combines with a field: a float, or an array of the field's kind, (batch, 1, 1)."""
     values = np.array(number)
     if values.ndim == 0:
         return float(values)
@@ -54,43 +59,40 @@ def expand_over_grid(number: float | Float[Any, "*batch"], field: Any) -> Any:
 
 
 def to_scalars(numbers: PerContact) -> ScalarPerContact:
-    """Without the grid's axes: a float, or a NumPy array (batch,)."""
+    """Return numbers without the grid's axes: a float, or a NumPy array (batch,)."""
     values = to_numpy(numbers)[..., 0, 0]
     return float(values) if values.ndim == 0 else values
 
 
 def to_counts(numbers: PerContact) -> CountPerContact:
-    """Likewise of whole numbers."""
+    """Return whole numbers without the grid's axes: an int, or a NumPy array (batch,)."""
     values = to_scalars(numbers)
     return int(values) if isinstance(values, float) else np.asarray(values).astype(int)
 
 
-MIN_CONTACTS_TO_SPLIT = 8
-"""So few cost next to nothing beside the time that it takes to ask for their arithmetic."""
-ContactIndices = Int[Array, " half"]
-"""Numbers of contacts in a batch, ascending."""
+def unconverged_half(unconverged: ContactFlags) -> ContactIndices | None:
+    """Return half of the batch, rounded up, with all unconverged contacts in it.
 
-
-def unconverged_half(going: ContactFlags) -> ContactIndices | None:
-    """Half of the batch, rounded up, with all in it that go on; none where more do, or where there are few."""
-    if going.ndim == 2 or len(going) <= MIN_CONTACTS_TO_SPLIT:
+    None where more than half have not converged, where the batch is small, and for a single contact.
+    """
+    if unconverged.ndim == 2 or len(unconverged) <= MIN_CONTACTS_TO_SPLIT:
         return None
-    goes = to_numpy(going)[:, 0, 0] > 0
-    half = -(-len(goes) // 2)
-    return np.sort(np.argsort(~goes, kind="stable")[:half]) if goes.sum() <= half else None
+    flags = to_numpy(unconverged)[:, 0, 0] > 0
+    half = -(-len(flags) // 2)
+    return np.sort(np.argsort(~flags, kind="stable")[:half]) if flags.sum() <= half else None
 
 
-def take_contacts(values: Any, chosen: ContactIndices) -> Any:
-    """Of the chosen contacts; what is no field or number of each in a batch is the same for all."""
+def take_contacts(values: Any, indices: ContactIndices) -> Any:
+    """Return the values of these contacts; what has no batch axis is the same for all contacts and is returned as it is."""
     if getattr(values, "ndim", 0) < 3:
         return values
     xp = array_namespace_of(values)
-    return xp.take(values, xp.asarray(chosen, device=device(values)), axis=0)
+    return xp.take(values, xp.asarray(indices, device=device(values)), axis=0)
 
 
-def put_contacts(values: Any, chosen: ContactIndices, found: Any) -> Any:
-    """Those of all contacts, after something was found for the chosen ones."""
+def put_contacts(values: Any, indices: ContactIndices, found: Any) -> Any:
+    """Return a copy of the values of all contacts in which those of these contacts are replaced."""
     xp = array_namespace_of(values)
     merged = xp.asarray(values, copy=True)
-    merged[xp.asarray(chosen, device=device(values))] = found
+    merged[xp.asarray(indices, device=device(values))] = found
     return merged

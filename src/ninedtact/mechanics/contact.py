@@ -1,28 +1,39 @@
-"""What a touch is: tractions on the skin, where they have moved it, and the wrench they add up to.
+"""A solved contact: tractions on the skin, the displacements they cause, the wrench they add up to; and contacts that are refused.
 
-Fields travel with the object: the middle of their patch lies over the object's origin. They are read in space: a value at
-(x, y) is of the skin that is there now, wherever it came from. (Against finite elements that reading is several times
-closer than one by the points' old places: docs/mechanics.md.)
-
-What no contact is solved for: where the answer would be wrong, and nothing would say so.
-
-How far a patch is from a skin without end: what the periodic images of a contact do to its own skin.
+Fields move with the object: the middle of their grid lies over the object's origin. They are Eulerian: a value at
+(x, y) belongs to the skin that is there now, wherever it came from. (Compared with finite elements, this reading is several times
+closer than one by the points' original positions: docs/mechanics.md.)
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from array_api_compat import device
+from jaxtyping import Float, Float64
 from numpy import ndarray as Array
 
-from ninedtact.errors import InputError, SimulationError
+from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.batching import CountPerContact, ScalarPerContact
+from ninedtact.mechanics.batching import CountPerContact, PerContact, ScalarPerContact, expand_over_grid, sum_over_grid
 from ninedtact.mechanics.friction import slip_mask
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.mechanics.skin import PointMask, ScalarField, Skin, VectorField
 from ninedtact.quantities import Wrench
+
+
+class ContactNotConverged(NinedtactError):
+    """Raised where the solver ran out of iterations before it reached its tolerance."""
+
+
+class InvalidLoad(NinedtactError):
+    """Raised for a load that does not press: zero, negative or not finite."""
+
+
+class ContactLeavesGrid(NinedtactError):
+    """Raised for a contact at the grid's border, where it would meet its own periodic image."""
 
 
 @dataclass(frozen=True)
@@ -36,75 +47,114 @@ class Contact:
     """(q_x, q_y), what the object applies to the skin."""
     height_mm: ScalarField
     """u_z: negative where pressed in."""
-    moved_mm: VectorField
+    tangential_mm: VectorField
     """(u_x, u_y) of the skin that is there now."""
-    friction: float
+    friction: float | PerContact
     residual_mm: ScalarPerContact = 0.0
     """The largest violation of the contact's conditions: gap under pressure, overlap, or missed stick."""
     iterations: CountPerContact = 0
-    """Of both solvers, over all turns."""
+    """Of both solvers, over all rounds."""
 
     @property
     def centre_mm(self) -> tuple[ScalarPerContact, ScalarPerContact]:
-        """(x, y) of the sensor over which the middle of the patch lies."""
+        """The (x, y) of the sensor over which the middle of the grid lies."""
         return self.pose.x_mm, self.pose.y_mm
 
     @property
     def touches(self) -> bool:
-        """Whether anything is pressed, by any object of a batch."""
+        """Whether there is pressure anywhere, under any object of a batch."""
         return bool(array_namespace_of(self.pressure_mpa).any(self.pressure_mpa > 0))
 
     @property
-    def stuck(self) -> PointMask:
-        """Where the skin moves with the object; what is pressed and not stuck slips."""
+    def stick_mask(self) -> PointMask:
+        """The points where the skin moves with the object; what is under pressure and does not stick slips."""
         return (self.pressure_mpa > 0) & ~slip_mask(self.shear_mpa, self.friction * self.pressure_mpa)
 
     def wrench(self, about_mm: Float64[Array, "3"] | None = None) -> Wrench:
-        """What the object applies to the skin, summed over the deformed surface; for one contact, not a batch."""
-        force, place = self.cell_forces_n, self.surface_mm
-        torque = np.cross(place.reshape(3, -1), force.reshape(3, -1), axis=0).sum(axis=1) / 1e3
-        wrench = Wrench(force.sum(axis=(1, 2)), torque)
+        """Return what the object applies to the skin, summed over the deformed surface; for a single contact.
+
+        about_mm: the point of the torque, by default the middle of the undeformed skin.
+        """
+        six = self._summed_wrench(self.skin.grid.positions_mm)
+        wrench = Wrench(six[:3], six[3:])
         return wrench if about_mm is None else wrench.about(about_mm)
 
-    def each(self) -> list["Contact"]:
-        """The contacts of a batch, one by one."""
-        poses = self.pose.each()
+    def wrenches(self) -> Float64[Array, "batch 6"]:
+        """Return the wrench of each contact of a batch: force in N, torque in N·m about the middle of the undeformed skin."""
+        return self._summed_wrench(self.skin.coordinates_mm)
+
+    def _summed_wrench(self, coordinates_mm: Any) -> Float64[Array, "*batch 6"]:
+        """Return force and torque, summed in double precision on the device where the fields are.
+
+        coordinates_mm: x and y of the grid's points.
+        """
+        z, cell = _to_double(self.height_mm), self.skin.grid.cell_area_mm2
+        f_x, f_y = (_to_double(self.shear_mpa[..., axis, :, :]) * cell for axis in (0, 1))
+        f_z = -_to_double(self.pressure_mpa) * cell
+        xp = array_namespace_of(z)
+        x, y = (
+            xp.asarray(axis, dtype=z.dtype, device=device(z)) + expand_over_grid(middle, z)
+            for axis, middle in zip(coordinates_mm, self.centre_mm, strict=True)
+        )
+        torques = (y * f_z - z * f_y, z * f_x - x * f_z, x * f_y - y * f_x)
+        forces = [sum_over_grid(force) for force in (f_x, f_y, f_z)]
+        sums = [*forces, *(sum_over_grid(torque) / 1e3 for torque in torques)]
+        return to_numpy(xp.concat(sums, axis=-1))[..., 0, :]
+
+    @property
+    def surface_points_mm(self) -> Float64[Array, "*batch 3 rows cols"]:
+        """The (x, y, z) of the skin at every point of the grid, in the sensor's frame."""
+        height = to_numpy(self.height_mm)[..., None, :, :]
+        x, y = (np.asarray(middle, float)[..., None, None] for middle in self.centre_mm)
+        across, along = (coordinate + 0 * height[..., 0, :, :] for coordinate in self.skin.grid.positions_mm)
+        return np.concatenate([np.stack([across + x, along + y], axis=-3), height], axis=-3)
+
+    @staticmethod
+    def stack(contacts: Sequence["Contact"]) -> "Contact":
+        """Return single contacts on equal grids as a batch; skin and friction are those of the first."""
+        first, stack = contacts[0], array_namespace_of(contacts[0].height_mm).stack
+        pressure, shear = stack([one.pressure_mpa for one in contacts]), stack([one.shear_mpa for one in contacts])
+        height, tangential = stack([one.height_mm for one in contacts]), stack([one.tangential_mm for one in contacts])
+        pose = Pose.stack([one.pose for one in contacts])
+        return Contact(first.skin, pose, pressure, shear, height, tangential, first.friction)
+
+    def unstack(self) -> list["Contact"]:
+        """Return the contacts of a batch as single contacts."""
+        poses = self.pose.unstack()
         residuals, counts = (np.broadcast_to(of, len(poses)).tolist() for of in (self.residual_mm, self.iterations))
-        fields = zip(self.pressure_mpa, self.shear_mpa, self.height_mm, self.moved_mm, strict=True)
+        fields = zip(self.pressure_mpa, self.shear_mpa, self.height_mm, self.tangential_mm, strict=True)
         return [
             Contact(self.skin, pose, *four, self.friction, residual, count)
             for pose, four, residual, count in zip(poses, fields, residuals, counts, strict=True)
         ]
 
-    @property
-    def cell_forces_n(self) -> Float64[Array, "*batch 3 rows cols"]:
-        """Force on every cell."""
-        pressure, shear = to_numpy(self.pressure_mpa), to_numpy(self.shear_mpa)
-        return np.concatenate([shear, -pressure[..., None, :, :]], axis=-3) * self.skin.patch.cell_mm2
-
-    @property
-    def surface_mm(self) -> Float64[Array, "*batch 3 rows cols"]:
-        """(x, y, z) of the skin at every point of the grid, in the sensor's frame."""
-        height = to_numpy(self.height_mm)[..., None, :, :]
-        x, y = (np.asarray(middle, float)[..., None, None] for middle in self.centre_mm)
-        across, along = (place + 0 * height[..., 0, :, :] for place in self.skin.patch.place_mm)
-        return np.concatenate([np.stack([across + x, along + y], axis=-3), height], axis=-3)
+    def select(self, indices: Sequence[int], skin: Skin, friction: float) -> "Contact":
+        """Return some contacts of a batch, all on this skin with this friction."""
+        xp, where = array_namespace_of(self.height_mm), np.array(indices)
+        there = xp.asarray(where, device=device(self.height_mm))
+        names = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
+        fields = {name: xp.take(getattr(self, name), there, axis=0) for name in names}
+        pose = {name: values[where] for name, values in vars(self.pose).items() if isinstance(values, np.ndarray)}
+        counts = {name: np.asarray(getattr(self, name))[where] for name in ("residual_mm", "iterations")}
+        return replace(self, skin=skin, friction=friction, pose=Pose(**pose), **fields, **counts)
 
 
-class ContactNotConverged(SimulationError):
-    """The solver ran out of iterations before it reached its tolerance."""
+def periodic_image_error_mm(contact: Contact, times: int = 3) -> Float64[Array, "rows cols"]:
+    """Return how much higher the skin under one contact stands than the same tractions alone would have it.
 
-
-class InvalidLoad(InputError):
-    """A load under which nothing rests on the skin."""
-
-
-class ContactLeavesGrid(SimulationError):
-    """The contact reaches the patch's border, where it would meet its own image on the other side."""
+    The contact alone is approximated by a grid `times` (odd) as long and as wide, whose periodic images are far away.
+    """
+    grid = contact.skin.grid
+    larger = replace(contact.skin, grid=PeriodicGrid(times * grid.rows, times * grid.cols, grid.pitch_mm))
+    around = [(0, 0), *((cells * (times // 2),) * 2 for cells in grid.shape)]
+    tractions = np.pad(np.concatenate([to_numpy(contact.pressure_mpa)[None], to_numpy(contact.shear_mpa)]), around)
+    alone, _ = larger.operators.displacement_mm(larger.asarray(tractions[0]), larger.asarray(tractions[1:]))
+    inside = tuple(slice(before, before + cells) for (before, _), cells in zip(around[1:], grid.shape, strict=True))
+    return to_numpy(contact.height_mm) - to_numpy(alone)[inside]
 
 
 def require_above_base(deepest_mm: float, thickness_mm: float) -> None:
-    """Refuse an object that reaches through the gel, and heights that are no numbers; raises `InvalidPose`."""
+    """Refuse an object that reaches through the gel, and depths that are not finite; raises `InvalidPose`."""
     if not deepest_mm < thickness_mm:
         raise InvalidPose(
             f"expected the object less deep in the skin than its base, {thickness_mm:g} mm, got {deepest_mm:g} mm; "
@@ -112,15 +162,15 @@ def require_above_base(deepest_mm: float, thickness_mm: float) -> None:
         )
 
 
-def require_inside_grid(patch: PeriodicGrid, field: ScalarField) -> None:
-    """Refuse pressure (or overlap) above zero at the border; raises `ContactLeavesGrid`."""
+def require_inside_grid(grid: PeriodicGrid, field: ScalarField) -> None:
+    """Refuse pressure (or overlap) above zero at the grid's border; raises `ContactLeavesGrid`."""
     xp = array_namespace_of(field)
     borders = {"left": field[..., 0], "right": field[..., -1], "upper": field[..., 0, :], "lower": field[..., -1, :]}
     reached = [name for name, border in borders.items() if bool(xp.any(border > 0))]
     if reached:
         raise ContactLeavesGrid(
-            f"expected the contact inside the patch of {patch.width_mm:g} x {patch.height_mm:g} mm, got it at the "
-            f"{' and '.join(reached)} border; give the patch a wider margin, or press less deep"
+            f"expected the contact inside the grid of {grid.width_mm:g} x {grid.height_mm:g} mm, got it at the "
+            f"{' and '.join(reached)} border; give the grid a wider margin, or press less deep"
         )
 
 
@@ -132,9 +182,11 @@ def require_positive_load(load_n: ScalarPerContact) -> None:
         )
 
 
-def require_converged(residual_mm: ScalarPerContact, wanted_mm: ScalarPerContact, iterations: CountPerContact) -> None:
-    """Refuse an answer that misses its tolerance; raises `ContactNotConverged`."""
-    residuals, wanted, counts = np.broadcast_arrays(np.atleast_1d(residual_mm), wanted_mm, iterations)
+def require_converged(
+    residual_mm: ScalarPerContact, tolerance_mm: ScalarPerContact, iterations: CountPerContact
+) -> None:
+    """Refuse a solution that misses its tolerance; raises `ContactNotConverged`."""
+    residuals, wanted, counts = np.broadcast_arrays(np.atleast_1d(residual_mm), tolerance_mm, iterations)
     missed = np.flatnonzero(~(residuals <= wanted))
     if len(missed):
         which, many = missed[0], f", {len(missed)} of {len(residuals)} contacts" if len(residuals) > 1 else ""
@@ -144,15 +196,7 @@ def require_converged(residual_mm: ScalarPerContact, wanted_mm: ScalarPerContact
         )
 
 
-def periodic_image_error_mm(contact: Contact, times: int = 3) -> Float64[Array, "rows cols"]:
-    """By how much the skin under one contact stands higher than the same tractions alone would have it.
-
-    Against a patch `times` (odd) as long and as wide, which has images too, but far away.
-    """
-    patch = contact.skin.patch
-    larger = replace(contact.skin, patch=PeriodicGrid(times * patch.rows, times * patch.cols, patch.pitch_mm))
-    around = [(0, 0), *((cells * (times // 2),) * 2 for cells in patch.shape)]
-    tractions = np.pad(np.concatenate([to_numpy(contact.pressure_mpa)[None], to_numpy(contact.shear_mpa)]), around)
-    alone, _ = larger.response.displaced_mm(larger.asarray(tractions[0]), larger.asarray(tractions[1:]))
-    inside = tuple(slice(before, before + cells) for (before, _), cells in zip(around[1:], patch.shape, strict=True))
-    return to_numpy(contact.height_mm) - to_numpy(alone)[inside]
+def _to_double(field: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
+    """Return a field in double precision."""
+    xp = array_namespace_of(field)
+    return xp.astype(field, xp.float64)

@@ -1,9 +1,9 @@
-"""Friction: which points of the contact stick, which slip, and what shear each carries.
+"""Friction: which points of the contact stick, which slip, and the shear traction at each.
 
 Coulomb's law with memory: where the shear stays below μp a point moves with the object; where it reaches μp it slips
 along the shear. Given the pressure, the shear is the minimum of a convex energy over discs |q| ≤ μp (Johnson, Contact
-Mechanics, 1985, §7). Found by projected gradients with Barzilai and Borwein's strides (Birgin, Martínez and Raydan 2000):
-conjugate gradients, which lose their memory whenever a point begins or ceases to slip, took ten times as many.
+Mechanics, 1985, §7). It is found by projected gradients with the step lengths of Barzilai and Borwein (Birgin, Martínez and Raydan
+2000). Conjugate gradients, which lose their memory whenever a point begins or ceases to slip, took ten times as many iterations.
 """
 
 from dataclasses import dataclass
@@ -22,205 +22,209 @@ from ninedtact.mechanics.batching import (
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, VectorField
 
 _SLIP_FROM = 0.99999
-"""Of μp, from which a point counts as slipping."""
+"""Part of μp from which a point counts as slipping."""
 _ROUNDING_MARGIN = 1.00003
-"""Times that limit's square, a shear is surely beyond it, whatever rounding did."""
+"""A squared shear above this many times the squared limit is beyond it, whatever rounding did."""
 _SMALLEST_MPA = 1e-30
-"""So that nothing is divided by zero."""
+"""Added to divisors that may be zero."""
 
 
 @dataclass(frozen=True)
 class ShearSolution:
-    """Skin under shear, and how well it follows the object."""
+    """The shear between skin and object, and how well the skin follows the object."""
 
     shear_mpa: VectorField
-    slid_mm: VectorField
+    displacement_mm: VectorField
     """Tangential displacement by the shear."""
     residual_mm: PerContact
     """The largest distance by which a sticking point misses where the object carried it, or by which a slipping point
     slips other than along its shear."""
-    disturbed_mm: PerContact
-    """The same of the first guess."""
+    initial_residual_mm: PerContact
+    """The residual of the first guess."""
     iterations: PerContact
 
 
 @dataclass(frozen=True)
 class FrictionLimit:
-    """What friction can hold: shear up to μp, and none where there is no pressure."""
+    """The shear that friction can hold: up to μp, and none where there is no pressure."""
 
-    most_mpa: ScalarField
+    max_shear_mpa: ScalarField
 
-    def of(self, chosen: ContactIndices) -> "FrictionLimit":
-        """On the chosen contacts of a batch."""
-        return FrictionLimit(take_contacts(self.most_mpa, chosen))
+    def select(self, indices: ContactIndices) -> "FrictionLimit":
+        """Return the limit of these contacts of a batch."""
+        return FrictionLimit(take_contacts(self.max_shear_mpa, indices))
 
     @cached_property
-    def touched(self) -> ScalarField:
+    def pressed(self) -> ScalarField:
         """One under pressure, zero elsewhere."""
-        return self.most_mpa * 0 + (self.most_mpa > 0)
+        return self.max_shear_mpa * 0 + (self.max_shear_mpa > 0)
 
     @cached_property
-    def limit(self) -> ScalarField:
-        """Square from which a shear slips."""
-        return (_SLIP_FROM * self.most_mpa) ** 2
+    def squared_limit(self) -> ScalarField:
+        """The squared shear from which a point slips."""
+        return (_SLIP_FROM * self.max_shear_mpa) ** 2
 
-    def exceeded(self, shear: VectorField) -> bool:
-        """Whether some shear is more than friction holds, by more than rounding."""
-        return bool((_squared_length(shear) > self.limit * _ROUNDING_MARGIN).any())
+    def is_exceeded_by(self, shear: VectorField) -> bool:
+        """Return whether some shear is more than friction can hold, by more than rounding."""
+        return bool((_squared_length(shear) > self.squared_limit * _ROUNDING_MARGIN).any())
 
-    def capped(self, shear: VectorField) -> VectorField:
-        """Each shear vector shortened to what friction can hold."""
+    def project(self, shear: VectorField) -> VectorField:
+        """Return each shear vector shortened to what friction can hold."""
         xp = array_namespace_of(shear)
         length = xp.sqrt(_squared_length(shear))
-        return shear * (self.most_mpa / xp.maximum(length, self.most_mpa + _SMALLEST_MPA))[..., None, :, :]
+        factor = self.max_shear_mpa / xp.maximum(length, self.max_shear_mpa + _SMALLEST_MPA)
+        return shear * factor[..., None, :, :]
 
     def residual_mm(self, miss: VectorField, shear: VectorField) -> PerContact:
-        """The longest miss that a change of shear may still reduce, of either component.
+        """Return the largest component of the misses that a change of shear may still reduce, in mm.
 
         At the limit a miss that pulls the shear outward cannot be followed; what remains is the part across the shear.
         """
-        outward, square = _dot_at_each_point(miss, shear), _squared_length(shear)
-        slips = (square >= self.limit) & (outward < 0)
-        radial = slips * outward / (square + _SMALLEST_MPA)
-        return _max_component_over_grid((miss - radial[..., None, :, :] * shear) * self.touched[..., None, :, :])
+        outward, squared_shear = _dot_at_each_point(miss, shear), _squared_length(shear)
+        slips = (squared_shear >= self.squared_limit) & (outward < 0)
+        radial = slips * outward / (squared_shear + _SMALLEST_MPA)
+        return _max_component_over_grid((miss - radial[..., None, :, :] * shear) * self.pressed[..., None, :, :])
+
+
+def slip_mask(shear: VectorField, max_shear: ScalarField) -> PointMask:
+    """Return the points where the shear has reached the limit of friction."""
+    return _squared_length(shear) >= FrictionLimit(max_shear).squared_limit
 
 
 @dataclass(frozen=True)
 class _ShearIterate:
-    """Where the search for the shear has come to."""
+    """One iterate of the projected gradients."""
 
     shear_mpa: VectorField
     miss_mm: VectorField
-    """From where the object carries the skin to where the shear does."""
-    stride: PerContact
-    """MPa per mm of miss, (…, 1, 1, 1)."""
+    """From where the object carries the skin to where the shear does: the gradient (g)."""
+    step_length: PerContact
+    """Of the next step (α), MPa per mm of miss, (…, 1, 1, 1)."""
 
-    def of(self, chosen: ContactIndices) -> "_ShearIterate":
-        """That of the chosen contacts of a batch."""
-        return _ShearIterate(
-            take_contacts(self.shear_mpa, chosen),
-            take_contacts(self.miss_mm, chosen),
-            take_contacts(self.stride, chosen),
-        )
+    def select(self, indices: ContactIndices) -> "_ShearIterate":
+        """Return the iterate of these contacts of a batch."""
+        values = (self.shear_mpa, self.miss_mm, self.step_length)
+        return _ShearIterate(*(take_contacts(value, indices) for value in values))
 
-    def after(self, chosen: ContactIndices, part: "_ShearIterate") -> "_ShearIterate":
-        """That of all contacts, after some went on."""
+    def merge(self, indices: ContactIndices, part: "_ShearIterate") -> "_ShearIterate":
+        """Return the iterate of all contacts after these were iterated further by themselves."""
         shear, miss = (
-            put_contacts(self.shear_mpa, chosen, part.shear_mpa),
-            put_contacts(self.miss_mm, chosen, part.miss_mm),
+            put_contacts(self.shear_mpa, indices, part.shear_mpa),
+            put_contacts(self.miss_mm, indices, part.miss_mm),
         )
-        return _ShearIterate(shear, miss, put_contacts(self.stride, chosen, part.stride))
+        return _ShearIterate(shear, miss, put_contacts(self.step_length, indices, part.step_length))
 
 
 @dataclass(frozen=True)
 class _ShearProblem:
-    """What the search is for."""
+    """The given quantities of the frictional contact."""
 
-    response: DisplacementOperators
+    operators: DisplacementOperators
     target_mm: VectorField
-    grip: FrictionLimit
+    limit: FrictionLimit
     tolerance_mm: PerContact
 
-    def of(self, chosen: ContactIndices) -> "_ShearProblem":
-        """For the chosen contacts of a batch."""
-        target, tolerance = take_contacts(self.target_mm, chosen), take_contacts(self.tolerance_mm, chosen)
-        return _ShearProblem(self.response.of(chosen), target, self.grip.of(chosen), tolerance)
+    def select(self, indices: ContactIndices) -> "_ShearProblem":
+        """Return the problem of these contacts of a batch."""
+        target, tolerance = take_contacts(self.target_mm, indices), take_contacts(self.tolerance_mm, indices)
+        return _ShearProblem(self.operators.select(indices), target, self.limit.select(indices), tolerance)
 
 
 def solve_shear(
-    response: DisplacementOperators,
+    operators: DisplacementOperators,
     target_mm: VectorField,
-    grip: FrictionLimit,
+    limit: FrictionLimit,
     start: ShearSolution,
     tolerance_mm: PerContact,
-    most_iterations: int,
+    max_iterations: int,
 ) -> ShearSolution:
-    """Find the shear that carries the skin's points to where the object takes them, as far as friction holds.
+    """Return the shear that carries the skin's points to where the object takes them, as far as friction can hold.
 
-    target_mm: wanted displacement by shear alone. start: a first guess; it is kept where it is good to the tolerance, else
-    improved to half of it. Stops at `most_iterations` without complaint: the residual tells.
+    target_mm: wanted displacement by shear alone. start: a first guess; it is kept where it is within the tolerance, else
+    improved to half the tolerance. Stops after `max_iterations` without an error: see the residual.
     """
-    at = _first_iterate(response, target_mm, grip, start)
-    residual = disturbed = grip.residual_mm(at.miss_mm, at.shear_mpa)
-    pull, going = _ShearProblem(response, target_mm, grip, tolerance_mm), disturbed > tolerance_mm
-    at, residual, iterations = _iterate_shear(pull, at, residual, going, range(most_iterations))
-    return ShearSolution(at.shear_mpa, at.miss_mm + target_mm, residual, disturbed, iterations)
+    problem = _ShearProblem(operators, target_mm, limit, tolerance_mm)
+    iterate = _first_iterate(problem, start)
+    residual = initial = limit.residual_mm(iterate.miss_mm, iterate.shear_mpa)
+    iterate, residual, iterations = _iterate_shear(
+        problem, iterate, residual, initial > tolerance_mm, range(max_iterations)
+    )
+    return ShearSolution(iterate.shear_mpa, iterate.miss_mm + target_mm, residual, initial, iterations)
 
 
 def _iterate_shear(
-    pull: _ShearProblem, at: _ShearIterate, residual: PerContact, going: ContactFlags, counts: range
+    problem: _ShearProblem, iterate: _ShearIterate, residual: PerContact, unconverged: ContactFlags, counts: range
 ) -> tuple[_ShearIterate, PerContact, PerContact]:
-    """Down to half the tolerance, with its residual and iterations; half a batch by itself when the other half is done."""
-    iterations = 0 * pull.tolerance_mm
+    """Return the iterate at half the tolerance, its residual and its iterations, numbered by `counts`.
+
+    As soon as half of a batch has converged, the other half is iterated by itself.
+    """
+    iterations = 0 * problem.tolerance_mm
     for count in counts:
-        if not bool(going.any()):
+        if not bool(unconverged.any()):
             break
-        if (half := unconverged_half(going)) is not None:
-            picked = pull.of(half), at.of(half), take_contacts(residual, half), take_contacts(going, half)
-            part, left, more = _iterate_shear(*picked, range(count, counts.stop))
-            return (
-                at.after(half, part),
-                put_contacts(residual, half, left),
-                iterations + put_contacts(0 * iterations, half, more),
+        if (half := unconverged_half(unconverged)) is not None:
+            selected = (
+                problem.select(half),
+                iterate.select(half),
+                take_contacts(residual, half),
+                take_contacts(unconverged, half),
             )
-        at = _projected_gradient_step(
-            at, pull.response, pull.target_mm, pull.grip, going[..., None, :, :], long=count % 2 == 0
-        )
-        residual = pull.grip.residual_mm(at.miss_mm, at.shear_mpa)
-        iterations = iterations + going
-        going = going & (residual > pull.tolerance_mm / 2)
-    return at, residual, iterations
+            part, left, more = _iterate_shear(*selected, range(count, counts.stop))
+            iterations = iterations + put_contacts(0 * iterations, half, more)
+            return iterate.merge(half, part), put_contacts(residual, half, left), iterations
+        iterate = _projected_gradient_step(iterate, problem, unconverged[..., None, :, :], long=count % 2 == 0)
+        residual = problem.limit.residual_mm(iterate.miss_mm, iterate.shear_mpa)
+        iterations = iterations + unconverged
+        unconverged = unconverged & (residual > problem.tolerance_mm / 2)
+    return iterate, residual, iterations
 
 
-def _first_iterate(
-    response: DisplacementOperators, target_mm: VectorField, grip: FrictionLimit, start: ShearSolution
-) -> _ShearIterate:
-    """The first guess, as far as friction holds it; the first stride is that of the waves a quarter as soft as the softest."""
-    shear, slid = start.shear_mpa, start.slid_mm
-    if grip.exceeded(shear):
-        shear = grip.capped(shear)
-        slid = response.slid_mm(shear)
-    return _ShearIterate(shear, slid - target_mm, 4 / response.softest_mm_per_mpa + 0 * slid[..., :1, :1, :1])
+def _first_iterate(problem: _ShearProblem, start: ShearSolution) -> _ShearIterate:
+    """Return the first guess, as far as friction can hold it; its step length is 4 over the largest compliance."""
+    shear, displacement = start.shear_mpa, start.displacement_mm
+    if problem.limit.is_exceeded_by(shear):
+        shear = problem.limit.project(shear)
+        displacement = problem.operators.tangential_from_shear_mm(shear)
+    step_length = 4 / problem.operators.max_shear_compliance_mm_per_mpa + 0 * displacement[..., :1, :1, :1]
+    return _ShearIterate(shear, displacement - problem.target_mm, step_length)
 
 
 def _projected_gradient_step(
-    last: _ShearIterate,
-    response: DisplacementOperators,
-    target_mm: VectorField,
-    grip: FrictionLimit,
-    going: ContactFlags,
-    long: bool,
+    last: _ShearIterate, problem: _ShearProblem, unconverged: ContactFlags, long: bool
 ) -> _ShearIterate:
-    """One step down the miss, and the stride for the next: by turns Barzilai and Borwein's longer and shorter one."""
-    shear = grip.capped(last.shear_mpa - going * last.stride * last.miss_mm)
-    miss = response.slid_mm(shear) - target_mm
-    change, answer = shear - last.shear_mpa, miss - last.miss_mm
-    curvature = _inner_product(change, answer)
-    ratio = (_inner_product(change, change), curvature) if long else (curvature, _inner_product(answer, answer))
-    stride = response.xp.where(curvature > 0, ratio[0] / nonzero_divisor(ratio[1]), last.stride)
-    return _ShearIterate(shear, miss, stride)
+    """Return the next iterate; its step length (α) is by turns the longer and the shorter one of Barzilai and Borwein.
+
+    With s the change of the shear and y that of the miss, α = s·s / s·y (long) or s·y / y·y (short).
+    """
+    operators = problem.operators
+    shear = problem.limit.project(last.shear_mpa - unconverged * last.step_length * last.miss_mm)
+    miss = operators.tangential_from_shear_mm(shear) - problem.target_mm
+    shear_change, miss_change = shear - last.shear_mpa, miss - last.miss_mm
+    curvature = _inner_product(shear_change, miss_change)
+    if long:
+        ratio = _inner_product(shear_change, shear_change), curvature
+    else:
+        ratio = curvature, _inner_product(miss_change, miss_change)
+    step_length = operators.xp.where(curvature > 0, ratio[0] / nonzero_divisor(ratio[1]), last.step_length)
+    return _ShearIterate(shear, miss, step_length)
 
 
 def _dot_at_each_point(one: VectorField, other: VectorField) -> ScalarField:
-    """Product of two vectors at each point."""
+    """Return the dot product of two vectors at each point."""
     return one[..., 0, :, :] * other[..., 0, :, :] + one[..., 1, :, :] * other[..., 1, :, :]
 
 
 def _squared_length(vectors: VectorField) -> ScalarField:
-    """Squared length of each vector."""
+    """Return the squared length of the vector at each point."""
     return _dot_at_each_point(vectors, vectors)
 
 
-def slip_mask(shear: VectorField, most: ScalarField) -> PointMask:
-    """Where friction is at its limit."""
-    return _squared_length(shear) >= FrictionLimit(most).limit
-
-
 def _max_component_over_grid(miss: VectorField) -> PerContact:
-    """The longest component of all."""
+    """Return the largest absolute component of each vector field."""
     return array_namespace_of(miss).max(abs(miss), axis=(-3, -2, -1), keepdims=True)[..., 0, :, :]
 
 
 def _inner_product(one: VectorField, other: VectorField) -> PerContact:
-    """Sum of products over grid and components, (…, 1, 1, 1)."""
+    """Return the sum of products over grid and components, (…, 1, 1, 1)."""
     return (one * other).sum(axis=(-3, -2, -1), keepdims=True)

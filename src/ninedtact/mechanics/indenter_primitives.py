@@ -1,4 +1,4 @@
-"""Simple undersides in closed form, each touching its own plane at the origin."""
+"""Indenters in closed form: ball, ellipsoid, lying cylinder, cone and flat punch. Each touches its own plane at the origin."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter
 
 @dataclass(frozen=True)
 class Ball(Indenter):
-    """A sphere."""
+    """A sphere of this radius."""
 
     radius_mm: float = 4.0
 
@@ -21,11 +21,11 @@ class Ball(Indenter):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Ball and diameter."""
+        """The shape with its diameter in mm."""
         return f"ball_{2 * self.radius_mm:g}mm"
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """The lower cap; nothing beyond the equator."""
+        """Return the lower cap; no object beyond the equator."""
         xp = array_namespace(x_mm)
         below = self.radius_mm**2 - x_mm**2 - y_mm**2
         cap = self.radius_mm - xp.sqrt(xp.where(below > 0, below, 0.0))
@@ -46,19 +46,20 @@ class Ellipsoid(Indenter):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Ellipsoid and its three diameters."""
+        """The shape with its three diameters in mm."""
         return f"ellipsoid_{2 * self.half_length_mm:g}x{2 * self.half_width_mm:g}x{2 * self.half_height_mm:g}mm"
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """The lower half."""
+        """Return the lower half; no object beyond it."""
         left = 1 - (x_mm / self.half_length_mm) ** 2 - (y_mm / self.half_width_mm) ** 2
         return self.half_height_mm + _lower_half_mm(left, self.half_height_mm)
 
 
-def _lower_half_mm(left: Any, by_mm: float) -> Any:
-    """Minus a half-axis times the root of what is left of one; nothing where nothing is left."""
-    xp = array_namespace(left)
-    return xp.where(left > 0, -by_mm * xp.sqrt(xp.where(left > 0, left, 0.0)), NO_OBJECT_MM - by_mm)
+def _lower_half_mm(remainder: Any, half_axis_mm: float) -> Any:
+    """Return −half_axis·√remainder, the lower half of a quadric over its centre; no object where the remainder is not positive."""
+    xp = array_namespace(remainder)
+    root = xp.sqrt(xp.where(remainder > 0, remainder, 0.0))
+    return xp.where(remainder > 0, -half_axis_mm * root, NO_OBJECT_MM - half_axis_mm)
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,11 @@ class Cylinder(Indenter):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Cylinder, diameter and length."""
+        """The shape with its diameter and length in mm."""
         return f"cylinder_{2 * self.radius_mm:g}x{self.length_mm:g}mm"
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """The lower half of the shell."""
+        """Return the lower half of the shell; no object beyond its ends."""
         xp = array_namespace(x_mm)
         beside = xp.abs(x_mm) > self.length_mm / 2
         trough = self.radius_mm + _lower_half_mm(1 - (y_mm / self.radius_mm) ** 2, self.radius_mm)
@@ -87,13 +88,13 @@ class Cylinder(Indenter):
 
 @dataclass(frozen=True)
 class Cone(Indenter):
-    """A cone on its tip, which is a ball that the flank leaves without a kink."""
+    """A cone on its rounded tip: a spherical cap that the flank continues without a kink."""
 
     slope_rad: float = 0.5
-    """Of the flank over the skin's plane."""
+    """Inclination of the flank to the skin's plane."""
     tip_radius_mm: float = 0.5
     radius_mm: float = 5.0
-    """Of the base, where the cone ends."""
+    """Radius of the base, where the cone ends."""
 
     def __post_init__(self) -> None:
         for name in ("slope_rad", "tip_radius_mm", "radius_mm"):
@@ -102,11 +103,11 @@ class Cone(Indenter):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Cone, slope of the flank and base."""
+        """The shape with the slope of its flank in degrees and the diameter of its base in mm."""
         return f"cone_{np.degrees(self.slope_rad):.0f}deg_{2 * self.radius_mm:g}mm"
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """Cap, then flank."""
+        """Return the cap, continued by the flank; no object beyond the base."""
         xp, tip, steep = array_namespace(x_mm), self.tip_radius_mm, float(np.tan(self.slope_rad))
         radius = xp.sqrt(x_mm**2 + y_mm**2)
         on_cap = radius < tip * float(np.sin(self.slope_rad))
@@ -117,11 +118,11 @@ class Cone(Indenter):
 
 @dataclass(frozen=True)
 class FlatPunch(Indenter):
-    """A round flat face with a rounded edge, which takes its radius off the face."""
+    """A round flat face with a rounded edge; the rounding lies within the radius."""
 
     radius_mm: float = 3.0
     edge_mm: float = 0.2
-    """Radius of the edge's rounding."""
+    """Radius of the rounded edge."""
 
     def __post_init__(self) -> None:
         require_positive("flat_punch.edge_mm", self.edge_mm)
@@ -129,11 +130,11 @@ class FlatPunch(Indenter):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Punch and diameter."""
+        """The shape with its diameter in mm."""
         return f"punch_{2 * self.radius_mm:g}mm"
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """Zero on the face, a quarter circle at its edge."""
+        """Return zero on the face and a quarter circle at its edge."""
         xp = array_namespace(x_mm)
         over = xp.sqrt(x_mm**2 + y_mm**2) - (self.radius_mm - self.edge_mm)
         edge = self.edge_mm + _lower_half_mm(1 - (xp.where(over > 0, over, 0.0) / self.edge_mm) ** 2, self.edge_mm)

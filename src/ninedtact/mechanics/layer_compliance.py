@@ -1,4 +1,4 @@
-"""The gel: an elastic layer bonded to a rigid base, answered wave by wave.
+"""Compliance of elastic layers on a rigid base, wave by wave: one bonded layer in closed form, any stack of layers numerically.
 
 A wave of pressure p̂ and shear traction q̂ on the skin, wave vector k = |k|·(e_x, e_y), displaces it by
 
@@ -7,14 +7,11 @@ A wave of pressure p̂ and shear traction q̂ on the skin, wave vector k = |k|·
 
 with N normal, L along, S across, M coupling, in mm/MPa. A Poisson ratio of 0.5, which rubber
 comes close to, needs no special case. The closed form of N is Bentall and Johnson's (1968, docs/references.md); L, S and M
-follow from the same four boundary conditions, and `mechanics.layers` solves those numerically for any stack of layers.
+follow from the same four boundary conditions, and the numerical solution of a stack checks them.
 
-Any stack of elastic layers on a rigid base, answered wave by wave.
-
-The same `Compliance` as `bonded_layer`, for skins whose gel lies on something that yields. In each layer a wave of plane
-strain is u_x = i U(z) e^{ikx}, u_z = W(z) e^{ikx} with four unknowns, two on waves that fade upwards and two on waves that fade
-downwards; z is counted from the layer's own bottom. State (U, W, σ_zz/k, σ_xz/ik) and unknowns are free of units of length,
-and every exponential is at most one, so that nothing overflows.
+In each layer of a stack a wave of plane strain is u_x = i U(z) e^{ikx}, u_z = W(z) e^{ikx} with four unknowns: two of waves
+that fade upwards and two of waves that fade downwards; z is counted from the layer's own bottom. State (U, W, σ_zz/k, σ_xz/ik)
+and unknowns are free of units of length, and every exponential is at most one, so that nothing overflows.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,31 +33,31 @@ _HALF_SPACE_FROM = 40.0
 _SERIES_BELOW = 0.02
 """k·h below which N is taken from its series: the closed form subtracts nearly equal numbers."""
 
+_Waves = Float64[Array, " waves"]
+_States = Float64[Array, "waves 4 4"]
+"""Rows: state; columns: unknowns of a layer."""
+
 
 @dataclass(frozen=True)
 class Compliance:
-    """Answer of the skin to one wave number each, mm per MPa."""
+    """The compliance of the skin at some wave numbers, in mm per MPa."""
 
     normal: WaveNumbers
+    """N: inward displacement by pressure."""
     along: WaveNumbers
+    """L: displacement by shear along the wave vector."""
     across: WaveNumbers
+    """S: displacement by shear across the wave vector."""
     coupling: WaveNumbers
-
-
-@dataclass(frozen=True)
-class _MeanCompliance:
-    """Answer of the skin to a uniform load, mm per MPa; without coupling."""
-
-    normal: float
-    along: float
+    """M: between normal and tangential directions."""
 
 
 ComplianceFunction = Callable[[WaveNumbers], Compliance]
-"""From wave numbers (1/mm, zero included) to what they meet."""
+"""From wave numbers (1/mm, zero included) to the compliance there."""
 
 
 def bonded_layer_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
-    """Compliance of the gel on a rigid base.
+    """Return the compliance of a layer of gel bonded to a rigid base (Bentall and Johnson 1968).
 
     wave_number: |k| in 1/mm, any shape, float64 advised; zero means the mean of the field. There a mean pressure moves
     the skin only as far as the gel is compressible, (1 − 2ν)h / (2(1 − ν)G), and a mean shear moves it by h/G.
@@ -73,10 +70,37 @@ def bonded_layer_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
     return _insert_mean(no_wave, Compliance(*fields), _mean_compliance_of_layer(gel))
 
 
+def half_space_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
+    """Return the compliance of gel without a bottom. Its mean displacement has no bound and is taken as zero.
+
+    Johnson, Contact Mechanics (1985), §3; docs/references.md.
+    """
+    xp, no_wave, nu = array_namespace_of(wave_number), wave_number == 0, gel.poisson_ratio
+    unit = 1 / (gel.shear_modulus_mpa * xp.where(no_wave, 1.0, wave_number))
+    waves = Compliance((1 - nu) * unit, (1 - nu) * unit, unit, -(1 - 2 * nu) / 2 * unit)
+    return _insert_mean(no_wave, waves, _MeanCompliance(0.0, 0.0))
+
+
+def layered_compliance(layers: Sequence[Gel]) -> ComplianceFunction:
+    """Return the compliance function of layers bonded to each other and to a rigid base.
+
+    layers: from the one that carries the skin to the one on the base.
+    """
+    return partial(_stack_compliance, layers=tuple(layers))
+
+
+@dataclass(frozen=True)
+class _MeanCompliance:
+    """The displacement of the skin by a uniform load, in mm per MPa; a uniform load has no coupling."""
+
+    normal: float
+    along: float
+
+
 def _normalised_compliance(
     x: WaveNumbers, poisson_ratio: float
 ) -> tuple[WaveNumbers, WaveNumbers, WaveNumbers, WaveNumbers]:
-    """N, L, S and M times G·k: functions of x = kh (above zero, at most `_HALF_SPACE_FROM`) and of the Poisson ratio alone."""
+    """Return N, L, S and M times G·k: functions of x = kh (above zero, at most 40) and of the Poisson ratio alone."""
     xp, nu, big_k = array_namespace_of(x), poisson_ratio, 3 - 4 * poisson_ratio
     cosh, sinh = xp.cosh(2 * x), xp.sinh(2 * x)
     below = 2 * big_k * cosh + 4 * x**2 + 1 + big_k**2
@@ -89,70 +113,49 @@ def _normalised_compliance(
 
 
 def _mean_compliance_of_layer(gel: Gel) -> _MeanCompliance:
-    """The answer of a layer to a uniform load."""
+    """Return the compliance of one layer to a uniform load."""
     nu, h_over_g = gel.poisson_ratio, gel.thickness_mm / gel.shear_modulus_mpa
     return _MeanCompliance((1 - 2 * nu) / (2 * (1 - nu)) * h_over_g, h_over_g)
 
 
-def _insert_mean(no_wave: Any, waves: Compliance, mean: _MeanCompliance) -> Compliance:
-    """The answer to waves, and where there is none, to a uniform load."""
-    xp, means = array_namespace_of(no_wave), (mean.normal, mean.along, mean.along, 0.0)
-    return Compliance(*(xp.where(no_wave, *pair) for pair in zip(means, vars(waves).values(), strict=True)))
-
-
-def half_space_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
-    """Compliance of gel without a bottom. Its mean displacement has no bound; it is taken as zero.
-
-    Johnson, Contact Mechanics (1985), §3; docs/references.md.
-    """
-    xp, no_wave, nu = array_namespace_of(wave_number), wave_number == 0, gel.poisson_ratio
-    unit = 1 / (gel.shear_modulus_mpa * xp.where(no_wave, 1.0, wave_number))
-    waves = Compliance((1 - nu) * unit, (1 - nu) * unit, unit, -(1 - 2 * nu) / 2 * unit)
-    return _insert_mean(no_wave, waves, _MeanCompliance(0.0, 0.0))
-
-
-_Waves = Float64[Array, " waves"]
-_States = Float64[Array, "waves 4 4"]
-"""Rows: state; columns: unknowns of a layer."""
-
-
-def layered_compliance(layers: Sequence[Gel]) -> ComplianceFunction:
-    """Compliance of layers bonded to each other and to a rigid base; the skin is on the first, the last is on the base."""
-    return partial(_stack_compliance, layers=tuple(layers))
-
-
-def _stack_compliance(wave_number: WaveNumbers, layers: tuple[Gel, ...]) -> Compliance:
-    """Compliance of a stack, at wave numbers of any shape; zero means the mean of the field. Solved in NumPy."""
-    xp, waves = array_namespace_of(wave_number), np.asarray(wave_number, np.float64).ravel()
-    no_wave = waves == 0
-    k = np.where(no_wave, 1.0, waves)
-    skin = _layer_states(k, layers[0], layers[0].thickness_mm)[:, :2] @ _layer_amplitudes(k, layers)[:, :4]
-    answer = Compliance(
-        normal=skin[:, 1, 0], along=skin[:, 0, 1], across=_compliance_across_wave(k, layers), coupling=skin[:, 0, 0]
-    )
-    answer = _insert_mean(no_wave, answer, _mean_compliance_of_stack(layers))
-    return Compliance(*(xp.asarray(field.reshape(wave_number.shape)) for field in vars(answer).values()))
-
-
 def _mean_compliance_of_stack(layers: tuple[Gel, ...]) -> _MeanCompliance:
-    """Uniform loads go through all layers alike."""
+    """Return the compliance of a stack to a uniform load, which passes unchanged through all layers."""
     means = [_mean_compliance_of_layer(layer) for layer in layers]
     return _MeanCompliance(sum(mean.normal for mean in means), sum(mean.along for mean in means))
 
 
+def _insert_mean(no_wave: Any, waves: Compliance, mean: _MeanCompliance) -> Compliance:
+    """Return the compliance to waves, replaced by that to a uniform load where the wave number is zero."""
+    xp, means = array_namespace_of(no_wave), (mean.normal, mean.along, mean.along, 0.0)
+    return Compliance(*(xp.where(no_wave, *pair) for pair in zip(means, vars(waves).values(), strict=True)))
+
+
+def _stack_compliance(wave_number: WaveNumbers, layers: tuple[Gel, ...]) -> Compliance:
+    """Return the compliance of a stack at wave numbers of any shape; zero means the mean of the field. Solved in NumPy."""
+    xp, waves = array_namespace_of(wave_number), np.asarray(wave_number, np.float64).ravel()
+    no_wave = waves == 0
+    k = np.where(no_wave, 1.0, waves)
+    skin = _layer_states(k, layers[0], layers[0].thickness_mm)[:, :2] @ _layer_amplitudes(k, layers)[:, :4]
+    compliance = Compliance(
+        normal=skin[:, 1, 0], along=skin[:, 0, 1], across=_compliance_across_wave(k, layers), coupling=skin[:, 0, 0]
+    )
+    compliance = _insert_mean(no_wave, compliance, _mean_compliance_of_stack(layers))
+    return Compliance(*(xp.asarray(field.reshape(wave_number.shape)) for field in vars(compliance).values()))
+
+
 def _compliance_across_wave(k: _Waves, layers: tuple[Gel, ...]) -> _Waves:
-    """Compliance to shear across the wave: each layer adds to what is below it as a line of transmission does."""
+    """Return S of a stack: each layer adds to what is below it as a transmission line does."""
     below = np.zeros_like(k)
     for layer in reversed(layers):
-        stiff, fade = layer.shear_modulus_mpa * k, np.tanh(k * layer.thickness_mm)
-        below = (fade / stiff + below) / (1 + stiff * below * fade)
+        stiffness, fade = layer.shear_modulus_mpa * k, np.tanh(k * layer.thickness_mm)
+        below = (fade / stiffness + below) / (1 + stiffness * below * fade)
     return below
 
 
 def _layer_amplitudes(k: _Waves, layers: tuple[Gel, ...]) -> Float64[Array, "waves unknowns 2"]:
-    """Unknowns of all layers under σ_zz = 1 and under σ_xz = i on the skin.
+    """Return the unknowns of all layers under σ_zz = 1 and under σ_xz = i on the skin.
 
-    4n equations for each wave: loads on the skin, no step between layers, no displacement of the base.
+    4n equations for each wave: the loads on the skin, continuity between layers, and no displacement of the base.
     """
     size = 4 * len(layers)
     equations, loads = np.zeros((len(k), size, size)), np.zeros((len(k), size, 2))
@@ -167,7 +170,7 @@ def _layer_amplitudes(k: _Waves, layers: tuple[Gel, ...]) -> Float64[Array, "wav
 
 
 def _layer_states(k: _Waves, layer: Gel, z_mm: float) -> _States:
-    """State at a height in a layer for each of its unknowns: amplitudes and slopes of what fades downwards, then upwards."""
+    """Return the state at a height in a layer for each unknown: amplitude and slope of what fades downwards, then upwards."""
     columns = []
     for sign, fade in ((1, np.exp(k * (z_mm - layer.thickness_mm))), (-1, np.exp(-k * z_mm))):
         amplitude, slope = _wave_states(k * z_mm, sign, layer)
@@ -176,8 +179,13 @@ def _layer_states(k: _Waves, layer: Gel, z_mm: float) -> _States:
 
 
 def _wave_states(x: _Waves, sign: int, layer: Gel) -> tuple[Float64[Array, "4 waves"], Float64[Array, "4 waves"]]:
-    """(U, W, σ_zz/k, σ_xz/ik) of W = e^{±x} and of W = x e^{±x}, the exponential left out; x = kz."""
-    nu, stiff, one = layer.poisson_ratio, layer.shear_modulus_mpa, np.ones_like(x)
-    amplitude = np.array([sign * one, one, 2 * stiff * sign * one, 2 * stiff * one])
-    slope = [3 - 4 * nu + sign * x, x, stiff * (2 - 4 * nu + 2 * sign * x), stiff * (sign * (4 - 4 * nu) + 2 * x)]
+    """Return (U, W, σ_zz/k, σ_xz/ik) of W = e^{±x} and of W = x e^{±x} without the exponential; x = kz."""
+    nu, stiffness, one = layer.poisson_ratio, layer.shear_modulus_mpa, np.ones_like(x)
+    amplitude = np.array([sign * one, one, 2 * stiffness * sign * one, 2 * stiffness * one])
+    slope = [
+        3 - 4 * nu + sign * x,
+        x,
+        stiffness * (2 - 4 * nu + 2 * sign * x),
+        stiffness * (sign * (4 - 4 * nu) + 2 * x),
+    ]
     return amplitude, np.array(slope)

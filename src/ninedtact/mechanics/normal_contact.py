@@ -1,15 +1,15 @@
-"""Normal contact: where the object touches and how hard it presses there.
+"""Normal contact: where the object touches the skin, and the pressure there.
 
 The gap between skin and object is never negative, the pressure is never negative, and only one of the two differs from
-zero anywhere. Conjugate gradients on the pressed points, with projection (Polonsky and Keer 1999, docs/references.md).
-Either the object's depth is held, or its load: then the depth is the one at which the mean gap under pressure is zero.
+zero anywhere. Conjugate gradients on the points under pressure, with projection (Polonsky and Keer 1999, docs/references.md).
+Either the depth of the object is given, or its load: then the depth is the one at which the mean gap under pressure is zero.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.mechanics.batching import (
     ContactFlags,
     ContactIndices,
@@ -26,205 +26,188 @@ from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarFie
 
 @dataclass(frozen=True)
 class PressureSolution:
-    """Skin under pressure, and how well it fits the object."""
+    """The pressure between skin and object, and how well it satisfies the conditions of contact."""
 
     pressure_mpa: ScalarField
-    sunk_mm: ScalarField
+    indentation_mm: ScalarField
     """Inward displacement by the pressure."""
-    deeper_mm: PerContact
-    """By how much the object is deeper than its overlap says; zero where the depth is held."""
+    depth_increase_mm: PerContact
+    """How much deeper the object is than its overlap says; zero where the depth is given."""
     residual_mm: PerContact
-    """The largest gap under pressure, or the largest overlap without."""
-    disturbed_mm: PerContact
-    """The same of the first guess."""
+    """The largest gap under pressure, or the largest overlap without pressure."""
+    initial_residual_mm: PerContact
+    """The residual of the first guess."""
     iterations: PerContact
 
 
-class ContactConstraint(ABC):
-    """What is held while the pressure is sought."""
-
-    @abstractmethod
-    def level_mm(self, gap_mm: ScalarField, points: PointMask) -> Any:
-        """What every gap is measured from, given the points that count."""
-
-    @abstractmethod
-    def loaded(self, pressure_mpa: ScalarField) -> ScalarField:
-        """The pressure with the load it must have."""
-
-    @abstractmethod
-    def of(self, chosen: ContactIndices) -> "ContactConstraint":
-        """The same for the chosen contacts of a batch."""
-
-
 @dataclass(frozen=True)
-class DepthConstraint(ContactConstraint):
-    """The object stays where it is; the load is what it turns out to be."""
+class ContactConstraint:
+    """What is given while the pressure is solved: the depth of the object (the default), its load, or either for each contact."""
 
-    def level_mm(self, gap_mm: ScalarField, points: PointMask) -> Any:
-        """The object."""
-        return 0.0
+    pressure_sum_mpa: Any = None
+    """Sum of the pressure over the grid, which is the load over the area of a cell: a number, or one per contact. None: all depths
+    are given."""
+    by_load: ContactFlags | None = None
+    """The contacts of a batch whose load is given; the depth of all others is. None: all loads are given."""
+    region: Any = True
+    """One where a contact may be, zero elsewhere; True: everywhere."""
 
-    def loaded(self, pressure_mpa: ScalarField) -> ScalarField:
-        """As it is."""
-        return pressure_mpa
+    def gap_level_mm(self, gap_mm: ScalarField, points: PointMask) -> Any:
+        """Return what gaps are measured from: the mean gap of these points where the load is given, else zero."""
+        if self.pressure_sum_mpa is None:
+            return 0.0
+        mean = sum_over_grid(gap_mm * points) / nonzero_divisor(sum_over_grid(points))
+        return mean if self.by_load is None else array_namespace_of(gap_mm).where(self.by_load, mean, 0.0)
 
-    def of(self, chosen: ContactIndices) -> "DepthConstraint":
-        """All alike."""
-        return self
+    def scale_to_load(self, pressure_mpa: ScalarField) -> ScalarField:
+        """Return the pressure scaled to the given load, uniform where it was zero; unchanged where the depth is given."""
+        if self.pressure_sum_mpa is None:
+            return pressure_mpa
+        positive = pressure_mpa + self.region * (sum_over_grid(pressure_mpa) <= 0)
+        scaled = positive * (self.pressure_sum_mpa / sum_over_grid(positive))
+        return scaled if self.by_load is None else array_namespace_of(scaled).where(self.by_load, scaled, pressure_mpa)
 
-
-@dataclass(frozen=True)
-class LoadConstraint(ContactConstraint):
-    """The object sinks in until the pressure adds up."""
-
-    total_mpa: Any
-    """Sum of the pressure over the grid, which is the load over the area of a cell; a number, or one per contact."""
-
-    def level_mm(self, gap_mm: ScalarField, points: PointMask) -> Any:
-        """Their mean."""
-        return sum_over_grid(gap_mm * points) / nonzero_divisor(sum_over_grid(points))
-
-    def loaded(self, pressure_mpa: ScalarField) -> ScalarField:
-        """Scaled; the same everywhere where there was none."""
-        pressed = pressure_mpa + (sum_over_grid(pressure_mpa) <= 0)
-        return pressed * (self.total_mpa / sum_over_grid(pressed))
-
-    def of(self, chosen: ContactIndices) -> "LoadConstraint":
-        """Their loads."""
-        return LoadConstraint(take_contacts(self.total_mpa, chosen))
+    def select(self, indices: ContactIndices) -> "ContactConstraint":
+        """Return the constraint of these contacts of a batch."""
+        return ContactConstraint(*(take_contacts(getattr(self, one.name), indices) for one in fields(self)))
 
 
 @dataclass(frozen=True)
 class _PressureIterate:
-    """Where the search for the pressure has come to."""
+    """One iterate of the conjugate gradients."""
 
     pressure_mpa: ScalarField
     gap_mm: ScalarField
-    """Between skin and object, from the level that is held."""
-    deeper_mm: Any
+    """Between skin and object, from the given level."""
+    depth_increase_mm: Any
     direction: ScalarField
-    """In which the pressure was changed last."""
-    square: PerContact
-    """Of the miss that led there."""
+    """The last search direction (d)."""
+    squared_residual: PerContact
+    """Sum of the squared residual (r) of that step."""
     active: PointMask
-    """What could change then."""
+    """The points that were free to change in that step."""
 
     @cached_property
     def pressed(self) -> PointMask:
-        """Where there is pressure."""
+        """The points under pressure."""
         return self.pressure_mpa > 0
 
-    def of(self, chosen: ContactIndices) -> "_PressureIterate":
-        """That of the chosen contacts of a batch."""
-        return _PressureIterate(**{name.name: take_contacts(getattr(self, name.name), chosen) for name in fields(self)})
+    def select(self, indices: ContactIndices) -> "_PressureIterate":
+        """Return the iterate of these contacts of a batch."""
+        return _PressureIterate(**{one.name: take_contacts(getattr(self, one.name), indices) for one in fields(self)})
 
-    def after(self, chosen: ContactIndices, part: "_PressureIterate") -> "_PressureIterate":
-        """That of all contacts, after some were searched on."""
-        pressure, gap = (
-            put_contacts(self.pressure_mpa, chosen, part.pressure_mpa),
-            put_contacts(self.gap_mm, chosen, part.gap_mm),
-        )
-        deeper = put_contacts(self.deeper_mm + 0 * self.square, chosen, part.deeper_mm)
-        return _PressureIterate(pressure, gap, deeper, self.direction, self.square, self.active)
+    def merge(self, indices: ContactIndices, part: "_PressureIterate") -> "_PressureIterate":
+        """Return the iterate of all contacts after these were iterated further by themselves."""
+        pressure = put_contacts(self.pressure_mpa, indices, part.pressure_mpa)
+        gap = put_contacts(self.gap_mm, indices, part.gap_mm)
+        deeper = put_contacts(self.depth_increase_mm + 0 * self.squared_residual, indices, part.depth_increase_mm)
+        return _PressureIterate(pressure, gap, deeper, self.direction, self.squared_residual, self.active)
 
 
 @dataclass(frozen=True)
 class _PressureProblem:
-    """What the search is for."""
+    """The given quantities of the normal contact."""
 
-    response: DisplacementOperators
-    held: ContactConstraint
+    operators: DisplacementOperators
+    constraint: ContactConstraint
     overlap_mm: ScalarField
     tolerance_mm: PerContact
 
-    def of(self, chosen: ContactIndices) -> "_PressureProblem":
-        """For the chosen contacts of a batch."""
-        overlap, tolerance = take_contacts(self.overlap_mm, chosen), take_contacts(self.tolerance_mm, chosen)
-        return _PressureProblem(self.response.of(chosen), self.held.of(chosen), overlap, tolerance)
+    def select(self, indices: ContactIndices) -> "_PressureProblem":
+        """Return the problem of these contacts of a batch."""
+        overlap, tolerance = take_contacts(self.overlap_mm, indices), take_contacts(self.tolerance_mm, indices)
+        return _PressureProblem(self.operators.select(indices), self.constraint.select(indices), overlap, tolerance)
 
 
 def solve_pressure(
-    response: DisplacementOperators,
-    held: ContactConstraint,
+    operators: DisplacementOperators,
+    constraint: ContactConstraint,
     overlap_mm: ScalarField,
     start: PressureSolution,
     tolerance_mm: PerContact,
-    most_iterations: int,
+    max_iterations: int,
 ) -> PressureSolution:
-    """Find the pressure under an object.
+    """Return the pressure under an object.
 
     overlap_mm: how far the object reaches into the skin as it would be without this pressure, negative where it stands
-    clear. start: a first guess that has the load, best from the step before; it is kept where it is good to the tolerance,
-    else improved to half of it. Stops at `most_iterations` without complaint: the residual tells.
+    clear. start: a first guess that has the given load, best from the step before. A guess within the tolerance is kept; any other
+    is improved to half the tolerance. Stops after `max_iterations` without an error: see the residual.
     """
-    none, raw = 0 * tolerance_mm, start.sunk_mm - overlap_mm
-    first = _PressureIterate(start.pressure_mpa, raw, none, 0 * raw, none, raw != raw)
-    search = _subtract_gap_level(first, held)
-    residual = disturbed = _contact_violation_mm(search)
-    fit, going = _PressureProblem(response, held, overlap_mm, tolerance_mm), disturbed > tolerance_mm
-    search, residual, iterations = _iterate_pressure(fit, search, residual, going, most_iterations)
-    sunk = search.gap_mm + (overlap_mm + search.deeper_mm)
-    return PressureSolution(search.pressure_mpa, sunk, search.deeper_mm + none, residual, disturbed, iterations)
+    none, gap = 0 * tolerance_mm, start.indentation_mm - overlap_mm
+    iterate = _subtract_gap_level(
+        _PressureIterate(start.pressure_mpa, gap, none, 0 * gap, none, gap != gap), constraint
+    )
+    residual = initial = _contact_violation_mm(iterate)
+    problem = _PressureProblem(operators, constraint, overlap_mm, tolerance_mm)
+    iterate, residual, iterations = _iterate_pressure(
+        problem, iterate, residual, initial > tolerance_mm, max_iterations
+    )
+    indentation = iterate.gap_mm + (overlap_mm + iterate.depth_increase_mm)
+    deeper = iterate.depth_increase_mm + none
+    return PressureSolution(iterate.pressure_mpa, indentation, deeper, residual, initial, iterations)
 
 
 def _iterate_pressure(
-    fit: _PressureProblem, search: _PressureIterate, residual: PerContact, going: ContactFlags, left: int
+    problem: _PressureProblem, iterate: _PressureIterate, residual: PerContact, unconverged: ContactFlags, left: int
 ) -> tuple[_PressureIterate, PerContact, PerContact]:
-    """Improved to half the tolerance, with its residual and iterations; half a batch by itself when the other half is done.
+    """Return the iterate at half the tolerance, its residual and its iterations, of which there are at most `left`.
 
-    left: iterations, at most.
+    As soon as half of a batch has converged, the other half is iterated by itself.
     """
-    iterations = 0 * fit.tolerance_mm
-    while bool(going.any()) and left:
-        if (half := unconverged_half(going)) is not None:
-            picked = fit.of(half), search.of(half), take_contacts(residual, half), take_contacts(going, half)
-            part, rest, more = _iterate_pressure(*picked, left)
-            return (
-                search.after(half, part),
-                put_contacts(residual, half, rest),
-                iterations + put_contacts(0 * iterations, half, more),
+    iterations = 0 * problem.tolerance_mm
+    while bool(unconverged.any()) and left:
+        if (half := unconverged_half(unconverged)) is not None:
+            selected = (
+                problem.select(half),
+                iterate.select(half),
+                take_contacts(residual, half),
+                take_contacts(unconverged, half),
             )
-        search = _subtract_gap_level(
-            _conjugate_gradient_step(search, fit.response, fit.held, fit.overlap_mm, going), fit.held
-        )
-        residual = _contact_violation_mm(search)
-        left, iterations = left - 1, iterations + going
-        going = going & (residual > fit.tolerance_mm / 2)
-    return search, residual, iterations
+            part, rest, more = _iterate_pressure(*selected, left)
+            iterations = iterations + put_contacts(0 * iterations, half, more)
+            return iterate.merge(half, part), put_contacts(residual, half, rest), iterations
+        iterate = _subtract_gap_level(_conjugate_gradient_step(iterate, problem, unconverged), problem.constraint)
+        residual = _contact_violation_mm(iterate)
+        left, iterations = left - 1, iterations + unconverged
+        unconverged = unconverged & (residual > problem.tolerance_mm / 2)
+    return iterate, residual, iterations
 
 
 def _conjugate_gradient_step(
-    last: _PressureIterate,
-    response: DisplacementOperators,
-    held: ContactConstraint,
-    overlap_mm: ScalarField,
-    going: ContactFlags,
+    last: _PressureIterate, problem: _PressureProblem, unconverged: ContactFlags
 ) -> _PressureIterate:
-    """One conjugate step for the contacts still going; where it pulls at the skin, the pressure is cut off at zero."""
-    xp, gap = response.xp, last.gap_mm
+    """Return the next iterate of the contacts that have not converged; negative pressure is projected to zero.
+
+    Names beside the symbols of Polonsky and Keer: residual (r), search direction (d), its displacement (q = K d), step length (α).
+    """
+    operators, constraint, gap = problem.operators, problem.constraint, last.gap_mm
+    xp = operators.xp
     active = last.pressed | (gap < 0)
-    miss = xp.where(active, gap - held.level_mm(gap, active), 0.0)
-    square = sum_over_grid(miss * miss)
+    residual = xp.where(active, gap - constraint.gap_level_mm(gap, active), 0.0)
+    squared_residual = sum_over_grid(residual * residual)
     conjugate = xp.all(active == last.active, axis=(-2, -1), keepdims=True)
-    direction = miss + conjugate * square / nonzero_divisor(last.square) * last.direction
-    answer = response.sunk_mm(direction)
-    stride = going * sum_over_grid(miss * direction) / nonzero_divisor(sum_over_grid(direction * answer))
-    pressure = last.pressure_mpa - stride * direction
-    gap = gap + last.deeper_mm - stride * answer
+    direction = residual + conjugate * squared_residual / nonzero_divisor(last.squared_residual) * last.direction
+    displacement = operators.indentation_from_pressure_mm(direction)
+    curvature = nonzero_divisor(sum_over_grid(direction * displacement))
+    step_length = unconverged * sum_over_grid(residual * direction) / curvature
+    pressure = last.pressure_mpa - step_length * direction
+    gap = gap + last.depth_increase_mm - step_length * displacement
     if bool((pressure < 0).any()):
-        pressure = held.loaded(xp.where(pressure > 0, pressure, 0.0))
-        gap = response.sunk_mm(pressure) - overlap_mm
-    return _PressureIterate(pressure, gap, last.deeper_mm, direction, square, active)
+        pressure = constraint.scale_to_load(xp.where(pressure > 0, pressure, 0.0))
+        gap = operators.indentation_from_pressure_mm(pressure) - problem.overlap_mm
+    return _PressureIterate(pressure, gap, last.depth_increase_mm, direction, squared_residual, active)
 
 
-def _subtract_gap_level(search: _PressureIterate, held: ContactConstraint) -> _PressureIterate:
-    """The same with its gaps from the level held."""
-    level = held.level_mm(search.gap_mm, search.pressed)
-    gap = search.gap_mm - level
-    return _PressureIterate(search.pressure_mpa, gap, level, search.direction, search.square, search.active)
+def _subtract_gap_level(iterate: _PressureIterate, constraint: ContactConstraint) -> _PressureIterate:
+    """Return the iterate with its gaps measured from the level that the constraint gives."""
+    level = constraint.gap_level_mm(iterate.gap_mm, iterate.pressed)
+    gap = iterate.gap_mm - level
+    return _PressureIterate(
+        iterate.pressure_mpa, gap, level, iterate.direction, iterate.squared_residual, iterate.active
+    )
 
 
-def _contact_violation_mm(search: _PressureIterate) -> PerContact:
-    """The largest violation of the contact's conditions, mm."""
+def _contact_violation_mm(iterate: _PressureIterate) -> PerContact:
+    """Return the largest violation of the conditions of contact, in mm."""
     # Under pressure a gap of either sign counts, elsewhere an overlap alone.
-    return max_over_grid(abs(search.gap_mm) * search.pressed - search.gap_mm * ~search.pressed)
+    return max_over_grid(abs(iterate.gap_mm) * iterate.pressed - iterate.gap_mm * ~iterate.pressed)

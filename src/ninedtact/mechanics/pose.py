@@ -1,7 +1,7 @@
-"""Where a rigid object is: its own frame in the sensor's.
+"""The pose of a rigid object: its own frame in that of the sensor.
 
 The object's frame has its origin at the object's lowest point (the first to touch when it comes straight down) and z away
-from the skin. Tilts turn about the sensor's x and y axes, the twist, about z, comes first.
+from the skin. The twist about z is applied first, then the tilts about the x and y axes of the sensor.
 """
 
 from collections.abc import Sequence
@@ -13,18 +13,18 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.errors import InputError
+from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.mechanics.batching import ScalarPerContact, expand_over_grid
 
 
-class InvalidPose(InputError):
-    """A place where no object can be, or none that this skin can answer for."""
+class InvalidPose(NinedtactError):
+    """Raised for a pose that is not finite, or that would put the object through the gel."""
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Position of the object's origin, mm, and its turn, rad.
+    """The position of the object's origin in mm and its rotation in rad.
 
     A batch of poses has arrays (batch,) in place of some or all numbers. Raises `InvalidPose` unless all are finite.
     """
@@ -32,7 +32,7 @@ class Pose:
     x_mm: ScalarPerContact = 0.0
     y_mm: ScalarPerContact = 0.0
     depth_mm: ScalarPerContact = 0.0
-    """How far the origin is below the untouched skin, −z; negative above it."""
+    """How far the origin is below the undeformed skin, −z; negative above it."""
     twist_rad: ScalarPerContact = 0.0
     tilt_x_rad: ScalarPerContact = 0.0
     tilt_y_rad: ScalarPerContact = 0.0
@@ -44,7 +44,7 @@ class Pose:
 
     @cached_property
     def rotation(self) -> Float[Array, "*batch 3 3"]:
-        """Columns are the object's axes in the sensor's frame."""
+        """The rotation matrix, whose columns are the object's axes in the sensor's frame."""
         turned = (
             _rotation_about_axis(1, self.tilt_y_rad)
             @ _rotation_about_axis(0, self.tilt_x_rad)
@@ -54,38 +54,38 @@ class Pose:
 
     @property
     def origin_mm(self) -> Float[Array, "*batch 3"]:
-        """The object's origin in the sensor's frame."""
+        """The (x, y, z) of the object's origin in the sensor's frame."""
         place = np.broadcast_arrays(self.x_mm, self.y_mm, -np.asarray(self.depth_mm, float), np.zeros(self.batch_shape))
         return np.stack(place[:3], axis=-1)
 
     @cached_property
     def batch_shape(self) -> tuple[int, ...]:
-        """(batch,), or () for a single pose."""
+        """The shape (batch,) of a batch of poses, or () of a single pose."""
         return np.broadcast_shapes(*(np.shape(getattr(self, field.name)) for field in fields(self)))
 
     @property
-    def level(self) -> bool:
-        """Whether the object is not tilted; in a batch, whether none is."""
+    def is_level(self) -> bool:
+        """Whether the object is not tilted; for a batch, whether no object is."""
         return not (np.any(self.tilt_x_rad) or np.any(self.tilt_y_rad))
 
-    def towards(self, other: "Pose", part: float) -> "Pose":
-        """The pose this part of the way to another."""
+    def interpolate(self, other: "Pose", part: float) -> "Pose":
+        """Return the pose at this part, 0 to 1, of the way to another pose."""
         pairs = ((name.name, getattr(self, name.name), getattr(other, name.name)) for name in fields(self))
         return Pose(**{name: start + part * (end - start) for name, start, end in pairs})
 
-    def each(self) -> list["Pose"]:
-        """The poses of a batch, one by one."""
+    def unstack(self) -> list["Pose"]:
+        """Return the poses of a batch as single poses."""
         numbers = np.broadcast_arrays(*(np.atleast_1d(getattr(self, field.name)) for field in fields(self)))
         return [Pose(*one) for one in np.stack(numbers, axis=-1).astype(float).tolist()]
 
     @staticmethod
-    def batch(poses: Sequence["Pose"]) -> "Pose":
-        """Single poses as one batch."""
+    def stack(poses: Sequence["Pose"]) -> "Pose":
+        """Return single poses as one batch."""
         return Pose(*np.array([[getattr(pose, field.name) for field in fields(Pose)] for pose in poses], float).T)
 
 
 def _rotation_about_axis(axis: int, angle_rad: ScalarPerContact) -> Float[Array, "*batch 3 3"]:
-    """Rotation about a coordinate axis, right-handed."""
+    """Return the right-handed rotation about a coordinate axis (0, 1 or 2)."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
     matrix = np.zeros((*np.shape(angle_rad), 3, 3))
     matrix[..., axis, axis] = 1
@@ -95,17 +95,18 @@ def _rotation_about_axis(axis: int, angle_rad: ScalarPerContact) -> Float[Array,
     return matrix
 
 
-def rigid_displacement_mm(before: Pose, after: Pose, place_mm: Any) -> Any:
-    """How far (x, y) the points of a rigid object at these places of the skin's plane move between two poses.
+def rigid_displacement_mm(before: Pose, after: Pose, positions_mm: Any) -> Any:
+    """Return how far (x, y) the points of a rigid object move between two poses, in mm.
 
-    place_mm: (…, 2, rows, cols); the result has the same shape, with the batch of the poses.
+    positions_mm: where the points are in the skin's plane before, (…, 2, rows, cols). The result has the same shape, with the
+    batch of the poses.
     """
     step = after.rotation @ np.swapaxes(before.rotation, -1, -2)
     turned = step[..., :2, :2] - np.eye(2)
     # A point of the plane stands origin depth above the object's origin, which matters for tilts alone.
     shift = (after.origin_mm - before.origin_mm)[..., :2] + step[..., :2, 2] * np.asarray(before.depth_mm)[..., None]
-    x = place_mm[..., 0, :, :] - expand_over_grid(before.x_mm, place_mm)
-    y = place_mm[..., 1, :, :] - expand_over_grid(before.y_mm, place_mm)
+    x = positions_mm[..., 0, :, :] - expand_over_grid(before.x_mm, positions_mm)
+    y = positions_mm[..., 1, :, :] - expand_over_grid(before.y_mm, positions_mm)
     rows = [[*(turned[..., row, col] for col in (0, 1)), shift[..., row]] for row in (0, 1)]
-    rows = [[expand_over_grid(number, place_mm) for number in row] for row in rows]
-    return array_namespace_of(place_mm).stack([by_x * x + by_y * y + by for by_x, by_y, by in rows], axis=-3)
+    rows = [[expand_over_grid(number, positions_mm) for number in row] for row in rows]
+    return array_namespace_of(positions_mm).stack([by_x * x + by_y * y + by for by_x, by_y, by in rows], axis=-3)

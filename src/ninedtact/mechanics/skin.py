@@ -1,13 +1,10 @@
-"""From tractions to displacements by Fourier multiplication: one set of operators, for the whole periodic patch or for a
-window of it.
+"""The skin as a linear elastic surface: Fourier operators from tractions to displacements, on the whole grid or a part of it.
 
-In a window the transform is twice as large as the field and its kernel is cut from the patch's own, so that a window
-answers exactly as the patch does with zeros around; a small contact then costs a small transform.
-
-The skin: a patch of a grid with the compliance of what lies below it.
-
-Beyond the sensing area the patch is padded, so that what leaves on one side and enters on the other is too faint to
+Beyond the sensing area the grid is padded, so that what leaves on one side and enters on the other is too faint to
 matter: in an incompressible layer it falls off with a length of about the thickness (docs/mechanics.md has figures).
+
+On a part of the grid the transform is twice as large as the field and its kernel is cut from that of the whole grid. The part then
+yields exactly what the whole grid yields for tractions that are zero outside the part, and a small contact costs a small transform.
 """
 
 from dataclasses import dataclass, field
@@ -32,7 +29,11 @@ PointMask = Bool[Any, "*batch rows cols"]
 
 @dataclass(frozen=True)
 class DisplacementOperators:
-    """What the skin does under tractions on a grid. Every symbol is complex: complex times real would be converted first."""
+    """Operators from tractions on a grid to displacements of the skin.
+
+    Every Fourier symbol is complex, because a product of complex and real arrays would convert the real one first. The names N,
+    L, S and M are those of `layer_compliance`.
+    """
 
     normal: Any
     """N: pressure → inward displacement."""
@@ -44,172 +45,178 @@ class DisplacementOperators:
     """Of the transform."""
     field_shape: tuple[int, int]
     """Of the fields."""
-    softest_mm_per_mpa: Any
-    """The largest compliance to shear; of a batch of skins, one for each, (batch, 1, 1, 1)."""
+    max_shear_compliance_mm_per_mpa: Any
+    """The largest compliance to shear; for a batch of skins one for each, (batch, 1, 1, 1)."""
     inside: Any = None
-    """One where the answer is wanted and zero elsewhere, (batch, rows, cols): what a window cuts off, as wide as the patch, so
-    that contacts with windows of their own are one batch. None: everywhere."""
+    """One where the displacement is wanted and zero elsewhere, (batch, rows, cols), so that contacts with different active
+    regions form one batch. None: wanted everywhere."""
 
-    def of(self, chosen: ContactIndices) -> "DisplacementOperators":
-        """For the chosen contacts of a batch."""
+    def select(self, indices: ContactIndices) -> "DisplacementOperators":
+        """Return the operators of these contacts of a batch."""
         if self.normal.ndim == 2:
             return self
-        symbols = (take_contacts(part, chosen) for part in (self.normal, self.bulge, *self.tangential))
+        symbols = (take_contacts(part, indices) for part in (self.normal, self.bulge, *self.tangential))
         normal, bulge, diagonal, crossed = symbols
-        rest = take_contacts(self.softest_mm_per_mpa, chosen), take_contacts(self.inside, chosen)
+        rest = take_contacts(self.max_shear_compliance_mm_per_mpa, indices), take_contacts(self.inside, indices)
         return DisplacementOperators(normal, bulge, (diagonal, crossed), self.shape, self.field_shape, *rest)
 
     @cached_property
     def xp(self) -> Any:
-        """The array library that all this is done with."""
+        """The array API namespace of the symbols."""
         return array_namespace_of(self.normal)
 
-    def sunk_mm(self, pressure: ScalarField) -> ScalarField:
-        """Inward displacement by pressure, −u_z."""
-        return self.back(self.wave(pressure) * self.normal)
+    def indentation_from_pressure_mm(self, pressure: ScalarField) -> ScalarField:
+        """Return the inward displacement −u_z by pressure, in mm."""
+        return self._to_space(self._to_waves(pressure) * self.normal)
 
-    def raised_mm(self, shear: VectorField) -> ScalarField:
-        """Outward displacement by shear: the bulge before a dragged object and the hollow behind it."""
-        turned = self.wave(shear) * self.bulge
-        return self.back(turned[..., 0, :, :] + turned[..., 1, :, :])
+    def bulge_from_shear_mm(self, shear: VectorField) -> ScalarField:
+        """Return the outward displacement by shear, in mm: the bulge before a dragged object and the hollow behind it."""
+        turned = self._to_waves(shear) * self.bulge
+        return self._to_space(turned[..., 0, :, :] + turned[..., 1, :, :])
 
-    def spread_mm(self, pressure: ScalarField) -> VectorField:
-        """Tangential displacement by pressure."""
-        return self.back(self.wave(pressure)[..., None, :, :] * self.bulge)
+    def tangential_from_pressure_mm(self, pressure: ScalarField) -> VectorField:
+        """Return the tangential displacement (u_x, u_y) by pressure, in mm."""
+        return self._to_space(self._to_waves(pressure)[..., None, :, :] * self.bulge)
 
-    def slid_mm(self, shear: VectorField) -> VectorField:
-        """Tangential displacement by shear."""
-        return self.back(self.sheared(self.wave(shear)))
+    def tangential_from_shear_mm(self, shear: VectorField) -> VectorField:
+        """Return the tangential displacement (u_x, u_y) by shear, in mm."""
+        return self._to_space(self._apply_tangential_block(self._to_waves(shear)))
 
-    def displaced_mm(self, pressure: ScalarField, shear: VectorField) -> tuple[ScalarField, VectorField]:
-        """u_z and (u_x, u_y) by both."""
-        pressed, dragged = self.wave(pressure), self.wave(shear)
-        turned = dragged * self.bulge
+    def displacement_mm(self, pressure: ScalarField, shear: VectorField) -> tuple[ScalarField, VectorField]:
+        """Return the displacements u_z and (u_x, u_y) by pressure and shear together, in mm."""
+        pressed, sheared = self._to_waves(pressure), self._to_waves(shear)
+        turned = sheared * self.bulge
         upward = turned[..., 0, :, :] + turned[..., 1, :, :] - pressed * self.normal
-        return self.back(upward), self.back(self.sheared(dragged) + pressed[..., None, :, :] * self.bulge)
+        tangential = self._apply_tangential_block(sheared) + pressed[..., None, :, :] * self.bulge
+        return self._to_space(upward), self._to_space(tangential)
 
-    def sheared(self, wave: Any) -> Any:
-        """The tangential 2 × 2 block in Fourier space."""
+    def _apply_tangential_block(self, wave: Any) -> Any:
+        """Return the product with the 2 × 2 block L e eᵀ + S (1 − e eᵀ) in Fourier space."""
         diagonal, crossed = self.tangential
         return wave * diagonal + self.xp.flip(wave, axis=-3) * crossed
 
-    def wave(self, field: Any) -> Any:
-        """Into Fourier space, zeros around."""
+    def _to_waves(self, field: Any) -> Any:
+        """Return the zero-padded transform of a field."""
         return forward_transform(field, self.shape)
 
-    def back(self, wave: Any) -> Any:
-        """Out of it, the padding cut off."""
+    def _to_space(self, wave: Any) -> Any:
+        """Return the field of a transform without padding, zero where it is not wanted."""
         field = inverse_transform(wave, self.shape, self.field_shape)
         if self.inside is None:
             return field
         return field * (self.inside if field.ndim == self.inside.ndim else self.inside[..., None, :, :])
 
 
-def _crop_kernel(
-    kernel: Float[Array, "rows cols"], reach: tuple[int, int], shape: tuple[int, int]
-) -> Float[Array, "n m"]:
-    """A periodic kernel at offsets up to `reach` cells, laid out for a transform of another shape."""
-    offsets = [np.arange(1 - cells, cells) for cells in reach]
-    cut = np.zeros(shape)
-    cut[np.ix_(offsets[0] % shape[0], offsets[1] % shape[1])] = kernel[np.ix_(*offsets)]
-    return cut
-
-
 @dataclass(frozen=True)
 class Skin:
-    """A patch with its compliance, in the array library, precision and device of `like`."""
+    """A periodic grid with its compliance; fields have the array library, precision and device of `like`."""
 
-    patch: PeriodicGrid
+    grid: PeriodicGrid
     compliance_of: ComplianceFunction
     like: Any = field(default_factory=lambda: np.zeros((), np.float32), compare=False)
     thickness_mm: float = np.inf
-    """Of all that yields; no object is pressed as deep. Infinite where nothing is said of a base."""
+    """Of all layers above the rigid base; no object is pressed as deep. Infinite where no base is modelled."""
 
     def asarray(self, values: Array) -> Any:
-        """Numbers as an array like those of this skin."""
+        """Return the values as an array in the library, precision and device of this skin."""
         if isinstance(self.like, np.ndarray):
             return np.ascontiguousarray(values, self.like.dtype)
         xp = array_namespace_of(self.like)
         return xp.asarray(np.ascontiguousarray(values), dtype=self.like.dtype, device=device(self.like))
 
     @cached_property
-    def place_mm(self) -> VectorField:
-        """(x, y) of every point."""
-        return self.asarray(self.patch.place_mm)
+    def positions_mm(self) -> VectorField:
+        """The (x, y) of every point as one array."""
+        return self.asarray(self.grid.positions_mm)
 
     @cached_property
-    def waves(self) -> tuple[Any, Any]:
-        """k_x (1, half) and k_y (rows, 1) of the transform's entries, 1/mm; zero for the highest of an even grid."""
-        length = np.hypot(*self.patch.waves)
-        along, across = (unit * length for unit in self.patch.unit_waves)
+    def coordinates_mm(self) -> tuple[Any, Any]:
+        """The x and the y of every point as two contiguous arrays."""
+        return self.asarray(self.grid.positions_mm[0]), self.asarray(self.grid.positions_mm[1])
+
+    @cached_property
+    def shift_wave_numbers(self) -> tuple[Any, Any]:
+        """The k_x (1, half) and k_y (rows, 1) that shift a field, in 1/mm; zero for the highest wave of an even grid."""
+        length = np.hypot(*self.grid.wave_vectors)
+        along, across = (unit * length for unit in self.grid.wave_directions)
         return self.asarray(along[:1]), self.asarray(across[:, :1])
 
     @cached_property
-    def places_mm(self) -> tuple[Any, Any]:
-        """x and y of every point, apart and whole in memory."""
-        return self.asarray(self.patch.place_mm[0]), self.asarray(self.patch.place_mm[1])
-
-    @cached_property
-    def symbols(self) -> dict[str, Array]:
-        """What the transform of a traction is multiplied by: N, xx, xy, yy, and by i times bulge_x, bulge_y."""
-        (e_x, e_y), answer = self.patch.unit_waves, self.compliance_of(np.hypot(*self.patch.waves))
-        difference = answer.along - answer.across
+    def fourier_symbols(self) -> dict[str, Array]:
+        """The factors of the transform of a traction: normal, xx, xy and yy, and bulge_x and bulge_y to be multiplied by i."""
+        (e_x, e_y), compliance = self.grid.wave_directions, self.compliance_of(np.hypot(*self.grid.wave_vectors))
+        difference = compliance.along - compliance.across
         return {
-            "normal": answer.normal,
-            "bulge_x": -answer.coupling * e_x,
-            "bulge_y": -answer.coupling * e_y,
-            "xx": answer.across + difference * e_x**2,
+            "normal": compliance.normal,
+            "bulge_x": -compliance.coupling * e_x,
+            "bulge_y": -compliance.coupling * e_y,
+            "xx": compliance.across + difference * e_x**2,
             "xy": difference * e_x * e_y,
-            "yy": answer.across + difference * e_y**2,
+            "yy": compliance.across + difference * e_y**2,
         }
 
     @cached_property
-    def response(self) -> DisplacementOperators:
-        """Of the whole patch, periodic."""
-        return self.response_of(self.symbols, self.patch.shape, self.patch.shape)
+    def operators(self) -> DisplacementOperators:
+        """The operators of the whole periodic grid."""
+        return self._operators_from_symbols(self.fourier_symbols, self.grid.shape, self.grid.shape)
 
-    def response_of(
+    def cropped_operators(self, rows: int, cols: int) -> DisplacementOperators:
+        """Return the operators on a part of this many points, kept for the next call.
+
+        They yield what the whole grid yields for tractions that are zero outside the part.
+        """
+        if (rows, cols) not in self._operators_by_shape:
+            self._operators_by_shape[rows, cols] = self.build_cropped_operators(rows, cols)
+        return self._operators_by_shape[rows, cols]
+
+    def build_cropped_operators(self, rows: int, cols: int) -> DisplacementOperators:
+        """Build the operators on a part of this many points from the kernels of the whole grid."""
+        from scipy.fft import next_fast_len
+
+        shape = next_fast_len(2 * rows - 1), 2 * next_fast_len(cols)
+        waves = {
+            name: np.fft.rfft2(_crop_kernel(kernel, (rows, cols), shape)) for name, kernel in self._kernels.items()
+        }
+        symbols = {name: wave.imag if "bulge" in name else wave.real for name, wave in waves.items()}
+        return self._operators_from_symbols(symbols, shape, (rows, cols))
+
+    @cached_property
+    def _operators_by_shape(self) -> dict[tuple[int, int], DisplacementOperators]:
+        """The operators on parts of the grid that were built so far."""
+        return {}
+
+    @cached_property
+    def _kernels(self) -> dict[str, Float[Array, "rows cols"]]:
+        """The symbols in space: displacement by a traction on one cell. The bulges are odd, all others are even."""
+        turned = {name: 1j * s if "bulge" in name else s for name, s in self.fourier_symbols.items()}
+        return {name: np.fft.irfft2(s, s=self.grid.shape) for name, s in turned.items()}
+
+    def _operators_from_symbols(
         self, symbols: dict[str, Array], shape: tuple[int, int], field_shape: tuple[int, int]
     ) -> DisplacementOperators:
-        """Operators from their symbols."""
+        """Return operators with these symbols in the arrays of this skin."""
         part = {name: self.asarray(symbol) + 0j for name, symbol in symbols.items()}
         stack = array_namespace_of(part["normal"]).stack
         bulge, diagonal = 1j * stack((part["bulge_x"], part["bulge_y"])), stack((part["xx"], part["yy"]))
         softest = float(array_namespace_of(diagonal).max(abs(diagonal)))
         return DisplacementOperators(part["normal"], bulge, (diagonal, part["xy"]), shape, field_shape, softest)
 
-    @cached_property
-    def kernels(self) -> dict[str, Float[Array, "rows cols"]]:
-        """The symbols in space: displacement by a traction on one cell. All are even, but for the bulges, which are odd."""
-        turned = {name: 1j * s if "bulge" in name else s for name, s in self.symbols.items()}
-        return {name: np.fft.irfft2(s, s=self.patch.shape) for name, s in turned.items()}
 
-    @cached_property
-    def windows(self) -> dict[tuple[int, int], DisplacementOperators]:
-        """Those made so far."""
-        return {}
-
-    def window(self, rows: int, cols: int) -> DisplacementOperators:
-        """Operators on a window of this many points; the whole patch's answer to tractions that are zero outside it."""
-        if (rows, cols) not in self.windows:
-            self.windows[rows, cols] = self.new_window(rows, cols)
-        return self.windows[rows, cols]
-
-    def new_window(self, rows: int, cols: int) -> DisplacementOperators:
-        """Kernels cut out of the patch's and transformed: even ones to real numbers, odd ones to imaginary ones."""
-        from scipy.fft import next_fast_len
-
-        shape = next_fast_len(2 * rows - 1), 2 * next_fast_len(cols)
-        waves = {name: np.fft.rfft2(_crop_kernel(kernel, (rows, cols), shape)) for name, kernel in self.kernels.items()}
-        symbols = {name: wave.imag if "bulge" in name else wave.real for name, wave in waves.items()}
-        return self.response_of(symbols, shape, (rows, cols))
-
-
-def gel_skin(patch: PeriodicGrid, gel: Gel, like: Any = None) -> Skin:
-    """The skin of a gel on a rigid base; `like` as in `Skin`, single precision of NumPy unless said otherwise."""
+def gel_skin(grid: PeriodicGrid, gel: Gel, like: Any = None) -> Skin:
+    """Return the skin of a gel bonded to a rigid base; `like` as in `Skin`, by default a NumPy array in single precision."""
     return Skin(
-        patch,
+        grid,
         partial(bonded_layer_compliance, gel=gel),
         np.zeros((), np.float32) if like is None else like,
         gel.thickness_mm,
     )
+
+
+def _crop_kernel(
+    kernel: Float[Array, "rows cols"], reach: tuple[int, int], shape: tuple[int, int]
+) -> Float[Array, "n m"]:
+    """Return a periodic kernel at offsets up to `reach` cells, laid out for a transform of another shape."""
+    offsets = [np.arange(1 - cells, cells) for cells in reach]
+    cut = np.zeros(shape)
+    cut[np.ix_(offsets[0] % shape[0], offsets[1] % shape[1])] = kernel[np.ix_(*offsets)]
+    return cut

@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact import Contact
 from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
-from ninedtact.simulation.seeing import Sight, grid, sampled
+from ninedtact.simulation.sightlines import SightlineGrid, grid_coordinates, sample_periodic
 
 PRESSED_MM = 0.05
 """Indentation from which on an error counts; image noise stays below it."""
@@ -23,9 +23,9 @@ def true_height_map(
     With an inverse viewing distance k > 0 per mm, pixels are lines of sight, as those of a reconstruction are: pixel P shows the
     skin at P(1 + k·z). With zero, pixels are positions.
     """
-    sight = Sight(*_pixel_grid_mm(shape, mm_per_px), inverse_distance_per_mm)
+    sight = SightlineGrid(*_pixel_grid_mm(shape, mm_per_px), inverse_distance_per_mm)
     z_mm = sight.height_mm(
-        contact.skin.patch, contact.centre_mm, to_numpy(contact.height_mm).astype(np.float32), fine=True
+        contact.skin.grid, contact.centre_mm, to_numpy(contact.height_mm).astype(np.float32), fine=True
     )
     source = np.full(shape, HeightSource.MEASURED, np.uint8)
     return HeightMap(
@@ -59,8 +59,8 @@ def resample_skin_field(
     contact: Contact, field: Array, shape: tuple[int, int], mm_per_px: float
 ) -> Float32[Array, "rows cols"]:
     """Interpolate a field of the simulated skin linearly at the pixels of a grid."""
-    at = grid(contact.skin.patch, contact.centre_mm, *_pixel_grid_mm(shape, mm_per_px))
-    return sampled(to_numpy(field).astype(np.float32), *at)
+    at = grid_coordinates(contact.skin.grid, contact.centre_mm, *_pixel_grid_mm(shape, mm_per_px))
+    return sample_periodic(to_numpy(field).astype(np.float32), *at)
 
 
 def _pixel_grid_mm(

@@ -143,7 +143,9 @@ class PressFigure:
         x, y = np.meshgrid(*self.axes_mm)
         shear = 1e3 * true_shear_map_mpa(self.contact, self.shape, MM_PER_PX)[chosen]
         stuck = (
-            resample_skin_field(self.contact, np.asarray(self.contact.stuck, np.float32), self.shape, MM_PER_PX)[chosen]
+            resample_skin_field(self.contact, np.asarray(self.contact.stick_mask, np.float32), self.shape, MM_PER_PX)[
+                chosen
+            ]
             > 0.5
         )
         largest = max(float(np.hypot(*shear.T).max(initial=0)), 1e-6)
@@ -165,7 +167,7 @@ class PressFigure:
         t = np.arange(-12, 12 + MM_PER_PX, MM_PER_PX)
         pose = self.contact.pose
         x, y = (np.atleast_2d(middle + t * way) for middle, way in zip((pose.x_mm, pose.y_mm), self.along, strict=True))
-        skin, under = self.skin_mm(x, y)[0], self.indenter.over_skin_mm(pose, x, y)[0]
+        skin, under = self.skin_mm(x, y)[0], self.indenter.height_over_skin_mm(pose, x, y)[0]
         axes.axhline(0, color=PALE_INK, linewidth=0.8, linestyle="dotted")
         axes.plot(t, skin, color="#2166ac", linewidth=1.8, label="skin")
         top = float(skin.max()) + ABOVE_MM
@@ -178,11 +180,11 @@ class PressFigure:
 
     def skin_mm(self, x_mm: Float[Array, "1 n"], y_mm: Float[Array, "1 n"]) -> Array:
         """Return the height of the skin at positions of a line."""
-        from ninedtact.simulation.seeing import Sight
+        from ninedtact.simulation.sightlines import SightlineGrid
 
-        sight = Sight(x_mm.astype(np.float32), y_mm.astype(np.float32), 0.0)
+        sight = SightlineGrid(x_mm.astype(np.float32), y_mm.astype(np.float32), 0.0)
         height = np.asarray(self.contact.height_mm, np.float32)
-        return sight.height_mm(self.contact.skin.patch, self.contact.centre_mm, height)
+        return sight.height_mm(self.contact.skin.grid, self.contact.centre_mm, height)
 
     def draw_wrench(self, axes: "Axes") -> None:
         """Draw the six components of the wrench as text."""

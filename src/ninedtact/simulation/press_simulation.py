@@ -202,7 +202,7 @@ class PressSimulation:
         """Return the contact at a step after the newest one; every trajectory starts on undeformed skin."""
         number, within_s = self.trajectory_at(step / self.hz)
         continues = newest >= 0 and self.trajectory_at(newest / self.hz)[0] == number
-        last = self.contacts[newest] if continues else self.twin.model.untouched()
+        last = self.contacts[newest] if continues else self.twin.model.initial_contact()
         item = self.trajectories[number % len(self.trajectories)]
         return self.twin.step(last, item.indenter, item.trajectory.pose_at(within_s))
 

@@ -12,7 +12,7 @@ from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.pixel_map import PixelMap
-from ninedtact.simulation.seeing import FINER, Sight, grid, scattered
+from ninedtact.simulation.sightlines import REFINEMENT, SightlineGrid, blur_and_refine_fields, grid_coordinates
 
 NOISE_MARGIN_PX = 61
 """Rows and columns by which the stored noise exceeds an image; every frame gets its own section."""
@@ -72,11 +72,11 @@ class Renderer:
     def brightness_factor(self, contact: Contact) -> Float32[Array, "raw_rows raw_cols"]:
         """Return the brightness of every raw pixel relative to the reference image."""
         height = np.asarray(contact.height_mm, np.float32)
-        sight = Sight(*self.plane_mm, self.light.inverse_distance_per_mm)
-        seen = self.light.brightness_change(sight.height_mm(contact.skin.patch, contact.centre_mm, height)).astype(
+        sight = SightlineGrid(*self.plane_mm, self.light.inverse_distance_per_mm)
+        seen = self.light.brightness_change(sight.height_mm(contact.skin.grid, contact.centre_mm, height)).astype(
             np.float32
         )
-        (diffuse,) = scattered(self.plane, self.light.point_spread_mm, seen)
+        (diffuse,) = blur_and_refine_fields(self.plane, self.light.point_spread_mm, seen)
         level = 1 + self.light.image_dimming(seen[self.sensing])
         factor = (diffuse + 1) * np.float32(level)
         return np.asarray(cv2.remap(factor, *self.lens, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
@@ -90,7 +90,7 @@ class Renderer:
     @cached_property
     def plane_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
         """x and y of the points of `plane`."""
-        x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.plane.place_mm)
+        x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.plane.positions_mm)
         return x, y
 
     @cached_property
@@ -103,5 +103,5 @@ class Renderer:
     def lens(self) -> tuple[Float32[Array, "raw_rows raw_cols"], Float32[Array, "raw_rows raw_cols"]]:
         """The column and the row of the refined plane that each raw pixel sees."""
         x, y = (self.pixel_map.plane_mm[..., axis] for axis in range(2))
-        cols, rows = grid(self.plane, (0.0, 0.0), x, y, FINER)
+        cols, rows = grid_coordinates(self.plane, (0.0, 0.0), x, y, REFINEMENT)
         return np.ascontiguousarray(cols), np.ascontiguousarray(rows)

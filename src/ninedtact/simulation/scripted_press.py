@@ -53,7 +53,7 @@ class ScriptedPress:
         # Drag and twist happen at the same time, as when a hand presses.
         many = max(_step_count(float(np.hypot(*self.drag_mm)), ALONG_MM), _step_count(abs(self.twist_rad), ROUND_RAD))
         if dragged != pressed:
-            yield from (pressed.towards(dragged, number / many) for number in range(1, many + 1))
+            yield from (pressed.interpolate(dragged, number / many) for number in range(1, many + 1))
 
     def simulate(
         self, twin: Twin, indenter: Indenter, solver_settings: SolverSettings | None = PRESS_SOLVER_SETTINGS
@@ -64,7 +64,7 @@ class ScriptedPress:
         """
         self._require_within_gel(twin)
         twin = twin if solver_settings is None else replace(twin, solver_settings=solver_settings)
-        contact = twin.model.untouched()
+        contact = twin.model.initial_contact()
         for pose in self.poses():
             deeper = pose if self.load_n is None else replace(pose, depth_mm=contact.pose.depth_mm)
             contact = twin.step(contact, indenter, deeper, self.load_n)

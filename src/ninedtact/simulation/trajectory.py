@@ -62,7 +62,7 @@ class Trajectory:
             return self.segments[-1].to
         segment, before = self.segments[number], self.segments[number - 1].to if number else self.start
         part = 1 - (self.ends_s[number] - at_s) / segment.seconds
-        return before.towards(segment.to, _smoothstep(part))
+        return before.interpolate(segment.to, _smoothstep(part))
 
     def sample_poses(self, hz: float) -> Iterator[Pose]:
         """Yield all poses at this rate, the last one included."""

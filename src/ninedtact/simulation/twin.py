@@ -106,7 +106,7 @@ class Twin:
         pressed = to_numpy(contact.pressure_mpa) > 0
         if not pressed.any():
             return
-        reach = [float(np.abs(place[pressed]).max()) for place in contact.surface_mm[:2]]
+        reach = [float(np.abs(place[pressed]).max()) for place in contact.surface_points_mm[:2]]
         if reach[0] > self.gel_mm[0] / 2 or reach[1] > self.gel_mm[1] / 2:
             raise self.object_too_large(indenter, f"contact up to x = ±{reach[0]:.1f} mm and y = ±{reach[1]:.1f} mm")
 

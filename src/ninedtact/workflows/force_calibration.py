@@ -118,7 +118,7 @@ def _simulate_presses(member: SampledSensor, shape: CalibratedShape) -> Iterator
     depth_reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-_REFERENCE_FRAMES, 0)))
     for number, (x, y, load_n) in enumerate(_SIMULATED_PRESSES):
         pose = Pose(x, y, _START_DEPTH_MM)
-        contact = twin.correct_contact(twin.step(twin.model.untouched(), Ball(_BALL_RADIUS_MM), pose, load_n))
+        contact = twin.correct_contact(twin.step(twin.model.initial_contact(), Ball(_BALL_RADIUS_MM), pose, load_n))
         frame = Frame(twin.renderer(contact, number))
         rectified = shape.rectify(frame)
         reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)

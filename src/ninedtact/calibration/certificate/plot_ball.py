@@ -224,8 +224,8 @@ def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array,
 def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Height of the fitted skin along x, from the contact's middle."""
     contact = fit.contact
-    row = contact.skin.patch.rows // 2
-    along, height = contact.skin.patch.place_mm[0][row], np.asarray(contact.height_mm[row], float)
+    row = contact.skin.grid.rows // 2
+    along, height = contact.skin.grid.positions_mm[0][row], np.asarray(contact.height_mm[row], float)
     return along[along > 0], height[along > 0]
 
 

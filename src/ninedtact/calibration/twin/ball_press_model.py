@@ -25,7 +25,13 @@ from ninedtact.mechanics.skin import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.illumination import saturating_response_mm
-from ninedtact.simulation.seeing import FINER, Sight, grid, sampled, scattered
+from ninedtact.simulation.sightlines import (
+    REFINEMENT,
+    SightlineGrid,
+    blur_and_refine_fields,
+    grid_coordinates,
+    sample_periodic,
+)
 
 
 @dataclass(frozen=True)
@@ -194,9 +200,9 @@ class BallPressModel:
         """What level, dark and bright slope are multiplied by to give the brightness at each observed point."""
         named = dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True))
         seen = self.seen_mm(named)
-        diffuse = scattered(PATCH, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
-        at = grid(PATCH, self.observed.middle_mm, *self.observed.points_mm, FINER)
-        dark, bright = (sampled(field, *at) for field in diffuse)
+        diffuse = blur_and_refine_fields(PATCH, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
+        at = grid_coordinates(PATCH, self.observed.middle_mm, *self.observed.points_mm, REFINEMENT)
+        dark, bright = (sample_periodic(field, *at) for field in diffuse)
         return np.column_stack([np.ones(dark.size), dark.ravel(), bright.ravel()])
 
     def seen_mm(self, named: dict[str, float]) -> Float32[Array, "rows cols"]:
@@ -204,9 +210,11 @@ class BallPressModel:
         height = np.asarray(self.contact(ball_press_of(named)).height_mm, np.float32)
         x, y = (
             np.ascontiguousarray(axis + middle, np.float32)
-            for axis, middle in zip(PATCH.place_mm, self.observed.middle_mm, strict=True)
+            for axis, middle in zip(PATCH.positions_mm, self.observed.middle_mm, strict=True)
         )
-        return Sight(x, y, named["inverse_distance_per_mm"]).height_mm(PATCH, (named["x_mm"], named["y_mm"]), height)
+        return SightlineGrid(x, y, named["inverse_distance_per_mm"]).height_mm(
+            PATCH, (named["x_mm"], named["y_mm"]), height
+        )
 
     def laws(
         self, height_mm: Float32[Array, "rows cols"], saturation: float

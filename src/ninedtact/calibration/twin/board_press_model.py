@@ -27,7 +27,13 @@ from ninedtact.quantities import Rectified
 from ninedtact.shape.lens import Points
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.calibration_images import GRID_POINTS_PER_PIN_PITCH, pin_board_indenter
-from ninedtact.simulation.seeing import FINER, Sight, grid, sampled, scattered
+from ninedtact.simulation.sightlines import (
+    REFINEMENT,
+    SightlineGrid,
+    blur_and_refine_fields,
+    grid_coordinates,
+    sample_periodic,
+)
 
 AROUND = 0.6
 """How far around a pin the image is fitted, in pitches: up to half-way to the next one, and a little over."""
@@ -123,12 +129,12 @@ class PredictedBoardImage:
     def at(self, points_mm: Points) -> Float[Array, " n"]:
         """At places of the plane, linearly."""
         x, y = (np.ascontiguousarray(axis[None], np.float32) for axis in points_mm.T)
-        return sampled(self.field, *grid(self.patch, (0.0, 0.0), x, y, FINER))[0].astype(float)
+        return sample_periodic(self.field, *grid_coordinates(self.patch, (0.0, 0.0), x, y, REFINEMENT))[0].astype(float)
 
     def to_px(self, points_mm: Points) -> Points:
         """Column and row of the field: a projection without a lens."""
         x, y = points_mm.T
-        return np.column_stack(grid(self.patch, (0.0, 0.0), x, y, FINER))
+        return np.column_stack(grid_coordinates(self.patch, (0.0, 0.0), x, y, REFINEMENT))
 
 
 @dataclass(frozen=True)
@@ -174,13 +180,15 @@ class BoardPressModel:
         skin = Skin(self.patch, lambda wave_number: bonded_layer_compliance(wave_number, gel), np.zeros((), np.float32))
         model = ContactModel(skin, FRICTION, EFFORT)
         pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
-        return np.asarray(model.step(model.untouched(), self.relief, pose).height_mm, np.float32)
+        return np.asarray(model.step(model.initial_contact(), self.relief, pose).height_mm, np.float32)
 
     def drawn(self, press: BoardPressParameters) -> PredictedBoardImage:
         """The skin as the plane shows it, in the twin's light."""
-        x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.place_mm)
-        seen = Sight(x, y, press.inverse_distance_per_mm).height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
-        (field,) = scattered(
+        x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.positions_mm)
+        seen = SightlineGrid(x, y, press.inverse_distance_per_mm).height_mm(
+            self.patch, (0.0, 0.0), self.height_mm(press)
+        )
+        (field,) = blur_and_refine_fields(
             self.patch, press.point_spread_mm, self.fit.light.brightness_change(seen).astype(np.float32)
         )
         return PredictedBoardImage(self.patch, field)

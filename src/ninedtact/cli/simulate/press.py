@@ -145,7 +145,7 @@ def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", 
     import numpy as np
 
     wrench, pressed = contact.wrench(), np.asarray(contact.pressure_mpa) > 0
-    cell_mm2 = contact.skin.patch.cell_mm2
+    cell_mm2 = contact.skin.grid.cell_area_mm2
     return {
         "object": indenter.name,
         "twin": twin.name,
@@ -158,7 +158,7 @@ def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", 
         "deepest_mm": float(-contact.height_mm.min()),
         "highest_mm": float(contact.height_mm.max()),
         "contact_area_mm2": float(pressed.sum() * cell_mm2),
-        "sticking_area_mm2": float(np.asarray(contact.stuck).sum() * cell_mm2),
+        "sticking_area_mm2": float(np.asarray(contact.stick_mask).sum() * cell_mm2),
         "largest_pressure_mpa": float(contact.pressure_mpa.max()),
         "mm_per_px": mm_per_px,
         "residual_mm": float(contact.residual_mm),

@@ -27,10 +27,9 @@ from ninedtact.dataset.schema import ReferenceImage
 from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_statistics
 from ninedtact.dataset.stored_images import encode_png
 from ninedtact.dataset.worker_pool import require_workers, run_in_processes
-from ninedtact.simulation.batched.device import Device, device_named
-from ninedtact.simulation.batched.play import play
-from ninedtact.simulation.batched.requests import alone
-from ninedtact.simulation.batched.room import Room
+from ninedtact.simulation.batched.device import Device, find_device
+from ninedtact.simulation.batched.executor import BatchExecutor, run_sessions
+from ninedtact.simulation.batched.requests import run_on_processor
 
 SESSIONS_PER_BATCH = 256
 """Sessions that a GPU advances together. More are not faster, and hold some 3 MB of images each in memory."""
@@ -76,11 +75,11 @@ def generate_dataset(
         raise GenerationImpossible(
             f"expected at least 1 session per batch, got {sessions_per_batch}; give a larger number"
         )
-    on = device_named(device)
+    on = find_device(device)
     folder = DatasetFolder(out)
     _begin_generation(folder, settings, on.kind)
     missing = [number for number in range(settings.files) if not folder.pair_file(number, settings.files).is_file()]
-    if on.many:
+    if on.is_batched:
         pair_counts = _BatchedGeneration(folder, settings, on, sessions_per_batch, workers, notify).make_files(missing)
     else:
         pair_counts = _make_files_in_processes(folder, settings, missing, workers)
@@ -106,7 +105,7 @@ def _render_references(settings: GenerationSettings) -> Iterator[ReferenceImage]
     for number in range(settings.sensors):
         setup, rng = cached_setup(number, settings), np.random.default_rng([settings.seed, 3, number])
         name = setup.member.name
-        yield ReferenceImage(name, encode_png(setup.eye.image(None, rng)), name)
+        yield ReferenceImage(name, encode_png(setup.renderer.render(None, rng)), name)
 
 
 def _consume_with_progress(
@@ -134,7 +133,7 @@ def generate_file(path: Path, settings: GenerationSettings, number: int) -> int:
     rows = []
     for session in settings.sessions_of_file(number):
         setup = cached_setup(session % settings.sensors, settings)
-        rows += alone(GenerationSession(session, settings, setup).asking())
+        rows += run_on_processor(GenerationSession(session, settings, setup).requests())
     write_pair_file(path, rows)
     return len(rows)
 
@@ -150,7 +149,7 @@ class _BatchedGeneration:
     """A batch consists of whole files; a file with more sessions is a batch of its own."""
     threads: int
     notify: Callable[[str], None]
-    executor: Room | None = field(default=None, init=False)
+    executor: BatchExecutor | None = field(default=None, init=False)
     """That of the batch before."""
 
     def make_files(self, missing: Sequence[int]) -> Iterator[int]:
@@ -167,7 +166,7 @@ class _BatchedGeneration:
         files = {number: self._make_sessions(number, executor) for number in batch}
         sessions = [session for sessions in files.values() for session in sessions]
         unwritten, known = set(wanted), 0
-        for running in play(sessions, executor, self.threads):
+        for running in run_sessions(sessions, executor, self.threads):
             new = sum(len(session.rows) for number in wanted for session in files[number])
             yield new - known
             known = new
@@ -177,21 +176,21 @@ class _BatchedGeneration:
                 write_pair_file(self.folder.pair_file(number, self.settings.files), rows)
             unwritten -= ended
 
-    def _make_sessions(self, file: int, executor: Room) -> list[GenerationSession]:
+    def _make_sessions(self, file: int, executor: BatchExecutor) -> list[GenerationSession]:
         sensors = self.settings.sensors
         return [
-            GenerationSession(number, self.settings, executor.bench(number % sensors))
+            GenerationSession(number, self.settings, executor.setup(number % sensors))
             for number in self.settings.sessions_of_file(file)
         ]
 
-    def _next_executor(self, batch: range) -> Room:
+    def _next_executor(self, batch: range) -> BatchExecutor:
         """Return an executor with the sensors of these files; it keeps the setups and the batch size of the one before."""
-        before = dict(zip(self.executor.numbers, self.executor.benches, strict=True)) if self.executor else {}
+        before = dict(zip(self.executor.sensor_numbers, self.executor.setups, strict=True)) if self.executor else {}
         sessions = (session for number in batch for session in self.settings.sessions_of_file(number))
         numbers = sorted({session % self.settings.sensors for session in sessions})
         setups = [before.get(number) or make_setup(number, self.settings) for number in numbers]
-        batch_size = self.executor.at_once if self.executor else self.sessions_per_batch
-        return Room(numbers, setups, self.device, batch_size, self.notify)
+        batch_size = self.executor.batch_size if self.executor else self.sessions_per_batch
+        return BatchExecutor(numbers, setups, self.device, batch_size, self.notify)
 
 
 def _finish_generation(

@@ -16,7 +16,7 @@ from ninedtact.design import SensingArea
 from ninedtact.mechanics.contact import ContactLeavesGrid, InvalidLoad
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.simulation.batched.requests import Asking, Bench, Felt, Step
+from ninedtact.simulation.batched.requests import ContactSummary, RequestGenerator, SimulatedSetup, StepRequest
 from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 
 _Pair = tuple[float, float]
@@ -86,13 +86,13 @@ class PressSettings:
 class ScriptedPress:
     """One press of an object on a simulated sensor. Its steps are generators of simulation requests."""
 
-    setup: Bench
+    setup: SimulatedSetup
     indenter: Indenter
     settings: PressSettings
     rng: np.random.Generator
     pose: Pose = field(init=False)
     """Pose of the object."""
-    contact: Felt | None = field(init=False, default=None)
+    contact: ContactSummary | None = field(init=False, default=None)
     """The contact that the next step starts from; None before the first."""
     initial_twist_rad: float = field(init=False)
 
@@ -112,39 +112,39 @@ class ScriptedPress:
             for step in range(1, self.settings.steps + 1):
                 yield _interpolate_targets(before, target, step / self.settings.steps)
 
-    def press_lightly(self, load_n: float) -> Asking[Felt | None]:
+    def press_lightly(self, load_n: float) -> RequestGenerator[ContactSummary | None]:
         """Request the contact under this load alone; the result is None if there is none."""
         return self.step_towards(replace(self._sample_without_shear(load_n), twist_rad=0.0))
 
-    def step_towards(self, target: PressTarget) -> Asking[Felt | None]:
+    def step_towards(self, target: PressTarget) -> RequestGenerator[ContactSummary | None]:
         """Request one step towards a target; the result is the contact, or None if the press cannot continue."""
         # A gel that stiffens weighs more than the linear model solves for: the load is requested accordingly.
-        load_n = target.load_n / (self.contact.stiffer if self.contact else 1.0)
+        load_n = target.load_n / (self.contact.stiffening if self.contact else 1.0)
         try:
             contact = yield from self._sink_in(self._next_pose(target), load_n)
         except _CONTACT_LOST:
             return None
         self.contact, self.pose = contact, contact.pose
-        is_accurate = contact.contact.residual_mm < _RESIDUAL_PART * contact.deepest_mm + _RESIDUAL_MM
+        is_accurate = contact.contact.residual_mm < _RESIDUAL_PART * contact.max_indentation_mm + _RESIDUAL_MM
         return contact if contact.touches and is_accurate else None
 
     def _sample_without_shear(self, load_n: float) -> PressTarget:
         return replace(self.settings.sample_target(self.rng), load_n=load_n, shear_n=np.zeros(2))
 
-    def _sink_in(self, pose: Pose, load_n: float) -> Asking[Felt]:
+    def _sink_in(self, pose: Pose, load_n: float) -> RequestGenerator[ContactSummary]:
         """Request the contact under a load, but no deeper than a press goes."""
         try:
-            contact: Felt = yield self._request_step(pose, load_n)
+            contact: ContactSummary = yield self._request_step(pose, load_n)
         except InvalidPose:
             # The object would go through the gel: no hand presses a needle that hard.
             return (yield from self._sink_in(pose, load_n / 2))
-        too_deep_mm = contact.deepest_mm - self.settings.max_depth * self.setup.member.gel.thickness_mm
+        too_deep_mm = contact.max_indentation_mm - self.settings.max_depth * self.setup.member.gel.thickness_mm
         if too_deep_mm <= 0:
             return contact
         return (yield self._request_step(replace(pose, depth_mm=contact.pose.depth_mm - too_deep_mm)))
 
-    def _request_step(self, pose: Pose, load_n: float | None = None) -> Step:
-        return Step(self.setup, self.contact.contact if self.contact else None, self.indenter, pose, load_n)
+    def _request_step(self, pose: Pose, load_n: float | None = None) -> StepRequest:
+        return StepRequest(self.setup, self.contact.contact if self.contact else None, self.indenter, pose, load_n)
 
     def _next_pose(self, target: PressTarget) -> Pose:
         """Return the pose of the next step; its depth is an initial guess."""
@@ -158,9 +158,9 @@ class ScriptedPress:
         dx, dy = np.clip(missing_n / stiffness, -_MAX_SIDEWAYS_STEP_MM, _MAX_SIDEWAYS_STEP_MM).tolist()
         return replace(pose, x_mm=pose.x_mm + dx, y_mm=pose.y_mm + dy)
 
-    def _shear_stiffness_n_per_mm(self, contact: Felt) -> float:
+    def _shear_stiffness_n_per_mm(self, contact: ContactSummary) -> float:
         """Estimate the stiffness of a contact: a disc of its area on a half-space, plus the layer below it in shear."""
-        gel, area = self.setup.member.gel, contact.area_mm2
+        gel, area = self.setup.member.gel, contact.contact_area_mm2
         return gel.shear_modulus_mpa * (16 / 3 * np.sqrt(area / np.pi) + area / gel.thickness_mm)
 
 
@@ -176,6 +176,6 @@ def _max_offset_mm(indenter: Indenter, twist_rad: float, area_mm: _Pair) -> Floa
     """Return how far the object may be from the sensor's middle along x and y with its contact inside the sensing area."""
     axis = np.linspace(-12, 12, 97)
     x, y = np.meshgrid(axis, axis)
-    near = indenter.over_skin_mm(Pose(twist_rad=twist_rad), x, y) < _CONTACT_REACH_MM
+    near = indenter.height_over_skin_mm(Pose(twist_rad=twist_rad), x, y) < _CONTACT_REACH_MM
     reach = np.array([np.abs(x[near]).max(initial=0), np.abs(y[near]).max(initial=0)])
     return np.maximum(np.array(area_mm) / 2 - _EDGE_MARGIN_MM - reach, 0)

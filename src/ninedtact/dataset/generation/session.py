@@ -12,9 +12,9 @@ from ninedtact.dataset.generation.settings import GenerationImpossible, Generati
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow
 from ninedtact.dataset.stored_images import encode_png
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.simulation.batched.requests import Asking, Bench, Felt, Look
+from ninedtact.simulation.batched.requests import ContactSummary, RenderRequest, RequestGenerator, SimulatedSetup
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.rectified import grey_eye, mm_per_px
+from ninedtact.simulation.rectified_renderer import rectified_mm_per_px, rectified_renderer
 
 _STEP_NS = 100_000_000
 """Time between two steps of a press: ten a second."""
@@ -31,7 +31,7 @@ class GenerationSession:
 
     number: int
     settings: GenerationSettings
-    setup: Bench
+    setup: SimulatedSetup
     rows: list[DatasetRow] = field(default_factory=list, init=False)
     """The pairs so far."""
     _presses: int = field(default=0, init=False)
@@ -42,7 +42,7 @@ class GenerationSession:
         self._rule = SamplingRule(self.settings.rule, self._rng)
         self._missing = _session_quotas(self.number, self.settings)
 
-    def asking(self) -> Asking[list[DatasetRow]]:
+    def requests(self) -> RequestGenerator[list[DatasetRow]]:
         """Yield the session's requests; the result is its pairs. Raises `GenerationImpossible` where presses give no pairs."""
         objects = _session_objects(self.settings, self.number)
         fruitless = 0
@@ -56,7 +56,7 @@ class GenerationSession:
                 )
         return self.rows
 
-    def _press_once(self, object_name: str) -> Asking[None]:
+    def _press_once(self, object_name: str) -> RequestGenerator[None]:
         """Add a pair of every kind that is still missing: without contact, of a light touch, and of one press."""
         self._presses += 1
         if self._missing["no_contact"]:
@@ -71,7 +71,7 @@ class GenerationSession:
             self._presses += 1
             yield from self._add_selected_rows(object_name)
 
-    def _add_selected_rows(self, object_name: str) -> Asking[None]:
+    def _add_selected_rows(self, object_name: str) -> RequestGenerator[None]:
         """Add what the sampling rule selects of one press."""
         self._rule.end_contact()
         press = self._start_press(object_name)
@@ -89,12 +89,12 @@ class GenerationSession:
         indenter = load_object(object_name, self.settings.objects_seed)
         return ScriptedPress(self.setup, indenter, self.settings.press, self._rng)
 
-    def _add_row(self, contact: Felt | None, object_name: str, kind: str) -> Asking[None]:
+    def _add_row(self, contact: ContactSummary | None, object_name: str, kind: str) -> RequestGenerator[None]:
         """Request an image of the contact and add it with its wrench."""
         self._missing[kind] -= 1
         wrench = contact.wrench.six if contact else np.zeros(6)
-        factor = yield Look(self.setup, contact.seen if contact else None)
-        image = self.setup.eye.shot(factor, self._rng)
+        factor = yield RenderRequest(self.setup, contact.corrected if contact else None)
+        image = self.setup.renderer.add_noise(factor, self._rng)
         sensor = self.setup.member.name
         self.rows.append(
             DatasetRow(
@@ -109,7 +109,7 @@ class GenerationSession:
                 sensor=sensor,
                 kind=kind,
                 source=None,
-                mm_per_px=mm_per_px(self.settings.size, self.settings.design),
+                mm_per_px=rectified_mm_per_px(self.settings.size, self.settings.design),
             )
         )
 
@@ -119,14 +119,14 @@ class GenerationSession:
         return f"train-{file:05d}-{session_in_file * self.settings.pairs_per_session + index:05d}"
 
 
-def make_setup(number: int, settings: GenerationSettings) -> Bench:
+def make_setup(number: int, settings: GenerationSettings) -> SimulatedSetup:
     """Return the simulated sensor of this number, ready for contact steps and renders."""
     parameters = settings.sensor_parameters(number)
-    return Bench(parameters, parameters.twin(settings.pitch_mm), grey_eye(parameters, settings.size))
+    return SimulatedSetup(parameters, parameters.twin(settings.pitch_mm), rectified_renderer(parameters, settings.size))
 
 
 @lru_cache(maxsize=2)
-def cached_setup(number: int, settings: GenerationSettings) -> Bench:
+def cached_setup(number: int, settings: GenerationSettings) -> SimulatedSetup:
     """Return the simulated sensor of this number, kept while the next one is in use."""
     return make_setup(number, settings)
 

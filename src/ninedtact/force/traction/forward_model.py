@@ -45,7 +45,7 @@ class ForwardModel:
         """Height over pressure and over shear along x and y, per wave vector."""
         gel = Gel(self.thickness_mm, 1.0, self.poisson_ratio)
         below = partial(bonded_layer_compliance, gel=gel) if self.base is None else layered_compliance((gel, self.base))
-        parts = Skin(self.cells.patch, below, np.zeros(())).symbols
+        parts = Skin(self.cells.patch, below, np.zeros(())).fourier_symbols
         up = np.stack([-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"]])
         return up.astype(np.complex64)
 

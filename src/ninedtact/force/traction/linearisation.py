@@ -71,7 +71,7 @@ class DiscretePrior:
 
     @cached_property
     def _precision_windows(self) -> Float32[Array, "rows cols rows cols"]:
-        wave = np.hypot(*self.cells.patch.waves)
+        wave = np.hypot(*self.cells.patch.wave_vectors)
         spectrum = pressure_precision_spectrum(wave, self.prior, self.cells.pitch_mm)
         return influence_windows(self.cells, spectrum, (0, 0))
 

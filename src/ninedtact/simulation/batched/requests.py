@@ -1,8 +1,8 @@
-"""What a session asks of its sensor, and what it is told.
+"""Requests of a session to its simulated sensor, and their computation one by one on the processor.
 
-A session does not solve or draw. It asks for the next step of a hand, or for a look at the skin, and waits; `alone` answers
-one session at once on the processor, `dataset.together` answers many in one batch on one device. So both make the same pairs
-from the same session.
+A session is a generator. It neither solves contacts nor renders: it yields a request for the next contact step or for an image,
+and receives the response. `run_on_processor` responds to one session; `executor.BatchExecutor` responds to many sessions in
+batches on one device. The same session therefore makes the same pairs of image and wrench in both ways.
 """
 
 from abc import ABC, abstractmethod
@@ -10,128 +10,155 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
+from ninedtact.mechanics.batching import sum_over_grid
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Wrench
-from ninedtact.simulation.rectified import GreyEye
+from ninedtact.simulation.rectified_renderer import RectifiedRenderer
 from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.simulation.twin import Twin
 
-Factor = Float32[Array, "rows cols"]
-"""Brightness of every pixel relative to untouched skin."""
+BrightnessFactor = Float32[Array, "rows cols"]
+"""Brightness of every pixel relative to the reference image (no contact)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
-    """A simulated sensor that is ready for contact steps and renders. Instances compare by identity."""
+class SimulatedSetup:
+    """A simulated sensor that is ready for contact steps and images. Instances compare by identity."""
 
     member: SampledSensor
     twin: Twin
-    eye: GreyEye
+    renderer: RectifiedRenderer
 
 
 @dataclass(frozen=True)
-class Felt:
-    """A contact as a hand feels it: in numbers, whichever array library the contact itself is in."""
+class ContactSummary:
+    """A solved contact with its scalar summary, which does not depend on the array library of the contact."""
 
     contact: Contact
-    """As the model solved it: the next step goes on from it."""
-    seen: Contact
-    """As it is seen and weighed."""
+    """As the model solved it; the next step starts from it."""
+    corrected: Contact
+    """As it is seen and measured: corrected where the sensor's mechanics are not linear."""
     wrench: Wrench
-    """Of what is weighed."""
+    """Of the corrected contact."""
     touches: bool
-    deepest_mm: float
-    """The largest indentation of the skin as it was solved."""
-    area_mm2: float
+    max_indentation_mm: float
+    """Of the skin as it was solved."""
+    contact_area_mm2: float
     """Under pressure."""
-    stiffer: float
-    """How much heavier the contact is felt than the model solved it."""
+    stiffening: float
+    """Ratio of the corrected load to the solved load."""
 
     @property
     def pose(self) -> Pose:
-        """Of the object, with the depth that was found."""
+        """The pose of the object, with the depth that was found."""
         return self.contact.pose
 
 
-class Asked(ABC):
-    """Something a session waits for."""
+class Request(ABC):
+    """What a session waits for."""
 
     @abstractmethod
-    def alone(self) -> Any:
-        """The answer, by the processor; raises what refuses it."""
+    def respond(self) -> Any:
+        """Return the response, computed on the processor; raises what refuses the request."""
 
 
 @dataclass(frozen=True)
-class Step(Asked):
-    """An object moves on to a pose, or to a load near it; the answer is `Felt`."""
+class StepRequest(Request):
+    """A move of an object to a pose, or to a load near it; the response is a `ContactSummary`."""
 
-    bench: Bench
+    setup: SimulatedSetup
     last: Contact | None
-    """None: untouched skin."""
+    """None: no contact yet."""
     indenter: Indenter
     pose: Pose
     load_n: float | None = None
-    widely: bool = False
-    """On the whole patch: `dataset.together` found its window too small, and asks again. Alone it finds that out by itself."""
+    on_whole_grid: bool = False
+    """Set by a batch that found the region of this contact too small and wants it solved again on the whole grid. On the
+    processor this happens within the step."""
 
-    def alone(self) -> Felt:
-        """Raises what `Twin.step` raises."""
-        twin = self.bench.twin
-        last = twin.model.untouched() if self.last is None else self.last
+    def respond(self) -> ContactSummary:
+        """Return the contact; raises what `Twin.step` raises."""
+        twin = self.setup.twin
+        last = twin.model.initial_contact() if self.last is None else self.last
         contact = twin.step(last, self.indenter, self.pose, self.load_n)
-        return felt(contact, twin.correct_contact(contact))
+        corrected = twin.correct_contact(contact)
+        return _contact_summary(contact, corrected, corrected.wrench(), _summary_numbers(contact, corrected))
 
 
 @dataclass(frozen=True)
-class Look(Asked):
-    """What the sensor shows; the answer is a `Factor`, or None for untouched skin."""
+class RenderRequest(Request):
+    """An image of the sensor; the response is a `BrightnessFactor`, or None without contact."""
 
-    bench: Bench
-    seen: Contact | None
-    """None: nothing touches."""
+    setup: SimulatedSetup
+    contact: Contact | None
+    """As it is seen; None: nothing touches."""
 
-    def alone(self) -> Factor | None:
-        """As OpenCV draws it."""
-        return self.bench.eye.factor(self.seen)
+    def respond(self) -> BrightnessFactor | None:
+        """Return the brightness factor, rendered with OpenCV."""
+        return self.setup.renderer.brightness_factor(self.contact)
 
 
 Result = TypeVar("Result")
-Asking = Generator[Asked, Any, Result]
-"""Asks, is sent the answers, or has refusals thrown at it, and returns in the end."""
+RequestGenerator = Generator[Request, Any, Result]
+"""Yields requests, is sent their responses, or has refusals thrown into it, and returns a result."""
 
 
-def alone(asking: Asking[Result]) -> Result:
-    """What comes of it when every question is answered at once, by the processor."""
+def run_on_processor(requests: RequestGenerator[Result]) -> Result:
+    """Return the result of a session whose requests are computed one by one on the processor."""
     try:
-        asked = next(asking)
+        request = next(requests)
         while True:
-            asked = told(asking, answer_of(asked))
+            request = send_response(requests, respond_on_processor(request))
     except StopIteration as end:
         return end.value
 
 
-def answer_of(asked: Asked) -> Any:
-    """The processor's, a refusal included."""
+def respond_on_processor(request: Request) -> Any:
+    """Return the response computed on the processor; a refusal is returned rather than raised."""
     try:
-        return asked.alone()
+        return request.respond()
     except NinedtactError as refusal:
         return refusal
 
 
-def told(asking: Asking[Any], answer: Any) -> Asked:
-    """Hand over an answer, or a refusal, and hear what is asked next; raises `StopIteration` when it is over."""
-    return asking.throw(answer) if isinstance(answer, NinedtactError) else asking.send(answer)
+def send_response(requests: RequestGenerator[Any], response: Any) -> Request:
+    """Send a response to a session, or throw a refusal into it, and return its next request.
+
+    Raises `StopIteration` where the session has ended.
+    """
+    return requests.throw(response) if isinstance(response, NinedtactError) else requests.send(response)
 
 
-def felt(contact: Contact, seen: Contact) -> Felt:
-    """One contact in NumPy arrays, in numbers."""
-    area = float((contact.pressure_mpa > 0).sum()) * contact.skin.patch.cell_mm2
-    stiffer = float(seen.pressure_mpa.sum() / contact.pressure_mpa.sum()) if contact.touches else 1.0
-    return Felt(contact, seen, seen.wrench(), contact.touches, -float(np.min(contact.height_mm)), area, stiffer)
+def summarize_contacts(contacts: Contact, corrected: Contact) -> list[ContactSummary]:
+    """Return the summary of each contact of a batch; all are of one sensor."""
+    numbers, wrenches = _summary_numbers(contacts, corrected), corrected.wrenches()
+    wrench_of = (Wrench(six[:3], six[3:]) for six in wrenches)
+    each = zip(contacts.unstack(), corrected.unstack(), wrench_of, numbers, strict=True)
+    return [_contact_summary(*one) for one in each]
+
+
+def _contact_summary(
+    contact: Contact, corrected: Contact, wrench: Wrench, numbers: Float64[Array, "3"]
+) -> ContactSummary:
+    """Return a summary with the numbers of `_summary_numbers`."""
+    points, max_indentation_mm, stiffening = numbers.tolist()
+    area = points * contact.skin.grid.cell_area_mm2
+    return ContactSummary(contact, corrected, wrench, points > 0, max_indentation_mm, area, stiffening)
+
+
+def _summary_numbers(contacts: Contact, corrected: Contact) -> Float64[Array, "*batch 3"]:
+    """Return the number of points under pressure, the largest indentation and the stiffening, of one contact or each of a batch."""
+    xp, pressed = array_namespace_of(contacts.height_mm), contacts.pressure_mpa > 0
+    solved = sum_over_grid(contacts.pressure_mpa)
+    ratio = sum_over_grid(corrected.pressure_mpa) / xp.where(solved > 0, solved, 1.0)
+    stiffening = xp.where(solved > 0, ratio, 1.0)
+    deepest = -xp.min(contacts.height_mm, axis=(-2, -1), keepdims=True)
+    every = (xp.astype(sum_over_grid(pressed), deepest.dtype), deepest, stiffening)
+    return to_numpy(xp.concat(every, axis=-1))[..., 0, :]

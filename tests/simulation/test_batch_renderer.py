@@ -10,7 +10,7 @@ from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.batch import BatchRenderer
+from ninedtact.simulation.batch_renderer import BatchRenderer
 from ninedtact.simulation.twin import Twin, default_twin
 
 POSES = [Pose(-3.0, 2.0, 1.2), Pose(6.0, -4.0, 0.6), Pose(0.0, 0.0, 1.5)]
@@ -27,10 +27,10 @@ def twin() -> Twin:
 def test_a_batch_is_drawn_as_each_alone(twin: Twin, like: object) -> None:
     skin = replace(twin.model.skin, like=like)
     model = ContactModel(skin, twin.friction, SolverSettings(tolerance=1e-4))
-    batch = model.step(model.untouched(), Ball(4.0), Pose.batch(POSES))
-    factors = np.asarray(BatchRenderer(twin.renderer, like).factors(batch))
+    batch = model.step(model.initial_contact(), Ball(4.0), Pose.stack(POSES))
+    factors = np.asarray(BatchRenderer(twin.renderer, like).brightness_factors(batch))
     alone = ContactModel(twin.model.skin, twin.friction, SolverSettings(tolerance=1e-4))
     for pose, factor in zip(POSES, factors, strict=True):
-        single = twin.renderer.brightness_factor(alone.step(alone.untouched(), Ball(4.0), pose))
+        single = twin.renderer.brightness_factor(alone.step(alone.initial_contact(), Ball(4.0), pose))
         assert np.abs(factor - single).max() < 4e-3, "half a grey level, at the edge of the contact"
         assert np.abs(factor - single).mean() < 2e-4

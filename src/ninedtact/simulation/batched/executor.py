@@ -1,0 +1,180 @@
+"""Sessions that advance together: their requests are collected in batches and computed on one device.
+
+All pending renders are computed in one batch, then all pending contact steps. Batches become smaller when the device's memory runs
+out. Which sessions advance together is fixed in advance, and sessions do not affect each other, so their results do not depend
+on the order of responses.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from array_api_compat import to_device
+
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.height_grid_indenter import HeightGridStore
+from ninedtact.simulation.batch_renderer import BatchRenderer
+from ninedtact.simulation.batched.contact_batch import ContactBatch, SkinStack, StepResponse, refusal_before_solving
+from ninedtact.simulation.batched.device import Device, is_out_of_memory
+from ninedtact.simulation.batched.requests import (
+    BrightnessFactor,
+    RenderRequest,
+    Request,
+    RequestGenerator,
+    SimulatedSetup,
+    StepRequest,
+    send_response,
+)
+
+
+class DeviceMemoryExhausted(NinedtactError):
+    """Raised where not even one contact fits in the memory of the device."""
+
+
+@dataclass
+class BatchExecutor:
+    """Computes the requests to several simulated sensors in batches on one device."""
+
+    sensor_numbers: Sequence[int]
+    """Of the sensors in the population."""
+    setups: Sequence[SimulatedSetup]
+    device: Device
+    batch_size: int
+    """Largest number of requests in one batch; halved when memory runs out."""
+    report: Callable[[str], None]
+    """Receives a message when memory runs out."""
+    store: HeightGridStore = field(init=False)
+    stack: SkinStack = field(init=False)
+    renderers: dict[SimulatedSetup, BatchRenderer] = field(default_factory=dict, init=False)
+    memory_error: str = field(default="", init=False)
+    """The message of torch when memory ran out."""
+
+    def __post_init__(self) -> None:
+        like = self.device.zero_array()
+        self.store, self.stack = HeightGridStore(like), SkinStack(self.setups, like)
+
+    def setup(self, sensor_number: int) -> SimulatedSetup:
+        """Return the simulated sensor of this number in the population."""
+        return self.setups[self.sensor_numbers.index(sensor_number)]
+
+    def execute(self, requests: Sequence[Request]) -> list[Any]:
+        """Return the responses to requests that are all steps or all renders.
+
+        A response that is a request itself is to be computed in place of the first one. Raises `DeviceMemoryExhausted`.
+        """
+        responses: list[Any] = []
+        while len(responses) < len(requests):
+            batch = requests[len(responses) :][: self.batch_size]
+            found = self._execute_unless_memory_runs_out(batch)
+            if found is None:
+                self._halve_batch_size(len(batch))
+            else:
+                responses += found
+        return responses
+
+    def _execute_unless_memory_runs_out(self, requests: Sequence[Request]) -> list[Any] | None:
+        """Return the responses, or None where memory ran out. (An error keeps all arrays that led to it alive; it ends here.)"""
+        try:
+            renders = [request for request in requests if isinstance(request, RenderRequest)]
+            if renders:
+                return self._render(renders)
+            return self._solve([request for request in requests if isinstance(request, StepRequest)])
+        except RuntimeError as error:
+            if not is_out_of_memory(error):
+                raise
+            self.memory_error = str(error).partition("\n")[0]
+            return None
+
+    def _halve_batch_size(self, failed: int) -> None:
+        """Use smaller batches after one of this size failed; raises `DeviceMemoryExhausted` after a batch of one."""
+        if failed == 1:
+            raise DeviceMemoryExhausted(
+                f"expected room for one contact in the memory of {self.device.name}, got {self.memory_error!r}; end other "
+                f"programs that use it, or give a coarser --pitch-mm, or --device cpu"
+            )
+        self.batch_size = failed // 2
+        self.device.release_memory()
+        self.report(
+            f"the memory of {self.device.name} is too small for {failed} contacts at once; continuing with {failed // 2}"
+        )
+
+    def _solve(self, requests: Sequence[StepRequest]) -> list[StepResponse]:
+        """Return the contact of each step, or its refusal."""
+        refusals = [refusal_before_solving(request) for request in requests]
+        valid = [request for request, refusal in zip(requests, refusals, strict=True) if refusal is None]
+        solved = iter(ContactBatch(valid, self.stack, self.store).responses() if valid else [])
+        return [next(solved) if refusal is None else refusal for refusal in refusals]
+
+    def _render(self, requests: Sequence[RenderRequest]) -> list[BrightnessFactor | None]:
+        """Return the brightness factors of each render, computed sensor by sensor; None without contact."""
+        factors: list[BrightnessFactor | None] = [None] * len(requests)
+        of_setup: dict[SimulatedSetup, list[int]] = defaultdict(list)
+        for index, request in enumerate(requests):
+            if request.contact is not None:
+                of_setup[request.setup].append(index)
+        for setup, indices in of_setup.items():
+            contacts = Contact.stack([contact for k in indices if (contact := requests[k].contact) is not None])
+            rendered = np.asarray(to_device(self._renderer(setup).brightness_factors(contacts), "cpu"), np.float32)
+            for index, factor in zip(indices, rendered, strict=True):
+                factors[index] = factor
+        return factors
+
+    def _renderer(self, setup: SimulatedSetup) -> BatchRenderer:
+        """Return the batch renderer of this sensor, kept for the next call."""
+        if setup not in self.renderers:
+            self.renderers[setup] = BatchRenderer(setup.renderer.renderer, self.stack.like)
+        return self.renderers[setup]
+
+
+@runtime_checkable
+class Session(Protocol):
+    """A sequence of requests to simulated sensors, each of which waits for the response to the one before."""
+
+    number: int
+
+    def requests(self) -> RequestGenerator[Any]:
+        """Yield requests and receive their responses."""
+        ...
+
+
+def run_sessions(sessions: Sequence[Session], executor: BatchExecutor, threads: int) -> Iterator[set[int]]:
+    """Run all sessions to their ends; yield after each batch the numbers of those that are still running.
+
+    threads: for the work of the sessions between two requests, such as noise and PNG.
+    """
+    with ThreadPoolExecutor(threads) as pool:
+        runners = list(pool.map(_SessionRunner, sessions))
+        while runners:
+            batch = [runner for runner in runners if isinstance(runner.pending, RenderRequest)] or runners
+            responses = executor.execute([runner.pending for runner in batch if runner.pending is not None])
+            list(pool.map(_SessionRunner.resume, batch, responses))
+            runners = [runner for runner in runners if runner.pending is not None]
+            yield {runner.session.number for runner in runners}
+
+
+@dataclass
+class _SessionRunner:
+    """A running session with its pending request."""
+
+    session: Session
+    requests: RequestGenerator[Any] = field(init=False)
+    pending: Request | None = field(init=False)
+    """None: the session has ended."""
+
+    def __post_init__(self) -> None:
+        self.requests = self.session.requests()
+        self.pending = next(self.requests, None)
+
+    def resume(self, response: Any) -> None:
+        """Send a response to the session and keep its next request; a response that is a request becomes the pending one."""
+        if isinstance(response, Request):
+            self.pending = response
+            return
+        try:
+            self.pending = send_response(self.requests, response)
+        except StopIteration:
+            self.pending = None
