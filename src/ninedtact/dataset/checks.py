@@ -19,6 +19,7 @@ from numpy import ndarray as Array
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.parquet_files import iterate_rows, wrench_vector
 from ninedtact.dataset.quality_report import PairFault, PairFinding, QualityReport, make_quality_report
+from ninedtact.dataset.schema import WRENCH_AXES
 from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
 from ninedtact.dataset.worker_pool import run_in_processes
 from ninedtact.errors import InputError
@@ -26,7 +27,6 @@ from ninedtact.errors import InputError
 _GreyImage = UInt8[Array, "rows cols"]
 _MOST_TILES, _TILE_PX = 40, 6
 _CHECKED_COLUMNS = ("id", "image", "reference_id", "wrench", "wrench_delay_ms")
-_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
 class CheckSettingsImpossible(InputError):
@@ -143,7 +143,7 @@ def _find_wrench_faults(wrench: Array, settings: CheckSettings) -> Iterator[tupl
         axis = int(np.argmax(beyond))
         unit = "N" if axis < 3 else "N·m"
         limit = f"beyond {settings.max_wrench[axis]:g} {unit}"
-        yield PairFault.OUT_OF_RANGE, f"{_AXES[axis]} of {wrench[axis]:.4g} {unit}, {limit}"
+        yield PairFault.OUT_OF_RANGE, f"{WRENCH_AXES[axis]} of {wrench[axis]:.4g} {unit}, {limit}"
     if wrench[2] > settings.pulling_above_n:
         yield PairFault.PULLING, f"Fz of {wrench[2]:+.3g} N; pressing is below zero"
 

@@ -18,6 +18,7 @@ from ninedtact.dataset.quality_report import PairFault
 DATASET_FORMAT = 2
 """Stored in the metadata of every Parquet file and in settings.json."""
 FORMAT_KEY = b"ninedtact.format"
+WRENCH_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 NO_OBJECT = "none"
 """Value of the column `object` where nothing touches the skin."""
 

@@ -10,10 +10,9 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.dataset.parquet_files import read_columns, wrench_array
-from ninedtact.dataset.schema import NO_OBJECT
+from ninedtact.dataset.schema import NO_OBJECT, WRENCH_AXES
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 
-_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 _RANKS = (5, 50, 95)
 REAL_PERCENTILES = np.array(
     [
@@ -77,7 +76,7 @@ class DatasetStatistics:
             "percentiles 5, 50, 95:"
         )
         yield f"    {'this data set':28}{'real':28}difference, % of the real span"
-        for axis, ours, real, errors in zip(_AXES, found, REAL_PERCENTILES, errors_percent, strict=True):
+        for axis, ours, real, errors in zip(WRENCH_AXES, found, REAL_PERCENTILES, errors_percent, strict=True):
             decimals = 2 if axis.startswith("F") else 4
             ours_text, real_text = ("".join(f"{value:9.{decimals}f}" for value in values) for values in (ours, real))
             yield f"{axis} {ours_text} {real_text}  {''.join(f'{value:+5.0f}' for value in errors)}"
@@ -116,4 +115,4 @@ def percentile_errors(found: _Percentiles) -> _Percentiles:
 
 
 def _by_axis(values: _Percentiles) -> dict[str, list[float]]:
-    return dict(zip(_AXES, values.tolist(), strict=True))
+    return dict(zip(WRENCH_AXES, values.tolist(), strict=True))

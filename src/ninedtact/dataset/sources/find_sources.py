@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from ninedtact.dataset.schema import to_utf8
@@ -18,25 +17,16 @@ _KINDS = (
 )
 
 
-@dataclass(frozen=True)
-class _NamedPath:
-    """A path and the name of its source."""
-
-    name: str
-    path: Path
-
-
 def find_sources(arguments: Sequence[str], conventions: SourceConventions = SourceConventions()) -> list[Source]:
     """Return the sources at these paths, each given as `PATH` or `NAME=PATH`; raises `SourceUnknown`."""
     if not arguments:
         raise SourceUnknown(f"expected at least one source, got none; name {_KINDS}")
     named = list(_give_different_names(arguments))
-    return [_open_source(it, conventions, several=len(named) > 1) for it in named]
+    return [_open_source(name, path, conventions, several=len(named) > 1) for name, path in named]
 
 
-def _open_source(named: _NamedPath, conventions: SourceConventions, several: bool) -> Source:
+def _open_source(name: str, path: Path, conventions: SourceConventions, several: bool) -> Source:
     """Return the source at a path; raises `SourceUnknown`."""
-    name, path = named.name, named.path
     if not path.exists():
         raise SourceUnknown(f"expected a source at {path}, got nothing there; check the path")
     if find_original_dataset(path):
@@ -55,7 +45,7 @@ def _contains_suffix(path: Path, suffix: str) -> bool:
     return path.suffix == suffix if path.is_file() else any(path.rglob(f"*{suffix}"))
 
 
-def _give_different_names(arguments: Sequence[str]) -> Iterator[_NamedPath]:
+def _give_different_names(arguments: Sequence[str]) -> Iterator[tuple[str, Path]]:
     """Yield paths with different names; raises `SourceUnknown` if a person gave the same name twice."""
     given = [_split_argument(argument) for argument in arguments]
     given_names = [name for name, _ in given if name]
@@ -66,7 +56,7 @@ def _give_different_names(arguments: Sequence[str]) -> Iterator[_NamedPath]:
     for name, path in given:
         own = name or next(free for free in _numbered_names(path.resolve().stem or "source") if free not in taken)
         taken.add(own)
-        yield _NamedPath(to_utf8(own), path)
+        yield to_utf8(own), path
 
 
 def _numbered_names(stem: str) -> Iterator[str]:
