@@ -35,7 +35,7 @@ from ninedtact.recording.collecting.settings import CollectSettings
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
-from ninedtact.recording.recorder import RecordedEstimates, Recorder
+from ninedtact.recording.recorder import RecordedEstimates, Recorder, record
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.saved_pairs import read_saved_pairs
 from ninedtact.recording.writer import RecordingWriter
@@ -216,6 +216,19 @@ def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_
     deepest = [float(np.nanmin(z_mm)) for z_mm in heights.values()]
     assert max(deepest[:3]) > -0.2 and min(deepest) < -0.4
     assert abs(np.corrcoef(deepest, [one.force_n[2] for one in estimates])[0, 1]) > 0.9
+
+
+def test_a_program_records_and_reads_what_a_command_would(sensor: Path, tmp_path: Path) -> None:
+    path, folder = tmp_path / "press.mcap", load_sensor(sensor)
+    writer = record(SimulatedCamera(small_press_simulation(rounds=1)), path, folder, heights=True)
+    with Recording(path) as recording:
+        assert recording.sensor == folder.id and recording.is_finished and recording.dropped_count == 0
+        assert recording.topics == ["/twin/image_raw", "/twin/height"] and recording.duration_s > 0.5
+        readings, heights = list(recording.readings()), dict(recording.heights())
+        assert recording.summary().topics[0].messages == len(readings) == writer.written[Topic.IMAGES]
+    for reading in readings:
+        in_view = reading.height.in_view
+        assert heights[reading.frame.index][in_view] == pytest.approx(reading.height.z_mm[in_view], rel=1e-6, abs=1e-6)
 
 
 class Losing(Camera):

@@ -77,16 +77,20 @@ class Collect:
         """Return the camera and the force/torque sensor that were named, not yet opened."""
         from ninedtact.capture.force_torque.pipeline import force_torque_sensor_for
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-        from ninedtact.recording.collecting import collect_setup
+        from ninedtact.recording.collecting.collect_setup import (
+            setup_with_devices,
+            setup_with_recordings,
+            setup_with_twin,
+        )
 
         if is_sim(self.source):
-            return collect_setup.setup_with_twin(folder, self.objects, self.touches, self.seed or 0, settings.checks)
+            return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, settings.checks)
         if is_recording(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
-            return collect_setup.setup_with_recordings(images, wrenches, settings.checks)
+            return setup_with_recordings(images, wrenches, settings.checks)
         camera = live_source(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         device = force_torque_sensor_for(self.force_torque)
-        return collect_setup.setup_with_devices(camera, device, folder, settings.checks, screen.show_message)
+        return setup_with_devices(camera, device, folder, settings.checks, screen.show_message)
 
     def _collect(
         self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectScreen

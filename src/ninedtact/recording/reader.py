@@ -97,7 +97,7 @@ class Recording:
     """One recording, open for reading (`with`). One thread at a time.
 
     with Recording("press.mcap") as recording:
-        print(recording.sensor, recording.duration_s, recording.topics, recording.dropped)
+        print(recording.sensor, recording.duration_s, recording.topics, recording.dropped_count)
         for frame in recording.frames():
             print(frame.stamp_ns, frame.image.shape)
     """
@@ -135,7 +135,7 @@ class Recording:
         return (last_ns - first_ns) / 1e9
 
     @cached_property
-    def dropped(self) -> int:
+    def dropped_count(self) -> int:
         """Images that the source counted and that were not written."""
         return sum(int(event.subject) for event in self.events() if event.kind is EventKind.DROPPED)
 
@@ -235,7 +235,7 @@ class Recording:
         return [decode_event(message.data, message.stamp_ns) for message in self.messages(Topic.EVENTS)]
 
     def attachments(self) -> Iterator[Attachment]:
-        """Yield the attached files."""
+        """Yield the attached files with their names."""
         return (Attachment.read(record_stream(self._file, span)) for span in self.index.attachments)
 
     def save_sensor_folder(self, into: Path) -> Path:
@@ -271,7 +271,7 @@ class Recording:
             began=began.isoformat(timespec="milliseconds"),
             seconds=self.duration_s,
             finished=self.is_finished,
-            dropped=self.dropped,
+            dropped=self.dropped_count,
             topics=[summary for topic in Topic if (summary := self._topic_summary(topic)).messages],
             pairs=dict(Counter(label.kind for label in self.kept_labels())),
             events=dict(Counter(event.kind.value for event in self.events())),
