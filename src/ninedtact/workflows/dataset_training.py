@@ -68,12 +68,12 @@ def train_on_dataset(
     workers: processes that read images. notify: receives a sentence about each sensor whose pairs are left out.
     Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
     """
-    examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
+    examples, ids = _read_training_examples(data, settings.input, sensors, workers, progress, notify)
     rows = held_out.rows(ids, examples)
     return train_network(examples, rows, settings, out, name=name, licence=licence, machine=machine, progress=progress)
 
 
-def read_training_examples(
+def _read_training_examples(
     data: Path,
     grid: NetworkInputSettings,
     sensors: Path | None = None,

@@ -173,11 +173,11 @@ def make_force_model(
     rewrite_card(trained, card, out / _MODEL_FILE)
     write_file_atomically(out / _CARD_FILE, format_model_card(card).encode())
     notify("4 of 4: demonstrate on one more simulated sensor")
-    samples = list(demonstrate_force_model(out / _MODEL_FILE, out / SENSOR_FOLDER, recipe.design))
+    samples = list(_demonstrate_force_model(out / _MODEL_FILE, out / SENSOR_FOLDER, recipe.design))
     return ForceModelResult(out / _MODEL_FILE, out / _CARD_FILE, out / SENSOR_FOLDER, card, samples)
 
 
-def demonstrate_force_model(
+def _demonstrate_force_model(
     model: Path, sensor_folder: Path, design: SensorDesign = SensorDesign()
 ) -> Iterator[DemonstrationSample]:
     """Yield samples of a press of a simulated sensor of this design, which is calibrated first into `sensor_folder`.

@@ -23,18 +23,18 @@ class Evaluate:
     estimator on a data set."""
 
     predictions: Path | None = None
-    """CSV file of predictions: columns Fx_N … Tz_Nm (true), pFx … pTz (predicted) and, optionally, eFx … eTz (claimed standard
-    deviations), object and sensor."""
+    """CSV file with columns Fx_N … Tz_Nm (true) and pFx … pTz (predicted).
+    Optional columns: eFx … eTz (claimed standard deviations), object, sensor."""
     data: Path | None = None
     """Data set on which an estimator is evaluated, in place of --predictions."""
     force: str = "both"
     """Estimator: network (the shipped one), physics, both, a force model (.onnx) or the original project's weights (.pt)."""
     sensors: Path | None = None
-    """Folder with a sensor folder for each sensor of the data, by name. Without it the sensors of a simulated data set are
-    calibrated from their own simulated images."""
+    """Folder with a sensor folder for each sensor of the data, by name.
+    By default the sensors of a simulated data set are calibrated from their own simulated images."""
     modulus: Literal["true", "design", "calibrated"] = "true"
-    """Shear modulus assumed for simulated gels: true (the simulated one), design (the nominal one), or calibrated (by force
-    calibration with five simulated loads of 100 to 500 g, as `ninedtact calibrate-force` does)."""
+    """Shear modulus assumed for simulated gels: true (the simulated one), design (the nominal one), or calibrated.
+    calibrated: force calibration with five simulated loads of 100 to 500 g, as `ninedtact calibrate-force` does."""
     without_contact_detection: bool = False
     """Use a network's estimate also where no contact is detected; otherwise it is zero there."""
     every: int = 1

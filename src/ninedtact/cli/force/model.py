@@ -23,7 +23,7 @@ class ModelMakingStopped(ForceError):
 
 
 @dataclass(frozen=True)
-class ShowCard:
+class _ShowModelCard:
     """Print the card of a force model: its training, its scores and its limits."""
 
     model: Path | None = None
@@ -44,7 +44,7 @@ class ShowCard:
 
 
 @dataclass(frozen=True)
-class MakeModel:
+class _MakeForceModel:
     """Make a force model from nothing: simulate sensors and contacts, train, validate on other sensors and objects, and estimate
     live on one more simulated sensor.
 
@@ -87,7 +87,9 @@ class MakeModel:
         return print_result(self.json, figures, _format_result(made))
 
 
-Model = Annotated[ShowCard, tyro.conf.subcommand("card")] | Annotated[MakeModel, tyro.conf.subcommand("make")]
+Model = (
+    Annotated[_ShowModelCard, tyro.conf.subcommand("card")] | Annotated[_MakeForceModel, tyro.conf.subcommand("make")]
+)
 
 
 def _format_result(made: "ForceModelResult") -> Iterator[str]:

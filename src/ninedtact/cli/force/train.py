@@ -22,7 +22,7 @@ class TrainingPackagesMissing(MissingLibraryError):
 
 
 @dataclass(frozen=True)
-class ComputeOptions:
+class _ComputeOptions:
     """Lightning's own flags."""
 
     accelerator: str = "auto"
@@ -59,8 +59,8 @@ class Train:
     preset: Literal["default", "paper"] = "default"
     """default: a small network on heights. paper: DenseNet-169 on whole images, as published. Other options change the preset."""
     sensors: Path | None = None
-    """Folder with a sensor folder for each sensor of the data, by name, for computing heights. Without it the sensors of a
-    simulated data set are calibrated from their own simulated images."""
+    """Folder with a sensor folder for each sensor of the data, by name, for computing heights.
+    By default the sensors of a simulated data set are calibrated from their own simulated images."""
     network: str | None = None
     """moments, densenet121, 161, 169 or 201, resnet18 or 50, vit."""
     channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "deformation", "mixed"] | None = None
@@ -87,7 +87,7 @@ class Train:
     """Licence of the model."""
     workers: int = 1
     """Processes that compute heights from images."""
-    compute: tyro.conf.OmitArgPrefixes[ComputeOptions] = ComputeOptions()
+    compute: tyro.conf.OmitArgPrefixes[_ComputeOptions] = _ComputeOptions()
     json: bool = False
     """Print the result as one JSON object."""
 

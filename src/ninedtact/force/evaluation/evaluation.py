@@ -91,7 +91,7 @@ class WrenchEvaluation:
 
     @property
     def pairs(self) -> int:
-        """Number of pairs."""
+        """The number of evaluated pairs."""
         return len(self.predictions.truth)
 
     @property

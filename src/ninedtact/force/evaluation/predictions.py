@@ -78,7 +78,7 @@ class WrenchPredictions:
 
     @property
     def error(self) -> Wrenches:
-        """Predicted minus true."""
+        """Predicted minus true wrenches (n, 6)."""
         return self.predicted - self.truth
 
     def select(self, chosen: Sequence[bool]) -> "WrenchPredictions":

@@ -38,7 +38,7 @@ class GeometricAugmentation:
         return apply_transform(batch, self.sample_transforms(len(batch.wrench), generator), mm_per_px)
 
     def sample_transforms(self, n: int, generator: Generator) -> "GeometricTransform":
-        """Sample n transforms."""
+        """Sample n transforms from the generator."""
         device = generator.device
 
         def uniform(*shape: int) -> Tensor:

@@ -8,7 +8,7 @@ import csv
 import logging
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from io import BytesIO, StringIO
 from pathlib import Path
 from time import monotonic
@@ -80,19 +80,24 @@ def interrupt_as_training_stopped(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def silence_lightning() -> Iterator[None]:
-    """Suppress Lightning's advice and warnings while the block runs."""
-    names = ("lightning.pytorch", "lightning.fabric")
-    before = [logging.getLogger(name).level for name in names]
-    for name in names:
-        logging.getLogger(name).setLevel(logging.ERROR)
+def silence_loggers(*names: str, warnings_of: str) -> Iterator[None]:
+    """Suppress the messages of these loggers, and the warnings of modules that match `warnings_of`, while the block runs."""
+    loggers = [logging.getLogger(name) for name in names]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
     try:
         with catch_warnings():
-            filterwarnings("ignore", module="lightning")
+            filterwarnings("ignore", module=warnings_of)
             yield
     finally:
-        for name, level in zip(names, before, strict=True):
-            logging.getLogger(name).setLevel(level)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def silence_lightning() -> AbstractContextManager[None]:
+    """Suppress Lightning's advice and warnings."""
+    return silence_loggers("lightning.pytorch", "lightning.fabric", warnings_of="lightning")
 
 
 class MetricsHistory(Callback):

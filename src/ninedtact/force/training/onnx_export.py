@@ -1,10 +1,6 @@
 """Export of a trained network with its model card to one ONNX file."""
 
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from warnings import catch_warnings, simplefilter
 
 import msgspec
 import numpy as np
@@ -24,6 +20,7 @@ from ninedtact.force.model_file import (
     read_force_model,
 )
 from ninedtact.force.networks import WrenchNetwork
+from ninedtact.force.training.lightning_compat import silence_loggers
 
 _PARITY_TOLERANCE = 1e-3
 """Largest difference between ONNX Runtime and torch, relative to the labels' unit plus the predicted value."""
@@ -59,7 +56,7 @@ def _build_onnx_graph(network: WrenchNetwork, card: ModelCard) -> onnx.ModelProt
     """Return the network as an ONNX graph for any number of images at once."""
     network.cpu().eval()
     shown = torch.zeros(2, *card.input.shape)
-    with _silence_exporter(), torch.no_grad():
+    with silence_loggers("torch.onnx", warnings_of=""), torch.no_grad():
         outputs = [WRENCH_NAME, SCALE_NAME][: len(network(shown))]
         program = torch.onnx.export(
             network,
@@ -94,17 +91,3 @@ def _require_onnx_parity(network: WrenchNetwork, model: ForceModel) -> None:
             f"expected the exported graph to predict what the network predicts, got a relative difference of {difference:.2g}; "
             "update torch and onnx"
         )
-
-
-@contextmanager
-def _silence_exporter() -> Iterator[None]:
-    """Suppress the exporter's warnings while the block runs."""
-    log = logging.getLogger("torch.onnx")
-    before = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        with catch_warnings():
-            simplefilter("ignore")
-            yield
-    finally:
-        log.setLevel(before)

@@ -144,7 +144,7 @@ def _require_same_training(out: Path, wanted: dict[str, Any]) -> None:
 
 
 @dataclass(frozen=True)
-class FitResult:
+class _FitResult:
     """Lightning's trainer after the last epoch, and the metrics of all epochs."""
 
     trainer: Trainer
@@ -158,7 +158,7 @@ def fit_network(
     out: Path,
     machine: ComputeSettings,
     progress: bool = False,
-) -> FitResult:
+) -> _FitResult:
     """Optimise the network, from the start or from the last checkpoint in `out`, and load its best weights into `module`.
 
     Raises `TrainingStopped`, `CheckpointDamaged`.
@@ -171,7 +171,7 @@ def fit_network(
         data = _ExamplesDataModule(module.settings, examples, rows, machine.loader_workers)
         trainer.fit(module, datamodule=data, ckpt_path=resumable_checkpoint(last), weights_only=True)
     module.load_state_dict(load_checkpoint(folder / f"{_BEST_CHECKPOINT}.ckpt")["state_dict"])
-    return FitResult(trainer, history)
+    return _FitResult(trainer, history)
 
 
 def _build_trainer(

@@ -98,7 +98,7 @@ class TrainedNetwork:
         )
 
     def build_card(self, evaluation: WrenchEvaluation, history: MetricsHistory, name: str, licence: str) -> ModelCard:
-        """Return the model card."""
+        """Return the model card with ranges, input statistics, training summary and validation scores."""
         wrench = self._examples_at_skin_centre.wrench[self.rows.train].astype(float)
         figures = {key: value for key, value in evaluation.to_json_dict().items() if key not in _KEYS_NOT_IN_CARD}
         return ModelCard(

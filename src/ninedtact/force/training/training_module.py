@@ -32,7 +32,7 @@ def fit_label_scaling(wrench: Float32[Array, "n 6"], settings: TrainingSettings)
 
 
 @dataclass(frozen=True)
-class BatchLoss:
+class _BatchLoss:
     """Loss of each example and axis of a batch, in units of the labels."""
 
     absolute_error: Tensor
@@ -47,13 +47,13 @@ class BatchLoss:
         return total if self.scale_loss is None else total + scale_weight * self.scale_loss.sum()
 
 
-def compute_batch_loss(prediction: tuple[Tensor, ...], wrench: Tensor, unit: Tensor) -> BatchLoss:
+def compute_batch_loss(prediction: tuple[Tensor, ...], wrench: Tensor, unit: Tensor) -> _BatchLoss:
     """Compare predicted wrenches, and their predicted scales where there are any, with the true ones (N, N·m)."""
     absolute_error = ((prediction[0] - wrench) / unit).abs()
     if len(prediction) == 1:
-        return BatchLoss(absolute_error, None)
+        return _BatchLoss(absolute_error, None)
     scale = prediction[1] / unit
-    return BatchLoss(absolute_error, absolute_error.detach() / scale + scale.log())
+    return _BatchLoss(absolute_error, absolute_error.detach() / scale + scale.log())
 
 
 class ForceTrainingModule(lightning.LightningModule):
