@@ -19,7 +19,7 @@ LAYERS = [
     {"force", "simulation"},
     {"calibration"},
     {"recording", "sensor"},
-    {"dataset"},
+    {"dataset", "open_sensor"},
     {"studio", "hardware", "interop", "workflows"},
     {"cli"},
     {"__main__"},

@@ -5,11 +5,14 @@ from .calibration.sensor_folder import SensorFolder, load_sensor
 from .capture.frame_source import FIXED_EXPOSURE, CameraSettings, FrameSource, SourceEnded
 from .capture.image_file import read_image
 from .capture.latest_frame import LatestFrameSource
-from .capture.source_address import source_for
 from .capture.wrench_source import WrenchSource
+from .dataset.reader import load_dataset
 from .design import SensorDesign
 from .errors import NinedtactError
+from .force.estimator import ForceEstimator
+from .force.estimator_loading import load_estimator
 from .mechanics.pose import Pose
+from .open_sensor import open, source_for  # noqa: A004
 from .quantities import (
     Deformation,
     EstimateWarning,
@@ -24,6 +27,7 @@ from .quantities import (
     WrenchEstimate,
 )
 from .reading import Reading
+from .recording.reader import Recording
 from .sensor import Sensor
 from .shape.export import export_shape, read_height_png
 from .shape.height_map_image import render_height_map
@@ -45,6 +49,7 @@ __all__ = [
     "CameraSettings",
     "Deformation",
     "EstimateWarning",
+    "ForceEstimator",
     "Frame",
     "FrameSource",
     "HeightMap",
@@ -57,6 +62,7 @@ __all__ = [
     "Pose",
     "PressSimulation",
     "Reading",
+    "Recording",
     "Rectified",
     "ScriptedPress",
     "Sensor",
@@ -75,7 +81,10 @@ __all__ = [
     "default_twin",
     "export_shape",
     "indenter_from_name",
+    "load_dataset",
+    "load_estimator",
     "load_sensor",
+    "open",
     "orthorectify",
     "point_cloud",
     "press_trajectory",

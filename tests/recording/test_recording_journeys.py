@@ -25,9 +25,9 @@ from ninedtact.capture.latest_frame import LatestFrameSource
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader, progress_line
-from ninedtact.cli.devices import live_source, sensor_of
 from ninedtact.cli.terminal import stop_on_signal
 from ninedtact.force.estimator import ForceEstimator
+from ninedtact.open_sensor import live_source_for, load_named_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
@@ -84,7 +84,10 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
 def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Path, sensor: Path) -> None:
     path = tmp_path / "hand.mcap"
     recorded_hand(path, sensor, seconds=0.5)
-    with sensor_of(None, str(path)) as folder, LatestFrameSource(live_source(str(path), DEFAULT_CAMERA)) as source:
+    with (
+        load_named_sensor(None, str(path)) as folder,
+        LatestFrameSource(live_source_for(str(path), DEFAULT_CAMERA)) as source,
+    ):
         assert folder.id == "twin" and folder.shape.rectify.raw_shape == (480, 640)
         frame = source.read()
         assert time.monotonic_ns() - frame.stamp_ns < 2e9 and frame.image.shape == (48, 64, 3)

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.devices import frame_source_for
 from ninedtact.cli.options import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
 from ninedtact.cli.terminal import print_result
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError
+from ninedtact.open_sensor import source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.board.detection import BoardNotFound
@@ -177,7 +177,7 @@ def _open_camera(source: str, automatic: bool) -> "Iterator[FrameSource]":
     from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
     from ninedtact.capture.latest_frame import LatestFrameSource
 
-    camera = frame_source_for(source, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
+    camera = source_for(source, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
     with LatestFrameSource(camera) if camera.recorded_hz is None else camera as frames:
         yield frames
 

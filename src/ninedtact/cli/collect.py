@@ -11,10 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader
-from ninedtact.cli.devices import is_recording, is_sim, live_source, require_matching_sources, sensor_of
 from ninedtact.cli.options import CollectOptions
 from ninedtact.cli.record import require_duration, require_new_recording
 from ninedtact.cli.terminal import print_result, stop_on_signal
+from ninedtact.open_sensor import (
+    is_recording,
+    is_simulated,
+    live_source_for,
+    load_named_sensor,
+    require_matching_sources,
+)
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
 if TYPE_CHECKING:
@@ -64,11 +70,11 @@ class Collect:
         require_recording_libraries()
         require_new_recording(self.out)
         require_duration(self.seconds)
-        require_matching_sources(self.source, self.force_torque, is_sim, is_recording)
+        require_matching_sources(self.source, self.force_torque, is_simulated, is_recording)
         self._require_pairs()
         settings = self.options.settings()
         screen = CollectScreen()
-        with sensor_of(self.sensor, self.source) as folder:
+        with load_named_sensor(self.sensor, self.source) as folder:
             setup = self._setup(folder, settings, screen)
             collector = self._collect(folder, settings, setup, screen)
         return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
@@ -83,12 +89,12 @@ class Collect:
             setup_with_twin,
         )
 
-        if is_sim(self.source):
+        if is_simulated(self.source):
             return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, settings.checks)
         if is_recording(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
             return setup_with_recordings(images, wrenches, settings.checks)
-        camera = live_source(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        camera = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         device = force_torque_sensor_for(self.force_torque)
         return setup_with_devices(camera, device, folder, settings.checks, screen.show_message)
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.devices import SIM, live_source, sensor_of
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
+from ninedtact.open_sensor import SIMULATED, live_source_for, load_named_sensor
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -66,18 +66,18 @@ class Live:
         """Serve the page until Ctrl-C."""
         require_page_library()
         require_display_rate(self.display_hz)
-        with sensor_of(self.sensor, self.source) as folder:
+        with load_named_sensor(self.sensor, self.source) as folder:
             sensor, wrenches = self.sensor_and_wrenches(folder)
             wrenches += _estimate_pollers(sensor, self.force, folder)
             place = PageSettings(self.out, self.display_hz, self.host, self.port)
             with suppress(KeyboardInterrupt):
-                serve_sensor_page(folder, sensor, wrenches, place, ends=self.source == SIM)
+                serve_sensor_page(folder, sensor, wrenches, place, ends=self.source == SIMULATED)
         print(f"stopped after {sensor.frames_read} images")
         return 0
 
     def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchPoller]]":
         """The sensor on its source, not yet opened; of a twin, the true wrench too."""
-        if self.source == SIM:
+        if self.source == SIMULATED:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
             from ninedtact.simulation.simulated_sources import demo_sources
 
@@ -113,7 +113,7 @@ class Live:
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
         from ninedtact.studio.page_sources import RepeatingSource
 
-        source = live_source(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        source = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return RepeatingSource(source) if self.loop else source
 
 

@@ -7,9 +7,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.cli.devices import RECORDING_SUFFIX, is_sim, live_source, require_matching_sources, sensor_of
 from ninedtact.cli.live import print_notice
 from ninedtact.cli.terminal import print_result, stop_on_signal
+from ninedtact.open_sensor import (
+    RECORDING_SUFFIX,
+    is_simulated,
+    live_source_for,
+    load_named_sensor,
+    require_matching_sources,
+)
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
 if TYPE_CHECKING:
@@ -53,8 +59,8 @@ class Record:
         require_recording_libraries()
         require_new_recording(self.out)
         require_duration(self.seconds)
-        require_matching_sources(self.source, self.force_torque, is_sim)
-        with sensor_of(self.sensor, self.source) as folder:
+        require_matching_sources(self.source, self.force_torque, is_simulated)
+        with load_named_sensor(self.sensor, self.source) as folder:
             writer = self._record(folder)
         messages = {topic.path(folder.id): number for topic, number in sorted(writer.written.items())}
         figures = {"out": str(self.out), "written": messages, "dropped": writer.dropped}
@@ -91,9 +97,9 @@ class Record:
         """Return camera and force/torque sensor, not yet opened."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-        if is_sim(self.source):
+        if is_simulated(self.source):
             return _twin_sources(folder, self.force_torque is not None)
-        camera = live_source(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        camera = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return camera, None if self.force_torque is None else _wrench_source(self.force_torque, folder)
 
 

@@ -49,9 +49,9 @@ class Estimate:
 
     def run(self) -> int:
         """Estimate every image; nothing is written where one of them is bad."""
-        from ninedtact.cli.devices import sensor_of
+        from ninedtact.open_sensor import load_named_sensor
 
-        with sensor_of(self.sensor, self.source[0] if self.source else "") as folder:
+        with load_named_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             from ninedtact.force.estimator_loading import load_estimator
 
             estimator = load_estimator(self.force, folder)
@@ -73,7 +73,7 @@ class Estimate:
     def frames(self) -> "FrameSource":
         """The images that were named, as a source; raises `NothingToEstimate`."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA
-        from ninedtact.cli.devices import frame_source_for
+        from ninedtact.open_sensor import source_for
 
         if not self.source:
             raise NothingToEstimate("expected images of the touched skin, got none; name them after the options")
@@ -90,7 +90,7 @@ class Estimate:
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )
-        return frame_source_for(self.source[0], DEFAULT_CAMERA)
+        return source_for(self.source[0], DEFAULT_CAMERA)
 
     @property
     def references(self) -> "list[Frame]":

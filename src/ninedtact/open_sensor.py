@@ -1,0 +1,182 @@
+"""Open a sensor by name: its folder, the source that it is read from, and the estimator of its force.
+
+A program calls this as `ninedtact.open`; the commands use it to understand `--sensor` and `--source`. Packages are imported when a
+sensor is opened, so that `ninedtact --help` stays quick.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ninedtact.recording.errors import SensorUnnamed, SourcesMismatched, require_recording_libraries
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.capture.frame_source import CameraSettings, FrameSource
+    from ninedtact.quantities import Frame
+    from ninedtact.sensor import Sensor
+    from ninedtact.shape.depth import DepthReader
+
+SIMULATED = "sim"
+"""Name of the sensor's twin as a source."""
+RECORDING_SUFFIX = ".mcap"
+_TWIN_REFERENCE_FRAMES = 10
+
+PathLike = Path | str
+
+
+def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
+    sensor: "PathLike | SensorFolder | None" = None,
+    source: "str | FrameSource" = "0",
+    force: str = "physics",
+    reference: PathLike | Sequence[PathLike] | None = None,
+    settings: "CameraSettings | None" = None,
+) -> "Sensor":
+    """Return a calibrated sensor on a source, to be used in a `with` statement.
+
+    Parameters
+    ----------
+    sensor
+        Sensor folder written by `ninedtact calibrate`. May be left out when `source` is a recording, which carries its sensor.
+    source
+        Camera ("0", "/dev/video0", "csi:0"), stream (URL), video file, folder of images, recording (.mcap), "sim" for the
+        sensor's twin pressed by several objects in turn, or any `FrameSource`. Cameras and streams serve their newest frame;
+        files, recordings and the twin serve every frame.
+    force
+        "physics", "network", "both", the path of a force model (.onnx), or "none".
+    reference
+        One or more reference images (no contact) of this session, averaged. Without any, opening the sensor takes the first
+        frames, and nothing may touch the gel then.
+    settings
+        Exposure and white balance of a camera on this computer; fixed by default.
+
+    Raises
+    ------
+    SensorFolderDamaged, SourceUnknown, EstimatorUnknown, SensorUnnamed
+        The sensor, the source or the estimator is not usable. Opening the returned sensor raises what its source raises.
+
+    Examples
+    --------
+    >>> with ninedtact.open("my_sensor", source="sim", force="physics") as sensor:
+    ...     reading = sensor.read()
+    >>> reading.wrench.force_n  # nothing touches yet
+    array([0., 0., 0.])
+    """
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE
+    from ninedtact.capture.latest_frame import LatestFrameSource
+    from ninedtact.sensor import Sensor
+
+    with load_named_sensor(sensor, source) as folder:
+        shape = folder.shape
+        estimator = None if force == "none" else folder.estimator(force)
+    frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
+    if isinstance(source, str) and source != SIMULATED and frames.recorded_hz is None:
+        frames = LatestFrameSource(frames)
+    depth_reader = None
+    if reference is not None:
+        depth_reader = shape.depth_reader(*_read_references(reference))
+    elif source == SIMULATED:
+        depth_reader = _twin_reference(folder)
+    return Sensor(frames, shape, depth_reader=depth_reader, estimator=estimator)
+
+
+def source_for(
+    text: str, settings: "CameraSettings | None" = None, sensor: "SensorFolder | None" = None
+) -> "FrameSource":
+    """Return the source that `text` names, not yet opened.
+
+    `text` is a camera, stream, video file, folder of images, recording (.mcap) or "sim", the twin of `sensor`. Without a
+    sensor it is the default twin. `settings` apply to cameras on this computer. Raises `SourceUnknown`.
+
+    >>> ninedtact.source_for("0").name
+    'camera 0'
+    """
+    if is_simulated(text):
+        from ninedtact.simulation.simulated_sources import demo_sources
+        from ninedtact.simulation.twin import default_twin
+
+        return demo_sources(default_twin() if sensor is None else sensor.twin()).camera
+    if is_recording(text):
+        require_recording_libraries()
+        from ninedtact.recording.recorded_source import RecordedSource
+
+        return RecordedSource(Path(text).expanduser())
+    from ninedtact.capture import source_address
+    from ninedtact.capture.frame_source import DEFAULT_CAMERA
+
+    return source_address.source_for(text, settings or DEFAULT_CAMERA)
+
+
+def live_source_for(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":
+    """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read."""
+    from ninedtact.capture.latest_frame import LivePlayback
+
+    return LivePlayback(source_for(text, settings))
+
+
+def is_recording(text: str) -> bool:
+    """Return whether the text names a file that `ninedtact record` or `collect` writes."""
+    return text.lower().endswith(RECORDING_SUFFIX) and "://" not in text
+
+
+def is_simulated(text: str) -> bool:
+    """Return whether the text names the twin of the sensor."""
+    return text == SIMULATED
+
+
+def require_matching_sources(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
+    """Raise `SourcesMismatched` unless images and forces are both of each kind, or both not."""
+    if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
+        raise SourcesMismatched(
+            f"expected --source and --force-torque to be both devices, both {SIMULATED} or both recordings, got '{source}' "
+            f"and '{force_torque}'; name two that belong together"
+        )
+
+
+@contextmanager
+def load_named_sensor(
+    sensor: "PathLike | SensorFolder | None", source: "str | FrameSource"
+) -> "Iterator[SensorFolder]":
+    """Load the sensor that is named, or else the one that a recording carries.
+
+    A sensor restored from a recording is deleted when the block ends; what was loaded from it stays usable. Raises
+    `SensorUnnamed`, `SensorFolderDamaged`.
+    """
+    from tempfile import TemporaryDirectory
+
+    from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+
+    if isinstance(sensor, SensorFolder):
+        yield sensor
+        return
+    if sensor is not None:
+        yield load_sensor(sensor)
+        return
+    if not isinstance(source, str) or not is_recording(source):
+        name = source if isinstance(source, str) else source.name
+        raise SensorUnnamed(
+            f"expected --sensor with --source {name}, got none; name the folder that 'ninedtact calibrate --out' wrote"
+        )
+    require_recording_libraries()
+    from ninedtact.recording.reader import restore_sensor_folder
+
+    with TemporaryDirectory(prefix="ninedtact_") as folder:
+        yield load_sensor(restore_sensor_folder(Path(source).expanduser(), Path(folder) / "sensor"))
+
+
+def _read_references(reference: PathLike | Sequence[PathLike]) -> "list[Frame]":
+    from ninedtact.capture.image_file import read_image
+    from ninedtact.quantities import Frame
+
+    paths = [reference] if isinstance(reference, Path | str) else list(reference)
+    return [Frame(read_image(path)) for path in paths]
+
+
+def _twin_reference(sensor: "SensorFolder") -> "DepthReader":
+    """Return a depth reader whose reference images are rendered without contact by the sensor's twin."""
+    from ninedtact.quantities import Frame
+
+    render = sensor.twin().renderer
+    frames = [Frame(render(None, -number)) for number in range(1, _TWIN_REFERENCE_FRAMES + 1)]
+    return sensor.shape.depth_reader(*frames)
