@@ -84,7 +84,7 @@ def known(sensor: SensorFolder, images: dict[str, dict[str, BgrImage]]) -> dict[
 def test_untouched_skin_of_another_time_is_fine(name: str, known: dict, images: dict) -> None:
     measured = measure_drift(known[name], images[name]["board_reference"])
     assert diagnose_drift(measured) == []
-    assert measured.moved.recognised
+    assert measured.moved.is_same_skin
     assert measured.moved.likeness > 0.6
     assert np.hypot(*measured.moved.shift_px) < 0.5
 

@@ -59,15 +59,15 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
         for number, contact in enumerate((None, known_press))
     )
     fit = fit_twin(before, after, find_contact_circle(rectified_brightness_change(before, after)), DESIGN)
-    assert fit.named["depth_mm"] == pytest.approx(1.8, abs=0.03)
+    assert fit.parameters["depth_mm"] == pytest.approx(1.8, abs=0.03)
     assert fit.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
-    assert (fit.named["x_mm"], fit.named["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
-    assert fit.named["thickness_mm"] == pytest.approx(2.3, abs=0.15)
-    assert fit.named["point_spread_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
-    assert fit.named["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
+    assert (fit.parameters["x_mm"], fit.parameters["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
+    assert fit.parameters["thickness_mm"] == pytest.approx(2.3, abs=0.15)
+    assert fit.parameters["point_spread_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
+    assert fit.parameters["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
-    off = {name: abs(fit.named[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}
+    off = {name: abs(fit.parameters[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}
     assert max(off.values()) < 4, off
 
 

@@ -1,14 +1,19 @@
-"""From four images to a calibrated sensor.
+"""Calibration of a sensor: four images in, a sensor folder out.
 
-    board pressed ──board──▶ lens          ball pressed ──ball──▶ depth curve
+    board pressed ──board──▶ lens          ball pressed ──ball, twin──▶ depth curve, digital twin
 
-flow.py           calibrate(): the whole, top-down
-board/            pins found, ordered, centred; the lens fitted; the paper's own way
-ball/             the contact circle, what the camera sees of the ball, the curve
-record.py         what sensor.toml holds; sensor_folder.py reads it, written.py writes it
-certificate/      the page a person reads, its drawings and its verdict
-guidance.py       what to tell a person who calibrates with a camera
-drift/            today's untouched skin against the calibrated one
-upstream/         the original project's calibration folders
-brightness.py     what a press changed, in grey levels of uniform light
+In: reference images without contact, one press of the pin board, one press of the ball (`procedure.CalibrationImages`). Out: a
+`procedure.Calibration`, saved as a sensor folder (`save.save_sensor`) that `sensor_folder.load_sensor` reads again.
+
+procedure.py         calibrate(), the whole from top to bottom; repeat_calibration() from a folder's own images
+board/               pins detected and located, the lens fitted, the paper's method for comparison
+ball/                the contact circle, the depth curve by physics or by the disc's geometry
+twin/                contact mechanics and light, fitted to the presses
+lens_refinement.py   lens and depth of the board's imprints, refined with the twin
+sensor_record.py     the schema of sensor.toml; sensor_folder.py reads the folder, save.py writes it
+certificate/         checks, plots and the page that a person reads
+guidance.py          advice to a person who calibrates with a camera
+drift/               today's reference image against the calibrated one
+original_9dtact/     import and export of the original project's calibration folders
+brightness.py        relative brightness changes, pixel noise, unusable images
 """

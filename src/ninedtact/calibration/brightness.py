@@ -21,7 +21,7 @@ class ImageUnusable(CalibrationError):
 
 
 def to_grey_float(image: BgrImage) -> Float32[Array, "rows cols"]:
-    """Grey levels as float."""
+    """Convert a BGR image to grey levels as float32."""
     return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
 
 
@@ -68,5 +68,5 @@ def require_same_image_size(name: str, reference: BgrImage, press: BgrImage) -> 
 
 
 def smooth_gaussian(image: Float32[Array, "rows cols"], sigma_px: float) -> Float32[Array, "rows cols"]:
-    """Gaussian blur."""
+    """Smooth an image by a Gaussian of this standard deviation; the border is repeated."""
     return np.asarray(ndimage.gaussian_filter(image, sigma_px, mode="nearest"))

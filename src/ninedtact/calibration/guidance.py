@@ -162,10 +162,12 @@ class _BoardPressWatcher:
             return CaptureAdvice("nothing touches the skin yet")
         mean = self.still.add(image)
         return (
-            CaptureAdvice(f"{self.count}hold still {len(self.still)}/{AVERAGED}") if mean is None else self.judged(mean)
+            CaptureAdvice(f"{self.count}hold still {len(self.still)}/{AVERAGED}")
+            if mean is None
+            else self._judge_press(mean)
         )
 
-    def judged(self, mean: BgrImage) -> CaptureAdvice:
+    def _judge_press(self, mean: BgrImage) -> CaptureAdvice:
         """Whether a still press is good enough."""
         expected = self.design.pin_board.count
         try:

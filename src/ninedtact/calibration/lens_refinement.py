@@ -111,29 +111,29 @@ class _BoardPressSolver:
     lens: LensModel
     """Through which the image was rectified."""
 
-    def fitted(self, press: BoardPressParameters) -> BoardPressFit:
-        """From a start."""
+    def solve(self, press: BoardPressParameters) -> BoardPressFit:
+        """Solve from a start by Gauss–Newton; the result says whether it settled."""
         lens, at_mm, settled = self.lens, self.observed.points_mm, False
         pixels = lens.to_px(at_mm)
         for _ in range(ROUNDS):
             moves = _lens_displacement_modes(lens, at_mm)
             step = self.step(press, at_mm, moves)
             change = np.linalg.lstsq(step.slopes, step.rest, rcond=1e-10)[0]
-            moved = self.bounded(press, np.clip(change[: len(LARGEST)], -LARGEST, LARGEST))
+            moved = self.clip_to_bounds(press, np.clip(change[: len(LARGEST)], -LARGEST, LARGEST))
             # Parameters of a lens stand in for each other far too much to be stepped themselves.
             asked_mm = at_mm + moves @ change[len(LARGEST) : -LIGHT_TERMS]
             lens = refine_lens(asked_mm[::FEWER], pixels[::FEWER], lens).lens
             try:
                 at_mm = _invert_lens_projection(lens, pixels, asked_mm)
             except PointNotSeen:
-                return self.found(press, lens, step, settled=False)
+                return self.summarise(press, lens, step, settled=False)
             settled = bool((np.abs(_to_vector(moved) - _to_vector(press)) < SETTLED).all())
             press = moved
             if settled:
                 break
-        return self.found(press, lens, step, settled)
+        return self.summarise(press, lens, step, settled)
 
-    def found(
+    def summarise(
         self, press: BoardPressParameters, lens: LensModel, step: "_LinearisedProblem", settled: bool
     ) -> BoardPressFit:
         """What the last round says of itself."""
@@ -147,25 +147,25 @@ class _BoardPressSolver:
 
     def step(self, press: BoardPressParameters, at_mm: Points, moves: Float[Array, "n 2 k"]) -> _LinearisedProblem:
         """Rest and slopes for one press, pixels seeing these places, which the lens moves like this."""
-        drawn = self.forward.drawn(press)
+        drawn = self.forward.predict_image(press)
         here = drawn.at(at_mm)
         by_nearness, by_scattering, by_depth, by_poisson = (
-            (self.forward.drawn(replace(press, **{name: getattr(press, name) + step})).at(at_mm) - here) / step
+            (self.forward.predict_image(replace(press, **{name: getattr(press, name) + step})).at(at_mm) - here) / step
             for name, step in STEPS.items()
         )
         x, y = at_mm.T
         by_press = np.column_stack([by_depth, -y * by_depth, x * by_depth, by_poisson, by_nearness, by_scattering])
         by_lens = np.einsum("ni,nik->nk", _brightness_gradient(drawn, at_mm), moves)
         light = np.column_stack([np.ones(len(x)), x / UNIT_MM, y / UNIT_MM]) * (1 + here)[:, None]
-        levels = np.linalg.lstsq(light, self.observed.seen, rcond=None)[0]
+        levels = np.linalg.lstsq(light, self.observed.relative_brightness, rcond=None)[0]
         level = (light @ levels) / (1 + here)
         slopes = np.column_stack([np.column_stack([by_press, by_lens]) * level[:, None], light])
-        rest = self.observed.seen - light @ levels
+        rest = self.observed.relative_brightness - light @ levels
         return _LinearisedProblem(rest * self.observed.mean_grey, slopes * self.observed.mean_grey)
 
-    def bounded(self, press: BoardPressParameters, by: Float[Array, "6"]) -> BoardPressParameters:
+    def clip_to_bounds(self, press: BoardPressParameters, by: Float[Array, "6"]) -> BoardPressParameters:
         """The press moved, within what can be."""
-        deepest = MOST_THICKNESS * self.forward.fit.named["thickness_mm"]
+        deepest = MOST_THICKNESS * self.forward.fit.parameters["thickness_mm"]
         most = [deepest, MOST_TILT, MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM]
         return BoardPressParameters(*np.clip(_to_vector(press) + by, _to_vector(LEAST), most).tolist())
 
@@ -194,7 +194,7 @@ def fit_board_press(observed: ObservedBoardPress, fit: TwinFit, start: BoardPres
     """Fit the board's image, rectified through its lens, with the twin that the ball told."""
     board = observed.board
     lens = with_radial_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
-    return _BoardPressSolver(observed, BoardPressModel(fit, board.board), lens).fitted(start)
+    return _BoardPressSolver(observed, BoardPressModel(fit, board.board), lens).solve(start)
 
 
 def _brightness_gradient(drawn: PredictedBoardImage, at_mm: Points) -> Float[Array, "n 2"]:
@@ -207,7 +207,7 @@ def _replace_lens(observed: ObservedBoardPress, fit: TwinFit, told: BoardPressFi
     """The board with the lens that was found. Its pins are fitted again, at the places of the untouched plane where their
     imprints are seen: they tell how well a pin is predicted that was left out."""
     board, forward = observed.board, BoardPressModel(fit, observed.board.board)
-    drawn = forward.drawn(told.press)
+    drawn = forward.predict_image(told.press)
     seen_mm = forward.imprints_mm(drawn, board.points_mm[board.found])
     return replace(board, lens_fit=fit_lens(seen_mm, board.points_px[board.found], told.lens), refined=told.lens)
 

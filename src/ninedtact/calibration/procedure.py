@@ -165,7 +165,7 @@ def _depth_table(ball: BallFit, settings: CalibrationSettings) -> DepthTable:
 def _twin_table(physical: PhysicsDepthFit, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
     """The twin that the ball press told, and the board where it was like what it draws."""
     fit = physical.fit
-    gel = replace(fit.forward.design.gel, thickness_mm=fit.named["thickness_mm"])
+    gel = replace(fit.forward.design.gel, thickness_mm=fit.parameters["thickness_mm"])
     return TwinTable(
         gel,
         fit.light,
@@ -181,20 +181,20 @@ def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
     return TwinFitQuality(
         radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
         image_rmse_grey_levels=fit.image_rmse_grey_levels,
-        depth_mm=fit.named["depth_mm"],
+        depth_mm=fit.parameters["depth_mm"],
         drag_mm=fit.drag_mm,
         effective_observations=sure.points,
         duration_s=fit.seconds,
         parameters={
             name: FittedParameterTable(value, sure.deviation.get(name), *_strongest_correlation(sure, name))
-            for name, value in fit.named.items()
+            for name, value in fit.parameters.items()
         },
     )
 
 
 def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
     """What the board's image told of its imprints; their depth is as uncertain as the ball's, by which light tells depth."""
-    depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.named["depth_mm"]
+    depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.parameters["depth_mm"]
     return BoardPressTable(
         accepted=told.accepted,
         depth_mm=depth_mm,

@@ -50,7 +50,7 @@ class SensorFolder:
 
     @property
     def id(self) -> str:
-        """Name of the sensor."""
+        """Return the name of the sensor."""
         return self.record.id
 
     @cached_property

@@ -143,7 +143,7 @@ class _StatusLine:
         print(f"\n{title}", file=sys.stderr)
 
     def update(self, status: str) -> None:
-        """Replace the line's text."""
+        """Replace the text of the line."""
         print(f"\r  {status[: self.width]:<{self.width}}", end="", file=sys.stderr, flush=True)
 
     @contextmanager

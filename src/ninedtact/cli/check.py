@@ -67,7 +67,7 @@ def _check_result(path: Path, drift: "DriftMeasurement", found: "list[DriftFindi
 def _drift_to_dict(drift: "DriftMeasurement") -> dict[str, Any]:
     """What was measured, whether it amounts to a finding or not; null where the skin's motion could not be observed."""
     skin, change = drift.moved, drift.change
-    seen = skin.recognised
+    seen = skin.is_same_skin
     return {
         "brightness_percent": 100 * (change.gain - 1),
         "uneven_percent": 100 * change.unevenness,

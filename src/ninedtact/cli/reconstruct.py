@@ -68,10 +68,10 @@ class ReconstructCommand:
             "image": str(path),
             **asdict(measured),
             "max_indentation_error_mm": depth.error_mm(measured.max_indentation_mm),
-            "files": {kind: str(file) for kind, file in self.written(name, height)},
+            "files": {kind: str(file) for kind, file in self._write_files(name, height)},
         }
 
-    def written(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
+    def _write_files(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
         """Write the files of one height map; kind and path of each."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.shape.export import export_shape

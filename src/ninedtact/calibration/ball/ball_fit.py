@@ -78,7 +78,7 @@ class BallFit:
     def max_indentation_mm(self) -> float:
         """Depth of the ball's lowest point."""
         if self.physical is not None:
-            return self.physical.fit.named["depth_mm"]
+            return self.physical.fit.parameters["depth_mm"]
         return spherical_cap_height_mm(self.press.ball.radius_mm, self.press.edge_radius_mm)
 
     @property

@@ -123,7 +123,7 @@ class BallPress:
 
     @property
     def edge_radius_mm(self) -> float:
-        """Radius of the disc."""
+        """Return the radius of the contact disc in mm."""
         return self.circle.radius_px * self.before.mm_per_px
 
     def curve(self, signal: BrightnessSignal, where: Bool[Array, "rows cols"]) -> DepthCurve:

@@ -42,14 +42,14 @@ class PhysicsDepthFit:
         """Height of the fitted skin on every pixel's line of sight."""
         x, y = self.fit.forward.observed.place_mm
         height = np.asarray(self.fit.contact.height_mm, np.float32)
-        middle = self.fit.named["x_mm"], self.fit.named["y_mm"]
-        return SightlineGrid(x, y, self.fit.light.inverse_distance_per_mm).height_mm(PATCH, middle, height, fine=True)
+        middle = self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]
+        return Sight(x, y, self.fit.light.inverse_distance_per_mm).height_mm(PATCH, middle, height, fine=True)
 
     @property
     def centre_px(self) -> Float[Array, "2"]:
         """The fitted middle of the contact, (x, y) in the rectified image."""
         (rows, cols), mm_per_px = self.seen_mm.shape, self.fit.forward.observed.before.mm_per_px
-        place = np.array([self.fit.named["x_mm"], self.fit.named["y_mm"]])
+        place = np.array([self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]])
         return np.asarray(place / mm_per_px + np.array([(cols - 1) / 2, (rows - 1) / 2]))
 
     @property
@@ -97,7 +97,7 @@ class PhysicsDepthFit:
 
     def law(self, light: BrightnessModel) -> DepthCurve:
         """The law of light as a depth curve."""
-        depth_mm = np.linspace(0, min(self.fit.named["depth_mm"], 0.95 * light.thickness_mm), KNOTS)
+        depth_mm = np.linspace(0, min(self.fit.parameters["depth_mm"], 0.95 * light.thickness_mm), KNOTS)
         darkening = np.abs(light.brightness_change(-depth_mm))
         bright = light.brightening_per_mm * BULGE_MM
         bulges = ((0.0, bright), (0.0, BULGE_MM)) if bright > 0 else ((0.0,), (0.0,))
@@ -106,7 +106,7 @@ class PhysicsDepthFit:
     def honest(self, curve: DepthCurve, cross_validation_mae_mm: float) -> DepthCurve:
         """With errors: how it reads the ball, one half by the other, and how well the depth of the press is known."""
         reading = np.hypot(self.error_mm(curve, self.disc), cross_validation_mae_mm)
-        known = self.fit.confidence.deviation["depth_mm"] / self.fit.named["depth_mm"]
+        known = self.fit.confidence.deviation["depth_mm"] / self.fit.parameters["depth_mm"]
         errors = np.hypot(reading, known * np.array(curve.indentation_mm))
         return replace(curve, error_mm=tuple(errors.tolist()))
 
@@ -128,6 +128,6 @@ class PhysicsDepthFit:
     def cross_validation_mae_mm(self) -> float:
         """One half of the disc read with the curve of the other half, mean over four cuts."""
         x, y = self.fit.forward.observed.place_mm
-        left, upper = x < self.fit.named["x_mm"], y < self.fit.named["y_mm"]
+        left, upper = x < self.fit.parameters["x_mm"], y < self.fit.parameters["y_mm"]
         halves = [np.asarray(half) for half in (left, ~left, upper, ~upper)]
         return float(np.mean([self.error_mm(self.curve(self.disc & half), self.disc & ~half) for half in halves]))

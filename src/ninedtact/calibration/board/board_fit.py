@@ -61,7 +61,7 @@ class BoardFit:
 
     @property
     def lens(self) -> LensModel:
-        """The fitted lens."""
+        """Return the lens of the fit, the refined one where there is one."""
         return self.lens_fit.lens if self.refined is None else self.refined
 
     @property

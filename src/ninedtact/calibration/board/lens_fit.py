@@ -30,7 +30,7 @@ class LensFit:
 
     @cached_property
     def residual_px(self) -> Points:
-        """Model minus seen."""
+        """Return the residuals in pixels: projected by the model minus found in the image."""
         return self.lens.to_px(self.points_mm) - self.points_px
 
     @cached_property

@@ -175,7 +175,7 @@ RING_MM = 0.1
 
 def plot_twin_residual(fit: TwinFit) -> bytes:
     """PNG of observed minus predicted brightness in grey levels, around the contact."""
-    observed, named = fit.forward.observed, fit.named
+    observed, named = fit.forward.observed, fit.parameters
     rest = observed.image(fit.rest_grey)
     (rows, cols), mm_per_px = observed.before.grey.shape, observed.before.mm_per_px
     box = (-cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px)
@@ -201,7 +201,7 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
     lower = add_labelled_axes(
         figure, (0.13, 0.135, 0.85, 0.3), "distance from the contact's middle (mm)", "height (mm)"
     )
-    seen = (fit.forward.observed.seen - 1) * fit.forward.observed.mean_grey
+    seen = (fit.forward.observed.relative_brightness - 1) * fit.forward.observed.mean_grey
     for values, colour, label in ((seen, OBSERVED, "seen"), (seen - fit.rest_grey, PREDICTED, "predicted")):
         upper.plot(*_radial_mean(fit, values), color=colour, linewidth=1.4, label=label)
     upper.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
@@ -215,7 +215,7 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
 def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
     """Mean of values at the observed points by their distance from the contact's middle."""
     x, y = fit.forward.observed.points_mm
-    ring = (np.hypot(x - fit.named["x_mm"], y - fit.named["y_mm"]).ravel() / RING_MM).astype(int)
+    ring = (np.hypot(x - fit.parameters["x_mm"], y - fit.parameters["y_mm"]).ravel() / RING_MM).astype(int)
     count = np.bincount(ring)
     known = np.flatnonzero(count)
     return (known + 0.5) * RING_MM, np.bincount(ring, values)[known] / count[known]

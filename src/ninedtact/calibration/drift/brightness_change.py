@@ -109,7 +109,7 @@ class BrightnessChange:
 
     @property
     def changed_area_mm2(self) -> float:
-        """Area of all marks."""
+        """Return the area of all marks together."""
         return sum((mark.area_mm2 for mark in self.marks), 0.0)
 
     @cached_property

@@ -66,7 +66,7 @@ def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
 
 def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
     """Pressed gel."""
-    place, known_skin = drift.change.contact, drift.nearest.recognised or not drift.nearest.observable
+    place, known_skin = drift.change.contact, drift.nearest.is_same_skin or not drift.nearest.observable
     if place is None or drift.flipped or not (known_skin or drift.change.changed_share > PRESSED_ALL_OVER):
         return None
     depth_mm = _equivalent_height_mm(drift, place.change)
@@ -82,7 +82,7 @@ def _find_unknown_skin(drift: DriftMeasurement) -> DriftFinding | None:
     """Another sensor, another gel."""
     skin = drift.nearest
     different = drift.change.marks or drift.change.unevenness > MAX_UNEVENNESS
-    if skin.recognised or not skin.observable or drift.flipped or not different:
+    if skin.is_same_skin or not skin.observable or drift.flipped or not different:
         return None
     return DriftFinding(
         "another skin",
@@ -106,7 +106,7 @@ def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
     far_px = float(np.hypot(*skin.shift_px))
     shifted = far_px - CERTAIN * skin.shift_error_px > FARTHEST_PX
     turned = abs(skin.turn_deg) - CERTAIN * skin.turn_error_deg > FARTHEST_TURN_DEG
-    if not skin.recognised or not (shifted or turned):
+    if not skin.is_same_skin or not (shifted or turned):
         return None
     return DriftFinding(
         "camera moved",
@@ -178,7 +178,7 @@ def _find_colour_change(drift: DriftMeasurement) -> DriftFinding | None:
 
 def _equivalent_height_mm(drift: DriftMeasurement, change: float) -> float:
     """Depth that a relative change passes for at the image's mean brightness."""
-    grey = float(drift.known.rectified.grey.mean())
+    grey = float(drift.known.rectified_reference.grey.mean())
     return float(drift.known.height_mm(np.array(change), np.array(grey)))
 
 

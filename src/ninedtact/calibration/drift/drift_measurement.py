@@ -48,12 +48,12 @@ class CalibratedReference:
     curve: DepthCurve
 
     @cached_property
-    def rectified(self) -> Rectified:
+    def rectified_reference(self) -> Rectified:
         """The depth image on the skin's grid."""
         return self.rectify(Frame(self.depth_image))
 
     @property
-    def seen(self) -> Bool[Array, "rows cols"]:
+    def view_mask(self) -> Bool[Array, "rows cols"]:
         """Where the camera sees the skin."""
         return self.rectify.height_source != HeightSource.OUT_OF_VIEW
 
@@ -74,9 +74,9 @@ class CalibratedReference:
 
     def worst_height_mm(self, other: BgrImage) -> float:
         """Height error, at the worst of the view, of reading one image against this one as its reference."""
-        then, now = self.rectified.grey, self.rectify(Frame(other)).grey
+        then, now = self.rectified_reference.grey, self.rectify(Frame(other)).grey
         ratio = cv2.GaussianBlur(now / np.maximum(then, 1.0), (0, 0), 3.0) - 1
-        return float(np.percentile(self.height_mm(ratio, then)[self.seen], WORST_SHARE))
+        return float(np.percentile(self.height_mm(ratio, then)[self.view_mask], WORST_SHARE))
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
     moved = measure_skin_motion(known.lens_image, today)
     return DriftMeasurement(
         known,
-        moved if moved.recognised else nearest,
+        moved if moved.is_same_skin else nearest,
         nearest,
         _detect_flip(known.depth_image, today, nearest),
         _measure_brightness_change(known, today, nearest),
@@ -130,15 +130,17 @@ def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | 
         return None
     ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in FLIPS.items()}
     best = max(ways, key=lambda way: ways[way].likeness)
-    return best if ways[best].recognised and ways[best].likeness > motion.likeness else None
+    return best if ways[best].is_same_skin and ways[best].likeness > motion.likeness else None
 
 
 def _measure_brightness_change(known: CalibratedReference, today: BgrImage, motion: SkinMotion) -> BrightnessChange:
     """The change of the skin's brightness with its motion undone, where both images show it."""
     grey = float(to_grey_float(known.depth_image).mean())
     noise = estimate_pixel_noise(relative_brightness_change(known.depth_image, today)) / grey
-    seen = known.seen & (known.rectify.resampled(motion.kept(today.shape)) > 0)
-    return separate_brightness_change(known.rectified, known.rectify(Frame(motion.undone(today))), seen, noise)
+    seen = known.view_mask & (known.rectify.resampled(motion.valid_mask(today.shape)) > 0)
+    return separate_brightness_change(
+        known.rectified_reference, known.rectify(Frame(motion.undone(today))), seen, noise
+    )
 
 
 def _measure_colour_change(known: BgrImage, today: BgrImage) -> tuple[float, float, float]:

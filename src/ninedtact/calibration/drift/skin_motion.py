@@ -164,7 +164,7 @@ class SkinMotion:
         return self.contrast >= FAINTEST_STRUCTURE
 
     @property
-    def recognised(self) -> bool:
+    def is_same_skin(self) -> bool:
         """Whether the two images show the same skin, so that the motion means something."""
         return self.observable and self.likeness >= RECOGNISED
 
@@ -172,14 +172,14 @@ class SkinMotion:
         """The later image as it would be without the motion, borders repeated."""
         return _undo_motion(image, self.vector(image.shape))
 
-    def kept(self, shape: tuple[int, ...]) -> Field:
+    def valid_mask(self, shape: tuple[int, ...]) -> Field:
         """Above zero where the image without the motion shows what the camera saw."""
         return _undo_motion(np.ones(shape[:2], np.float32), self.vector(shape), cv2.BORDER_CONSTANT)
 
     def vector(self, shape: tuple[int, ...]) -> Motion:
         """As `registration` has it; none where the skin was not recognised."""
         turn_px = np.deg2rad(self.turn_deg) * shape[1] / 2
-        return np.array([*self.shift_px, turn_px]) * self.recognised
+        return np.array([*self.shift_px, turn_px]) * self.is_same_skin
 
 
 def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:

@@ -1,1 +1,3 @@
-"""TODO: what goes in and what comes out."""
+"""Calibration folders of the original 9DTact project. In and out: its `sensor_N` folder and a sensor folder
+(`exchange.import_original_calibration`, `exchange.export_original_calibration`); `folder_format` reads and checks its files.
+"""

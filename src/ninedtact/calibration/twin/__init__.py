@@ -1,5 +1,4 @@
-"""One ball press → the twin of the sensor: fit.py tells the story.
-
-Contact mechanics and light are fitted together to the whole image of the press: where, how deep and how far dragged the
-ball was, how thick the gel seems, and how brightness follows height. No rule about where the ball's disc ends is needed.
+"""The digital twin of a sensor, from its own calibration images. In: one ball press (and the image of the pressed board). Out:
+`TwinFit`, the press, the gel and the light that explain the whole image, with uncertainties (`ball_press_fit.fit_twin`), and
+the simulated sensor (`sensor_twin.build_sensor_twin`). No rule about where the ball's disc ends is needed.
 """

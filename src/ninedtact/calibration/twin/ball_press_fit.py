@@ -115,8 +115,8 @@ class TwinFit:
     evaluations: int
 
     @cached_property
-    def named(self) -> dict[str, float]:
-        """All parameters by name."""
+    def parameters(self) -> dict[str, float]:
+        """Return all parameters by name, the searched ones and those solved linearly."""
         level, dark, bright = (float(slope) for slope in self.slopes)
         solved = {"loss": level - 1, "darkening_per_mm": dark / level, "brightening_per_mm": bright / level}
         return {**dict(zip(PARAMETER_NAMES, self.vector.tolist(), strict=True)), **solved}
@@ -124,12 +124,12 @@ class TwinFit:
     @property
     def drag_mm(self) -> tuple[float, float]:
         """How far the ball was dragged after the press."""
-        return self.named["drag_x_mm"], self.named["drag_y_mm"]
+        return self.parameters["drag_x_mm"], self.parameters["drag_y_mm"]
 
     @property
     def contact(self) -> Contact:
         """The skin under the ball, pressures in shear moduli."""
-        return self.forward.contact(ball_press_of(self.named))
+        return self.forward.contact(ball_press_of(self.parameters))
 
     @property
     def image_rmse_grey_levels(self) -> float:
@@ -145,7 +145,7 @@ class TwinFit:
     def radial_rest(self) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
         """Radius and mean rest of rings of 0.05 mm."""
         x, y = (
-            axis.ravel() - self.named[name]
+            axis.ravel() - self.parameters[name]
             for axis, name in zip(self.forward.observed.points_mm, PARAMETER_NAMES, strict=False)
         )
         radius = np.hypot(x, y)
@@ -158,8 +158,8 @@ class TwinFit:
 
     @cached_property
     def light(self) -> BrightnessModel:
-        """The sensor's light."""
-        named, darkening = self.named, self.mean_darkening
+        """Return the brightness model of the sensor that the fit found."""
+        named, darkening = self.parameters, self.mean_darkening
         return BrightnessModel(
             darkening_per_mm=max(named["darkening_per_mm"], 0.0),
             saturation=named["saturation"],
@@ -174,7 +174,7 @@ class TwinFit:
     def mean_darkening(self) -> float:
         """Of the whole view: what the loss is counted per."""
         observed = self.forward.observed
-        return mean_darkening(observed.after.grey, observed.before.grey, self.named["loss"])
+        return mean_darkening(observed.after.grey, observed.before.grey, self.parameters["loss"])
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class _PriorTerms:
 
     @property
     def slope(self) -> Float[Array, "beliefs parameters"]:
-        """Derivative of `miss`."""
+        """Return the derivative of `miss` by the parameters."""
         rows = [np.array([name == one.name for name in PARAMETER_NAMES]) / one.deviation for one in self.beliefs]
         return self.deviation_grey * np.array(rows, float).reshape(-1, len(PARAMETER_NAMES))
 
@@ -224,10 +224,10 @@ def fit_twin(
     free, searched = (
         _fit_least_squares(forward, _initial_guess(forward, circle), _PriorTerms()) if near is None else (near, 0)
     )
-    points = effective_observation_count(forward.observed.image(forward.solved(free)[1]))
+    points = effective_observation_count(forward.observed.image(forward.fit_linear_terms(free)[1]))
     prior = _make_prior_terms(forward, free, points, beliefs)
     vector, again = _fit_least_squares(forward, free, prior)
-    slopes, rest = forward.solved(vector)
+    slopes, rest = forward.fit_linear_terms(vector)
     sure = _estimate_uncertainty(_residual_jacobian(forward, vector, prior), rest, points)
     return TwinFit(forward, vector, slopes, rest, sure, perf_counter() - began, searched + again)
 
@@ -251,7 +251,7 @@ def _fit_least_squares(
     """Least squares from a start; and how many images that took."""
 
     def miss(vector: ParameterVector) -> Float[Array, " n"]:
-        return np.append(forward.solved(vector)[1], prior.miss(vector))
+        return np.append(forward.fit_linear_terms(vector)[1], prior.miss(vector))
 
     def slope(vector: ParameterVector) -> Float[Array, "n parameters"]:
         return _residual_jacobian(forward, vector, prior)
@@ -266,7 +266,7 @@ def _make_prior_terms(
     forward: BallPressModel, vector: ParameterVector, points: float, beliefs: tuple[ParameterPrior, ...]
 ) -> _PriorTerms:
     """The design's thickness and other beliefs, each an observation among this many independent points."""
-    rest, design_mm = forward.solved(vector)[1], forward.design.gel.thickness_mm
+    rest, design_mm = forward.fit_linear_terms(vector)[1], forward.design.gel.thickness_mm
     mould = ParameterPrior("thickness_mm", design_mm, THICKNESS_SPREAD * design_mm)
     return _PriorTerms((mould, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
 
@@ -280,11 +280,11 @@ def _residual_jacobian(
 
 def _image_jacobian(forward: BallPressModel, vector: ParameterVector) -> Float[Array, "n parameters"]:
     """How the rest changes with each searched parameter, level and slopes following."""
-    here = forward.solved(vector)[1]
+    here = forward.fit_linear_terms(vector)[1]
     columns = []
     for index in range(len(PARAMETER_NAMES)):
         moved, step = step_parameter(vector, index)
-        columns.append((forward.solved(moved)[1] - here) / step)
+        columns.append((forward.fit_linear_terms(moved)[1] - here) / step)
     return np.column_stack(columns)
 
 

@@ -126,7 +126,7 @@ class ObservedBallPress:
         return x, y
 
     @cached_property
-    def seen(self) -> Float[Array, " n"]:
+    def relative_brightness(self) -> Float[Array, " n"]:
         """Relative brightness of the chosen pixels."""
         return self.ratio[self.chosen].astype(float)
 
@@ -182,7 +182,7 @@ class BallPressModel:
 
     @cached_property
     def contacts(self) -> dict[_BallPress, Contact]:
-        """Those solved last."""
+        """Return the cache of the contacts that were solved last."""
         return {}
 
     def contact(self, press: _BallPress) -> Contact:
@@ -224,15 +224,15 @@ class BallPressModel:
         dark = saturating_response_mm(np.clip(height_mm, -thickness, 0), saturation, thickness)
         return dark.astype(np.float32), np.maximum(height_mm, 0)
 
-    def solved(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
+    def fit_linear_terms(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
         """The best level and slopes for these parameters, and what they leave unexplained, in grey levels."""
-        columns, seen = self.columns(vector), self.observed.seen
+        columns, seen = self.columns(vector), self.observed.relative_brightness
         slopes = np.linalg.solve(columns.T @ columns, columns.T @ seen)
         return slopes, (seen - columns @ slopes) * self.observed.mean_grey
 
 
 def ball_press_of(named: dict[str, float]) -> _BallPress:
-    """The mechanical parameters."""
+    """Return the press that the mechanical parameters describe."""
     return _BallPress(named["depth_mm"], (named["drag_x_mm"], named["drag_y_mm"]), named["thickness_mm"])
 
 

@@ -63,10 +63,10 @@ class ObservedBoardPress:
         every = np.zeros_like(among)
         every[::EVERY_PX, ::EVERY_PX] = True
         among &= every
-        among[among] = self.spread(np.column_stack([x[among], y[among]])) > LEAST_SPREAD
+        among[among] = self.pixel_density(np.column_stack([x[among], y[among]])) > LEAST_SPREAD
         return np.asarray(among)
 
-    def spread(self, points_mm: Points) -> Float[Array, " n"]:
+    def pixel_density(self, points_mm: Points) -> Float[Array, " n"]:
         """Pixels of the raw image per square millimetre there, over that in the middle; below zero where it is folded over."""
         lens = self.board.lens
         here, middle = (np.linalg.det(lens.px_per_mm(points)) for points in (points_mm, np.zeros((1, 2))))
@@ -79,7 +79,7 @@ class ObservedBoardPress:
         return np.column_stack([axis[self.chosen] for axis in axes]).astype(float)
 
     @cached_property
-    def seen(self) -> Float[Array, " n"]:
+    def relative_brightness(self) -> Float[Array, " n"]:
         """Relative brightness of the chosen pixels."""
         ratio: Float32[Array, "rows cols"] = smooth_gaussian(
             self.after.grey / np.maximum(self.before.grey, DIMMEST), SMOOTHING_PX
@@ -146,7 +146,7 @@ class BoardPressModel:
 
     @cached_property
     def relief(self) -> HeightGridIndenter:
-        """The board's underside."""
+        """Return the height of the board's underside on a grid."""
         return pin_board_indenter(self.board)
 
     @cached_property
@@ -173,7 +173,7 @@ class BoardPressModel:
         """The same, not yet solved."""
         gel = replace(
             self.fit.forward.design.gel,
-            thickness_mm=self.fit.named["thickness_mm"],
+            thickness_mm=self.fit.parameters["thickness_mm"],
             shear_modulus_mpa=1.0,
             poisson_ratio=press.poisson_ratio,
         )
@@ -182,7 +182,7 @@ class BoardPressModel:
         pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
         return np.asarray(model.step(model.initial_contact(), self.relief, pose).height_mm, np.float32)
 
-    def drawn(self, press: BoardPressParameters) -> PredictedBoardImage:
+    def predict_image(self, press: BoardPressParameters) -> PredictedBoardImage:
         """The skin as the plane shows it, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.positions_mm)
         seen = SightlineGrid(x, y, press.inverse_distance_per_mm).height_mm(
