@@ -18,6 +18,7 @@ from ninedtact.calibration.twin.ball_press_model import PATCH
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.depth import FINE_SMOOTHING, TABLE_STEPS, Deblurring, DepthCurve, DepthReader, LightLoss
 from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.sightlines import SightlineGrid
 
 KNOTS = 25
 LEAST_OF_KNOT = 30
@@ -42,7 +43,7 @@ class PhysicsDepthFit:
         x, y = self.fit.forward.observed.place_mm
         height = np.asarray(self.fit.contact.height_mm, np.float32)
         middle = self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]
-        return Sight(x, y, self.fit.light.inverse_distance_per_mm).height_mm(PATCH, middle, height, fine=True)
+        return SightlineGrid(x, y, self.fit.light.inverse_distance_per_mm).height_mm(PATCH, middle, height, fine=True)
 
     @property
     def centre_px(self) -> Float[Array, "2"]:
