@@ -14,7 +14,7 @@ from array_api_compat import device
 from jaxtyping import Float, Float64
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, SimulationError
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
 from ninedtact.mechanics.batching import CountPerContact, PerContact, ScalarPerContact, expand_over_grid, sum_over_grid
 from ninedtact.mechanics.friction import slip_mask
@@ -24,15 +24,15 @@ from ninedtact.mechanics.skin import PointMask, ScalarField, Skin, VectorField
 from ninedtact.quantities import Wrench
 
 
-class ContactNotConverged(NinedtactError):
+class ContactNotConverged(SimulationError):
     """Raised where the solver ran out of iterations before it reached its tolerance."""
 
 
-class InvalidLoad(NinedtactError):
+class InvalidLoad(InputError):
     """Raised for a load that does not press: zero, negative or not finite."""
 
 
-class ContactLeavesGrid(NinedtactError):
+class ContactLeavesGrid(SimulationError):
     """Raised for a contact at the grid's border, where it would meet its own periodic image."""
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.mechanics.batching import expand_over_grid
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter
@@ -26,7 +26,7 @@ _MAX_STORED_GRIDS = 512
 """Height grids kept on a device; when there are more, all are dropped."""
 
 
-class InvalidUnderside(NinedtactError):
+class InvalidUnderside(InputError):
     """Raised for a grid of heights that is not the underside of an object."""
 
 

@@ -13,7 +13,7 @@ from array_api_compat import array_namespace
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.mechanics.batching import ScalarPerContact, expand_over_grid
 from ninedtact.mechanics.pose import Pose
 
@@ -34,7 +34,7 @@ _TILT_HALVINGS = 3
 for walls."""
 
 
-class TiltTooSteep(NinedtactError):
+class TiltTooSteep(InputError):
     """Raised for a tilt at which an underside can no longer be told from a side."""
 
 

@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 
 _MIN_POINTS_PER_SIDE = 8
 
 
-class InvalidGrid(NinedtactError):
+class InvalidGrid(InputError):
     """Raised for a grid that is too small to carry a contact."""
 
 

@@ -13,12 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError
 from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.mechanics.batching import ScalarPerContact, expand_over_grid
 
 
-class InvalidPose(NinedtactError):
+class InvalidPose(InputError):
     """Raised for a pose that is not finite, or that would put the object through the gel."""
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from sys import platform
 from typing import Any
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DeviceError
 
 _DRIVER_FILES = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")
 """One of these exists where a GPU can be used (NVIDIA, AMD, and either under WSL). Only then torch, which takes seconds to load, is
@@ -16,7 +16,7 @@ _OUT_OF_MEMORY_WORDS = ("out of memory", "CUFFT_ALLOC_FAILED", "CUFFT_INTERNAL_E
 """Words of errors where memory ran out; cuFFT has its own."""
 
 
-class DeviceMissing(NinedtactError):
+class DeviceMissing(DeviceError):
     """Raised for a device that does not exist or cannot be used."""
 
 

@@ -14,7 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from array_api_compat import to_device
 
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import DeviceError
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.height_grid_indenter import HeightGridStore
 from ninedtact.simulation.batch_renderer import BatchRenderer
@@ -31,7 +31,7 @@ from ninedtact.simulation.batched.requests import (
 )
 
 
-class DeviceMemoryExhausted(NinedtactError):
+class DeviceMemoryExhausted(DeviceError):
     """Raised where not even one contact fits in the memory of the device."""
 
 
