@@ -68,9 +68,7 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     weighed = [
         word for path, each in zip(presses(desk), grams, strict=True) for word in ("--press", path, f"{each:.1f}")
     ]
-    told = asked(
-        capsys, "calibrate-force", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", *weighed
-    )
+    told = asked(capsys, "adapt", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", *weighed)
     assert told["by_factor"] < 0.5 * told["unadapted"] and told["adaptation"]["presses"] == len(DEPTHS_MM)
     after = estimated(desk, capsys)
     assert after[:, 2] == pytest.approx(stiff * true[:, 2], rel=0.12)
@@ -108,12 +106,12 @@ def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys:
             "lost",
         ),
         (
-            ("calibrate-force", "--sensor", "sensor", "--reference", "untouched.png", "--press", "press_1.png", "300"),
+            ("adapt", "--sensor", "sensor", "--reference", "untouched.png", "--press", "press_1.png", "300"),
             "at least 2",
         ),
         (
             (
-                "calibrate-force",
+                "adapt",
                 "--sensor",
                 "sensor",
                 "--reference",
@@ -125,12 +123,12 @@ def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys:
             "untouched.png: ",
         ),
         (
-            ("calibrate-force", "--sensor", "sensor", "--reference", "untouched.png", "--press", "press_1.png", "-3"),
+            ("adapt", "--sensor", "sensor", "--reference", "untouched.png", "--press", "press_1.png", "-3"),
             "above zero",
         ),
         (
             (
-                "calibrate-force",
+                "adapt",
                 "--sensor",
                 "sensor",
                 "--reference",

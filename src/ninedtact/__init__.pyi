@@ -28,6 +28,7 @@ from .quantities import (
 )
 from .reading import Reading
 from .recording.reader import Recording
+from .recording.recorder import record
 from .sensor import Sensor
 from .shape.export import export_shape, read_height_png
 from .shape.height_map_image import render_height_map
@@ -90,6 +91,7 @@ __all__ = [
     "press_trajectory",
     "read_height_png",
     "read_image",
+    "record",
     "render_height_map",
     "render_relief",
     "save_sensor",

@@ -18,7 +18,7 @@ from ninedtact.cli.dataset import DATASET_DESCRIPTION, DatasetCommand
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.doctor import Doctor
 from ninedtact.cli.export import Export
-from ninedtact.cli.force.calibrate_force import CalibrateForce
+from ninedtact.cli.force.adapt import Adapt
 from ninedtact.cli.force.estimate import Estimate
 from ninedtact.cli.force.evaluate import Evaluate
 from ninedtact.cli.force.model import DESCRIPTION as MODEL
@@ -53,7 +53,7 @@ Command = (
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Model, tyro.conf.subcommand("model", description=MODEL)]
     | Annotated[Estimate, tyro.conf.subcommand("estimate")]
-    | Annotated[CalibrateForce, tyro.conf.subcommand("calibrate-force")]
+    | Annotated[Adapt, tyro.conf.subcommand("adapt")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[HardwareCommand, tyro.conf.subcommand("hardware", description=HARDWARE)]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]

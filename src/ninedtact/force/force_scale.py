@@ -206,5 +206,5 @@ def read_force_scale_tables(sensor: Path) -> dict[str, ForceScale]:
         return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), dict[str, ForceScale])
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as trouble:
         raise ForceScaleFileDamaged(
-            f"expected {path} as 'ninedtact calibrate-force' wrote it, got: {trouble}; delete it and adapt again"
+            f"expected {path} as 'ninedtact adapt' wrote it, got: {trouble}; delete it and run 'ninedtact adapt' again"
         ) from trouble

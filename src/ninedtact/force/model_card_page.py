@@ -25,12 +25,12 @@ ROWS: dict[str, tuple[str | tuple[str, ...], str]] = {
 WITH_UNITS = ("mae", "std")
 _VALIDATED_ON = """\
 Validated on simulated sensors and families of objects that had no part in the training. Every sensor was calibrated from its own
-board and ball images, and its force with five known loads of 100 to 500 g (`ninedtact calibrate-force`). Skill is 1 − MAE / MAE of
+board and ball images, and its force with five known loads of 100 to 500 g (`ninedtact adapt`). Skill is 1 − MAE / MAE of
 always predicting the median."""
 LIMITS = """\
 - **Not yet tested against a real force/torque sensor.** All pairs are simulated: rendered images and computed wrenches.
 - The gel's stiffness is not visible in an image. The wrench is for a gel with a shear modulus of {modulus:.3f} MPa and is scaled to
-  that of the sensor's own gel. Without a force calibration (`ninedtact calibrate-force`) the design's modulus is assumed, and its
+  that of the sensor's own gel. Without a force calibration (`ninedtact adapt`) the design's modulus is assumed, and its
   relative error is that of the wrench.
 - Wrenches beyond {low} … {high} N and N·m, and images unlike those of the training, carry a warning.
 - Heights are computed with the sensor's calibration: a bad calibration gives bad forces."""

@@ -1,1 +1,1 @@
-"""Commands about force: estimate, calibrate-force, evaluate, train and model. Options go in, a report is printed."""
+"""Commands about force: estimate, adapt, evaluate, train and model. Options go in, a report is printed."""

@@ -34,7 +34,7 @@ class Evaluate:
     By default the sensors of a simulated data set are calibrated from their own simulated images."""
     modulus: Literal["true", "design", "calibrated"] = "true"
     """Shear modulus assumed for simulated gels: true (the simulated one), design (the nominal one), or calibrated.
-    calibrated: force calibration with five simulated loads of 100 to 500 g, as `ninedtact calibrate-force` does."""
+    calibrated: force calibration with five simulated loads of 100 to 500 g, as `ninedtact adapt` does."""
     without_contact_detection: bool = False
     """Use a network's estimate also where no contact is detected; otherwise it is zero there."""
     every: int = 1

@@ -1,4 +1,4 @@
-"""ninedtact calibrate-force: a few presses with known loads → the force scale of one sensor."""
+"""ninedtact adapt: a few presses with known loads → the force scale of one sensor."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class CalibrateForce:
+class Adapt:
     """Calibrate the force of a sensor with images of presses whose load is known.
 
     A kitchen scale is enough: put the sensor on it, take an image without contact, set the scale to zero, then press with something
