@@ -38,7 +38,7 @@ def test_a_press_leaves_images_heights_tractions_and_a_wrench(
     assert told["pose"]["depth_mm"] == pytest.approx(1.2) and told["wrench"]["about_mm"] == [0, 0, 0]
     height, pressure, shear = (np.load(tmp_path / f"{name}.npy") for name in ("height", "pressure", "shear"))
     assert height.shape == pressure.shape == (345, 460) and shear.shape == (345, 460, 2)
-    assert height.min() == pytest.approx(-told["deepest_mm"], abs=0.02)
+    assert height.min() == pytest.approx(-told["max_indentation_mm"], abs=0.02)
     cell_mm2 = told["mm_per_px"] ** 2
     assert -pressure.sum() * cell_mm2 == pytest.approx(force[2], rel=0.02)
     assert read_height_png(tmp_path / "height.png").z_mm == pytest.approx(height, abs=6e-4)
@@ -143,7 +143,7 @@ def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
     assert {path.name for path in tmp_path.iterdir()} == {"sensor", "presses.png", "summary.json"}
     (press,) = json.loads((tmp_path / "summary.json").read_text())["presses"]
     assert press["object"] == "ball_8mm" and press["true_mm"] == pytest.approx(1.2, abs=0.05)
-    assert press["seen_mm"] == pytest.approx(press["true_mm"], abs=0.15) and press["wrench"]["force_n"][2] < -3
+    assert press["reconstructed_mm"] == pytest.approx(press["true_mm"], abs=0.15) and press["wrench"]["force_n"][2] < -3
     assert cv2.imread(str(tmp_path / "presses.png")).shape[1] > 1000
 
 

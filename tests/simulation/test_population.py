@@ -124,13 +124,13 @@ def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(
 
 
 def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
-    one = replace(sample_sensor(2, kinds=ALL_BONDED), misreading=CalibrationMisalignment(), noise_grey_levels=1e-6)
+    one = replace(sample_sensor(2, kinds=ALL_BONDED), misalignment=CalibrationMisalignment(), noise_grey_levels=1e-6)
     twin, eye = one.twin(), rectified_renderer(one, (460, 345))
     contact = twin.step(twin.model.initial_contact(), Ball(), Pose(2.0, -1.0, 1.2))
     seen = eye.render(contact, np.random.default_rng(0)).astype(float)
     raw = cv2.cvtColor(twin.renderer.render_without_noise(contact), cv2.COLOR_BGR2GRAY)
     at = raw_pixels_seeing(
-        one.view, misaligned_positions_mm((460, 345), rectified_mm_per_px((460, 345)), CalibrationMisalignment())
+        one.pixel_map, misaligned_positions_mm((460, 345), rectified_mm_per_px((460, 345)), CalibrationMisalignment())
     )
     rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
     assert np.ptp(seen - eye.reference) > 12
@@ -140,7 +140,7 @@ def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
 
 def test_a_view_read_backwards_finds_its_pixels() -> None:
     view, wanted = (
-        sample_sensor(4).view,
+        sample_sensor(4).pixel_map,
         misaligned_positions_mm(
             (92, 69), rectified_mm_per_px((92, 69)), CalibrationMisalignment(1.01, 0.01, (0.2, -0.1))
         ),

@@ -61,7 +61,7 @@ def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
     stage = small_press_simulation(acts=2)
     length = PRESSED.trajectory.duration_s
     assert stage.round_s == pytest.approx(2 * length)
-    assert [stage.act_at(at)[0] for at in (0, 0.9 * length, 1.1 * length, 2.1 * length)] == [0, 0, 1, 2]
+    assert [stage.trajectory_at(at)[0] for at in (0, 0.9 * length, 1.1 * length, 2.1 * length)] == [0, 0, 1, 2]
     one, again = (stage.contact(round(start * 10) + 9) for start in (0, 2 * stage.round_s))
     assert np.allclose(one.wrench().six, again.wrench().six, atol=0.05)
 

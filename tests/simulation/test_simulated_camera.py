@@ -109,5 +109,5 @@ def test_a_lens_read_backwards_is_smooth_and_right_way_round() -> None:
     plane = WideAngleLens().pixel_map().plane_mm
     assert (np.diff(plane[..., 0], axis=1) > 0).all() and (np.diff(plane[..., 1], axis=0) > 0).all()
     assert plane[240, 320] == pytest.approx([0, 0], abs=0.05)
-    turned = WideAngleLens(turn_rad=np.pi / 2, offset_mm=(0.5, 0.0)).view((480, 480)).plane_mm
+    turned = WideAngleLens(turn_rad=np.pi / 2, offset_mm=(0.5, 0.0)).pixel_map((480, 480)).plane_mm
     assert turned[240, -1, 1] > 10 and turned[-1, 240, 0] < -10

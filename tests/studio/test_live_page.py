@@ -57,7 +57,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
         assert len(list(tmp_path.glob("reading_*"))) == 4
         camera.plugged_in = False
         until_shown("no image for ", "unplugged?")
-        studio.bring_to_an_end(page)
+        studio.show_final_state(page)
     wait_until(lambda: "stopped: the program has ended" in tab.inner_text("body"), PATIENCE_S, pause_s=0.05)
     wait_until(lambda: set(threading.enumerate()) <= before)
     assert errors == []

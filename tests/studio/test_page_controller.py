@@ -25,14 +25,14 @@ class Screen:
         self.looks: list[DisplayOptions] = []
         self.report: PageReport | None = None
 
-    def look(self) -> DisplayOptions:
+    def display_options(self) -> DisplayOptions:
         return self.wanted
 
     def show(self, view: ReadingView, look: DisplayOptions) -> None:
         self.views.append(view)
         self.looks.append(look)
 
-    def tell(self, report: PageReport) -> None:
+    def show_report(self, report: PageReport) -> None:
         self.report = report
 
     @property

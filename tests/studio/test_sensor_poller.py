@@ -20,7 +20,7 @@ from ninedtact.studio.sensor_poller import RecordingTooShort, SensorPhase, Senso
 
 
 def now_in(loop: SensorPoller) -> SensorSnapshot:
-    return loop.moment(time.monotonic_ns())
+    return loop.snapshot(time.monotonic_ns())
 
 
 def deepest_mm(loop: SensorPoller) -> float:

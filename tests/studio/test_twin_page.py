@@ -58,16 +58,16 @@ class FallingWeight(WrenchSource):
 def test_a_wrench_loop_gives_the_wrench_of_the_asked_moment() -> None:
     weight = FallingWeight()
     with WrenchPoller(weight, "weight") as loop:
-        wait_until(lambda: loop.moment(None, 0).history.shape[1] > 8)
+        wait_until(lambda: loop.snapshot(None, 0).history.shape[1] > 8)
         now_ns = time.monotonic_ns()
-        moment = loop.moment(None, now_ns)
+        moment = loop.snapshot(None, now_ns)
         at_s, fell = moment.history[0], moment.history[3]
         assert (at_s < 0).all() and (np.diff(at_s) > 0).all() and (np.diff(fell) < 0).all()
-        earlier = loop.moment(now_ns + round(at_s[3] * 1e9) + 1_000_000, now_ns).wrench
+        earlier = loop.snapshot(now_ns + round(at_s[3] * 1e9) + 1_000_000, now_ns).wrench
         assert earlier is not None and earlier.force_n[2] == fell[3] and (earlier.about_mm == 0).all()
         weight.plugged_in = False
-        wait_until(lambda: loop.moment(None, 0).trouble is not None)
-        assert "plug it in" in wrench_html(loop.moment(None, 0), is_past=False)
+        wait_until(lambda: loop.snapshot(None, 0).trouble is not None)
+        assert "plug it in" in wrench_html(loop.snapshot(None, 0), is_past=False)
     assert not weight.is_open
 
 
@@ -84,9 +84,9 @@ def test_an_arrow_stands_where_the_force_goes_through_the_skin() -> None:
 
 def test_the_card_has_six_numbers_with_units() -> None:
     with WrenchPoller(FallingWeight(), "weight") as loop:
-        wait_until(lambda: loop.moment(None, 0).wrench is not None)
-        said = wrench_html(loop.moment(None, 0), is_past=False)
-    assert said.count("mN·m</span>") == 3 and said.count(">N</span>") == 3 and "weight" in said
+        wait_until(lambda: loop.snapshot(None, 0).wrench is not None)
+        said = wrench_html(loop.snapshot(None, 0), is_past=False)
+    assert said.count("N·mm</span>") == 3 and said.count(">N</span>") == 3 and "weight" in said
 
 
 def test_a_browser_shows_the_twin_move_and_its_true_wrench(
@@ -108,7 +108,7 @@ def test_a_browser_shows_the_twin_move_and_its_true_wrench(
             said = tab.inner_text("body")
             seen.update(line for line in said.splitlines() if line.endswith("mm"))
             pushes.update(line for line in said.splitlines() if line.startswith("F") and "N" in line)
-            shown, wrench = studio.shown, wrenches[0].moment(None, 0).wrench
+            shown, wrench = studio.shown_reading, wrenches[0].snapshot(None, 0).wrench
             return (
                 TRUE_WRENCH_NAME in said
                 and len(seen) > 5
@@ -122,8 +122,8 @@ def test_a_browser_shows_the_twin_move_and_its_true_wrench(
         pressed = Path(tmp_path / "page.png")
         tab.screenshot(path=pressed)
         assert pressed.stat().st_size > 10_000
-        reading = studio.shown
-        assert reading is not None and loop.moment(0).phase in (SensorPhase.READING, SensorPhase.ENDED)
-        at_reading = wrenches[0].moment(reading.frame.stamp_ns, time.monotonic_ns()).wrench
+        reading = studio.shown_reading
+        assert reading is not None and loop.snapshot(0).phase in (SensorPhase.READING, SensorPhase.ENDED)
+        at_reading = wrenches[0].snapshot(reading.frame.stamp_ns, time.monotonic_ns()).wrench
         assert at_reading is not None and abs(at_reading.stamp_ns - reading.frame.stamp_ns) < 0.2e9
     assert errors == []

@@ -26,34 +26,34 @@ if TYPE_CHECKING:
     from ninedtact.simulation.twin import Twin
 
 STEPS_HZ = 6.0
-"""Of the presses that are drawn: as coarse as friction allows."""
+"""Rate of the steps of the drawn presses, as coarse as friction allows."""
 
 
 class InvalidDemoOption(InputError):
-    """A demo that shows nothing."""
+    """An option has a value that the demo cannot have."""
 
 
 @dataclass(frozen=True)
 class Demo:
-    """Watch a simulated sensor in the browser while objects press, drag and twist it, its shape and true wrench beside.
+    """Show a simulated sensor in the browser while objects press, drag and twist it, with its true wrench.
 
-    Without a terminal it ends after one round; what it showed is left in a folder either way.
+    Without a terminal it stops after one round. Results are written to a folder either way.
     """
 
     sensor: Path | None = None
-    """Sensor folder whose twin is shown; without one, a twin of no sensor in particular calibrates itself."""
+    """Sensor folder whose twin is shown; without one, the twin of the published design is calibrated and shown."""
     design_file: DesignFileOption = None
-    """Design file (TOML) of a sensor that is not built yet: its twin calibrates itself and is shown."""
+    """Design file (TOML) of a sensor that is not built yet; its twin is calibrated and shown."""
     out: Path = Path("out/demo")
-    """Folder for the sensor, images and figures that it leaves."""
+    """Folder for the sensor folder, images and figures."""
     rounds: int | None = None
-    """End after so many rounds; without it, at a terminal, with Ctrl-C."""
+    """Number of rounds of the press sequence; without it, the demo runs until Ctrl-C at a terminal."""
     display_hz: float = 15.0
-    """Readings shown per second at most."""
+    """Largest number of readings shown per second."""
     host: str = "127.0.0.1"
-    """Address to serve the page on."""
+    """Address of the page."""
     port: int = 0
-    """Port to serve the page on; 0 takes any free one."""
+    """Port of the page; 0 takes any free port."""
 
     def run(self) -> int:
         """Calibrate, reconstruct one press of each object, then show them live."""
@@ -65,26 +65,26 @@ class Demo:
         require_page_library()
         self.out.mkdir(parents=True, exist_ok=True)
         folder = self.folder
-        self.leave_summary(self.answers(folder))
+        self.write_summary(self.compare_presses(folder))
         sensor, wrenches = page_sources_of_twin(folder.shape, demo_sources(self.twin, self.resolved_rounds))
         with suppress(KeyboardInterrupt):
             serve_sensor_page(folder, sensor, wrenches, PageSettings(self.out, self.display_hz, self.host, self.port))
-        print(f"stopped after {sensor.frames_read} images; look at {self.out}")
+        print(f"stopped after {sensor.frames_read} images; results are in {self.out}")
         return 0
 
     def require_rounds(self) -> None:
-        """Refuse less than one round."""
+        """Refuse fewer rounds than one; raises `InvalidDemoOption`."""
         if self.rounds is not None and self.rounds < 1:
             raise InvalidDemoOption(f"expected --rounds of at least 1, got {self.rounds}; drop it")
 
     @property
     def resolved_rounds(self) -> int | None:
-        """One where nobody can press Ctrl-C."""
+        """The number of rounds: one without a terminal, where Ctrl-C cannot be pressed."""
         return self.rounds or (None if sys.stdout.isatty() else 1)
 
     @cached_property
     def twin(self) -> "Twin":
-        """What is pressed."""
+        """The twin that is pressed."""
         if self.sensor is not None:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 
@@ -95,30 +95,30 @@ class Demo:
 
     @cached_property
     def design(self) -> SensorDesign:
-        """Of the twin that calibrates itself."""
+        """The design of the twin that is calibrated."""
         return read_design_or_default(self.design_file)
 
     @cached_property
     def folder(self) -> "SensorFolder":
-        """The calibrated sensor that looks."""
+        """The folder of the calibrated sensor."""
         from ninedtact.calibration.sensor_folder import load_sensor
 
-        return load_sensor(self.sensor) if self.sensor is not None else self.calibrated()
+        return load_sensor(self.sensor) if self.sensor is not None else self.calibrate_twin()
 
-    def calibrated(self) -> "SensorFolder":
-        """The twin as it calibrates itself: four images, as of any other sensor."""
+    def calibrate_twin(self) -> "SensorFolder":
+        """Calibrate the twin from its four simulated calibration images, as any other sensor."""
         from ninedtact.calibration.procedure import CalibrationImages, calibrate
         from ninedtact.calibration.save import save_sensor
         from ninedtact.simulation.calibration_images import simulate_calibration_images
 
-        print("pressing the pin board and the ball on the twin, calibrating it from the four images …", flush=True)
+        print("pressing the pin board and the ball on the twin, and calibrating it from the four images …", flush=True)
         images = CalibrationImages(**vars(simulate_calibration_images(self.twin, self.design)))
         folder = save_sensor(self.out / "sensor", calibrate(images, self.design, sensor_id="twin"))
         print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
         return folder
 
-    def answers(self, folder: "SensorFolder") -> "list[PressComparison]":
-        """Each object pressed once, looked at and reconstructed."""
+    def compare_presses(self, folder: "SensorFolder") -> "list[PressComparison]":
+        """Press each object once, and reconstruct its heights from the image."""
         from tqdm import tqdm
 
         from ninedtact.quantities import Frame
@@ -128,10 +128,10 @@ class Demo:
         progress = tqdm(
             demo_trajectories(), desc="pressing and reconstructing", unit="object", disable=None, leave=False
         )
-        return [self.answer(act, folder, reader) for act in progress]
+        return [self.compare_press(act, folder, reader) for act in progress]
 
-    def answer(self, act: "ObjectTrajectory", folder: "SensorFolder", reader: Any) -> "PressComparison":
-        """One of them, at the end of its drag and twist."""
+    def compare_press(self, act: "ObjectTrajectory", folder: "SensorFolder", reader: Any) -> "PressComparison":
+        """Compare one press at the end of its drag and twist."""
         from ninedtact.quantities import Frame
         from ninedtact.simulation.ground_truth import true_height_map_like
         from ninedtact.simulation.press_figures import PressComparison
@@ -144,8 +144,8 @@ class Demo:
         true = true_height_map_like(contact, seen, self.twin.renderer.light.inverse_distance_per_mm)
         return PressComparison(act.indenter.name, image, true, seen, contact.wrench())
 
-    def leave_summary(self, answers: "list[PressComparison]") -> None:
-        """What was pressed and what was seen of it: an image and its figures."""
+    def write_summary(self, answers: "list[PressComparison]") -> None:
+        """Write figure and numbers of all presses, and print a line for each."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.simulation.press_figures import plot_press_comparisons
 
@@ -154,18 +154,18 @@ class Demo:
         figures = {"sensor": str(self.folder.path), "twin": self.twin.name, "presses": presses}
         write_file_atomically(self.out / "summary.json", json.dumps(figures, indent=2, ensure_ascii=False).encode())
         for figure in presses:
-            print("  {object}: {true_mm:.2f} mm deep, seen {seen_mm:.2f} mm".format(**figure))
-        print(f"  drawn in {self.out / 'presses.png'}", flush=True)
+            print("  {object}: {true_mm:.2f} mm deep, reconstructed {reconstructed_mm:.2f} mm".format(**figure))
+        print(f"  figure: {self.out / 'presses.png'}", flush=True)
 
 
 def _comparison_to_json_dict(answer: "PressComparison") -> dict[str, Any]:
-    """The figures of one press."""
+    """Return the numbers of one press for JSON."""
     true, seen = answer.peaks_mm
     wrench = {name: value.tolist() for name, value in asdict(answer.wrench).items() if name != "stamp_ns"}
     return {
         "object": answer.name,
         "true_mm": true,
-        "seen_mm": seen,
+        "reconstructed_mm": seen,
         "mean_error_mm": answer.mean_error_mm,
         "wrench": wrench,
     }

@@ -1,6 +1,5 @@
-"""ninedtact live: a sensor in the browser, as it is touched."""
+"""ninedtact live: show a sensor live in the browser."""
 
-import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
+from ninedtact.cli.terminal import print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import SIMULATED, live_source_for, load_named_sensor
@@ -32,35 +32,35 @@ class PageLibraryMissing(MissingLibraryError):
 
 
 class InvalidLiveOption(InputError):
-    """An option with a value that no page can have."""
+    """An option has a value that the page cannot have."""
 
 
 @dataclass(frozen=True)
 class Live:
-    """Watch a sensor in the browser: camera image, heights, 3D surface, rates and costs. Ctrl-C ends it."""
+    """Show a sensor live in the browser: camera image, heights, 3D surface, wrench, rates. Ctrl-C ends it."""
 
     source: str
-    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), recording, video file, folder of images; or sim, the twin of
-    the sensor, pressed by several objects in turn, with the true wrench beside its shape."""
+    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), recording, video file or folder of images; or sim, the twin of
+    the sensor, pressed by several objects in turn, with its true wrench."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote. A recording (.mcap) brings its own."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Untouched skin of this session; given more than once, the images are averaged. Without any, the first images
-    of the source are the untouched skin."""
+    """Reference image (no contact) of this session; several are averaged. Without any, the first images of the
+    source are the reference."""
     force: str = NONE
-    """The force read from every image too: both (network and physics), network, physics, or a force model (.onnx)."""
+    """Estimator of force and torque: physics, network, both, a force model (.onnx), or none."""
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
     automatic: bool = False
-    """Leave the camera's automatic exposure and white balance on, for one that cannot switch them off; heights then drift."""
+    """Keep automatic exposure and white balance on, for a camera that cannot switch them off; heights then drift."""
     loop: bool = False
-    """Play a recording again and again. Without it, its last image stays."""
+    """Repeat a recording. Without this option, its last image stays."""
     display_hz: float = 15.0
-    """Readings shown per second at most; the sensor is read as fast as it delivers."""
+    """Largest number of readings shown per second; the sensor is read at its own rate."""
     host: str = "127.0.0.1"
-    """Address to serve the page on. With 0.0.0.0 everybody on the network can look and press the buttons."""
+    """Address of the page. With 0.0.0.0 everybody on the network can see the page and press its buttons."""
     port: int = 8080
-    """Port to serve the page on."""
+    """Port of the page."""
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
@@ -69,14 +69,14 @@ class Live:
         with load_named_sensor(self.sensor, self.source) as folder:
             sensor, wrenches = self.sensor_and_wrenches(folder)
             wrenches += _estimate_pollers(sensor, self.force, folder)
-            place = PageSettings(self.out, self.display_hz, self.host, self.port)
+            settings = PageSettings(self.out, self.display_hz, self.host, self.port)
             with suppress(KeyboardInterrupt):
-                serve_sensor_page(folder, sensor, wrenches, place, ends=self.source == SIMULATED)
+                serve_sensor_page(folder, sensor, wrenches, settings, ends=self.source == SIMULATED)
         print(f"stopped after {sensor.frames_read} images")
         return 0
 
     def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchPoller]]":
-        """The sensor on its source, not yet opened; of a twin, the true wrench too."""
+        """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench."""
         if self.source == SIMULATED:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
             from ninedtact.simulation.simulated_sources import demo_sources
@@ -86,14 +86,14 @@ class Live:
 
     @property
     def references(self) -> "list[Frame]":
-        """The untouched skin, as far as it was given."""
+        """The reference images that were given."""
         from ninedtact.capture.image_file import read_image
         from ninedtact.quantities import Frame
 
         return [Frame(read_image(path)) for path in self.reference]
 
     def sensor_at_source(self, shape: "CalibratedShape") -> "Sensor":
-        """The sensor on a camera or a recording, not yet opened."""
+        """Return the sensor on a camera or a recording, not yet opened."""
         from ninedtact.capture.latest_frame import LatestFrameSource
         from ninedtact.capture.reconnecting import ReconnectingFrameSource
         from ninedtact.sensor import Sensor
@@ -109,7 +109,7 @@ class Live:
         )
 
     def named_source(self) -> "FrameSource":
-        """The source that was named, over and over if so wished."""
+        """Return the source, which repeats if --loop is given."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
         from ninedtact.studio.page_sources import RepeatingSource
 
@@ -119,7 +119,7 @@ class Live:
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Where a page is served, and what leaves it."""
+    """Address, rate and output folder of a page."""
 
     out: Path
     """Folder for the readings that are saved from the page."""
@@ -129,31 +129,31 @@ class PageSettings:
 
 
 def serve_sensor_page(
-    folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchPoller]", place: PageSettings, ends: bool = True
+    folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchPoller]", settings: PageSettings, ends: bool = True
 ) -> None:
-    """Serve the page of a sensor until Ctrl-C, or, where nothing repeats it, until its twin's last round ends."""
+    """Serve the page of a sensor until Ctrl-C, or with `ends` until the last round of its twin has ended."""
     from ninedtact.studio.page import SensorPage, page_server
     from ninedtact.studio.page_controller import PageController
     from ninedtact.studio.scene_3d import gel_block_under_skin
     from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 
     with ExitStack() as opened:
-        server = opened.enter_context(page_server(place.host, place.port))
+        server = opened.enter_context(page_server(settings.host, settings.port))
         loop = opened.enter_context(SensorPoller(sensor))
         for wrench in wrenches:
             opened.enter_context(wrench)
-        studio = PageController(loop, place.out, wrenches)
-        page = SensorPage(server, studio, gel_block_under_skin(folder.shape, folder.record.design.gel), folder.id)
-        address = f"http://{place.host}:{server.get_port()}"
+        controller = PageController(loop, settings.out, wrenches)
+        page = SensorPage(server, controller, gel_block_under_skin(folder.shape, folder.record.design.gel), folder.id)
+        address = f"http://{settings.host}:{server.get_port()}"
         print(f"{sensor.source.name}: open {address} in a browser; Ctrl-C ends", flush=True)
-        is_over = lambda: ends and loop.moment(monotonic_ns()).phase is SensorPhase.ENDED  # noqa: E731
-        studio.run(page, place.display_hz, is_over)
+        is_over = lambda: ends and loop.snapshot(monotonic_ns()).phase is SensorPhase.ENDED  # noqa: E731
+        controller.run(page, settings.display_hz, is_over)
 
 
 def page_sources_of_twin(
     shape: "CalibratedShape", shown: "DemoSources", references: "Sequence[Frame]" = ()
 ) -> "tuple[Sensor, list[WrenchPoller]]":
-    """A twin on show as a page wants it."""
+    """Return a sensor on the simulated camera, and a poller of the true wrench."""
     from ninedtact.capture.latest_frame import LatestFrameSource
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME
@@ -166,7 +166,7 @@ def page_sources_of_twin(
 
 
 def _estimate_pollers(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchPoller]":
-    """Let the sensor estimate the force too, and show it; nothing where none was asked for."""
+    """Give the sensor its estimator, and return the poller of its estimates; none for --force none."""
     if force == NONE:
         return []
     from ninedtact.force.estimator_loading import load_estimator
@@ -179,7 +179,7 @@ def _estimate_pollers(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
 
 
 def require_display_rate(display_hz: float) -> None:
-    """Refuse a rate that shows nothing, or more than a screen can."""
+    """Refuse a display rate of zero, or one above the rate of screens."""
     if not 0 < display_hz <= FASTEST_SCREEN_HZ:
         raise InvalidLiveOption(
             f"expected --display-hz above 0 and at most {FASTEST_SCREEN_HZ:g}, got {display_hz:g}; drop it"
@@ -187,13 +187,8 @@ def require_display_rate(display_hz: float) -> None:
 
 
 def require_page_library() -> None:
-    """Refuse at once where the page cannot be served; raises `PageLibraryMissing`."""
+    """Refuse to start without viser; raises `PageLibraryMissing`."""
     if find_spec("viser") is None:
         raise PageLibraryMissing(
             "expected viser, which serves the live page, got no such package; run pip install 'ninedtact[studio]'"
         )
-
-
-def print_notice(sentence: str) -> None:
-    """One line about how it goes."""
-    print(f"ninedtact: {sentence}", file=sys.stderr, flush=True)

@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.cli.live import print_notice
-from ninedtact.cli.terminal import print_result, stop_on_signal
+from ninedtact.cli.terminal import print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     is_simulated,

@@ -1,15 +1,12 @@
-"""The physics twin: what presses the skin, how the skin yields, and what the camera sees of it.
+"""The digital twin: rigid objects press a simulated sensor, and images and wrenches come out.
 
-twin.py      Twin, a sensor that is not there: gel, light, lens, untouched image, noise; default_twin; read this first
-press.py     Press, one press from above the skin to its end; gauges.py the four that calibrate a twin
-image.py   Contact → image: light.py brightness, seeing.py lines of sight, view.py the lens, noise.py, untouched.py
-truth.py     heights, pressure and shear on the grids on which a sensor answers
-motion.py    where an object goes over time; stage.py one motion that several sources watch; pace.py their clock
-camera.py    SimulatedCamera (FrameSource); force_torque.py SimulatedForceTorque (WrenchSource)
-show.py      the objects of the demo; drawn_press.py, drawn_show.py  figures
-objects/     what can press: generated shapes, meshes, Thingi10K models, each an `Indenter` of `ninedtact.mechanics`
-population/  sensors that could be; dataset/  pairs of image and wrench
+A `Twin` (twin.py, read it first) holds the gel, the brightness model, the lens and the noise of a sensor. An object
+(objects/catalogue.py, by name), pressed by a `ScriptedPress` or along a `Trajectory`, gives a `Contact` of
+`ninedtact.mechanics`; renderer.py turns it into a raw image, ground_truth.py into true heights and tractions. A
+`PressSimulation` with the sources of simulated_sources.py stands in for a camera and a force/torque sensor. illumination.py,
+pixel_map.py and sightlines.py hold the optics; sensor_population.py samples sensors that could be; batch_renderer.py,
+rectified_renderer.py and batched/ simulate many contacts at once; press_figures.py plots.
 
-Nothing here knows `shape` or `calibration`: if the twin used the reconstructor's curve, every round trip would agree by
+Nothing here imports `shape` or `calibration`: if the twin used the reconstructor's depth curve, every round trip would agree by
 construction.
 """

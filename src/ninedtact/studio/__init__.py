@@ -1,16 +1,11 @@
-"""The live page: what a sensor feels, in the browser, while it feels it. The only room that knows viser.
+"""The live page of a sensor in the browser; the only package that knows viser.
 
-    sensor thread:  Sensor ──read──▶ newest Moment                      as fast as the camera
-    force threads:  WrenchSource ──read──▶ the last Wrenches            one for each source, if there is any
-    page thread:    Moment ──draw──▶ View ──show──▶ browser             as fast as a person looks
+    sensor thread:  Sensor ──read──▶ newest SensorSnapshot              as fast as the camera
+    force threads:  WrenchSource ──read──▶ last WrenchSnapshot          one for each source
+    page thread:    SensorSnapshot ──render──▶ ReadingView ──▶ browser  at the display rate
 
-loop.py       SensorLoop, the sensor thread: reads on and on, keeps the newest, never waits for whoever looks
-studio.py     Studio, the page thread: takes the newest, draws it, says how it is; freezes and saves
-view.py       View, all that the page draws of one reading; surface.py its 3D part, in mm
-status.py     how the sensor is doing, in one sentence
-page.py       where everything stands on the page; scene.py its 3D part, cards.py its figures, ruler.py its millimetres
-wrench_loop.py, wrench_card.py, arrows.py   WrenchLoop, a force thread; its numbers and curves; its arrow over the skin
-server.py     the web server, on the wanted port or not at all
-history.py    the last seconds of indentation, and the rates
-saved.py      readings as files; repeating.py recordings played again and again
+A `Sensor` and wrench sources go in; a page comes out that shows image, heights, wrenches, rates and warnings, and saves readings
+as files. `sensor_poller` and `wrench_poller` read in threads of their own, `page_controller` decides what is shown (read it
+first), `page` is the page itself with its web server, `scene_3d` its 3D part, `page_cards` its pieces of HTML, `reading_view`
+what is drawn of one reading, `page_sources` the sources that only the page needs.
 """

@@ -1,7 +1,4 @@
-"""The web server of the page: on the port that a person asked for, or not at all.
-
-Where everything stands: images left, the skin in the middle; state, figures, buttons and costs right.
-"""
+"""The page of a sensor and its web server: images on the left, the skin in 3D, state, measures, buttons and costs on the right."""
 
 import errno
 import socket
@@ -28,21 +25,21 @@ from ninedtact.studio.scene_3d import GelBlock, SkinScene
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 
 LAST_WORDS_S = 0.1
-"""For what was shown last to leave: viser drops what is still under way when it stops."""
+"""Time for the last messages to leave: viser drops those under way when it stops."""
 IN_USE = "it in use (another 'ninedtact live'?)"
 
 
 class PortRefused(DeviceError):
-    """The page cannot be served there."""
+    """The page cannot be served at this address."""
 
 
 @contextmanager
 def page_server(host: str, port: int) -> Iterator[ViserServer]:
-    """A server that is gone when the block ends; port 0 takes any free one. Raises `PortRefused`."""
+    """Serve until the `with` block ends; port 0 takes any free port. Raises `PortRefused`."""
     _require_port_free(host, port)
     server = _start_without_banner(host, port)
     try:
-        # viser tries the next ports where one is taken; a page that is elsewhere than it was told to be is not found.
+        # viser takes another port where the requested one is in use; a page at another address would not be found.
         if port not in (0, server.get_port()):
             raise _port_refusal(host, port, IN_USE)
         yield server
@@ -54,13 +51,13 @@ def page_server(host: str, port: int) -> Iterator[ViserServer]:
 
 
 def _start_without_banner(host: str, port: int) -> ViserServer:
-    """Start viser without the banner that it prints: only the command line speaks to a person."""
+    """Start viser without the banner that it prints, because only the command line prints."""
     with redirect_stdout(StringIO()):
         return ViserServer(host=host, port=port, label="9DTact", verbose=False)
 
 
 def _require_port_free(host: str, port: int) -> None:
-    """Try the port, because viser neither refuses one that is taken nor survives a host that does not exist."""
+    """Refuse a port in use or an unknown host, which viser itself does not report; raises `PortRefused`."""
     if not 0 <= port <= 65535:
         raise _port_refusal(host, port, "a number that is not a port")
     try:
@@ -71,7 +68,7 @@ def _require_port_free(host: str, port: int) -> None:
 
 
 def _port_refusal(host: str, port: int, got: str) -> PortRefused:
-    """Say what to do about it."""
+    """Return the error for a port that cannot be used."""
     return PortRefused(
         f"expected port {port} on {host} to be free for the page, got {got}; choose another with --port, or a host of "
         "this machine with --host"
@@ -82,11 +79,11 @@ LEFT_PX, RIGHT_PX = 330, 330
 BACKGROUND = np.full((2, 2, 3), (236, 239, 242), np.uint8)
 BLANK = np.full((3, 4, 3), 90, np.uint8)
 PLOT_EVERY = 3
-"""Each how-manieth report redraws the curve."""
+"""Number of reports after which the curves are redrawn."""
 SHOWN_S = 8.0
-"""How long a notification stays."""
+"""Time for which a notification stays."""
 MOST_TIMES = 10.0
-"""Largest exaggeration of heights."""
+"""Largest vertical exaggeration."""
 SKINS = ("coloured points", "shaded surface")
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply"
 
@@ -109,36 +106,36 @@ class SensorPage:
         """Whether a browser is connected."""
         return bool(self._server.get_clients())
 
-    def look(self) -> DisplayOptions:
-        """What the controls say."""
+    def display_options(self) -> DisplayOptions:
+        """Return the options that the controls hold."""
         return DisplayOptions(self._as.value == SKINS[0], float(self._times.value))
 
-    def show(self, view: ReadingView, look: DisplayOptions) -> None:
-        """Draw one reading, all parts of it together."""
+    def show(self, view: ReadingView, options: DisplayOptions) -> None:
+        """Draw all parts of one reading together."""
         with self._server.atomic():
             self._image.image = view.image[..., ::-1]
             self._heights.image = view.heights[..., ::-1]
             self._figures.content = shape_summary_html(view.summary, view.is_past)
-            self._scene.show(view.surface, look, view.is_past)
+            self._scene.show(view.surface, options, view.is_past)
 
-    def tell(self, report: PageReport) -> None:
-        """State, rates and costs, wrenches; the curves now and then."""
+    def show_report(self, report: PageReport) -> None:
+        """Show state, rates, costs and wrenches; redraw the curves after every `PLOT_EVERY` reports."""
         self._status.content = status_html(report.status)
-        self._tell_wrenches(report)
+        self._show_wrenches(report)
         self._costs.content = name_value_table_html(_format_rates(report) | _format_stage_costs(report))
         self._reference.disabled = report.moment.phase is not SensorPhase.READING
         self._reports += 1
         if self._reports % PLOT_EVERY == 0:
             self._plot.data = tuple(report.moment.history)
             for card, moment in zip(self._wrenches, report.wrenches, strict=True):
-                card.draw(moment)
+                card.draw_curves(moment)
 
-    def _tell_wrenches(self, report: PageReport) -> None:
+    def _show_wrenches(self, report: PageReport) -> None:
         with self._server.atomic():
             for card, moment in zip(self._wrenches, report.wrenches, strict=True):
-                card.tell(moment, report.status.is_past)
+                card.show_numbers(moment, report.status.is_past)
             first = report.wrenches[0].wrench if report.wrenches and not report.status.is_past else None
-            self._scene.push(first)
+            self._scene.show_wrench(first)
 
     def _lay_out_images(self) -> None:
         panel = self._server.gui.add_panel()
@@ -158,8 +155,8 @@ class SensorPage:
         self._plot = self._curve()
         self._wrenches = [WrenchCard(self._server) for _ in self._studio.wrenches]
         self._lay_out_buttons()
-        self._as = gui.add_dropdown("skin as", SKINS)
-        self._times = gui.add_slider("stretch z", 1.0, MOST_TIMES, 0.5, 1.0, hint="1 is true to scale")
+        self._as = gui.add_dropdown("surface colouring", SKINS)
+        self._times = gui.add_slider("vertical exaggeration", 1.0, MOST_TIMES, 0.5, 1.0, hint="1 is true to scale")
         self._costs = gui.add_html("")
 
     def _curve(self) -> GuiUplotHandle:
@@ -168,18 +165,18 @@ class SensorPage:
             (np.zeros(2), np.zeros(2)),
             (
                 uplot.Series(label="s ago"),
-                uplot.Series(label="deepest (mm)", stroke="#2166ac", width=1.5, fill="#2166ac22"),
+                uplot.Series(label="maximum indentation (mm)", stroke="#2166ac", width=1.5, fill="#2166ac22"),
             ),
             scales={"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(0.0, top_mm))},
             legend=uplot.Legend(show=False),
-            title=f"deepest (mm), last {HISTORY_S:g} s",
+            title=f"maximum indentation (mm), last {HISTORY_S:g} s",
             height=130,
         )
 
     def _lay_out_buttons(self) -> None:
         gui = self._server.gui
-        self._reference = gui.add_button("Take reference", icon=Icon.TARGET, hint="while nothing touches the skin")
-        self._freeze = gui.add_button("Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep what is shown")
+        self._reference = gui.add_button("Take reference", icon=Icon.TARGET, hint="while nothing touches the gel")
+        self._freeze = gui.add_button("Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep the shown reading")
         save = gui.add_button("Save this reading", color="gray", icon=Icon.DEVICE_FLOPPY, hint=SAVED_AS)
         self._reference.on_click(lambda event: self._studio.take_reference())
         self._freeze.on_click(lambda event: self._toggle_freeze())
@@ -187,11 +184,11 @@ class SensorPage:
 
     def _toggle_freeze(self) -> None:
         self._studio.frozen = not self._studio.frozen
-        self._freeze.label = "Go on" if self._studio.frozen else "Freeze"
+        self._freeze.label = "Resume" if self._studio.frozen else "Freeze"
         self._freeze.icon = Icon.PLAYER_PLAY if self._studio.frozen else Icon.PLAYER_PAUSE
 
     def _save(self, event: GuiEvent[Any]) -> None:
-        """Runs in a thread of viser's, so that a slow disk holds up neither the sensor nor the page."""
+        """Save in a thread of viser, so that a slow disk delays neither the sensor nor the page."""
         try:
             paths = self._studio.save()
         except (NinedtactError, OSError) as trouble:
@@ -201,13 +198,13 @@ class SensorPage:
 
 
 def _notify(event: GuiEvent[Any], title: str, body: str, colour: Literal["red", "green"]) -> None:
-    """Tell the person who clicked."""
+    """Show a notification to the person who clicked."""
     if event.client is not None:
         event.client.add_notification(title, body, color=colour, auto_close_seconds=SHOWN_S)
 
 
 def _format_rates(report: PageReport) -> dict[str, str]:
-    """How fast it goes, from camera to browser."""
+    """Return the rates from camera to browser."""
     dropped = report.shown.dropped if report.shown else 0
     return {
         "camera": f"{report.moment.delivered_hz:.1f} images/s",
@@ -217,6 +214,6 @@ def _format_rates(report: PageReport) -> dict[str, str]:
 
 
 def _format_stage_costs(report: PageReport) -> dict[str, str]:
-    """What each stage of a reading cost, and drawing it; waiting for the camera is no cost."""
+    """Return the time of each stage of a reading and of drawing it, without the wait for the camera."""
     stages = {} if report.shown is None else report.shown.stage_ms | report.page_ms
     return {name: f"{ms:.1f} ms" for name, ms in stages.items() if name != "capture"}

@@ -1,7 +1,4 @@
-"""The figures of the page as small pieces of HTML, which follow the light or dark theme of the page.
-
-A wrench on the page: six numbers, and their last seconds as curves.
-"""
+"""The measures, the state and the wrenches of the page as pieces of HTML, which follow its light or dark theme."""
 
 from html import escape
 
@@ -12,20 +9,20 @@ from ninedtact.quantities import Wrench
 from ninedtact.shape.height_map_image import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.page_controller import SensorStatus
-from ninedtact.studio.scene_3d import ARC_DEG_PER_MNM, MM_PER_N, format_signed_tenths
+from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
 from ninedtact.studio.wrench_poller import WrenchSnapshot
 
 TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a"}
 DIM = "color:var(--mantine-color-dimmed)"
 PALE = 0.35
-"""Opacity of figures that are not of the present."""
+"""Opacity of numbers that are not current."""
 NOTABLE_SHARE = 0.01
-"""Part of the contact beyond the calibrated range from which on it is said."""
+"""Share of the contact beyond the calibrated range from which on the page warns."""
 
 
 def status_html(status: SensorStatus) -> str:
-    """The sentence about everything else, in its colour."""
+    """Return the state of the sensor as HTML, in its colour."""
     return (
         f'<div role="status" style="margin:0.5em;padding:0.5em 0.8em;border-radius:6px;color:#fff;font-weight:600;'
         f'font-size:0.95em;line-height:1.35;background:{TONES[status.tone]}">{escape(status.sentence)}</div>'
@@ -33,7 +30,7 @@ def status_html(status: SensorStatus) -> str:
 
 
 def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
-    """The two figures that a person looks for, and what to hold against them."""
+    """Return maximum indentation, contact area, contact centre and a warning as HTML."""
     x_y = summary.contact_centre_mm
     where = (
         "nothing touches"
@@ -45,8 +42,8 @@ def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
     return (
         f'<div style="opacity:{PALE if is_past else 1}">'
         '<div style="display:flex;gap:0.6em;margin:0.2em 0.5em">'
-        + _large_number_html("deepest", f"{summary.max_indentation_mm:.2f}", "mm")
-        + _large_number_html("contact", f"{summary.contact_area_mm2:.1f}", "mm²")
+        + _large_number_html("maximum indentation", f"{summary.max_indentation_mm:.2f}", "mm")
+        + _large_number_html("contact area", f"{summary.contact_area_mm2:.1f}", "mm²")
         + "</div>"
         + f'<div style="margin:0 0.9em;font-size:0.85em;{DIM}">{where}</div>'
         + f'<div style="margin:0 0.9em;font-size:0.85em;color:{TONES["busy"]}">{warning}</div></div>'
@@ -54,7 +51,7 @@ def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
 
 
 def _large_number_html(name: str, number: str, unit: str) -> str:
-    """One large number."""
+    """Return one large number with its name and unit as HTML."""
     return (
         '<div style="flex:1;padding:0.4em 0.6em;border:1px solid var(--mantine-color-default-border);'
         f'border-radius:6px"><div style="font-size:0.8em;{DIM}">{name}</div><div style="white-space:nowrap">'
@@ -64,7 +61,7 @@ def _large_number_html(name: str, number: str, unit: str) -> str:
 
 
 def name_value_table_html(rows: dict[str, str]) -> str:
-    """Names and values below each other."""
+    """Return a table of names and values as HTML."""
     cells = "".join(
         f'<tr><td style="{DIM};padding:0.1em 1em 0.1em 0">{escape(name)}</td>'
         f'<td style="font-variant-numeric:tabular-nums">{escape(value)}</td></tr>'
@@ -74,7 +71,7 @@ def name_value_table_html(rows: dict[str, str]) -> str:
 
 
 def colour_legend_html(scale: ColourScale) -> str:
-    """The colours of heights with mm below them."""
+    """Return the colours of heights with their mm as HTML."""
     colours = ",".join("#" + bytes(colour).hex() for colour in scale.table[1::6].tolist())
     ends = [
         format_signed_tenths(-scale.pressed_mm),
@@ -94,37 +91,37 @@ def colour_legend_html(scale: ColourScale) -> str:
 
 
 COLOURS = {"x": "#c92a2a", "y": "#2b8a3e", "z": "#1c6fb7"}
-LEAST_N, LEAST_MNM = 2.0, 4.0
-"""Half of the curves' range at least, so that noise stays small."""
+LEAST_N, LEAST_NMM = 2.0, 4.0
+"""Smallest half range of the curves, so that noise stays small."""
 
 
 class WrenchCard:
-    """One source of wrenches on the page."""
+    """The six components of one wrench source on the page, and their last seconds as curves."""
 
     def __init__(self, server: ViserServer) -> None:
         self._text = server.gui.add_html("")
         self._forces = _add_curves(server, "force (N)", "F", LEAST_N)
-        self._torques = _add_curves(server, "torque (mN·m)", "T", LEAST_MNM)
+        self._torques = _add_curves(server, "torque (N·mm)", "T", LEAST_NMM)
 
-    def tell(self, moment: WrenchSnapshot, is_past: bool) -> None:
-        """The numbers."""
+    def show_numbers(self, moment: WrenchSnapshot, is_past: bool) -> None:
+        """Show the six components."""
         self._text.content = wrench_html(moment, is_past)
 
-    def draw(self, moment: WrenchSnapshot) -> None:
-        """The curves."""
+    def draw_curves(self, moment: WrenchSnapshot) -> None:
+        """Draw the last seconds as curves."""
         at_s, forces, torques = moment.history[0], moment.history[1:4], 1e3 * moment.history[4:7]
-        for plot, values, least in ((self._forces, forces, LEAST_N), (self._torques, torques, LEAST_MNM)):
+        for plot, values, least in ((self._forces, forces, LEAST_N), (self._torques, torques, LEAST_NMM)):
             plot.data = (at_s, *values)
             plot.scales = _curve_scales(max(float(np.abs(values).max(initial=0)) * 1.1, least))
 
 
 def wrench_html(moment: WrenchSnapshot, is_past: bool) -> str:
-    """Six numbers in a small table, and how the scene shows them."""
+    """Return the six components and the scale of the arrow as HTML."""
     rows = "" if moment.wrench is None else "".join(_axis_row_html(axis, moment.wrench) for axis in "xyz")
     trouble = (
         "" if moment.trouble is None else f'<div style="color:{TONES["lost"]}">{escape(str(moment.trouble))}</div>'
     )
-    scale = f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_MNM:g}° per mN·m of twist"
+    scale = f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_NMM:g}° per N·mm of twist"
     return (
         f'<div style="margin:0.3em 0.9em;opacity:{PALE if is_past else 1}"><b>{escape(moment.name)}</b>'
         f'<table style="width:100%;font-variant-numeric:tabular-nums">{rows}</table>{trouble}'
@@ -133,7 +130,7 @@ def wrench_html(moment: WrenchSnapshot, is_past: bool) -> str:
 
 
 def _axis_row_html(axis: str, wrench: Wrench) -> str:
-    """Force and torque along one axis."""
+    """Return force and torque along one axis as a row of a table."""
     number = "xyz".index(axis)
     force, torque = (
         f"{value:+.2f}".replace("-", "\N{MINUS SIGN}")
@@ -141,11 +138,11 @@ def _axis_row_html(axis: str, wrench: Wrench) -> str:
     )
     name = f'<td style="color:{COLOURS[axis]};font-weight:600">{{}}<sub>{axis}</sub></td>'
     value = '<td style="text-align:right">{} <span style="' + DIM + '">{}</span></td>'
-    return f"<tr>{name.format('F')}{value.format(force, 'N')}<td>&ensp;</td>{name.format('T')}{value.format(torque, 'mN·m')}</tr>"
+    return f"<tr>{name.format('F')}{value.format(force, 'N')}<td>&ensp;</td>{name.format('T')}{value.format(torque, 'N·mm')}</tr>"
 
 
 def _add_curves(server: ViserServer, title: str, letter: str, half: float) -> GuiUplotHandle:
-    """Three curves over the last seconds."""
+    """Add a plot of three curves over the last seconds."""
     lines = (uplot.Series(label=f"{letter}_{axis}", stroke=colour, width=1.5) for axis, colour in COLOURS.items())
     return server.gui.add_uplot(
         (np.zeros(2),) * 4,
@@ -158,5 +155,5 @@ def _add_curves(server: ViserServer, title: str, letter: str, half: float) -> Gu
 
 
 def _curve_scales(half: float) -> dict[str, uplot.Scale]:
-    """The last seconds, and values about zero."""
+    """Return the axes of the curves: the last seconds, and values about zero."""
     return {"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(-half, half))}

@@ -1,9 +1,4 @@
-"""How the sensor is doing, in one sentence and one colour.
-
-One reading as files, for whoever wants to keep what they just saw.
-
-The page thread: takes the newest moment of the sensor thread, draws it, says how it is. Read this file first.
-"""
+"""The page thread: takes the newest reading, decides what the page shows, reports the state of the sensor, saves readings."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -25,21 +20,21 @@ from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller,
 from ninedtact.studio.wrench_poller import WrenchPoller, WrenchSnapshot
 
 SILENT_AFTER_MS = 1000.0
-"""Ten images of the slowest camera in use. A person then no longer takes what is shown for the present."""
+"""Ten images of the slowest camera in use. What is shown then no longer counts as current."""
 
 Tone = Literal["live", "busy", "held", "lost"]
 
 
 @dataclass(frozen=True)
 class SensorStatus:
-    """What a person must know before believing anything else on the page."""
+    """The state of the sensor in one sentence and one colour."""
 
     tone: Tone
     sentence: str
 
     @property
     def is_past(self) -> bool:
-        """Whether what is shown is not the present, although nobody asked for that."""
+        """Whether what is shown is out of date although it was not frozen."""
         return self.tone == "lost"
 
 
@@ -47,7 +42,7 @@ WAITING_STATUS = SensorStatus("busy", "waiting for the first image…")
 
 
 def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, now_ns: int) -> SensorStatus:
-    """The most urgent thing first."""
+    """Return the most urgent state of the sensor."""
     silent_ms = (now_ns - moment.heard_ns) / 1e6
     reading = shown or moment.reading
     age_ms = reading.age_ms(now_ns) if reading is not None else 0.0
@@ -67,21 +62,21 @@ def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, n
 
 
 def _final_status(moment: SensorSnapshot) -> SensorStatus:
-    """What a page says for good when nothing will come any more."""
+    """Return the state of a page that gets no more readings."""
     return SensorStatus(
         "lost", f"stopped: {moment.trouble if moment.phase is SensorPhase.FAILED else 'the program has ended'}"
     )
 
 
 def _reference_status(trouble: BaseException | None) -> SensorStatus:
-    """While the untouched skin is being taken."""
+    """Return the state while the reference is taken."""
     if trouble is not None:
         return SensorStatus("lost", f"{trouble}; trying again…")
-    return SensorStatus("busy", "taking the untouched skin: do not touch it…")
+    return SensorStatus("busy", "taking the reference: do not touch the gel…")
 
 
 def _format_duration(ms: float) -> str:
-    """A time span as a person says it."""
+    """Return a duration in suitable units."""
     return f"{ms:.0f} ms" if ms < 1000 else f"{ms / 1000:.1f} s" if ms < 60_000 else f"{ms / 60_000:.0f} min"
 
 
@@ -89,7 +84,7 @@ FORMATS = ("npy", "png", "ply")
 
 
 def _save_reading_files(reading: Reading, folder: Path) -> list[Path]:
-    """Write the camera's image and the heights (mm) under a name made of the time; raises `FileNotWritten`."""
+    """Write the camera image and the heights (mm) to files named by the time; raises `FileNotWritten`."""
     folder.mkdir(parents=True, exist_ok=True)
     name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}"
     image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
@@ -108,48 +103,48 @@ class NothingToSave(InputError):
 
 @dataclass(frozen=True)
 class DisplayOptions:
-    """How a person wants to see the skin."""
+    """How the page draws the skin."""
 
     as_points: bool = True
-    """Points in the colour of their height; otherwise a smooth surface in the colour of silicone."""
+    """Coloured points; otherwise a smooth surface in the colour of silicone."""
     exaggeration: float = 1.0
-    """Heights are drawn this many times larger than they are."""
+    """Vertical exaggeration: factor by which heights are enlarged."""
 
 
 @dataclass(frozen=True)
 class PageReport:
-    """How it goes, apart from what is seen."""
+    """What the page shows besides the reading: state, rates, costs and wrenches."""
 
     status: SensorStatus
     moment: SensorSnapshot
     shown: Reading | None
     shown_hz: float
     page_ms: dict[str, float]
-    """What drawing and sending the last reading cost."""
+    """Time that drawing and sending the last reading took."""
     wrenches: tuple[WrenchSnapshot, ...] = ()
-    """From when the shown reading was taken, one from each source."""
+    """State of each wrench source at the time of the shown reading."""
 
 
 @runtime_checkable
-class _PageDisplay(Protocol):
-    """Where a person looks. Nothing is drawn while nobody does."""
+class PageDisplay(Protocol):
+    """A display of readings. Nothing is drawn while nobody watches it."""
 
     @property
     def is_watched(self) -> bool:
-        """Whether anybody looks."""
+        """Whether at least one person watches."""
 
-    def look(self) -> DisplayOptions:
-        """How they want to see it now."""
+    def display_options(self) -> DisplayOptions:
+        """Return how the skin is to be drawn now."""
 
-    def show(self, view: ReadingView, look: DisplayOptions) -> None:
-        """Draw one reading."""
+    def show(self, view: ReadingView, options: DisplayOptions) -> None:
+        """Draw the view of one reading."""
 
-    def tell(self, report: PageReport) -> None:
-        """Say how it goes."""
+    def show_report(self, report: PageReport) -> None:
+        """Show state, rates, costs and wrenches."""
 
 
 class PageController:
-    """One sensor in front of a person, and beside it whatever else tells the force on its skin."""
+    """Connects a sensor poller and wrench pollers with a display."""
 
     def __init__(self, loop: SensorPoller, out: Path, wrenches: Sequence[WrenchPoller] = ()) -> None:
         self.scale: ColourScale = session_colour_scale(loop.sensor.shape.curve)
@@ -158,16 +153,16 @@ class PageController:
         self._loop, self._out = loop, out
         self._view: ReadingView | None = None
         self._displayed: tuple[int, bool, DisplayOptions] | None = None
-        """What was drawn last: the number of the view, whether faded, and how."""
+        """What was drawn last: number of the view, whether dimmed, and the display options."""
         self._views, self._shown, self._page_ms = 0, RateMeter(), Stopwatch().stage_ms
 
     @property
-    def shown(self) -> Reading | None:
-        """The reading on display."""
+    def shown_reading(self) -> Reading | None:
+        """The reading that is displayed; None before the first."""
         return None if self._view is None else self._view.reading
 
-    def run(self, display: _PageDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False) -> None:
-        """Show until interrupted or `until` says so, or until the sensor thread gives up, whose trouble is then raised."""
+    def run(self, display: PageDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False) -> None:
+        """Show readings until interrupted or `until` is true; raises the error with which the sensor thread failed."""
         due_at = time.monotonic()
         try:
             while not until():
@@ -175,36 +170,36 @@ class PageController:
                 due_at = max(due_at + 1 / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
         finally:
-            self.bring_to_an_end(display)
+            self.show_final_state(display)
 
-    def refresh(self, display: _PageDisplay) -> None:
-        """Bring the display up to the present, once; raises what the sensor thread gave up with."""
+    def refresh(self, display: PageDisplay) -> None:
+        """Update the display once; raises the error with which the sensor thread failed."""
         now_ns = time.monotonic_ns()
-        moment = self._loop.moment(now_ns)
+        moment = self._loop.snapshot(now_ns)
         if display.is_watched:
             self._take(moment.reading)
-        self._present(display, moment, sensor_status(moment, self.shown, self.frozen, now_ns))
+        self._present(display, moment, sensor_status(moment, self.shown_reading, self.frozen, now_ns))
         if moment.phase is SensorPhase.FAILED and moment.trouble is not None:
             raise moment.trouble
 
-    def bring_to_an_end(self, display: _PageDisplay) -> None:
-        """Leave a page that nobody takes for the present: a browser keeps the last one that it got."""
-        moment = self._loop.moment(time.monotonic_ns())
+    def show_final_state(self, display: PageDisplay) -> None:
+        """Mark the page as ended, because a browser keeps the last page that it got."""
+        moment = self._loop.snapshot(time.monotonic_ns())
         self._present(display, moment, _final_status(moment))
 
     def take_reference(self) -> None:
-        """Take the skin as it is now for untouched."""
+        """Make the next images the reference."""
         self._loop.take_reference()
 
     def save(self) -> list[Path]:
-        """Write what is shown to files; raises `NothingToSave`, `FileNotWritten`."""
-        if self.shown is None:
+        """Write the shown reading to files; raises `NothingToSave` and `FileNotWritten`."""
+        if self.shown_reading is None:
             raise NothingToSave(WITHOUT_READING)
-        return _save_reading_files(self.shown, self._out)
+        return _save_reading_files(self.shown_reading, self._out)
 
     def _take(self, reading: Reading | None) -> None:
         held = self.frozen and self._view is not None
-        if reading is None or reading is self.shown or held:
+        if reading is None or reading is self.shown_reading or held:
             return
         watch = Stopwatch()
         self._view, self._views = render_reading(reading, self.scale), self._views + 1
@@ -212,19 +207,21 @@ class PageController:
         self._page_ms |= watch.stage_ms
         self._shown.tick(time.monotonic_ns(), self._views)
 
-    def _present(self, display: _PageDisplay, moment: SensorSnapshot, status: SensorStatus) -> None:
+    def _present(self, display: PageDisplay, moment: SensorSnapshot, status: SensorStatus) -> None:
         if display.is_watched and self._view is not None:
             self._draw(display, self._view, status.is_past)
-        now_ns, at_ns = time.monotonic_ns(), None if self.shown is None else self.shown.frame.stamp_ns
-        wrenches = tuple(loop.moment(at_ns, now_ns) for loop in self.wrenches)
-        display.tell(PageReport(status, moment, self.shown, self._shown.hz(now_ns), dict(self._page_ms), wrenches))
+        now_ns, at_ns = time.monotonic_ns(), None if self.shown_reading is None else self.shown_reading.frame.stamp_ns
+        wrenches = tuple(loop.snapshot(at_ns, now_ns) for loop in self.wrenches)
+        display.show_report(
+            PageReport(status, moment, self.shown_reading, self._shown.hz(now_ns), dict(self._page_ms), wrenches)
+        )
 
-    def _draw(self, display: _PageDisplay, view: ReadingView, is_past: bool) -> None:
-        """Draw what differs from what was drawn last."""
-        look = display.look()
-        if (wanted := (self._views, is_past, look)) != self._displayed:
+    def _draw(self, display: PageDisplay, view: ReadingView, is_past: bool) -> None:
+        """Draw the view where it differs from what was drawn last."""
+        options = display.display_options()
+        if (wanted := (self._views, is_past, options)) != self._displayed:
             watch = Stopwatch()
-            display.show(view.faded() if is_past else view, look)
+            display.show(view.dimmed_copy() if is_past else view, options)
             watch.mark("send")
             self._page_ms |= watch.stage_ms
             self._displayed = wanted

@@ -1,7 +1,4 @@
-"""A recording that starts over when it ends.
-
-Estimated wrenches as a source like any other, so that the page shows them beside measured ones.
-"""
+"""Sources that only the page needs: a recording that repeats, and the estimates of the running estimator as wrenches."""
 
 from dataclasses import replace
 from queue import Empty, SimpleQueue
@@ -15,7 +12,7 @@ from ninedtact.reading import Reading
 
 
 class RepeatingSource(FrameSource):
-    """Plays another source again and again; indices go on counting."""
+    """A source that starts again when it ends; frame indices continue to count."""
 
     def __init__(self, source: FrameSource) -> None:
         self.name = source.name
@@ -25,7 +22,7 @@ class RepeatingSource(FrameSource):
         self._opening = Lock()
 
     def open(self) -> None:
-        """Open the source; raises what it raises."""
+        """Open the source; raises what the source raises."""
         with self._opening:
             self._source.open()
             self._is_open = True
@@ -33,7 +30,7 @@ class RepeatingSource(FrameSource):
         self._first_index = self._next_index = 0
 
     def read(self) -> Frame:
-        """The next image; after the last comes the first."""
+        """Return the next image; the first one follows the last."""
         try:
             frame = self._source.read()
         except SourceEnded:
@@ -43,7 +40,7 @@ class RepeatingSource(FrameSource):
         return replace(frame, index=self._next_index - 1)
 
     def close(self) -> None:
-        """Close the source."""
+        """Close the source that is repeated."""
         with self._opening:
             self._is_open = False
             self._source.close()
@@ -58,59 +55,59 @@ class RepeatingSource(FrameSource):
 
 
 WAIT_S = 0.2
-"""Between two looks at whether it was closed."""
+"""Interval at which a waiting reader checks whether the source was closed."""
 MOST_WAITING = 256
-"""Wrenches that nobody fetches are not kept for ever."""
+"""Largest number of wrenches that wait for a reader."""
 
 
 class PublishingEstimator(ForceEstimator):
-    """An estimator whose answers can also be read as a `WrenchSource`."""
+    """An estimator whose estimates can also be read from a `WrenchSource`, `wrenches`."""
 
     def __init__(self, estimator: ForceEstimator) -> None:
         self.name, self.estimator = estimator.name, estimator
-        self.wrenches = _EstimateSource(estimator.name)
+        self.wrenches = EstimateSource(estimator.name)
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """As the estimator answers."""
+        """Return the estimate for a reading, and publish its wrench."""
         found = self.estimator.estimate(reading)
-        self.wrenches.tell(found.wrench)
+        self.wrenches.publish(found.wrench)
         return found
 
     def forget(self) -> None:
-        """As the estimator forgets."""
+        """Let the estimator forget what it knows of earlier readings."""
         self.estimator.forget()
 
 
-class _EstimateSource(WrenchSource):
-    """What an estimator tells, in its order, while it is open."""
+class EstimateSource(WrenchSource):
+    """The wrenches that an estimator publishes while the source is open, in their order."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._told: SimpleQueue[Wrench] = SimpleQueue()
+        self._queue: SimpleQueue[Wrench] = SimpleQueue()
         self._opened, self._closed = Event(), Event()
 
-    def tell(self, wrench: Wrench) -> None:
-        """One more; dropped where nobody listens."""
-        if self._opened.is_set() and self._told.qsize() < MOST_WAITING:
-            self._told.put(wrench)
+    def publish(self, wrench: Wrench) -> None:
+        """Add a wrench; it is dropped while the source is closed or its queue is full."""
+        if self._opened.is_set() and self._queue.qsize() < MOST_WAITING:
+            self._queue.put(wrench)
 
     def open(self) -> None:
-        """Listen from now on."""
+        """Accept wrenches from now on."""
         self._closed.clear()
         self._opened.set()
 
     def read(self) -> Wrench:
-        """The next one; raises `SourceNotOpen`, and `SourceEnded` when it is closed meanwhile."""
+        """Wait for the next wrench; raises `SourceNotOpen`, and `SourceEnded` when the source is closed meanwhile."""
         if not self._opened.is_set():
             raise SourceNotOpen(self.name)
         while not self._closed.is_set():
             try:
-                return self._told.get(timeout=WAIT_S)
+                return self._queue.get(timeout=WAIT_S)
             except Empty:
                 continue
         raise SourceEnded(f"expected another estimate, got the end of {self.name}; stop here")
 
     def close(self) -> None:
-        """Whoever waits is told that it ended."""
+        """Close the source; a waiting reader gets `SourceEnded`."""
         self._opened.clear()
         self._closed.set()

@@ -1,7 +1,4 @@
-"""The skin as the browser draws it: points in mm in the sensor frame, coloured and lit, and triangles between them.
-
-All that the page draws of one reading.
-"""
+"""All that the page draws of one reading: image, coloured heights, and the surface with its triangles."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +14,7 @@ from ninedtact.shape.measures import ShapeSummary, summarise_shape
 from ninedtact.shape.surface import point_cloud, triangulate_view
 
 MAX_SURFACE_POINTS = 40_000
-"""What a browser draws smoothly even without a graphics card; figures are measured on the full map, never on this."""
+"""Number of points that a browser draws smoothly without a graphics card. Measures use the full map, not these points."""
 LIGHT_DIRECTION = np.array([-0.5, 0.35, 0.79], np.float32)
 """Direction towards the light: grazing, from the upper left of the first view, so that shallow relief shows."""
 SHADE = 0.45
@@ -26,18 +23,18 @@ SHADE = 0.45
 
 @dataclass(frozen=True)
 class SkinSurface:
-    """Points on the skin, and triangles between neighbouring ones."""
+    """Points on the skin, and triangles between neighbouring points."""
 
     points_mm: Float32[Array, "n 3"]
     colours: UInt8[Array, "n 3"]
     """Red, green, blue: the colour of the height, lit from a side, since points have no shading of their own."""
     faces: Int32[Array, "m 3"]
     spacing_mm: float
-    """Between neighbouring points on untouched skin."""
+    """Distance of neighbouring points on undeformed skin."""
 
 
 def skin_surface(height: HeightMap, colours_bgr: UInt8[Array, "rows cols 3"]) -> SkinSurface:
-    """Every so-manieth point of a height map, with its colour in an image of the same size."""
+    """Return evenly spaced points of a height map, with their colours in an image of the same size."""
     every = _row_step(height)
     cloud, seen = point_cloud(height, every), height.in_view[::every, ::every]
     colours = colours_bgr[::every, ::every][seen][:, ::-1]
@@ -47,12 +44,12 @@ def skin_surface(height: HeightMap, colours_bgr: UInt8[Array, "rows cols 3"]) ->
 
 
 def _row_step(height: HeightMap) -> int:
-    """Each how-manieth row and column to keep."""
+    """Return the step between the rows, and between the columns, that are kept."""
     return int(np.ceil(np.sqrt(height.z_mm.size / MAX_SURFACE_POINTS)))
 
 
 def _shade_colours(colours: UInt8[Array, "n 3"], normals: Float32[Array, "n 3"]) -> UInt8[Array, "n 3"]:
-    """Colours under a light from a side."""
+    """Return colours under a light from one side."""
     towards = np.maximum(normals @ (LIGHT_DIRECTION / LIGHT_DIRECTION[2]), 0)
     brightness = SHADE + (1 - SHADE) * towards
     return np.clip(colours * brightness[:, None], 0, 255).astype(np.uint8)
@@ -64,7 +61,7 @@ FADED = 0.35
 
 @dataclass(frozen=True)
 class ReadingView:
-    """One reading, drawn."""
+    """The images, the surface and the summary of one reading."""
 
     reading: Reading
     image: UInt8[Array, "raw_rows raw_cols 3"]
@@ -74,10 +71,10 @@ class ReadingView:
     surface: SkinSurface
     summary: ShapeSummary
     is_past: bool = False
-    """Faded, so that nobody takes it for the present."""
+    """Whether the view is dimmed because it is not current."""
 
-    def faded(self) -> "ReadingView":
-        """The same as a thing of the past."""
+    def dimmed_copy(self) -> "ReadingView":
+        """Return the view with dimmed colours, which mark it as not current."""
         if self.is_past:
             return self
         surface = replace(self.surface, colours=_darken(self.surface.colours))
@@ -85,18 +82,18 @@ class ReadingView:
 
 
 def render_reading(reading: Reading, scale: ColourScale) -> ReadingView:
-    """Draw a reading, heights in the colours of `scale`."""
+    """Return the view of a reading, with heights in the colours of `scale`."""
     heights = colourise_heights(reading.height, scale)
     surface, summary = skin_surface(reading.height, heights), summarise_shape(reading.height)
     return ReadingView(reading, reading.frame.image, heights, surface, summary)
 
 
 def session_colour_scale(curve: DepthCurve) -> ColourScale:
-    """Colours that stay the same all session: the whole calibrated range."""
+    """Return the colour scale of a session, which spans the whole calibrated range."""
     deepest_mm = max(round(curve.max_indentation_mm, 1), 0.1)
     return ColourScale(deepest_mm, max(curve.bulge_mm[-1], deepest_mm / 4))
 
 
 def _darken(colours: UInt8[Array, "*shape 3"]) -> UInt8[Array, "*shape 3"]:
-    """The same image, dim."""
+    """Return an image with its brightness reduced to `FADED`."""
     return (colours * np.float32(FADED)).astype(np.uint8)

@@ -1,8 +1,6 @@
-"""The block of gel under the skin as thin lines, with millimetres along its edges.
+"""The 3D part of the page: the skin, true to scale, on its block of gel with a mm scale, and the wrench on it.
 
-A wrench in the 3D part of the page: an arrow where its force goes through the skin, an arc for what twists there.
-
-The 3D part of the page: the skin true to scale on its block of gel, and what presses it.
+A wrench is drawn as an arrow where its force passes through the skin, and as an arc for the torque about z there.
 """
 
 from collections.abc import Iterator
@@ -23,12 +21,12 @@ Point = tuple[float, float, float]
 LINES_EVERY_MM = 5.0
 DEPTHS_EVERY_MM = 1.0
 AWAY_MM = 0.9
-"""Of the numbers from their edge."""
+"""Distance of the numbers from their edge."""
 
 
 @dataclass(frozen=True)
 class _Mark:
-    """A text at a place, mm in the sensor frame."""
+    """A text at a position, mm in the sensor frame."""
 
     text: str
     at_mm: Point
@@ -36,7 +34,7 @@ class _Mark:
 
 @dataclass(frozen=True)
 class GelBlock:
-    """Gel of this size, the untouched skin on top at z = 0."""
+    """A block of gel with the undeformed skin at z = 0."""
 
     width_mm: float
     """Along x."""
@@ -93,22 +91,22 @@ def format_signed_tenths(number: float) -> str:
 
 
 MM_PER_N = 0.5
-ARC_DEG_PER_MNM = 4.0
+ARC_DEG_PER_NMM = 4.0
 MOST_ARC_DEG = 330.0
 ARC_RADIUS_MM = 4.5
 LIFT_MM = 0.6
-"""Of the arc over the skin, which bulges."""
-LEAST_N = 0.1
-"""Less presses nothing that would have a place."""
+"""Height of the arc above the skin, which bulges."""
+LEAST_FORCE_N = 0.1
+"""Smallest normal force whose position is meaningful."""
 ARC_PIECES = 48
 LEAST_ARC_DEG = 8.0
-"""Shorter than its head."""
+"""An arc shorter than its arrow head is not drawn."""
 FORCE, TWIST = (201, 42, 42), (95, 61, 196)
 SHAFT_MM, HEAD_MM, HEAD_LONG_MM = 0.22, 0.55, 1.2
 
 
 class _WrenchArrows:
-    """One wrench in the scene; an arrow's head is on the untouched skin where the force goes through it."""
+    """One wrench in the scene; the head of the arrow is where the force passes through the undeformed skin."""
 
     def __init__(self, server: ViserServer, name: str) -> None:
         self._force = _add_arrow(server, f"/{name}/force", FORCE)
@@ -119,7 +117,7 @@ class _WrenchArrows:
         )
 
     def show(self, wrench: Wrench | None) -> None:
-        """Draw it; nothing where nothing presses."""
+        """Draw a wrench, or nothing where nothing presses."""
         place = None if wrench is None else centre_of_pressure_mm(wrench)
         if wrench is None or place is None:
             self._force.visible = self._twist.visible = self._arc.visible = False
@@ -134,7 +132,7 @@ class _WrenchArrows:
 
 
 def _add_arrow(server: ViserServer, name: str, colour: tuple[int, int, int]) -> ArrowsHandle:
-    """One arrow, hidden."""
+    """Add one arrow, which is hidden."""
     return server.scene.add_arrows(
         name,
         np.zeros((1, 2, 3), np.float32),
@@ -147,36 +145,36 @@ def _add_arrow(server: ViserServer, name: str, colour: tuple[int, int, int]) -> 
 
 
 def centre_of_pressure_mm(wrench: Wrench) -> Float64[Array, "3"] | None:
-    """Where on the untouched skin the force has no torque but about z; None for a force too faint to have a place."""
+    """Return the point of the undeformed skin about which only the torque about z remains; None for a very small force."""
     force_z = float(wrench.force_n[2])
-    if abs(force_z) < LEAST_N:
+    if abs(force_z) < LEAST_FORCE_N:
         return None
     about = wrench.about(np.zeros(3)).torque_nm * 1e3
     return np.array([-about[1] / force_z, about[0] / force_z, 0.0])
 
 
 def torque_arc_deg(torque_nm: float) -> float:
-    """How far the arc of a torque about z goes round, in its direction."""
-    return float(np.clip(1e3 * torque_nm * ARC_DEG_PER_MNM, -MOST_ARC_DEG, MOST_ARC_DEG))
+    """Return the signed angle of the arc that shows a torque about z."""
+    return float(np.clip(1e3 * torque_nm * ARC_DEG_PER_NMM, -MOST_ARC_DEG, MOST_ARC_DEG))
 
 
 def torque_arc_points_mm(place_mm: Float64[Array, "3"], turn_deg: float) -> Float32[Array, "n 3"]:
-    """Points of an arc about a place, from its front."""
+    """Return the points of an arc about a position, which starts at the front."""
     angle = np.linspace(0, np.radians(turn_deg), ARC_PIECES + 1) - np.pi / 2
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1) * ARC_RADIUS_MM
     return (place_mm + circle + [0, 0, LIFT_MM]).astype(np.float32)
 
 
 GEL, PAST = (150, 172, 196), (110, 114, 118)
-"""Colours of the skin as a surface: silicone, and silicone that was."""
+"""Colours of the surface while it is current, and while it is not."""
 EDGES, FLOOR = (120, 128, 138), (205, 210, 216)
 FIELD_OF_VIEW_RAD = 0.72
 POINT_OVERLAP = 1.3
-"""Points are drawn this much larger than their spacing, so that the skin has no gaps where it is steep."""
+"""Ratio of point size to spacing, so that steep skin has no gaps."""
 
 
 class SkinScene:
-    """Draws the skin in a viser server."""
+    """Draws the skin, the gel block and a wrench in a viser server."""
 
     def __init__(self, server: ViserServer, block: GelBlock) -> None:
         _place_camera(server, block)
@@ -192,24 +190,24 @@ class SkinScene:
         ]
         self._marks = [(mark, _add_label(server, number, mark.text)) for number, mark in enumerate(block.marks())]
         self._arrows = _WrenchArrows(server, "wrench")
-        self._stretch(1.0)
+        self._set_exaggeration(1.0)
 
-    def push(self, wrench: Wrench | None) -> None:
-        """Draw what presses the skin; heights may be stretched, forces are not."""
+    def show_wrench(self, wrench: Wrench | None) -> None:
+        """Draw the wrench; vertical exaggeration does not apply to forces."""
         self._arrows.show(wrench)
 
-    def show(self, surface: SkinSurface, look: DisplayOptions, is_past: bool) -> None:
-        """Draw one surface."""
-        if look.as_points:
+    def show(self, surface: SkinSurface, options: DisplayOptions, is_past: bool) -> None:
+        """Draw one surface with the display options."""
+        if options.as_points:
             self._points.points, self._points.colors = surface.points_mm, surface.colours
-            self._points.point_size = surface.spacing_mm * POINT_OVERLAP / np.cbrt(look.exaggeration)
+            self._points.point_size = surface.spacing_mm * POINT_OVERLAP / np.cbrt(options.exaggeration)
         else:
             self._mesh.vertices, self._mesh.faces = surface.points_mm, surface.faces.astype(np.uint32)
             self._mesh.color = PAST if is_past else GEL
-        self._points.visible, self._mesh.visible = look.as_points, not look.as_points
-        self._stretch(look.exaggeration)
+        self._points.visible, self._mesh.visible = options.as_points, not options.as_points
+        self._set_exaggeration(options.exaggeration)
 
-    def _stretch(self, exaggeration: float) -> None:
+    def _set_exaggeration(self, exaggeration: float) -> None:
         stretched: list[MeshHandle | PointCloudHandle | LineSegmentsHandle] = [self._mesh, self._points, *self._lines]
         for node in stretched:
             node.scale = (1.0, 1.0, exaggeration)
@@ -219,7 +217,7 @@ class SkinScene:
 
 
 def _place_camera(server: ViserServer, block: GelBlock) -> None:
-    """DisplayOptions at the skin from the front and above, x to the right."""
+    """Look at the skin from the front and above, with x to the right."""
     far = max(block.width_mm, block.length_mm)
     server.scene.set_up_direction("+z")
     server.initial_camera.position = (0.0, -1.7 * far, 1.4 * far)
@@ -229,7 +227,7 @@ def _place_camera(server: ViserServer, block: GelBlock) -> None:
 
 
 def _add_lights(server: ViserServer) -> None:
-    """One light from where the points are lit from; the rest is soft, without cast shadows."""
+    """Add the directional light that shades the points too, and soft light without shadows."""
     server.scene.configure_default_lights(enabled=False, cast_shadow=False)
     server.scene.configure_environment_map(hdri=None)
     server.scene.add_light_ambient("/light/soft", intensity=1.1)
@@ -239,5 +237,5 @@ def _add_lights(server: ViserServer) -> None:
 
 
 def _add_label(server: ViserServer, number: int, text: str) -> LabelHandle:
-    """One text at an edge."""
+    """Add one text at an edge."""
     return server.scene.add_label(f"/gel/mark_{number}", text, font_screen_scale=0.8, anchor="center-center")

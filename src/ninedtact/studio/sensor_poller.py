@@ -1,6 +1,6 @@
-"""The last seconds: how deep it was, at every reading, and how fast images came.
+"""The sensor thread: reads as fast as images arrive and keeps the newest reading; the page never delays it.
 
-The sensor thread: reads as fast as images come and keeps the newest; whoever looks never holds it up.
+`RateMeter` and `IndentationHistory` hold the last seconds, also of readings that the page did not show.
 """
 
 from collections import deque
@@ -25,29 +25,29 @@ from ninedtact.shape.measures import max_indentation_mm
 NS_PER_S = 1e9
 HISTORY_S = 20.0
 RATE_OVER_S = 2.0
-"""Long enough for a steady figure, short enough to show a camera that slows down."""
+"""Long enough for a steady rate, short enough to show a camera that slows down."""
 
 
 class _Tick(NamedTuple):
-    """One event of several, `number` counting them all from the first."""
+    """An event; `number` counts all events from the first."""
 
     at_ns: int
     number: int
 
 
 class RateMeter:
-    """Events per second over the last two seconds."""
+    """Measures the events per second over the last two seconds."""
 
     def __init__(self) -> None:
         self._ticks: deque[_Tick] = deque()
 
     def tick(self, at_ns: int, number: int) -> None:
-        """Event `number` happened; numbers may skip what was not seen."""
+        """Add an event; numbers may skip events that were not seen."""
         self._ticks.append(_Tick(at_ns, number))
         self._forget(at_ns)
 
     def hz(self, now_ns: int) -> float:
-        """The rate, 0 where fewer than two events are that young."""
+        """Return the rate, 0 with fewer than two recent events."""
         self._forget(now_ns)
         if len(self._ticks) < 2:
             return 0.0
@@ -60,59 +60,59 @@ class RateMeter:
 
 
 class _IndentationHistory:
-    """Deepest indentation of every reading of the last `span_s` seconds, also of those that no page showed."""
+    """The maximum indentation of every reading of the last `span_s` seconds."""
 
     def __init__(self, span_s: float = HISTORY_S) -> None:
         self.span_s = span_s
         self._depths: deque[tuple[int, float]] = deque()
 
-    def add(self, at_ns: int, deepest_mm: float) -> None:
-        """Append one reading."""
-        self._depths.append((at_ns, deepest_mm))
+    def add(self, at_ns: int, indentation_mm: float) -> None:
+        """Append the maximum indentation of one reading."""
+        self._depths.append((at_ns, indentation_mm))
         while at_ns - self._depths[0][0] > self.span_s * NS_PER_S:
             self._depths.popleft()
 
     def until(self, now_ns: int) -> Float64[Array, "2 n"]:
-        """Seconds before now (negative), and mm."""
+        """Return seconds before now (negative) and indentations in mm."""
         depths = np.array(self._depths, np.float64).reshape(-1, 2)
         return np.stack([(depths[:, 0] - now_ns) / NS_PER_S, depths[:, 1]])
 
 
 class RecordingTooShort(CameraError):
-    """A recording ended before the untouched skin was known."""
+    """A recording ended before the reference images were complete."""
 
 
 class SensorPhase(Enum):
-    """What the sensor thread is at."""
+    """The state of the sensor thread."""
 
-    REFERENCE = "taking the untouched skin"
+    REFERENCE = "taking the reference"
     READING = "reading"
     ENDED = "at the end of a recording"
-    FAILED = "given up"
+    FAILED = "failed"
 
 
 @dataclass(frozen=True)
 class SensorSnapshot:
-    """What the sensor thread knows at one moment."""
+    """The state of the sensor thread at one moment."""
 
     phase: SensorPhase
     reading: Reading | None
-    """The newest; None before the first."""
+    """The newest reading; None before the first."""
     heard_ns: int
     """Stamp of the newest reading; while a reference is taken, of the newest image; before any, of the opening."""
     delivered_hz: float
     """Images per second that the source delivered, read or not."""
     read_hz: float
     history: Float64[Array, "2 n"]
-    """Seconds before now (before the end of a recording that has ended), and the deepest indentation in mm then."""
+    """Seconds before now (before the end of a recording that has ended), and maximum indentations in mm."""
     trouble: BaseException | None = None
-    """Why the sensor thread has given up, or refused the untouched skin."""
+    """Why the sensor thread has failed, or refused the reference images."""
 
 
 class SensorPoller:
-    """Reads a sensor in a thread of its own while it is open (`with`); its source should be a `Freshest`.
+    """Reads a sensor in its own thread while it is open (`with`); the sensor's source should be a `Freshest`.
 
-    Without a depth reader in the sensor, the first images are the untouched skin.
+    If the sensor has no depth reader, its first images become the reference.
     """
 
     def __init__(self, sensor: Sensor) -> None:
@@ -125,8 +125,8 @@ class SensorPoller:
         self._closing, self._reference_wanted = Event(), Event()
         self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
 
-    def moment(self, now_ns: int) -> SensorSnapshot:
-        """The newest of everything; never waits for the sensor."""
+    def snapshot(self, now_ns: int) -> SensorSnapshot:
+        """Return the newest state; never waits for the sensor."""
         with self._lock:
             until_ns = self._heard_ns if self._phase is SensorPhase.ENDED else now_ns
             return SensorSnapshot(
@@ -140,7 +140,7 @@ class SensorPoller:
             )
 
     def take_reference(self) -> None:
-        """Take the skin of the next images for untouched. Returns at once; it is tried until it succeeds."""
+        """Make the next images the reference. Returns at once; the sensor thread retries until it succeeds."""
         self._reference_wanted.set()
 
     def __enter__(self) -> "SensorPoller":
@@ -171,7 +171,7 @@ class SensorPoller:
                 self._step()
         except SourceEnded as end:
             self._note(*self._after(end))
-        except BaseException as trouble:  # whoever asks for a moment is who can tell a person
+        except BaseException as trouble:  # the page shows it
             if not self._closing.is_set():
                 self._note(SensorPhase.FAILED, trouble)
 
@@ -203,8 +203,8 @@ class SensorPoller:
             return SensorPhase.ENDED, None
         source, wanted = self.sensor.source.name, self.sensor.reference_frames
         return SensorPhase.FAILED, RecordingTooShort(
-            f"expected {source} to begin with {wanted} images of the untouched skin and go on, got "
-            f"{self.sensor.frames_read} images in all; give images of the untouched skin with --reference"
+            f"expected {source} to begin with {wanted} images of the untouched gel and then to continue, got "
+            f"{self.sensor.frames_read} images in all; give reference images with --reference"
         )
 
     def _note(self, phase: SensorPhase, trouble: BaseException | None) -> None:

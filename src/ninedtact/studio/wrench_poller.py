@@ -1,4 +1,4 @@
-"""The force thread: reads a source of wrenches on and on, and remembers the last seconds; whoever looks never holds it up."""
+"""The force thread: reads a wrench source continuously and keeps the last seconds; the page never delays it."""
 
 from bisect import bisect_left
 from collections import deque
@@ -16,24 +16,24 @@ from ninedtact.quantities import Wrench
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S
 
 MOST_HZ = 60.0
-"""Samples remembered per second: more than a person sees."""
+"""Samples kept per second, more than a person can see."""
 
 
 @dataclass(frozen=True)
 class WrenchSnapshot:
-    """What is known of one source of wrenches at one moment."""
+    """The state of one wrench source at one moment."""
 
     name: str
     wrench: Wrench | None
-    """About the skin's centre, from when the shown reading was taken; None before the first."""
+    """The wrench about the skin's centre at the time of the shown reading; None before the first."""
     history: Float64[Array, "7 n"]
     """Seconds before now (negative); F_x, F_y, F_z in N; T_x, T_y, T_z in N·m."""
     trouble: BaseException | None = None
-    """Why there will be no more."""
+    """Why there will be no more wrenches."""
 
 
 class WrenchPoller:
-    """Reads a wrench source in a thread of its own while it is open (`with`)."""
+    """Reads a wrench source in its own thread while it is open (`with`)."""
 
     def __init__(self, source: WrenchSource, name: str) -> None:
         self.name, self._source = name, source
@@ -42,8 +42,8 @@ class WrenchPoller:
         self._lock, self._closing = Lock(), Event()
         self._thread = Thread(target=self._run, name=f"read {source.name}", daemon=True)
 
-    def moment(self, at_ns: int | None, now_ns: int) -> WrenchSnapshot:
-        """The wrench nearest to a time, the newest if none is given, and the last seconds; never waits for the source."""
+    def snapshot(self, at_ns: int | None, now_ns: int) -> WrenchSnapshot:
+        """Return the wrench nearest to a time (None: the newest) and the last seconds; never waits for the source."""
         with self._lock:
             samples, trouble = list(self._samples), self._trouble
         history = np.array([(at - now_ns, *wrench.six) for at, wrench in samples], float).reshape(-1, 7).T
@@ -69,7 +69,7 @@ class WrenchPoller:
                 self._keep(self._source.read())
         except SourceEnded:
             pass
-        except BaseException as trouble:  # whoever asks for a moment is who can tell a person
+        except BaseException as trouble:  # the page shows it
             if not self._closing.is_set():
                 self._trouble = trouble
 
@@ -83,7 +83,7 @@ class WrenchPoller:
 
 
 def _nearest_sample(samples: list[tuple[int, Wrench]], at_ns: int | None) -> Wrench | None:
-    """The sample nearest to a time, the last without one."""
+    """Return the sample nearest to a time, or the last one without a time."""
     if not samples:
         return None
     if at_ns is None:

@@ -1,4 +1,4 @@
-"""ninedtact simulate fit: a sensor's own calibration images → its twin."""
+"""ninedtact simulate fit: fit the twin of a sensor to its calibration images."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Fit:
-    """Make the twin of a calibrated sensor from its four images alone, and write it into the sensor's folder.
+    """Fit the twin of a calibrated sensor to its four calibration images, and write it into the sensor folder.
 
-    The lens is fitted to the board again, mechanics and light to the ball. Depth is read by the physics method from then on.
+    The lens is fitted to the board, mechanics and brightness to the ball. Depth is then read by the physics method.
     """
 
     sensor: Path
-    """Sensor folder that `ninedtact calibrate` wrote; its record and certificate are renewed."""
+    """Sensor folder that `ninedtact calibrate` wrote; its record and its certificate are updated."""
     json: bool = False
     """Print the twin as one JSON object."""
 
     def run(self) -> int:
-        """Fit, write, and say how well it explains the press."""
+        """Fit and save the twin, and print the quality of the fit."""
         from ninedtact.calibration.procedure import repeat_calibration
         from ninedtact.calibration.save import save_sensor
         from ninedtact.calibration.sensor_folder import load_sensor
@@ -35,23 +35,24 @@ class Fit:
         twin = folder.record.twin
         assert twin is not None, "the physics method makes a twin"
         found = {"sensor": str(self.sensor), **msgspec.to_builtins(twin)}
-        return print_result(self.json, found, self.lines(twin))
+        return print_result(self.json, found, self._format_fit(twin))
 
-    def lines(self, twin: "TwinTable") -> Iterator[str]:
-        """The fit for a person."""
+    def _format_fit(self, twin: "TwinTable") -> Iterator[str]:
+        """Yield the lines that describe the fit."""
         fit = twin.fit
         yield f"twin of {self.sensor} fitted in {fit.duration_s:.1f} s"
         yield (
-            f"  unexplained  {fit.image_rmse_grey_levels:.2f} grey levels over the image, {fit.radial_rmse_grey_levels:.2f} of the "
+            f"  residual     {fit.image_rmse_grey_levels:.2f} grey levels over the image, {fit.radial_rmse_grey_levels:.2f} of the "
             "radial profile"
         )
         yield f"  press        {fit.depth_mm:.2f} mm deep, dragged by ({fit.drag_mm[0]:+.2f}, {fit.drag_mm[1]:+.2f}) mm"
+        yield "  parameters, ± one standard deviation:"
         yield from _format_parameters(fit)
         yield f"  written to {self.sensor}; open {self.sensor / 'certificate.html'} in a browser"
 
 
 def _format_parameters(fit: "TwinFitQuality") -> Iterator[str]:
-    """Every parameter with its standard deviation and what it is hardest to tell from."""
+    """Yield each parameter with its standard deviation and the parameter with which it correlates most."""
     for name, found in fit.parameters.items():
         other = found.most_correlated_with
         sure = "" if found.std is None else f" ± {found.std:.3f}"

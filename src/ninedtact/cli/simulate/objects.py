@@ -1,4 +1,4 @@
-"""ninedtact simulate objects: what can be pressed."""
+"""ninedtact simulate objects: list the objects that can press a twin."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ from ninedtact.cli.terminal import print_result
 
 @dataclass(frozen=True)
 class Objects:
-    """List what can press a twin: solids with their dimensions, families of generated objects, mesh files."""
+    """List the objects that can press a twin: primitives, families of generated objects, mesh files."""
 
     json: bool = False
     """Print the list as one JSON object."""
 
     def run(self) -> int:
-        """Say it."""
+        """Print the list."""
         from ninedtact.simulation.objects.catalogue import FAMILIES_BY_KIND, PRIMITIVES
         from ninedtact.simulation.objects.mesh_objects import MESH_FILE_SUFFIXES
 
@@ -27,10 +27,10 @@ class Objects:
 def _format_object_list(
     solids: dict[str, str], generated: dict[str, list[str]], endings: tuple[str, ...]
 ) -> Iterator[str]:
-    """The list for a person."""
-    yield "solids, dimensions in mm and degrees; those left out have a default:"
+    """Yield the lines of the list."""
+    yield "primitives, with dimensions in mm and degrees; dimensions that are left out have defaults:"
     yield from (f"  {kind}:{dimensions}" for kind, dimensions in solids.items())
-    yield "generated, any number of each (gear_07; --seed for others):"
+    yield "generated objects, any number of each family (gear_07; --seed for others):"
     yield from (f"  {kind:16}{', '.join(families)}" for kind, families in generated.items())
     yield f"mesh files ({', '.join(endings)}), with unit, side and size if need be: part.stl, part.stl@in@+x, part.stl@fit:16"
     yield "models of Thingi10K by number: thingi10k:32770"

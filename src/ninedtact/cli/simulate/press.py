@@ -1,4 +1,4 @@
-"""ninedtact simulate press: one press of one object on a twin, as image, heights, tractions and wrench."""
+"""ninedtact simulate press: press an object on a twin, and write image, heights, tractions and wrench."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,35 +24,35 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class Press:
-    """Press one object on the twin of a sensor: image, heights, pressure, shear, wrench, and a figure of them all."""
+    """Press an object on the twin of a sensor; write its image, heights, pressure, shear, wrench and a figure of all."""
 
     object: str
-    """What presses: ball:4 (mm), cylinder, cone, punch, ellipsoid, gear_07, a mesh file (part.stl, part.stl@in), thingi10k:ID."""
+    """Object: ball:4 (mm), cylinder, cone, punch, ellipsoid, gear_07, a mesh file (part.stl, part.stl@in), thingi10k:ID."""
     out: Path
     """Folder for the results."""
     depth_mm: float | None = None
-    """How far its lowest point goes below the untouched skin."""
+    """Depth of the object's lowest point below the undeformed skin. Give either this or a load."""
     load_n: float | None = None
-    """Or how hard it is pressed."""
+    """Load of the press. Give either this or a depth."""
     at_mm: Pair = (0.0, 0.0)
-    """Where it comes down, x and y."""
+    """Position of the press, x and y."""
     drag_mm: Pair = (0.0, 0.0)
-    """How far it is dragged while it is pressed."""
+    """Drag while the object is pressed, x and y."""
     twist_deg: float = 0.0
-    """How far it is twisted about z while it is dragged."""
+    """Twist about z during the drag."""
     tilt_deg: Pair = (0.0, 0.0)
-    """Its tilts about x and y, from the beginning."""
+    """Tilts of the object about x and y, from the beginning."""
     sensor: Path | None = None
-    """Sensor folder whose twin is pressed; the twin of no sensor in particular if not given."""
+    """Sensor folder whose twin is pressed; without one, the twin of the published design."""
     design_file: DesignFileOption = None
-    """Design file (TOML) of a sensor that is not built yet, whose twin is pressed."""
+    """Design file (TOML) of a sensor that is not built yet; its twin is pressed."""
     seed: int = 0
-    """Of generated objects, and of the skin where no sensor is given."""
+    """Seed of generated objects, and of the reference image where no sensor is given."""
     json: bool = False
     """Print the _press_to_json_dict as one JSON object."""
 
     def run(self) -> int:
-        """Press, write, and say what came of it."""
+        """Simulate the press, write its files and print a summary."""
         from ninedtact.simulation.objects.catalogue import indenter_from_name
 
         press, twin = self.press, self.twin
@@ -60,7 +60,7 @@ class Press:
         contact = press.simulate(twin, indenter)
         found = _press_to_json_dict(indenter, contact, twin, self.grid[1])
         return print_result(
-            self.json, {**found, "files": self.written(indenter, contact, found)}, _format_press(found, self.out)
+            self.json, {**found, "files": self.write_files(indenter, contact, found)}, _format_press(found, self.out)
         )
 
     @property
@@ -75,7 +75,7 @@ class Press:
 
     @cached_property
     def twin(self) -> "Twin":
-        """Of the sensor that was named."""
+        """The twin of the sensor or of the design."""
         from ninedtact.simulation.twin import twin_from_design
 
         if self.sensor is None:
@@ -86,8 +86,8 @@ class Press:
 
         return build_sensor_twin(load_sensor(self.sensor))
 
-    def written(self, indenter: "Indenter", contact: "Contact", found: dict[str, Any]) -> dict[str, str]:
-        """Write all files; name and path of each."""
+    def write_files(self, indenter: "Indenter", contact: "Contact", found: dict[str, Any]) -> dict[str, str]:
+        """Write all files, and return the path of each by its name."""
         import json
 
         from ninedtact.atomic_write import write_file_atomically
@@ -105,7 +105,7 @@ class Press:
         return {name: str(self.out / name) for name in (*contents, "height.npy", "height.png")}
 
     def contents(self, indenter: "Indenter", contact: "Contact") -> dict[str, bytes]:
-        """Every file but the heights, by name."""
+        """Return the contents of all files but the heights, by name."""
         from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa
         from ninedtact.simulation.press_figures import PressFigure
 
@@ -121,25 +121,25 @@ class Press:
 
     @cached_property
     def grid(self) -> tuple[tuple[int, int], float]:
-        """Shape and mm per pixel of heights and tractions: those of the published rectified image."""
+        """The (rows, cols) and the mm per pixel of heights and tractions, as in the rectified image."""
         design = read_design_or_default(self.design_file)
         view, wider = design.field_of_view, design.sensing_area.width_mm / SensingArea().width_mm
         return (view.rows, view.cols), MM_PER_PX * wider
 
     @property
     def cut(self) -> Pair:
-        """Direction in which the figure cuts: that of the drag."""
+        """The direction of the cut in the figure, which is that of the drag."""
         x, y = self.drag_mm
         length = float(x**2 + y**2) ** 0.5
         return (x / length, y / length) if length else (1.0, 0.0)
 
 
 MM_PER_PX = 0.0522
-"""Of the published sensor: 24 mm over 460 pixels."""
+"""Scale of the published sensor: 24 mm over 460 pixels."""
 
 
 def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", mm_per_px: float) -> dict[str, Any]:
-    """What a script wants to know."""
+    """Return the results of a press for JSON."""
     from dataclasses import asdict
 
     import numpy as np
@@ -155,8 +155,8 @@ def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", 
             "torque_nm": wrench.torque_nm.tolist(),
             "about_mm": wrench.about_mm.tolist(),
         },
-        "deepest_mm": float(-contact.height_mm.min()),
-        "highest_mm": float(contact.height_mm.max()),
+        "max_indentation_mm": float(-contact.height_mm.min()),
+        "max_bulge_mm": float(contact.height_mm.max()),
         "contact_area_mm2": float(pressed.sum() * cell_mm2),
         "sticking_area_mm2": float(np.asarray(contact.stick_mask).sum() * cell_mm2),
         "largest_pressure_mpa": float(contact.pressure_mpa.max()),
@@ -167,27 +167,27 @@ def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", 
 
 
 def _format_press(found: dict[str, Any], out: Path) -> Iterator[str]:
-    """The same for a person."""
+    """Yield the lines that summarise a press."""
     force, torque = found["wrench"]["force_n"], found["wrench"]["torque_nm"]
     area = found["contact_area_mm2"]
     yield (
         f"{found['object']} on twin {found['twin']}: {found['pose']['depth_mm']:.3f} mm deep, contact {area:.1f} mm², of which "
-        f"{found['sticking_area_mm2'] / area if area else 0:.0%} sticks, bulge {found['highest_mm']:.3f} mm"
+        f"{found['sticking_area_mm2'] / area if area else 0:.0%} sticks, bulge {found['max_bulge_mm']:.3f} mm"
     )
     yield "  force  ({:+.3f}, {:+.3f}, {:+.3f}) N, on the skin".format(*force)
-    yield "  torque ({:+.3f}, {:+.3f}, {:+.3f}) mN·m, about the skin's centre".format(*(1e3 * part for part in torque))
+    yield "  torque ({:+.3f}, {:+.3f}, {:+.3f}) N·mm, about the skin's centre".format(*(1e3 * part for part in torque))
     yield f"  open {out / 'figure.png'}"
 
 
 def _encode_png(image: "np.ndarray") -> bytes:
-    """An image as .png."""
+    """Return an image as the bytes of a .png file."""
     import cv2
 
     return cv2.imencode(".png", image)[1].tobytes()
 
 
 def _encode_npy(field: "np.ndarray") -> bytes:
-    """An array as .npy."""
+    """Return an array as the bytes of a .npy file."""
     from io import BytesIO
 
     import numpy as np

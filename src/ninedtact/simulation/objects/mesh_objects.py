@@ -151,12 +151,12 @@ MESH_FILE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
 MOST_MB = 500
 
 
-class _ObjectLibraryMissing(MissingLibraryError):
+class ObjectLibraryMissing(MissingLibraryError):
     """A library that reads objects is not installed."""
 
 
 def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
-    """The object in a file; raises `MeshUnusable` and `_ObjectLibraryMissing`."""
+    """Return the object in a mesh file; raises `MeshUnusable` and `ObjectLibraryMissing`."""
     vertices, faces = _read_mesh(path)
     return _object_from_triangles(path.stem, vertices, faces, placing)
 
@@ -186,7 +186,7 @@ def _import_trimesh() -> Any:
     try:
         import trimesh
     except ImportError as absence:
-        raise _ObjectLibraryMissing(
+        raise ObjectLibraryMissing(
             "expected the library trimesh, got an environment without it; run: pip install 'ninedtact[objects]'"
         ) from absence
     return trimesh
@@ -195,12 +195,12 @@ def _import_trimesh() -> Any:
 FITTING = MeshPlacement(fit_mm=16.0)
 
 
-class _MeshNotFound(FileFormatError):
+class MeshNotFound(FileFormatError):
     """The model is not in Thingi10K, or Thingi10K cannot be downloaded."""
 
 
 def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> MeshObject:
-    """The model with this file number; raises `_MeshNotFound`, `_ObjectLibraryMissing` and `MeshUnusable`."""
+    """Return the model with this file number; raises `MeshNotFound`, `ObjectLibraryMissing` and `MeshUnusable`."""
     entry, library = _find_model(number)
     vertices, faces = library.load_file(entry["file_path"])
     corners, triangles = np.asarray(vertices, float), np.asarray(faces, np.int64)
@@ -213,13 +213,13 @@ def _find_model(number: int) -> tuple[Any, Any]:
     try:
         library.init()
     except Exception as failure:
-        raise _MeshNotFound(
+        raise MeshNotFound(
             f"expected Thingi10K on this machine or the network to download it, got {_first_line(failure)!r}; connect once, "
             "or give a mesh file of your own"
         ) from failure
     entries = list(library.dataset(file_id=number))
     if not entries:
-        raise _MeshNotFound(
+        raise MeshNotFound(
             f"expected a file number of Thingi10K, got {number}, which is not in it; take another, as 32770"
         )
     return entries[0], library
@@ -235,7 +235,7 @@ def _import_thingi10k() -> Any:
     try:
         import thingi10k
     except ImportError as absence:
-        raise _ObjectLibraryMissing(
+        raise ObjectLibraryMissing(
             "expected the library thingi10k, got an environment without it; run: pip install 'ninedtact[objects]'"
         ) from absence
     return thingi10k
