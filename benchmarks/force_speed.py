@@ -20,6 +20,7 @@ from ninedtact.design import Gel
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.model_file import read_force_model
 from ninedtact.force.network_force import NetworkForce, prediction_warnings
+from ninedtact.force.network_input import sensor_features_of
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 
@@ -49,7 +50,7 @@ def tasks(path: Path, reading: str) -> Tasks:
     images, shape = real_sensor("sensor_a")
     shape = shape if reading == "fine" else shape.fast()
     rectify, depth = shape.rectify, shape.depth_reader(Frame(images["ball_reference"]))
-    estimator = NetworkForce(read_force_model(path))
+    estimator = NetworkForce(read_force_model(path), features=sensor_features_of(shape, Gel()))
     frames = [Frame(images[name]) for name in PRESSED]
 
     def read(frame: Frame) -> Reading:

@@ -1,11 +1,43 @@
-"""The skin as from straight below, and the area that each pixel covers, against closed forms."""
+"""Orthorectified heights, and the area that each pixel covers, against closed forms."""
 
+import cv2
 import numpy as np
 import pytest
 from skins import MM_PER_PX, ball_print, grid, plane, skin, with_hole
 
-from ninedtact.shape.orthorectification import orthorectify
+from ninedtact.quantities import HeightMap
+from ninedtact.shape.orthorectification import (
+    SkinGrid,
+    find_sightline_pixels,
+    orthorectified_heights,
+    orthorectify,
+    sample_field,
+)
+from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.shape.surface import pixel_footprint_mm2
+
+
+def by_bisection(seen: HeightMap) -> np.ndarray:
+    return orthorectify(seen).z_mm
+
+
+def by_iteration_on_the_map(seen: HeightMap) -> np.ndarray:
+    place_mm, pitch_mm = np.stack(skin_grid_mm(seen.z_mm.shape, seen.mm_per_px)), (seen.mm_per_px, seen.mm_per_px)
+    pixel = find_sightline_pixels(seen.z_mm, pitch_mm, place_mm, seen.camera_distance_mm, iterations=12)
+    return sample_field(seen.z_mm, pixel, cv2.INTER_LINEAR)
+
+
+def on_a_grid(seen: HeightMap) -> np.ndarray:
+    return orthorectified_heights(seen, SkinGrid(*seen.z_mm.shape, seen.mm_per_px))
+
+
+@pytest.mark.parametrize("method", [by_bisection, by_iteration_on_the_map, on_a_grid])
+@pytest.mark.parametrize("at", [(0.0, 0.0), (4.0, -3.0)])
+def test_every_solver_finds_the_heights_that_a_far_camera_would_see(at, method):
+    true = ball_print(at=at).z_mm
+    found = method(ball_print(at=at, camera_mm=20.0))
+    seen_off_mm, off_mm = (np.abs(z_mm - true).mean() for z_mm in (ball_print(at=at, camera_mm=20.0).z_mm, found))
+    assert off_mm < 2e-3 and off_mm < 0.15 * seen_off_mm
 
 
 @pytest.mark.parametrize("at", [(0.0, 0.0), (4.0, -3.0)])

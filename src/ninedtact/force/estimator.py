@@ -1,4 +1,4 @@
-"""What an estimator of force is to the rest of the package: asked about one reading, it answers with a wrench and its error."""
+"""The interface of every force estimator: a reading goes in; a wrench, its standard deviation and warnings come out."""
 
 from abc import ABC, abstractmethod
 
@@ -9,33 +9,33 @@ from ninedtact.reading import Reading
 
 
 class ForceEstimator(ABC):
-    """Reads the wrench out of a reading. It may remember the last ones to be quicker; `forget` makes it start anew."""
+    """Estimates the wrench of readings. It may start from the previous reading to be quicker; `forget` makes it start anew."""
 
     name: str
-    """What to call it in front of a person."""
+    """Shown to a person, and the key of the force scale in a sensor folder."""
 
     @abstractmethod
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """The wrench of the object on the skin about the skin's centre, zero exactly where nothing touches."""
+        """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
 
     @abstractmethod
     def forget(self) -> None:
-        """The next reading does not follow on the last."""
+        """Forget the previous reading: the next one does not follow on it."""
 
 
 class NoForce(ForceEstimator):
-    """The estimator of a sensor without one: answers like the others, and knows nothing."""
+    """The estimator of a sensor without one: zero, with an infinite standard deviation."""
 
     name = "no force"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """Zero, with an error without end: touched or not is all that it says."""
+        """Return a wrench of zero with an infinite standard deviation."""
         return WrenchEstimate(zero_wrench(reading.frame.stamp_ns), np.full(6, np.inf), touching=False)
 
     def forget(self) -> None:
-        """Nothing was remembered."""
+        """Do nothing: no reading is remembered."""
 
 
 def zero_wrench(stamp_ns: int = 0) -> Wrench:
-    """The wrench of nothing, exactly zero."""
+    """Return a wrench of exactly zero, that of no contact."""
     return Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)

@@ -101,7 +101,7 @@ def _build_fused_estimator(model: Path, shape: "CalibratedShape", gel: "Gel") ->
     from ninedtact.force.network_input import sensor_features_of
     from ninedtact.force.traction.estimator import build_traction_force
 
-    network = NetworkForce(read_force_model(model), gel, traits=sensor_features_of(shape, gel))
+    network = NetworkForce(read_force_model(model), gel, features=sensor_features_of(shape, gel))
     return FusedForceEstimator(network, build_traction_force(shape, gel))
 
 
@@ -112,7 +112,7 @@ def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -
         from ninedtact.force.network_force import NetworkForce
         from ninedtact.force.network_input import sensor_features_of
 
-        return NetworkForce(read_force_model(path), gel, traits=sensor_features_of(shape, gel))
+        return NetworkForce(read_force_model(path), gel, features=sensor_features_of(shape, gel))
     if path.suffix.lower() == _WEIGHTS_SUFFIX:
         from ninedtact.force.original_network import read_original_network
 

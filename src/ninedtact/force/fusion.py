@@ -1,7 +1,7 @@
-"""Network and physics together: two readings of one image, each axis weighed by how sure each of them is.
+"""Network and physics fused: two estimates from one image, combined on each axis by inverse variance.
 
-They err in different ways: the network by the likeness of its training, physics by what its mechanics leave out. What both say is
-better than either on most axes (docs/force.md).
+Their errors differ: the network's come from how far the contact is from its training, the physics' from what its mechanics leave
+out. The combination is better than either on most axes (docs/force.md).
 """
 
 from dataclasses import dataclass
@@ -12,18 +12,19 @@ from numpy import ndarray as Array
 
 from ninedtact.force.estimator import ForceEstimator, zero_wrench
 from ninedtact.force.network_force import NetworkForce
-from ninedtact.force.traction.estimator import TractionForce
+from ninedtact.force.traction.estimator import NO_CONTACT_STD, TractionForce
 from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
 Six = Float64[Array, "6"]
-LEAST = 1e-12
-"""So that nothing is divided by zero."""
+
+_MIN_STD = 1e-12
+"""Keeps divisions finite."""
 
 
 @dataclass
 class FusedForceEstimator(ForceEstimator):
-    """Both estimators on one sensor; tractions are those of physics."""
+    """Both estimators on one sensor; the tractions are those of physics."""
 
     network: NetworkForce
     physics: TractionForce
@@ -32,24 +33,33 @@ class FusedForceEstimator(ForceEstimator):
         self.name = f"{self.network.name} and physics"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """Means by inverse variance, the error of the surer one: what both read wrong in an image, no mean takes away."""
-        learnt, read = self.network.estimate(reading), self.physics.estimate(reading)
-        if not (learnt.touching and read.touching):
-            error = np.minimum(learnt.error, read.error)
-            return WrenchEstimate(zero_wrench(reading.frame.stamp_ns), error, touching=False)
-        six = inverse_variance_mean(learnt.wrench.six, learnt.error, read.wrench.six, read.error)
-        wrench = Wrench(six[:3], six[3:], stamp_ns=reading.frame.stamp_ns)
-        warnings = tuple(dict.fromkeys((*learnt.warnings, *read.warnings)))
-        return WrenchEstimate(wrench, np.minimum(learnt.error, read.error), True, warnings, read.traction)
+        """Return the inverse-variance mean, with the standard deviation of the more certain estimate on each axis.
+
+        Averaging does not reduce the error that both estimates share, because they come from one image. Contact is detected once,
+        for both; where the inversion then finds no region to act on, nothing touches either.
+        """
+        stamp_ns = reading.frame.stamp_ns
+        if not self.network.contact_test(reading):
+            self.physics.forget()
+            std = np.minimum(self.network.no_contact_std(reading), NO_CONTACT_STD)
+            return WrenchEstimate(zero_wrench(stamp_ns), std, touching=False)
+        network, physics = self.network.estimate_contact(reading), self.physics.estimate(reading)
+        std = np.minimum(network.error, physics.error)
+        if not physics.touching:
+            return WrenchEstimate(zero_wrench(stamp_ns), std, touching=False)
+        six = inverse_variance_mean(network.wrench.six, network.error, physics.wrench.six, physics.error)
+        warnings = tuple(dict.fromkeys((*network.warnings, *physics.warnings)))
+        return WrenchEstimate(Wrench(six[:3], six[3:], stamp_ns=stamp_ns), std, True, warnings, physics.traction)
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget the previous reading."""
         self.network.forget()
         self.physics.forget()
 
 
-def inverse_variance_mean(one: Six, its_error: Six, other: Six, others_error: Six) -> Six:
-    """Weighed by inverse variance, axis by axis; an infinite error leaves the other estimate alone."""
-    weight, others = (1 / np.maximum(error, LEAST) ** 2 for error in (its_error, others_error))
-    share = weight / np.maximum(weight + others, LEAST)
-    return share * one + (1 - share) * other
+def inverse_variance_mean(first: Six, first_std: Six, second: Six, second_std: Six) -> Six:
+    """Return the mean weighted by inverse variance, axis by axis; an infinite standard deviation leaves the other estimate
+    alone."""
+    first_weight, second_weight = (1 / np.maximum(std, _MIN_STD) ** 2 for std in (first_std, second_std))
+    share = first_weight / np.maximum(first_weight + second_weight, _MIN_STD)
+    return share * first + (1 - share) * second

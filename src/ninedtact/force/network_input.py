@@ -1,16 +1,14 @@
-"""What is known of a sensor beside its images, told to networks that ask: its gel's thickness, and how its light answers.
+"""The input of force networks, built in one place for live use and training.
 
-The light tells more than light. Its numbers are fitted to a ball press with mechanics that are taken for granted; where a gel's
-base yields, they come out unlike those of any gel on a rigid one, and a network can tell by them what the heights that were
-read with them mean.
-
-What a network of force is shown: the one place where its input is built, live and in training.
-
-    heights              Reading.height ─▶ heights at places ─▶ divided by the gel's thickness (─▶ and what is known of the sensor)
+    heights              Reading.height ─▶ orthorectified heights ─▶ divided by the gel's thickness (─▶ features of the sensor)
     deformation, mixed   Reading.rectified, .reference ─▶ darker, brighter, reference
 
-Training keeps heights in mm (`places.heights_at_places`) or grey images, changes them, and then calls the same functions as the
-live path.
+Training stores heights in mm (`orthorectification.orthorectified_heights`) or grey images, augments them, and then calls the same
+functions as the live path.
+
+The features of a sensor are its gel's thickness and how its light responds. Their values are fitted to a ball press with given
+mechanics; where a gel's base is compliant, they differ from those of any gel on a rigid one, so that a network can infer from them
+what the heights that were computed with them mean.
 """
 
 from dataclasses import dataclass, field, replace
@@ -38,60 +36,53 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 
+_PUBLISHED_MM_PER_PX = 0.0522
+"""Of the published rectified image."""
+
 
 @dataclass(frozen=True)
 class SensorFeatures:
-    """Of one sensor; the defaults are usual ones, and stand where a calibration tells none."""
+    """Features of one sensor; the defaults are typical, and stand in where a calibration has no value."""
 
     thickness_mm: float = Gel().thickness_mm
     darkening_per_mm: float = 0.1
-    """Relative darkening of the first tenth of a millimetre that is pressed in, per mm."""
+    """Relative darkening of the first tenth of a millimetre of indentation, per mm."""
     brightening_per_mm: float = 0.35
-    """Relative brightening, per mm that the skin bulges."""
+    """Relative brightening, per mm of bulge."""
     point_spread_mm: float = TYPICAL_POINT_SPREAD_MM
-    """How far light scatters in the gel, a standard deviation."""
+    """Standard deviation of the distance over which light scatters in the gel."""
     global_dimming: float = TYPICAL_GLOBAL_DIMMING
     """Relative loss of light everywhere, per mean darkening of the view."""
 
     @property
-    def row(self) -> Float32[Array, " traits"]:
-        """All numbers, as training keeps them."""
+    def row(self) -> Float32[Array, " features"]:
+        """All features in order, as training stores them."""
         return np.array(list(vars(self).values()), np.float32)
 
 
 TYPICAL_FEATURES = SensorFeatures()
-FEATURE_COUNT = len(TYPICAL_FEATURES.row)
 
 
 def sensor_features_of(shape: CalibratedShape, gel: Gel) -> SensorFeatures:
-    """As the calibration has them."""
-    curve, usual = shape.curve, TYPICAL_FEATURES
+    """Return the features of a calibrated sensor with this gel."""
+    curve, typical = shape.curve, TYPICAL_FEATURES
     if curve.signal != "ratio":
         return SensorFeatures(gel.thickness_mm)
     return SensorFeatures(
         gel.thickness_mm,
-        initial_slope(curve.darkening, curve.indentation_mm, usual.darkening_per_mm),
-        initial_slope(curve.brightening, curve.bulge_mm, usual.brightening_per_mm),
-        usual.point_spread_mm if shape.deblurring is None else shape.deblurring.point_spread_mm,
+        _initial_slope(curve.darkening, curve.indentation_mm, typical.darkening_per_mm),
+        _initial_slope(curve.brightening, curve.bulge_mm, typical.brightening_per_mm),
+        typical.point_spread_mm if shape.deblurring is None else shape.deblurring.point_spread_mm,
         shape.loss.global_dimming,
     )
 
 
-def initial_slope(signal: tuple[float, ...], mm: tuple[float, ...], usual: float) -> float:
-    """Of a curve at its beginning."""
-    return signal[1] / mm[1] if len(signal) > 1 and mm[1] > 0 else usual
-
-
-WHOLE_MM_PER_PX = 0.0522
-"""Of the published rectified image."""
-
-
 class NetworkInputImpossible(ForceError):
-    """A network's input that cannot be built, or cannot be had of this reading."""
+    """A network's input that cannot be built, or not from this reading."""
 
 
 class InputChannels(StrEnum):
-    """What the channels are, in their order; the words are kept with the model."""
+    """What the channels are, in their order; the text is stored in the model's card."""
 
     HEIGHTS = "height / gel thickness"
     HEIGHTS_AND_GEL = "height / gel thickness, gel thickness / 2.5 mm"
@@ -101,26 +92,31 @@ class InputChannels(StrEnum):
 
     @property
     def of_heights(self) -> bool:
-        """Whether they are made of the height map, and not of the image."""
-        return self in TRAITS_TOLD
+        """Whether they are computed from the height map, and not from the image."""
+        return self in _FEATURE_CHANNELS
+
+    @property
+    def needs_sensor_features(self) -> bool:
+        """Whether features of the sensor beyond its gel's thickness are channels."""
+        return _FEATURE_CHANNELS.get(self, 0) > 1
 
     @property
     def layout(self) -> ChannelLayout:
-        """Of those made of images."""
+        """The layout of channels that are computed from the image."""
         return ChannelLayout(self.value)
 
     @property
     def number(self) -> int:
-        """How many."""
-        return 1 + TRAITS_TOLD[self] if self.of_heights else 3
+        """The number of channels."""
+        return 1 + _FEATURE_CHANNELS[self] if self.of_heights else 3
 
 
-TRAITS_TOLD = {
+_FEATURE_CHANNELS = {
     InputChannels.HEIGHTS: 0,
     InputChannels.HEIGHTS_AND_GEL: 1,
-    InputChannels.HEIGHTS_AND_SENSOR: FEATURE_COUNT,
+    InputChannels.HEIGHTS_AND_SENSOR: len(TYPICAL_FEATURES.row),
 }
-"""How many of a sensor's traits are channels of their own, each the same everywhere."""
+"""Number of a sensor's features that are channels of their own, each the same everywhere."""
 
 
 @dataclass(frozen=True)
@@ -141,44 +137,44 @@ class NetworkInputSettings:
 
     @property
     def grid(self) -> SkinGrid:
-        """Where its pixels are."""
+        """The grid of its pixels on the skin."""
         return SkinGrid(self.rows, self.cols, self.mm_per_px)
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """InputChannels, rows, columns."""
+        """Number of channels, rows and columns."""
         return self.channels.number, self.rows, self.cols
 
 
 def full_resolution_input(channels: InputChannels) -> NetworkInputSettings:
-    """All pixels of the rectified image."""
+    """Return settings with all pixels of the rectified image."""
     view = FieldOfView()
-    return NetworkInputSettings(channels, view.rows, view.cols, WHOLE_MM_PER_PX)
+    return NetworkInputSettings(channels, view.rows, view.cols, _PUBLISHED_MM_PER_PX)
 
 
 def resize_network_input(settings: NetworkInputSettings, size: tuple[int, int]) -> NetworkInputSettings:
-    """The same skin on so many columns and rows."""
+    """Return settings that show the same skin on another number of columns and rows."""
     cols, rows = size
     width_mm = settings.cols * settings.mm_per_px
     return replace(settings, rows=rows, cols=cols, mm_per_px=width_mm / cols if cols else 0.0)
 
 
 def scale_network_input_width(settings: NetworkInputSettings, width_mm: float) -> NetworkInputSettings:
-    """The same pixels on skin of another width than the published sensor's."""
+    """Return settings with the same pixels on skin of another width than the published sensor's."""
     return replace(settings, mm_per_px=settings.mm_per_px * (width_mm / SensingArea().width_mm))
 
 
 @dataclass
 class NetworkInputBuilder:
-    """From a reading to what the network is shown. It keeps the last reference at the network's size."""
+    """Builds the network's input from a reading. It keeps the last reference at the network's size."""
 
     settings: NetworkInputSettings = field(default_factory=NetworkInputSettings)
-    traits: SensorFeatures = TYPICAL_FEATURES
+    features: SensorFeatures = TYPICAL_FEATURES
     """Of this sensor."""
-    reader: DeformationReader | None = field(default=None, init=False, repr=False)
+    _reader: DeformationReader | None = field(default=None, init=False, repr=False)
 
     def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
-        """Of one reading; raises `NetworkInputImpossible`, `ImagesDoNotMatch`."""
+        """Return the input for one reading; raises `NetworkInputImpossible`, `ImagesDoNotMatch`."""
         if self.settings.channels.of_heights:
             return self.of_height(reading.height)
         if reading.reference is None:
@@ -188,26 +184,33 @@ class NetworkInputBuilder:
         return self.of_image(reading.rectified, reading.reference)
 
     def of_height(self, height: HeightMap) -> Float32[Array, "channels rows cols"]:
-        """Of a height map."""
+        """Return the input for a height map."""
         z_mm = orthorectified_heights(height, self.settings.grid)
-        return np.asarray(stack_height_channels(z_mm, self.traits.row, self.settings.channels))
+        return np.asarray(stack_height_channels(z_mm, self.features.row, self.settings.channels))
 
     def of_image(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
-        """Of an image and the untouched one, both shown whole whatever their pixels measure; raises `ImagesDoNotMatch`."""
-        if self.reader is None or self.reader.reference is not reference:
-            self.reader = DeformationReader(reference, (self.settings.rows, self.settings.cols))
-        return deformation_channels(self.reader(rectified), self.settings.channels.layout)
+        """Return the input for an image and its reference, both whole whatever their pixels measure; raises `ImagesDoNotMatch`."""
+        if self._reader is None or self._reader.reference is not reference:
+            self._reader = DeformationReader(reference, (self.settings.rows, self.settings.cols))
+        return deformation_channels(self._reader(rectified), self.settings.channels.layout)
 
 
-def stack_height_channels(z_mm: Any, traits: Any, channels: InputChannels) -> Any:
-    """Heights (…, rows, cols) and traits (…, 5) of NumPy or torch → (…, channels, rows, cols)."""
-    per_image = traits[..., None, None]
+def stack_height_channels(z_mm: Any, features: Any, channels: InputChannels) -> Any:
+    """Stack heights (…, rows, cols) and features (…, 5) of NumPy or torch to (…, channels, rows, cols)."""
+    per_image = features[..., None, None]
     relative = z_mm / per_image[..., 0, :, :]
-    told = (per_image[..., at, :, :] / float(usual) + 0 * relative for at, usual in enumerate(TYPICAL_FEATURES.row))
-    return array_namespace_of(relative).stack((relative, *islice(told, TRAITS_TOLD[channels])), axis=-3)
+    constant = (
+        per_image[..., at, :, :] / float(typical) + 0 * relative for at, typical in enumerate(TYPICAL_FEATURES.row)
+    )
+    return array_namespace_of(relative).stack((relative, *islice(constant, _FEATURE_CHANNELS[channels])), axis=-3)
 
 
-def stack_image_channels(images: Any, references: Any, of: InputChannels) -> Any:
-    """Grey images and their references (…, rows, cols) of NumPy or torch → (…, 3, rows, cols)."""
+def stack_image_channels(images: Any, references: Any, channels: InputChannels) -> Any:
+    """Stack grey images and their references (…, rows, cols) of NumPy or torch to (…, 3, rows, cols)."""
     darker, brighter = split_brightness_change(images, references)
-    return stack_deformation_channels(darker, brighter, references, of.layout)
+    return stack_deformation_channels(darker, brighter, references, channels.layout)
+
+
+def _initial_slope(signal: tuple[float, ...], length_mm: tuple[float, ...], typical: float) -> float:
+    """Return the slope of a curve between its first two knots, a typical one where it has only one."""
+    return signal[1] / length_mm[1] if len(signal) > 1 and length_mm[1] > 0 else typical
