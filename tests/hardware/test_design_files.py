@@ -133,7 +133,7 @@ def test_a_thinner_gel_darkens_sooner_and_scatters_less() -> None:
     thin = brightness_model_for_design(SensorDesign(gel=Gel(1.5)))
     assert thin.darkening_per_mm > BrightnessModel().darkening_per_mm
     assert thin.point_spread_mm < BrightnessModel().point_spread_mm
-    assert thin.change(np.array([-1.5])).item() > -1
+    assert thin.brightness_change(np.array([-1.5])).item() > -1
 
 
 def test_a_thin_gel_is_calibrated_by_presses_that_it_bears() -> None:

@@ -150,7 +150,7 @@ def test_an_interrupted_page_says_that_it_is_over(stage: Stage) -> None:
         if report.status.tone == "live":
             raise KeyboardInterrupt
 
-    stage.screen.tell = interrupted  # type: ignore[method-assign]
+    stage.screen.show_report = interrupted  # type: ignore[method-assign]
     with stage.loop, pytest.raises(KeyboardInterrupt):
         stage.studio.run(stage.screen, display_hz=100.0)
     assert stage.screen.sentence == "stopped: the program has ended" and stage.screen.views[-1].is_past

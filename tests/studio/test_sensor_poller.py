@@ -122,7 +122,7 @@ def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> Non
     with SensorPoller(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
         wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
         assert isinstance(now_in(loop).trouble, RecordingTooShort)
-        assert "begin with 3 images of the untouched skin and go on, got 1 images" in sentence(loop)
+        assert "begin with 3 images of the untouched gel and then to continue, got 1 images" in sentence(loop)
 
 
 @pytest.mark.parametrize("is_silent", [False, True])
