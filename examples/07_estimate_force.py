@@ -19,15 +19,12 @@ from ninedtact import (
     press_trajectory,
     save_sensor,
 )
-from ninedtact.force.model_file import read_force_model
-from ninedtact.force.network_force import NetworkForce
-from ninedtact.force.shipped import SHIPPED_MODEL
-from ninedtact.force.traction.estimator import build_traction_force
+from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument(
-    "--force", choices=("network", "physics"), default="network", help="learnt, or without any training"
+    "--force", choices=("network", "physics", "both"), default="physics", help="learnt, without any training, or both"
 )
 parser.add_argument("--sensor", type=Path, default=Path(tempfile.gettempdir()) / "ninedtact_examples" / "twin")
 parser.add_argument("--object", default="ball:4")
@@ -37,12 +34,7 @@ options = parser.parse_args()
 twin = default_twin()
 save_sensor(options.sensor, calibrate(CalibrationImages(**vars(simulate_calibration_images(twin, frames=4)))))
 folder = load_sensor(options.sensor)
-shape, gel = folder.shape, folder.record.twin.gel
-estimator = (
-    NetworkForce(read_force_model(SHIPPED_MODEL), gel)
-    if options.force == "network"
-    else build_traction_force(shape, gel)
-)
+shape, estimator = folder.shape, load_estimator(options.force, folder)
 
 motion = press_trajectory(Pose(depth_mm=1.2), drag_mm=(0.8, 0.0))
 stage = PressSimulation(

@@ -75,6 +75,15 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     (desk / "sensor" / "force.toml").unlink()
 
 
+def test_separate_images_do_not_depend_on_their_order(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    order = [2, 0, 3, 1]
+    shuffled = [presses(desk)[number] for number in order]
+    found = asked(capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", *shuffled)
+    names = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm")
+    wrenches = np.array([[row[name] for name in names] for row in found["wrenches"]])
+    np.testing.assert_array_equal(wrenches, estimated(desk, capsys)[order])
+
+
 def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = asked(
         capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", "--about-mm", "0", "0", "-35",

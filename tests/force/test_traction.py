@@ -140,6 +140,14 @@ def test_a_forgotten_past_changes_nothing() -> None:
     np.testing.assert_array_equal(one, other)
 
 
+def test_a_contact_that_does_not_overlap_the_last_one_starts_anew() -> None:
+    fresh, used = by_height(), by_height()
+    used.estimate(reading(noisy(contact=dragged(-8.0, 5.0, 0.0))))
+    one, other = (each.estimate(reading(noisy(contact=dragged(7.0, -4.0, 0.0)))) for each in (fresh, used))
+    assert one.touching
+    np.testing.assert_array_equal(one.wrench.six, other.wrench.six)
+
+
 def test_live_search_is_short() -> None:
     force = by_height(solver=SolverSettings())
     force.estimate(reading(noisy()))

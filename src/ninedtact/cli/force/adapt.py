@@ -27,7 +27,7 @@ class Adapt:
     """Reference image (no contact) of the same session. Several are averaged."""
     press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]]
     """An image and its load in grams, such as --press five.png 512. Give it once for every press."""
-    force: str = "both"
+    force: str = "physics"
     """Estimator that is calibrated: both (network and physics), network, physics, or a force model (.onnx)."""
     dry_run: bool = False
     """Print the force scale without keeping it."""

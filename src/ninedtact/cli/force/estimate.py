@@ -9,7 +9,7 @@ import tyro
 
 from ninedtact.cli.terminal import print_result
 from ninedtact.errors import InputError
-from ninedtact.force.estimator_loading import BOTH
+from ninedtact.force.estimator_loading import PHYSICS
 
 if TYPE_CHECKING:
     from ninedtact.capture.frame_source import FrameSource
@@ -38,7 +38,7 @@ class Estimate:
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Untouched skin of the same session; given more than once, the images are averaged. A video, folder or recording may
     begin with untouched skin instead."""
-    force: str = BOTH
+    force: str = PHYSICS
     """both (network and physics), network (the model that ships), physics (no training), or a force model (.onnx)."""
     about_mm: Point = (0.0, 0.0, 0.0)
     """Point that torques are about, in the sensor's frame: 0 0 -35 is the paper's force/torque sensor."""
@@ -68,7 +68,15 @@ class Estimate:
         references = self.references
         depth = shape.depth_reader(*references) if references else None
         with Sensor(self.frames(), shape, depth_reader=depth, estimator=estimator) as sensor:
-            yield from named(self.source, sensor)
+            for name, reading in named(self.source, sensor):
+                yield name, reading
+                if self.images_are_separate:
+                    estimator.forget()
+
+    @property
+    def images_are_separate(self) -> bool:
+        """Whether the images do not follow on each other in time: single images, or a folder of them, but no video or recording."""
+        return all(is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
 
     def frames(self) -> "FrameSource":
         """The images that were named, as a source; raises `NothingToEstimate`."""

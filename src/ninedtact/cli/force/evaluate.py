@@ -27,7 +27,7 @@ class Evaluate:
     Optional columns: eFx … eTz (claimed standard deviations), object, sensor."""
     data: Path | None = None
     """Data set on which an estimator is evaluated, in place of --predictions."""
-    force: str = "both"
+    force: str = "physics"
     """Estimator: network (the shipped one), physics, both, a force model (.onnx) or the original project's weights (.pt)."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name.
