@@ -50,7 +50,7 @@ def test_everything_is_there(folder: Path) -> None:
     found = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     assert sorted(manifest["files"]) == found
     for name, part in manifest["parts"].items():
-        assert f"{part['way']}/{name}.step" in found and f"images/{name}.png" in found
+        assert f"{part['method']}/{name}.step" in found and f"images/{name}.png" in found
         assert (f"printed/{name}.stl" in found) == (part["method"] == "printed")
         plate = f"cut/{name}_{part['box_mm'][2]:.2f}mm.dxf"
         assert (plate in found) == (part["method"] == "cut")
@@ -125,18 +125,18 @@ def test_stl_is_watertight_and_as_large_as_the_solid(variant: str, name: str, re
 
 WRITTEN = """
 from hashlib import sha256
-from ninedtact.hardware.design import default_hardware
-from ninedtact.hardware.drawings.drawing_sheet import Sheet
-from ninedtact.hardware.drawings.drawing_sheet import table
-from ninedtact.hardware.export.laser_cutting import dxf
-from ninedtact.hardware.export.solid_files import step
+from ninedtact.hardware.design import default_hardware_design
+from ninedtact.hardware.drawings.drawing_sheet import DrawingSheet, build_drawing_notes
+from ninedtact.hardware.export.laser_cutting import part_to_dxf
+from ninedtact.hardware.export.solid_files import part_to_step
+from ninedtact.hardware.parts.cut_and_cast_parts import build_first_mould
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
-from ninedtact.hardware.parts.cut_and_cast_parts import first_mould
 
-design = default_hardware()
-part = BuiltPart("first_mould", "cut", first_mould(design))
-drawn = [content for _, content in Sheet(part, table(design, part)).to_svg_and_pdf()]
-print([sha256(content).hexdigest() for content in (dxf(part.solid), step(part.name, part.solid), *drawn)])
+design = default_hardware_design()
+part = BuiltPart("first_mould", "cut", build_first_mould(design))
+drawn = [content for _, content in DrawingSheet(part, build_drawing_notes(design, part)).to_svg_and_pdf()]
+written = part_to_dxf(part.solid), part_to_step(part.name, part.solid), *drawn
+print([sha256(content).hexdigest() for content in written])
 """
 
 
