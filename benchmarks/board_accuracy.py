@@ -16,9 +16,13 @@ from figures import Figure, answer, at_most, holds
 from real_images import sensor_folders
 
 from ninedtact import SensorDesign, read_image
-from ninedtact.calibration.board.board_fit import BoardFit, fit_board
+from ninedtact.calibration.board.board_fit import (
+    BoardFit,
+    fit_board,
+    integer_pin_centres_px,
+    published_leave_one_out_errors_mm,
+)
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms, rms_vector_length
-from ninedtact.calibration.board.published_method import integer_pin_centres_px, published_leave_one_out_errors_mm
 
 SENSOR_A_MM = 0.05
 OF_ORIGINAL = 0.8

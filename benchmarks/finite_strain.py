@@ -23,11 +23,11 @@ from scipy.optimize import minimize_scalar
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact import Contact
-from ninedtact.mechanics.contact_model import ContactModel
-from ninedtact.mechanics.finite_strain import (
+from ninedtact.mechanics.contact_model import (
     BULGE_GROWTH,
     LOAD_STIFFENING,
     PRESSURE_STIFFENING,
+    ContactModel,
     finite_strain_height_mm,
     finite_strain_load_factor,
     finite_strain_traction_mpa,
@@ -231,7 +231,7 @@ def worst_and_rms(pair: Pair, heights_mm: Float[Array, " radii"]) -> str:
 
 
 def corrected(ball_mm: float, together: list[Pair]) -> list[Figure]:
-    """What is left after the corrections of `ninedtact.mechanics.finite_strain`; the linear model's own error as peer."""
+    """What is left after the corrections of `ninedtact.mechanics.contact_model`; the linear model's own error as peer."""
     name, plain = f"{ball_mm:g} mm ball, sticks, all depths: ", [1 / pair.load_ratio for pair in together]
     by_factor = [finite_strain_load_factor(np.float64(pair.strain)) / pair.load_ratio for pair in together]
     by_field = [pair.stiffened_load / pair.elements.load for pair in together]

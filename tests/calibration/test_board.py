@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from known_sensor import KnownSensor, with_board
 
-from ninedtact.calibration.board.board_fit import fit_board
-from ninedtact.calibration.board.detection import BoardNotFound
-from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
-from ninedtact.calibration.board.published_method import (
+from ninedtact.calibration.board.board_fit import (
+    fit_board,
     fit_published_pin_map,
     integer_pin_centres_px,
     published_leave_one_out_errors_mm,
 )
+from ninedtact.calibration.board.detection import BoardNotFound
+from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
 from ninedtact.calibration.brightness import ImageUnusable
 from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.design import PinBoard

@@ -20,9 +20,9 @@ from ninedtact.dataset.generation.generate import GenerationResult, generate_dat
 from ninedtact.dataset.generation.press_trajectory import PressSettings, PressTarget, ScriptedPress
 from ninedtact.dataset.generation.session import make_setup
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
+from ninedtact.dataset.parquet_files import WorkersImpossible
 from ninedtact.dataset.schema import arrow_schema
 from ninedtact.dataset.statistics import REAL_PERCENTILES, move_to_force_sensor, percentile_errors, wrench_percentiles
-from ninedtact.dataset.worker_pool import WorkersImpossible
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.batched.requests import run_on_processor

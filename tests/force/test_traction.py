@@ -8,6 +8,7 @@ import pytest
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
+from ninedtact.force.traction.forward_model import COMPLIANT_BASE
 from ninedtact.force.traction.inversion import SolverSettings
 from ninedtact.force.traction.observation import (
     BrightnessObservationModel,
@@ -15,7 +16,6 @@ from ninedtact.force.traction.observation import (
     TractionImpossible,
     build_brightness_observation_model,
 )
-from ninedtact.force.traction.substrate import COMPLIANT_BASE
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.indenter_primitives import Ball

@@ -8,7 +8,15 @@ import pytest
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import estimate_cell_noise
 from ninedtact.force.traction.cell_grid import CellGrid, _averaging_weights, cell_grid_over_image
-from ninedtact.force.traction.forward_model import ForwardModel, InfluenceKernels
+from ninedtact.force.traction.forward_model import (
+    COMPLIANT_BASE,
+    TYPICAL_SLOPE_RATIO,
+    ForwardModel,
+    InfluenceKernels,
+    Substrate,
+    bulge_to_dent_slope_ratio,
+    identify_substrate,
+)
 from ninedtact.force.traction.linearisation import (
     DiscretePrior,
     LinearisedProblem,
@@ -18,13 +26,6 @@ from ninedtact.force.traction.linearisation import (
 )
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
 from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
-from ninedtact.force.traction.substrate import (
-    COMPLIANT_BASE,
-    TYPICAL_SLOPE_RATIO,
-    Substrate,
-    bulge_to_dent_slope_ratio,
-    identify_substrate,
-)
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.skin import Skin, gel_skin
 from ninedtact.quantities import Traction

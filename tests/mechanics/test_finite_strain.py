@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact_model import ContactModel
-from ninedtact.mechanics.finite_strain import (
+from ninedtact.mechanics.contact_model import (
     MAX_FITTED_DEPTH_OVER_THICKNESS,
+    ContactModel,
     finite_strain_height_mm,
     finite_strain_load_factor,
     finite_strain_traction_mpa,

@@ -13,11 +13,11 @@ from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, Sa
 from ninedtact.capture.sampling_rule import SamplingRuleSettings
 from ninedtact.cli.collect import handle_keys
 from ninedtact.cli.collect_screen import CollectScreen, histogram_lines, progress_line
-from ninedtact.cli.options import CollectOptions
+from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.quantities import Frame
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
+from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
 from ninedtact.recording.collecting.sample_faults import ClockDriftMonitor, SampleFault
-from ninedtact.recording.collecting.settings import CollectSettings, CollectSettingsInvalid
 from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording

@@ -31,7 +31,7 @@ from ninedtact.open_sensor import live_source_for, load_named_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
-from ninedtact.recording.collecting.settings import CollectSettings
+from ninedtact.recording.collecting.pair_selection import CollectSettings
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments

@@ -13,15 +13,16 @@ import numpy as np
 from ninedtact.calibration.ball.ball_fit import BallFit, DepthMethod, fit_ball
 from ninedtact.calibration.ball.contact_circle import reference_drift_warnings
 from ninedtact.calibration.ball.physics_method import PhysicsDepthFit
-from ninedtact.calibration.board.board_fit import BoardFit, fit_board
-from ninedtact.calibration.board.lattice import CameraRotation
-from ninedtact.calibration.board.lens_fit import rms_vector_length
-from ninedtact.calibration.board.published_method import (
+from ninedtact.calibration.board.board_fit import (
+    BoardFit,
     anchored_mm_per_px_std,
+    fit_board,
     fit_published_pin_map,
     integer_pin_centres_px,
     published_leave_one_out_errors_mm,
 )
+from ninedtact.calibration.board.lattice import CameraRotation
+from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, to_grey_float
 from ninedtact.calibration.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
 from ninedtact.calibration.sensor_folder import SensorFolder

@@ -20,8 +20,7 @@ from ninedtact.capture.frame_source import (
     SourceNotOpen,
 )
 from ninedtact.capture.image_file import ImageUnreadable, read_image, require_image_size
-from ninedtact.capture.library_output import silence_video_libraries
-from ninedtact.capture.opencv_capture import FrameGrabber
+from ninedtact.capture.opencv_capture import FrameGrabber, silence_video_libraries
 from ninedtact.quantities import Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")

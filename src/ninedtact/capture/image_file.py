@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Shaped, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.library_output import capture_output
+from ninedtact.capture.opencv_capture import capture_output
 from ninedtact.errors import FileFormatError
 
 _LARGEST_PIXELS = 100_000_000

@@ -12,8 +12,7 @@ from ninedtact.capture.frame_source import (
     SourceNotOpen,
     SourceUnknown,
 )
-from ninedtact.capture.library_output import silence_video_libraries
-from ninedtact.capture.opencv_capture import FrameGrabber
+from ninedtact.capture.opencv_capture import FrameGrabber, silence_video_libraries
 from ninedtact.quantities import Frame
 
 _SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")

@@ -24,8 +24,7 @@ from ninedtact.capture.frame_source import (
     CameraSettings,
     SourceNotOpen,
 )
-from ninedtact.capture.library_output import silence_video_libraries
-from ninedtact.capture.opencv_capture import FrameGrabber, OpenCvCapture
+from ninedtact.capture.opencv_capture import FrameGrabber, OpenCvCapture, silence_video_libraries
 from ninedtact.quantities import Frame
 
 _SILENCE_LIMIT_S = 2

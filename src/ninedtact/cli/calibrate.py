@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.options import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
+from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
 from ninedtact.cli.terminal import print_result
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError

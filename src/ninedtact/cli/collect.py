@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader
-from ninedtact.cli.options import CollectOptions
+from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.cli.record import require_duration, require_new_recording
 from ninedtact.cli.terminal import print_result, stop_on_signal
 from ninedtact.open_sensor import (
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.recording.collecting.collect_setup import CollectSetup
     from ninedtact.recording.collecting.collector import Collector
-    from ninedtact.recording.collecting.settings import CollectSettings
+    from ninedtact.recording.collecting.pair_selection import CollectSettings
     from ninedtact.recording.merge_streams import MergedArrival
     from ninedtact.recording.metadata import RecordingMetadata
 

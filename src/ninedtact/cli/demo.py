@@ -15,7 +15,7 @@ from ninedtact.cli.live import (
     require_page_library,
     serve_sensor_page,
 )
-from ninedtact.cli.options import DesignFileOption, read_design_or_default, require_sensor_or_design
+from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 

@@ -153,8 +153,7 @@ class ExploreCommand:
         _require_build123d()
         from tqdm import tqdm
 
-        from ninedtact.hardware.explore.design_comparison import format_comparison_table
-        from ninedtact.hardware.explore.design_sweep import explore_designs
+        from ninedtact.hardware.explore.design_sweep import explore_designs, format_comparison_table
 
         basis = self.design_options.read_hardware()
         choices = [*self.design_sweep.designs(basis)]
@@ -180,7 +179,7 @@ class ExploreCommand:
         """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.hardware.design import hardware_design_to_toml
-        from ninedtact.hardware.explore.design_comparison import comparison_to_csv, plot_comparison
+        from ninedtact.hardware.explore.design_sweep import comparison_to_csv, plot_comparison
 
         if self.out is None:
             return []

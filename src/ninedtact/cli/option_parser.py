@@ -1,4 +1,6 @@
-"""Command line arguments → one command, with help texts as a person expects them.
+"""Options that commands share, as plain choices: the rooms that give them meaning load only when a command runs.
+
+Command line arguments → one command, with help texts as a person expects them.
 
 The options are the fields of the commands' dataclasses, read by tyro. Its rules are extended here, once for all commands: defaults
 that say nothing are left out (none, false, an empty list), an option that may be left out shows only its type, and the lines of a
@@ -6,11 +8,116 @@ docstring are joined to sentences.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import is_dataclass, replace
-from typing import Annotated, Any, get_args, get_origin
+from dataclasses import dataclass, is_dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
 import tyro
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
+
+from ninedtact.design import SensorDesign
+from ninedtact.errors import InputError
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.procedure import CalibrationSettings
+    from ninedtact.recording.collecting.pair_selection import CollectSettings
+
+
+DesignFileOption = Annotated[Path | None, tyro.conf.arg(name="design")]
+"""`--design sensor.toml`: what differs from the published sensor."""
+
+
+class DesignGivenTwice(InputError):
+    """A design in a file and another one beside it."""
+
+
+def read_design_or_default(path: Path | None) -> SensorDesign:
+    """The design in the file, or that of the published sensor; raises what `read_design_file` raises."""
+    if path is None:
+        return SensorDesign()
+    from ninedtact.design_file import read_design_file
+
+    return read_design_file(path)
+
+
+def require_sensor_or_design(sensor: Path | None, design: Path | None) -> None:
+    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `DesignGivenTwice`."""
+    if sensor is not None and design is not None:
+        raise DesignGivenTwice(
+            f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them"
+        )
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """How to calibrate; the defaults suit every sensor seen so far."""
+
+    lens: Literal["model", "paper"] = "model"
+    """Lens model, or the paper's map (central anchors, equidistant grid, cubic radial basis) for reproduction."""
+    camera_rotation_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
+    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
+    method: Literal["physics", "ratio", "table"] = "physics"
+    """Depth from the brightness factor, or from the paper's mapping list of grey differences."""
+
+    def settings(self) -> "CalibrationSettings":
+        """The same as the calibration room names it."""
+        from ninedtact.calibration.board.lattice import CAMERA_ROTATIONS
+        from ninedtact.calibration.procedure import CalibrationSettings
+
+        ways = {str(way): way for way in CAMERA_ROTATIONS}
+        return CalibrationSettings(
+            lens=self.lens, camera_rotation_deg=ways[self.camera_rotation_deg], method=self.method
+        )
+
+
+@dataclass(frozen=True)
+class CollectOptions:
+    """Which moments become pairs; the defaults are those of the paper where it has any."""
+
+    tolerance_ms: float = 10.0
+    """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
+    camera_delay_ms: float = 0.0
+    """How long before its stamp an image shows the skin."""
+    no_contact: float = 0.03
+    """Fraction of pairs without contact."""
+    light_touch: float = 0.05
+    """Fraction of pairs whose load is below the start of the sampling rule."""
+    contact_below_n: float = -0.3
+    """F_z below which a contact begins for the sampling rule."""
+    first_below_n: tuple[float, float] = (-3.3, -0.3)
+    """The first pair of a contact is saved below a random F_z between these."""
+    ranges: tuple[float, float, float, float, float, float] = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
+    """Width of the range of each axis, N and N·m."""
+    weights: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
+    """Weight of each axis when two wrenches are compared."""
+    min_difference: float = 0.25
+    """Smallest difference between saved wrenches, as a fraction of the ranges."""
+    range_n: tuple[float, float, float] | None = None
+    """Range of the force/torque sensor along each axis, N; samples near its end are not saved."""
+    range_nm: tuple[float, float, float] | None = None
+    """Range of the force/torque sensor about each axis, N·m."""
+    reference_images: int = 10
+    """Number of reference images (no contact) at every tare."""
+
+    def settings(self) -> "CollectSettings":
+        """Return the settings of the collection; raises `SamplingRuleInvalid` or `CollectSettingsInvalid`."""
+        from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
+        from ninedtact.capture.sampling_rule import SamplingRuleSettings
+        from ninedtact.recording.collecting.pair_selection import CollectSettings
+
+        rule = SamplingRuleSettings(
+            self.contact_below_n, self.first_below_n, self.ranges, self.weights, self.min_difference
+        )
+        return CollectSettings(
+            rule=rule,
+            checks=SampleCheckSettings(self.range_n, self.range_nm),
+            tolerance_ms=self.tolerance_ms,
+            camera_delay_ms=self.camera_delay_ms,
+            no_contact=self.no_contact,
+            light_touch=self.light_touch,
+            reference_images=self.reference_images,
+        )
+
 
 _SILENT_DEFAULTS = ("", "None", "False")
 _NO_DEFAULT = "tyro.MISSING"

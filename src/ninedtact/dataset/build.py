@@ -19,7 +19,14 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.dataset.card import format_build_card, require_licence
 from ninedtact.dataset.checks import CheckSettings, FileCheck, check_pair_file, combine_file_checks
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_folder
-from ninedtact.dataset.parquet_files import copy_pair_file, iterate_rows, write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import (
+    copy_pair_file,
+    iterate_rows,
+    require_workers,
+    run_in_processes,
+    write_pair_file,
+    write_reference_file,
+)
 from ninedtact.dataset.quality_report import (
     PairFinding,
     QualityReport,
@@ -31,7 +38,6 @@ from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, t
 from ninedtact.dataset.sources.source import Source, SourcePart
 from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_statistics
 from ninedtact.dataset.stored_images import stored_image_bytes
-from ninedtact.dataset.worker_pool import require_workers, run_in_processes
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,10 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
-from ninedtact.dataset.parquet_files import iterate_rows, wrench_vector
+from ninedtact.dataset.parquet_files import iterate_rows, run_in_processes, wrench_vector
 from ninedtact.dataset.quality_report import PairFault, PairFinding, QualityReport, make_quality_report
 from ninedtact.dataset.schema import WRENCH_AXES
 from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
-from ninedtact.dataset.worker_pool import run_in_processes
 from ninedtact.errors import InputError
 
 _GreyImage = UInt8[Array, "rows cols"]

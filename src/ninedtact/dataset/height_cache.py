@@ -25,10 +25,9 @@ from ninedtact.dataset.calibrated_readings import (
 )
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.image_cache import digest_files, make_cache_folder
-from ninedtact.dataset.parquet_files import iterate_rows, wrench_array
+from ninedtact.dataset.parquet_files import iterate_rows, run_in_processes, wrench_array
 from ninedtact.dataset.reader import column_names, read_pair_columns
 from ninedtact.dataset.schema import NO_OBJECT
-from ninedtact.dataset.worker_pool import run_in_processes
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 
 

@@ -88,7 +88,7 @@ def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
 
 def _shipped_model() -> Path:
     """Return the path of the model that the package ships."""
-    from ninedtact.force.shipped import SHIPPED_MODEL
+    from ninedtact.force.model_file import SHIPPED_MODEL
 
     return SHIPPED_MODEL
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES
 from ninedtact.force.evaluation.predictions import AXES
-from ninedtact.force.evaluation.published_results import PUBLISHED_SCORES
 from ninedtact.force.model_file import ModelCard
 
 VALIDATION = "validation"

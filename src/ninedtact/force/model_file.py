@@ -1,4 +1,6 @@
-"""What a force model says about itself; it is kept in the model's own file.
+"""The force model that ships with the package; `ninedtact model make --recipe shipped` makes it anew.
+
+What a force model says about itself; it is kept in the model's own file.
 
 A force model: one ONNX file that says all about itself.
 
@@ -22,6 +24,9 @@ from ninedtact.force.out_of_distribution import StatisticRange
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
+
+
+SHIPPED_MODEL = Path(__file__).parent / "shipped.onnx"
 
 
 MODEL_FORMAT = 1

@@ -16,8 +16,8 @@ from jaxtyping import Float
 from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.batching import expand_over_grid
 from ninedtact.mechanics.contact import Contact
+from ninedtact.simulation.pixel_map import FIXED_POINT_STEPS, REFINEMENT, pad_spectrum
 from ninedtact.simulation.renderer import Renderer
-from ninedtact.simulation.sightlines import FIXED_POINT_STEPS, REFINEMENT, pad_spectrum
 
 _Fields = Float[Any, "batch rows cols"]
 _Sampled = Float[Any, "batch a b"]

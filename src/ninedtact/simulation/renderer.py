@@ -11,8 +11,7 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.simulation.illumination import BrightnessModel
-from ninedtact.simulation.pixel_map import PixelMap
-from ninedtact.simulation.sightlines import REFINEMENT, SightlineGrid, blur_and_refine_fields, grid_coordinates
+from ninedtact.simulation.pixel_map import REFINEMENT, PixelMap, SightlineGrid, blur_and_refine_fields, grid_coordinates
 
 NOISE_MARGIN_PX = 61
 """Rows and columns by which the stored noise exceeds an image; every frame gets its own section."""

@@ -15,7 +15,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.dataset.calibrated_readings import CalibratedSensor, SensorCalibrationMissing
 from ninedtact.dataset.folder import SENSORS_FILE
-from ninedtact.dataset.worker_pool import run_in_processes
+from ninedtact.dataset.parquet_files import run_in_processes
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json

@@ -18,7 +18,7 @@ from ninedtact.calibration.twin.ball_press_model import PATCH
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.depth import FINE_SMOOTHING, TABLE_STEPS, Deblurring, DepthCurve, DepthReader, LightLoss
 from ninedtact.simulation.illumination import BrightnessModel
-from ninedtact.simulation.sightlines import SightlineGrid
+from ninedtact.simulation.pixel_map import SightlineGrid
 
 KNOTS = 25
 LEAST_OF_KNOT = 30

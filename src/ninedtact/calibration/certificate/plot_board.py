@@ -6,8 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.board.board_fit import SMOOTHING_PX, BoardFit
-from ninedtact.calibration.board.published_method import _leave_one_out_error_mm, integer_pin_centres_px
+from ninedtact.calibration.board.board_fit import (
+    SMOOTHING_PX,
+    BoardFit,
+    _leave_one_out_error_mm,
+    integer_pin_centres_px,
+)
 from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.calibration.certificate.checks import LEAVE_ONE_OUT_RMS_MM
 from ninedtact.calibration.certificate.plot_style import (

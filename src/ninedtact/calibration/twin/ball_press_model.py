@@ -25,7 +25,7 @@ from ninedtact.mechanics.skin import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.illumination import saturating_response_mm
-from ninedtact.simulation.sightlines import (
+from ninedtact.simulation.pixel_map import (
     REFINEMENT,
     SightlineGrid,
     blur_and_refine_fields,

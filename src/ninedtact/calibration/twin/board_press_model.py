@@ -27,7 +27,7 @@ from ninedtact.quantities import Rectified
 from ninedtact.shape.lens import Points
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.calibration_images import GRID_POINTS_PER_PIN_PITCH, pin_board_indenter
-from ninedtact.simulation.sightlines import (
+from ninedtact.simulation.pixel_map import (
     REFINEMENT,
     SightlineGrid,
     blur_and_refine_fields,

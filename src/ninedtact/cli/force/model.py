@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ninedtact.cli.force.train import require_training_packages
-from ninedtact.cli.options import DesignFileOption, read_design_or_default
+from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default
 from ninedtact.cli.terminal import print_notice, print_result
 from ninedtact.errors import ForceError
 
@@ -36,8 +36,7 @@ class _ShowModelCard:
         import msgspec
 
         from ninedtact.force.model_card_page import format_model_card
-        from ninedtact.force.model_file import read_force_model
-        from ninedtact.force.shipped import SHIPPED_MODEL
+        from ninedtact.force.model_file import SHIPPED_MODEL, read_force_model
 
         card = read_force_model(self.model or SHIPPED_MODEL).card
         return print_result(self.json, msgspec.to_builtins(card), [format_model_card(card)])

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ninedtact.cli.dataset import DatasetStopped
-from ninedtact.cli.options import DesignFileOption, read_design_or_default
+from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default
 from ninedtact.cli.terminal import print_result
 
 if TYPE_CHECKING:

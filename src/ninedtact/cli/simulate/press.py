@@ -7,7 +7,7 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ninedtact.cli.options import DesignFileOption, read_design_or_default, require_sensor_or_design
+from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
 from ninedtact.cli.terminal import print_result
 from ninedtact.design import SensingArea
 

@@ -22,11 +22,10 @@ from ninedtact.dataset.card import format_generation_card
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, to_json_bytes
 from ninedtact.dataset.generation.session import GenerationSession, cached_setup, load_object, make_setup
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
-from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import require_workers, run_in_processes, write_pair_file, write_reference_file
 from ninedtact.dataset.schema import ReferenceImage
 from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_statistics
 from ninedtact.dataset.stored_images import encode_png
-from ninedtact.dataset.worker_pool import require_workers, run_in_processes
 from ninedtact.simulation.batched.device import Device, find_device
 from ninedtact.simulation.batched.executor import BatchExecutor, run_sessions
 from ninedtact.simulation.batched.requests import run_on_processor

@@ -13,14 +13,16 @@ from typing import Literal
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.force.evaluation.evaluation import GroupScores, WrenchEvaluation, force_torque_means
-from ninedtact.force.evaluation.plots import plot_evaluation
-from ninedtact.force.evaluation.predictions import AXES, Six
-from ninedtact.force.evaluation.published_results import (
+from ninedtact.force.evaluation.evaluation import (
     PAPER_OBJECT_SPLIT_MAE,
     PAPER_OBJECT_SPLIT_STD,
+    GroupScores,
+    WrenchEvaluation,
+    force_torque_means,
     published_scores_about,
 )
+from ninedtact.force.evaluation.plots import plot_evaluation
+from ninedtact.force.evaluation.predictions import AXES, Six
 
 _FORCE_DECIMALS, _TORQUE_DECIMALS, _RATIO_DECIMALS = 4, 2, 3
 _DISPLAY_SCALE = np.array([1, 1, 1, 1e3, 1e3, 1e3, 1, 1e3])

@@ -18,8 +18,8 @@ from ninedtact.design import Gel
 from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
 from ninedtact.force.estimator import ForceEstimator, zero_wrench
 from ninedtact.force.traction.cell_grid import MARGIN_CELLS, CellGrid, cell_grid_over_image
-from ninedtact.force.traction.forward_model import ForwardModel
-from ninedtact.force.traction.inversion import InversionResult, SolverSettings, TractionInversion
+from ninedtact.force.traction.forward_model import ForwardModel, identify_substrate
+from ninedtact.force.traction.inversion import InversionResult, SolverSettings, TractionInversion, UncertaintyModel
 from ninedtact.force.traction.linearisation import TractionPrior
 from ninedtact.force.traction.observation import (
     Observation,
@@ -27,8 +27,6 @@ from ninedtact.force.traction.observation import (
     TractionImpossible,
     build_brightness_observation_model,
 )
-from ninedtact.force.traction.substrate import identify_substrate
-from ninedtact.force.traction.uncertainty import UncertaintyModel
 from ninedtact.quantities import EstimateWarning, HeightMap, Traction, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape

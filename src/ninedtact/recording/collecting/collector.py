@@ -17,14 +17,13 @@ from ninedtact.capture.sampling_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collecting.pair_counts import CountedPair, PairCounts
-from ninedtact.recording.collecting.pair_selection import PairCandidate, PairSelector, ZeroDriftMonitor
+from ninedtact.recording.collecting.pair_selection import CollectSettings, PairCandidate, PairSelector, ZeroDriftMonitor
 from ninedtact.recording.collecting.sample_faults import (
     REJECTION_FAULTS,
     ClockDriftMonitor,
     SampleFault,
     SampleFaultTracker,
 )
-from ninedtact.recording.collecting.settings import CollectSettings
 from ninedtact.recording.collecting.tare import TareInProgress, TareReference
 from ninedtact.recording.merge_streams import Arrival
 from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEvent, Topic

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.force_torque.tare import TareRefused, compute_tare
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.collecting.settings import CollectSettings
+from ninedtact.recording.collecting.pair_selection import CollectSettings
 
 _BLOCK_PX = 8
 _KEEP_OFF = "leave the skin untouched"
