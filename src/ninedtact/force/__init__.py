@@ -1,7 +1,7 @@
-"""From a reading to the wrench that the object applies to the skin: by physics, by learning, or by both.
+"""Estimation of the wrench that an object applies to the skin, from one reading: by physics, by a network, or by both fused.
 
     by physics     HeightMap ──gel compliance──▶ Traction ──▶ Wrench
     by learning    Rectified ──deformation──▶ Deformation ──network──▶ Wrench
 
-An estimator answers one reading at a time (`estimator.ForceEstimator`); all are interchangeable.
+All estimators implement `estimator.ForceEstimator` and are interchangeable. `estimator_loading.load_estimator` builds one by name.
 """

@@ -5,7 +5,8 @@ noise could make it anywhere. The noise is estimated from the image itself, so t
 has not seen, and a lamp that is brighter or dimmer than it was is not a contact. **To change the contact threshold, change
 `ContactThreshold`.**
 
-`detect_contact` answers whether, from a reading alone. `find_contact_region` answers where, on the cells of the traction inversion.
+`detect_contact` returns whether anything touches, from a reading alone. `find_contact_region` returns where, on the cells of the
+traction inversion.
 """
 
 from collections.abc import Callable
@@ -27,12 +28,13 @@ class ContactThreshold:
     """How much darker than the rest of the image, after smoothing, counts as contact."""
 
     noise_stds: float = 9.0
-    """Multiples of the smoothed noise. The worst of 1,200 images without contact of 120 twins came to 7.0, on the cells of the
-    inversion to 7.7. Of contacts of 0.05 to 0.1 N a tenth is overlooked, of stronger ones two in a hundred."""
+    """Threshold in standard deviations of the smoothed noise. The largest value in 1,200 images without contact, of 120 simulated
+    sensors, was 7.0, and 7.7 on the cells of the inversion. A tenth of contacts of 0.05 to 0.1 N is overlooked, and two in
+    a hundred of stronger ones."""
     min_darkening: float = 1e-3
-    """Relative darkening below which nothing counts: a reference image is no more exact."""
+    """Relative darkening below which no contact is detected, because a reference image is no more accurate than that."""
     min_depth_mm: float = 0.03
-    """The same for a reading without a reference image, of which the heights are compared."""
+    """Indentation below which no contact is detected, for readings without a reference image, whose heights are compared."""
 
 
 @dataclass(frozen=True)
@@ -43,30 +45,34 @@ class ContactRegionSettings:
     smoothing_cells: float = 1.5
     shallow_mm: float = 0.02
     shallow_fraction: float = 0.03
-    """Of the maximum indentation: skin that is less deep than this, and than `shallow_mm`, is only drawn along."""
+    """Fraction of the maximum indentation. Skin that is less deep than this fraction, or than `shallow_mm`, does not count as
+    pressed in, because the contact beside it draws it down."""
     deep_mm: float = 0.05
     deep_fraction: float = 0.1
-    """Of the maximum indentation, which every connected part of a contact reaches somewhere."""
+    """Fraction of the maximum indentation. Every connected part of a contact reaches this fraction, and `deep_mm`, somewhere."""
     dark_fraction: float = 0.5
-    """Of the maximum darkening: what is darker than this is in contact, however shallow the depth reader has it."""
+    """Fraction of the maximum darkening. Cells that are darker than this are in contact, whatever height the depth reader gives."""
 
 
 _CELL_MM = 0.53
 _SMOOTHING_CELLS = 2.0
 _MIN_NOISE, _MIN_NOISE_MM = 2e-4, 2e-3
-"""Of one cell."""
+"""Smallest noise (standard deviation) that is assumed for one cell: relative brightness, and mm of height."""
 _SMOOTHING_RESIDUE = 0.8
 """Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is subtracted."""
 _STD_PER_MEDIAN = 1.4826
 """Standard deviation of Gaussian noise over the median of its magnitude."""
 _FAINT_PRESSURE = 0.05
-"""Of the maximum pressure: less says nothing of what lies beyond the view."""
+"""Fraction of the maximum pressure below which pressure at the border of the view is no sign of contact beyond it."""
 _RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-"""Skin at the rim of a contact may stand higher than the untouched plane."""
+"""Kernel that extends a region by one cell, because skin at the rim of a contact may stand higher than the undeformed plane."""
 
 
 def detect_contact(reading: Reading, threshold: ContactThreshold = ContactThreshold()) -> bool:
-    """Return whether the skin is darker somewhere than noise would make it; without a reference image, whether it is deeper."""
+    """Return whether the skin is darker somewhere than noise would make it.
+
+    For a reading without a reference image, heights are compared instead of brightness.
+    """
     if reading.reference is None:
         signal = _average_over_cells(reading.height.z_mm, reading.height.mm_per_px)
         min_noise, min_change = _MIN_NOISE_MM, threshold.min_depth_mm
@@ -87,9 +93,9 @@ def find_contact_region(
 ) -> View | None:
     """Return one where pressure may act and zero elsewhere, or None where nothing touches.
 
-    The region is the skin that is pressed in, in connected parts that are deep enough to be more than noise; what is dark beyond
-    warning; and the rim of both. change: the observed signal on the cells, negative where darker, with this noise. margin: cells
-    around the image.
+    The region consists of the connected parts of indented skin that are deep enough to be more than noise, the cells that are
+    much darker than the noise, and the rim of both. change: the observed signal on the cells, negative where darker, with this
+    noise. margin: number of cells around the image.
     """
     darkening = _smoothed_darkening(change, in_view, settings.smoothing_cells)
     threshold = settings.threshold
@@ -110,7 +116,10 @@ def pressure_reaches_unseen(pressure: View, in_view: View) -> bool:
 
 
 def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
-    """Return the noise (standard deviation) of one cell from what is not smooth in most cells: contacts are small, or smooth."""
+    """Return the noise (standard deviation) of one cell.
+
+    It is the median deviation of a cell from its smoothed surroundings, which contacts hardly change: they are small, or smooth.
+    """
     smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
     return float(np.median(np.abs(field - smooth))) * _STD_PER_MEDIAN / _SMOOTHING_RESIDUE
 
@@ -122,12 +131,12 @@ def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> 
 
 
 def _noise_limit(noise: float, noise_stds: float, minimum: float, smoothing_cells: float) -> float:
-    """Return the largest smoothed darkening that is no contact; smoothing leaves 1/(2·√π·cells) of white noise."""
+    """Return the largest smoothed darkening that is no contact; smoothing reduces white noise to 1/(2·√π·cells) of itself."""
     return max(noise_stds * noise / (2 * np.sqrt(np.pi) * smoothing_cells), minimum)
 
 
 def _average_over_cells(field: View, mm_per_px: float) -> Float32[Array, "few_rows few_cols"]:
-    """Return means over cells of about half a millimetre."""
+    """Return the means of a field over square cells of about half a millimetre."""
     rows, cols = (max(round(side * mm_per_px / _CELL_MM), 1) for side in field.shape)
     return np.asarray(cv2.resize(field, (cols, rows), interpolation=cv2.INTER_AREA))
 

@@ -1,16 +1,16 @@
-"""Which pairs train a force model and which test it, decided by names.
+"""Split of a data set into training and test pairs: at random, by object, by sensor, or by both; read from and written to JSON.
 
-    standard            pairs at random (the paper's: 10,000 of 100,417)
-    object              all pairs of some objects (the paper's: 18 of 175)
-    sensor              all pairs of some sensors
-    sensor_and_object   test: held-out objects on held-out sensors; train: neither; what has one of both is left out
+    standard            holds out pairs at random (the paper's: 10,000 of 100,417)
+    object              holds out all pairs of some objects (the paper's: 18 of 175)
+    sensor              holds out all pairs of some sensors
+    sensor_and_object   tests on held-out objects on held-out sensors, trains on pairs with neither, and leaves out all others
 
-Frames of one contact differ little, so a random split tests on what it has nearly trained on: `by_contact` keeps the
-pairs of a contact together. Names are ranked by a hash of the seed and themselves: the same data give the same split
-whatever the order of their rows, the machine and the version of any library. Where nothing touches (object `none`) there is no
-object to hold out: such pairs follow their sensor, or are divided at random in the proportion of the objects.
+Frames of one contact differ little, so a random split tests on pairs that are almost training pairs; `by_contact` keeps the pairs
+of a contact together. Names are ranked by a hash of the seed and the name. The same data therefore give the same split, whatever
+the order of their rows, the machine and the library versions. Pairs without contact (object `none`) have no object to hold out:
+they follow their sensor, or are divided at random in the proportion of the objects.
 
-A split on disk: JSON, an id a line, so that two can be compared.
+A split file is JSON with one id a line, so that two splits can be compared by a text comparison.
 """
 
 from collections import Counter
@@ -33,36 +33,36 @@ Kind = Literal["standard", "object", "sensor", "sensor_and_object"]
 What = Literal["pairs", "objects", "sensors"]
 Amount = int | float
 NO_OBJECT = "none"
-"""Name of the object where nothing touches."""
+"""Name of the object of pairs without contact."""
 
 
 class SplitImpossible(InputError):
-    """A split that cannot be made of these data."""
+    """A split with these settings is not possible for these data."""
 
 
 class SplitUnfit(FileFormatError):
-    """A stored split that is damaged, or belongs to other data."""
+    """A split file is damaged, or belongs to other data."""
 
 
 @dataclass(frozen=True)
 class SplitSettings:
-    """How to divide. An amount is a number (18) or a part between 0 and 1 (0.1)."""
+    """Kind of a split, and how much is held out: each amount is a number (18) or a fraction between 0 and 1 (0.1)."""
 
     kind: Kind = "standard"
     pairs: Amount = 10_000
-    """Held out by `standard`."""
+    """Amount of pairs that `standard` holds out."""
     objects: Amount = 18
-    """Held out by `object` and `sensor_and_object`."""
+    """Amount of objects that `object` and `sensor_and_object` hold out."""
     sensors: Amount = 0.2
-    """Held out by `sensor` and `sensor_and_object`."""
+    """Amount of sensors that `sensor` and `sensor_and_object` hold out."""
     by_contact: bool = False
-    """`standard` only: hold out whole contacts, as many as make up the number of pairs."""
+    """Whether `standard` holds out whole contacts, as many as make up the number of pairs."""
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class PairLabels:
-    """What a split goes by: a unique id for every pair and, where known, the object, sensor and contact of each."""
+    """Labels by which pairs are split: a unique id for every pair and, where known, its object, sensor and contact."""
 
     ids: Sequence[str]
     objects: Sequence[str] | None = None
@@ -82,7 +82,7 @@ class PairLabels:
                 )
 
     def column(self, what: Literal["objects", "sensors", "contacts"]) -> Shaped[Array, " n"]:
-        """One of them; raises `SplitImpossible` where it is not known."""
+        """Return the labels of one kind as an array; raises `SplitImpossible` where they are not known."""
         column = getattr(self, what)
         if column is None:
             raise SplitImpossible(
@@ -93,7 +93,7 @@ class PairLabels:
 
 @dataclass(frozen=True)
 class SplitRows:
-    """Places of a split's pairs in a data set."""
+    """Row indices of a split's training and test pairs in a data set."""
 
     train: Int[Array, " train"]
     test: Int[Array, " test"]
@@ -101,7 +101,7 @@ class SplitRows:
 
 @dataclass(frozen=True)
 class DatasetSplit:
-    """A division of pairs, by id; every list is sorted. `split_file` keeps it."""
+    """Ids of the training and test pairs; every list is sorted. `write_split` and `read_split` store it."""
 
     settings: SplitSettings
     train: tuple[str, ...]
@@ -111,7 +111,10 @@ class DatasetSplit:
     held_out_sensors: tuple[str, ...] = ()
 
     def rows(self, ids: Sequence[str]) -> SplitRows:
-        """Where the pairs of a data set belong; raises `SplitUnfit` unless it holds exactly this split's ids."""
+        """Return the rows of the training and test pairs in a data set with these ids.
+
+        Raises `SplitUnfit` unless the ids are exactly those of the split.
+        """
         place = {name: row for row, name in enumerate(ids)}
         known = {*self.train, *self.test, *self.left_out}
         if len(place) != len(ids) or place.keys() != known:
@@ -125,7 +128,10 @@ class DatasetSplit:
 
 
 def split_dataset(pairs: PairLabels, settings: SplitSettings = SplitSettings()) -> DatasetSplit:
-    """Divide; raises `SplitImpossible` where a part would be empty or there is too little to choose from."""
+    """Split pairs into training and test pairs.
+
+    Raises `SplitImpossible` where a part would be empty, or where there are too few objects, sensors or pairs to choose from.
+    """
     if len(pairs.ids) < 2:
         raise SplitImpossible(f"expected at least 2 pairs to divide, got {len(pairs.ids)}; record more")
     held = HeldOut(pairs, settings)
@@ -143,16 +149,16 @@ def split_dataset(pairs: PairLabels, settings: SplitSettings = SplitSettings()) 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What is held out, and of which pairs."""
+    """Computes which of the pairs a split with these settings holds out."""
 
     pairs: PairLabels
     settings: SplitSettings
 
     @property
     def divided(self) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
-        """PairLabels to test and to train with."""
+        """Masks of the test pairs and of the training pairs."""
         if self.settings.kind == "sensor_and_object":
-            # Where nothing touches the sensor alone decides: nothing of such a pair needs leaving out.
+            # Pairs without contact have no object: their sensor alone decides, and none of them is left out.
             untouched = self.pairs.column("objects") == NO_OBJECT
             of_object = np.where(untouched, self.of_sensors, self.of_objects)
             return self.of_sensors & of_object, ~(self.of_sensors | of_object)
@@ -162,7 +168,7 @@ class HeldOut:
 
     @property
     def of_pairs(self) -> Bool[Array, " n"]:
-        """PairLabels at random, or whole contacts until there are enough pairs."""
+        """Mask of randomly chosen pairs, or of randomly chosen whole contacts up to the number of pairs."""
         missing = held_out_count(self.settings.pairs, len(self.pairs.ids), "pairs")
         groups = self.pairs.column("contacts") if self.settings.by_contact else np.asarray(self.pairs.ids, dtype=str)
         sizes, held = Counter(groups.tolist()), []
@@ -175,7 +181,7 @@ class HeldOut:
 
     @property
     def of_objects(self) -> Bool[Array, " n"]:
-        """All pairs of some objects, and the same part of those in which nothing touches."""
+        """Mask of all pairs of the held-out objects, and of the same fraction of the pairs without contact."""
         objects, ids = self.pairs.column("objects"), np.asarray(self.pairs.ids, dtype=str)
         untouched = rank_by_hash(ids[objects == NO_OBJECT].tolist(), self.settings.seed, "pairs")
         share = len(self.object_names) / len(set(objects.tolist()) - {NO_OBJECT})
@@ -183,21 +189,21 @@ class HeldOut:
 
     @property
     def of_sensors(self) -> Bool[Array, " n"]:
-        """All pairs of some sensors."""
+        """Mask of all pairs of the held-out sensors."""
         return np.isin(self.pairs.column("sensors"), self.sensor_names)
 
     @cached_property
     def object_names(self) -> tuple[str, ...]:
-        """The objects held out."""
+        """Names of the held-out objects."""
         return self.chosen("objects") if "object" in self.settings.kind else ()
 
     @cached_property
     def sensor_names(self) -> tuple[str, ...]:
-        """The sensors held out."""
+        """Names of the held-out sensors."""
         return self.chosen("sensors") if "sensor" in self.settings.kind else ()
 
     def chosen(self, what: Literal["objects", "sensors"]) -> tuple[str, ...]:
-        """Some of the different names; raises `SplitImpossible`."""
+        """Return the sorted names of the objects or sensors to hold out; raises `SplitImpossible`."""
         different = set(self.pairs.column(what).tolist()) - {NO_OBJECT}
         if len(different) < 2:
             raise SplitImpossible(
@@ -209,7 +215,7 @@ class HeldOut:
 
 
 def held_out_count(amount: Amount, available: int, what: What) -> int:
-    """An amount as a number that leaves something on both sides; raises `SplitImpossible`."""
+    """Return an amount as a whole number that leaves at least one item on each side; raises `SplitImpossible`."""
     number = round(amount * available) if 0 < amount < 1 else amount
     if not (0 < number < available and number == int(number)):
         raise SplitImpossible(
@@ -220,12 +226,12 @@ def held_out_count(amount: Amount, available: int, what: What) -> int:
 
 
 def rank_by_hash(names: Iterable[str], seed: int, what: What) -> list[str]:
-    """Names in an order that looks random and depends on nothing but the seed, what they name, and each name itself."""
+    """Return names in a pseudo-random order that depends only on the seed, on `what`, and on each name itself."""
     return sorted(names, key=lambda name: (blake2b(f"{seed}/{what}/{name}".encode()).digest(), name))
 
 
 def count_with_example(names: set[str]) -> str:
-    """How many, and one of them."""
+    """Return the number of names as text, with one of them as an example."""
     return f"{len(names)} (such as {min(names)!r})" if names else "0"
 
 
@@ -233,13 +239,13 @@ SPLIT_FORMAT = 1
 
 
 def write_split(path: Path | str, split: DatasetSplit) -> None:
-    """Whole or not at all; raises `FileNotWritten`."""
+    """Write a split file atomically; raises `FileNotWritten`."""
     table = {"format": SPLIT_FORMAT, **asdict(split)}
     write_file_atomically(path, msgspec.json.format(msgspec.json.encode(table), indent=1), b"\n")
 
 
 def read_split(path: Path | str) -> DatasetSplit:
-    """What `write_split` wrote, checked; raises `SplitUnfit`."""
+    """Read and check a file that `write_split` wrote; raises `SplitUnfit`."""
     try:
         content = Path(path).read_bytes()
         version = msgspec.json.decode(content, type=dict[str, object]).get("format")

@@ -1,15 +1,14 @@
-"""What a touch did to the rectified image, as networks are shown it: darker, brighter, reference (9DTact, section IV).
+"""Deformation channels of a rectified image: darker, brighter, reference, as force networks take them (9DTact, section IV).
 
-The one place where this is defined: checks while recording, training and live use call the same functions. Differences
-are of floating numbers, so nothing wraps. An image and its reference are resized alike and before they are compared:
-the noise of a pixel, halved by its sign, would otherwise turn up as a change. The wrench of an image does not depend
-on its size.
+Recording, training and live use all call these functions. Differences are computed in floating point, so they do not wrap. An
+image and its reference are resized in the same way before they are compared: the noise of single pixels, split by its sign into
+two channels, would otherwise not average out and would appear as a change. The wrench of an image does not depend on its size.
 
-`Layout.ORIGINAL` is the three channels as the original project stores them in `encode_mixed_image`, so that its published weights
-can be used. There, three times a difference is put from float32 into uint8 unbounded (`save_data` of its
-`data_collection/collect_data.py`, `raw_image_2_representation` of its `shape_reconstruction/sensor.py`): more than 85 grey
-levels begin again at zero, modulo 256, on the machines that NumPy is built for (C leaves it open; here it is computed).
-Nothing is lost by it, 3 having the inverse 171 modulo 256.
+`ChannelLayout.ORIGINAL` is the three channels as the original project stores them in its mixed image (`encode_mixed_image`), so
+that its published weights can be used. The original casts three times a difference from float32 to uint8 without a bound
+(`save_data` of its `data_collection/collect_data.py`, `raw_image_2_representation` of its `shape_reconstruction/sensor.py`).
+Differences of more than 85 grey levels therefore wrap modulo 256 on the machines that NumPy is built for; C leaves the result of
+the cast undefined, so the remainder is computed here. No information is lost, because 3 has the inverse 171 modulo 256.
 """
 
 from dataclasses import dataclass
@@ -29,38 +28,38 @@ from ninedtact.quantities import Deformation, Rectified
 LEVELS = 256
 ORIGINAL_SCALE, ORIGINAL_INVERSE = 3, 171
 RED_PER_LEVEL, GREEN_PER_LEVEL = 5.0, 7.0
-"""As bright as the original's own image for people; a bulge is fainter than what it surrounds."""
+"""Display gains, as in the image that the original project shows; bulges change brightness less than dents."""
 SAME_SCALE = 1e-3
-"""Two images may differ by this part in their mm per pixel and still be of one sensor."""
+"""Relative difference in mm per pixel up to which two images are taken to be of one sensor."""
 
 
 class ImagesDoNotMatch(InputError):
-    """An image and its reference of different sizes, or a size that would distort the skin."""
+    """An image and its reference have different sizes, or the requested size would distort the skin."""
 
 
 class NotAMixedImage(FileFormatError):
-    """An image that the original project's arithmetic cannot have made."""
+    """An image has pixel values that the original project's mixed image cannot have."""
 
 
 class ChannelLayout(StrEnum):
-    """Which channels a network is shown, in which order; the name is kept with the model."""
+    """The channels of a network's input and their order; the text is stored in the model's card."""
 
     PLAIN = "darker, brighter, reference"
-    """Grey levels, 0 to 255, floating."""
+    """Grey levels from 0 to 255 as floating-point numbers."""
     ORIGINAL = "reference, 3 brighter, 3 darker (mod 256)"
-    """The original project's `encode_mixed_image`, its bytes as floating numbers."""
+    """The bytes of the original project's mixed image as floating-point numbers."""
 
 
 @dataclass(frozen=True)
 class DeformationReader:
-    """The untouched image of this session, to hold others against; raises `ImagesDoNotMatch`."""
+    """Computes deformations relative to one reference image (no contact); raises `ImagesDoNotMatch`."""
 
     reference: Rectified
     shape: tuple[int, int] | None = None
-    """Rows and columns of what is given; as the images where nothing is said."""
+    """Rows and columns of the deformation; None keeps those of the images."""
 
     def __call__(self, rectified: Rectified) -> Deformation:
-        """What is darker and brighter, at the size that was asked for."""
+        """Return the deformation of an image at the requested size; raises `ImagesDoNotMatch`."""
         require_match(rectified, self.reference)
         small = resized(rectified, self.shape)
         darker, brighter = split_brightness_change(small.grey, self.small_reference.grey)
@@ -70,19 +69,22 @@ class DeformationReader:
 
     @cached_property
     def small_reference(self) -> Rectified:
-        """The reference at the size that was asked for."""
+        """The reference image at the requested size."""
         return resized(self.reference, self.shape)
 
 
 def compute_deformation(
     rectified: Rectified, reference: Rectified, shape: tuple[int, int] | None = None
 ) -> Deformation:
-    """One image against its reference. shape: rows and columns. Raises `ImagesDoNotMatch`."""
+    """Return the deformation of one image relative to its reference; raises `ImagesDoNotMatch`.
+
+    shape: rows and columns of the result; None keeps those of the image.
+    """
     return DeformationReader(reference, shape)(rectified)
 
 
 def resized(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
-    """The same skin on more or fewer pixels: means over the area of each (where there are more, interpolated)."""
+    """Return the image of the same skin at another size: averaged over each new pixel, or interpolated where it is enlarged."""
     rows, cols = rectified.grey.shape
     if shape in (None, (rows, cols)):
         return rectified
@@ -92,7 +94,10 @@ def resized(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
 
 
 def split_brightness_change(images: Any, references: Any) -> tuple[Any, Any]:
-    """Darker and brighter of images of one size, (…, rows, cols); NumPy's or torch's arrays, of integers too."""
+    """Return the darker and the brighter part of the change from references to images (…, rows, cols).
+
+    Both are NumPy or torch arrays of one size, of any numeric type.
+    """
     xp = array_namespace_of(images)
     change = xp.astype(references, xp.float32) - xp.astype(images, xp.float32)
     return xp.clip(change, 0, None), xp.clip(-change, 0, None)
@@ -101,12 +106,12 @@ def split_brightness_change(images: Any, references: Any) -> tuple[Any, Any]:
 def stack_deformation_channels(
     darker: Any, brighter: Any, reference: Any, layout: ChannelLayout = ChannelLayout.PLAIN
 ) -> Any:
-    """The input of a network, (…, 3, rows, cols) float32, from its parts (…, rows, cols) in NumPy or torch."""
+    """Stack the three parts (…, rows, cols) of NumPy or torch to a network's input (…, 3, rows, cols), float32."""
     xp = array_namespace_of(darker)
     if layout is ChannelLayout.PLAIN:
         return xp.stack((darker, brighter, reference), axis=-3)
     tripled = [ORIGINAL_SCALE * xp.round(part) for part in (brighter, darker)]
-    # A remainder by hand: NumPy's own is slow on floating numbers.
+    # The remainder is computed from floor, because NumPy's remainder is slow for floating-point numbers.
     wrapped = [part - LEVELS * xp.floor(part / LEVELS) for part in tripled]
     return xp.stack((xp.round(reference), *wrapped), axis=-3)
 
@@ -114,16 +119,17 @@ def stack_deformation_channels(
 def deformation_channels(
     deformation: Deformation, layout: ChannelLayout = ChannelLayout.PLAIN
 ) -> Float32[Array, "3 rows cols"]:
-    """One deformation as a network is shown it."""
+    """Return the input of a network for one deformation."""
     return np.asarray(
         stack_deformation_channels(deformation.darker, deformation.brighter, deformation.reference, layout)
     )
 
 
 def encode_mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
-    """The original project's image of it: blue the reference, green 3·brighter, red 3·darker, modulo 256.
+    """Return the original project's mixed image (BGR): blue is the reference, green 3·brighter, red 3·darker, modulo 256.
 
-    Bit for bit where the deformation is of whole grey levels at their own size (`rectified_from_stored_image`).
+    The result is identical bit for bit where the deformation has whole grey levels and was not resized
+    (`rectified_from_stored_image`).
     """
     return np.ascontiguousarray(
         deformation_channels(deformation, ChannelLayout.ORIGINAL).transpose(1, 2, 0).astype(np.uint8)
@@ -131,7 +137,7 @@ def encode_mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
 
 
 def decode_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, stamp_ns: int = 0) -> Deformation:
-    """What the original project's image (BGR) was made of, exactly; raises `NotAMixedImage`."""
+    """Return the exact deformation that a mixed image (BGR) of the original project encodes; raises `NotAMixedImage`."""
     reference, brighter, darker = np.moveaxis(mixed.astype(np.int32), 2, 0)
     brighter, darker = (part * ORIGINAL_INVERSE % LEVELS for part in (brighter, darker))
     impossible = (darker > reference) | (brighter > LEVELS - 1 - reference) | ((darker > 0) & (brighter > 0))
@@ -147,20 +153,20 @@ def decode_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, sta
 def rectified_from_stored_image(
     image: UInt8[Array, "rows cols *bgr"], mm_per_px: float, stamp_ns: int = 0
 ) -> Rectified:
-    """A rectified image as stored, BGR or grey, in whole grey levels as the original project counts them."""
+    """Return a stored rectified image, BGR or grey, in whole grey levels as in the original project."""
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     return Rectified(np.asarray(grey, np.float32), mm_per_px, stamp_ns)
 
 
 def render_deformation(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
-    """For a person: red where darker, green where brighter, black where nothing changed; BGR."""
+    """Return an image (BGR) for display: red where darker, green where brighter, black where nothing changed."""
     green = cv2.convertScaleAbs(deformation.brighter, alpha=GREEN_PER_LEVEL)
     red = cv2.convertScaleAbs(deformation.darker, alpha=RED_PER_LEVEL)
     return np.asarray(cv2.merge([np.zeros_like(green), green, red]))
 
 
 def require_match(rectified: Rectified, reference: Rectified) -> None:
-    """Refuse images that are not of one grid."""
+    """Raise `ImagesDoNotMatch` where an image and its reference differ in size or in mm per pixel."""
     sizes = [side(image.grey) for image in (rectified, reference)]
     scales = rectified.mm_per_px, reference.mm_per_px
     if sizes[0] != sizes[1] or abs(scales[0] / scales[1] - 1) > SAME_SCALE:
@@ -171,7 +177,7 @@ def require_match(rectified: Rectified, reference: Rectified) -> None:
 
 
 def require_aspect(shape: tuple[int, int], wanted: tuple[int, int]) -> None:
-    """Refuse a size at which a pixel would not be square: off by more than one row."""
+    """Raise `ImagesDoNotMatch` for a size whose aspect ratio is off by more than one row, so that pixels would not be square."""
     rows, cols = shape
     fitting = rows * wanted[1] / cols
     if min(wanted) < 1 or abs(wanted[0] - fitting) > 1:
@@ -182,5 +188,5 @@ def require_aspect(shape: tuple[int, int], wanted: tuple[int, int]) -> None:
 
 
 def side(grey: Shaped[Array, "rows cols"]) -> str:
-    """Columns and rows in words."""
+    """Return the columns and rows of an image as text."""
     return f"{grey.shape[1]} x {grey.shape[0]} pixels"

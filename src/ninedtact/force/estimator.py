@@ -12,7 +12,7 @@ class ForceEstimator(ABC):
     """Estimates the wrench of readings. It may start from the previous reading to be quicker; `forget` makes it start anew."""
 
     name: str
-    """Shown to a person, and the key of the force scale in a sensor folder."""
+    """The name that is displayed, and the key of the force scale in a sensor folder."""
 
     @abstractmethod
     def estimate(self, reading: Reading) -> WrenchEstimate:
@@ -20,7 +20,7 @@ class ForceEstimator(ABC):
 
     @abstractmethod
     def forget(self) -> None:
-        """Forget the previous reading: the next one does not follow on it."""
+        """Forget the previous reading, so that the next one is estimated independently of it."""
 
 
 class NoForce(ForceEstimator):

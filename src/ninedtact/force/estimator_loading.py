@@ -1,4 +1,8 @@
-"""The estimator that is named after `--force`: the physics of the gel, a force model, both fused, or none."""
+"""Loading of the force estimator that `--force` names: the physics of the gel, a force model, both fused, or none.
+
+A name or a path and a calibrated sensor folder go in; a `ForceEstimator` with the folder's force scale comes out. The libraries
+that an estimator needs are imported when it is built.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,20 +20,20 @@ _MODEL_SUFFIX, _WEIGHTS_SUFFIX = ".onnx", ".pt"
 
 
 class ContactDetectionMissing(ForceError):
-    """Contact detection cannot be switched off, because the estimator has none that could be."""
+    """Contact detection cannot be switched off, because the estimator has no separate contact detection."""
 
 
 class EstimatorUnknown(InputError):
-    """A text that names no estimator."""
+    """A text names no estimator."""
 
 
 @runtime_checkable
 class CalibratedSensorFolder(Protocol):
-    """What an estimator needs of a sensor folder (`ninedtact.calibration.sensor_folder.SensorFolder`)."""
+    """The part of a sensor folder (`ninedtact.calibration.sensor_folder.SensorFolder`) that an estimator needs."""
 
     @property
     def path(self) -> Path:
-        """The folder."""
+        """Path of the sensor folder."""
 
     @property
     def shape(self) -> "CalibratedShape":
@@ -37,7 +41,7 @@ class CalibratedSensorFolder(Protocol):
 
     @property
     def gel(self) -> "Gel":
-        """The gel as calibrated or designed."""
+        """The calibrated gel, or the designed one where it was not calibrated."""
 
 
 def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
@@ -94,7 +98,7 @@ def _shipped_model() -> Path:
 
 
 def _build_fused_estimator(model: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """Return network and physics fused."""
+    """Return the estimator that fuses a force model with the physics of the gel."""
     from ninedtact.force.fusion import FusedForceEstimator
     from ninedtact.force.model_file import read_force_model
     from ninedtact.force.network_force import NetworkForce

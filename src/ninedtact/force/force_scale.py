@@ -1,11 +1,10 @@
-"""From a few presses of known weight to the newtons of one's own sensor.
+"""Force scale of a sensor: the factor from estimated to true forces, fitted to a few presses with known loads.
 
-Images tell strain, not stress: the gel's modulus, which varies from batch to batch by a quarter, is a factor on all
-six axes that no image shows. A kitchen scale does. Where presses of several weights show it, the factor may also
-grow or fall with the load (a gel that stiffens as it thins): F_true = k·F·(F/F_0)^c. Which of the two is believed is
-decided by leaving out one press at a time.
+Images show strain, not stress. The gel's shear modulus varies by a quarter from batch to batch and is an unknown factor on all six
+axes, which presses on a kitchen scale determine. The factor may also depend on the load, because the gel stiffens as it thins:
+F_true = k·F·(F/F_0)^c. Leave-one-out errors decide between a constant factor and this power law.
 
-`force.toml` in a sensor's folder: what its weighed presses said, one table for each estimator that they were read by.
+The fitted scale is kept in `force.toml` in the sensor folder, in one table for each estimator.
 """
 
 import tomllib
@@ -29,14 +28,14 @@ from ninedtact.reading import Reading
 FEWEST = 2
 FEWEST_FOR_CURVE = 4
 WIDEST_FACTOR = 5.0
-"""Between what is estimated and what was weighed: more is a wrong unit or a wrong sensor."""
+"""Largest ratio between known and estimated load, in either direction; a larger one means a wrong unit or a wrong sensor."""
 CURVE_MUST_GAIN = 0.8
-"""The curve is believed where it takes a fifth off the error of presses that it was not fitted to."""
+"""The power law is used where its leave-one-out error is below this fraction of that of a constant factor."""
 STANDARD_GRAVITY = 9.80665
 
 
 class ForceScaleImpossible(ForceError):
-    """Weighed presses that do not tell how strong a sensor's gel is."""
+    """Presses with known loads do not determine the force scale of a sensor."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class KnownLoadPress:
     """One press under a known load."""
 
     estimated_n: float
-    """−F_z as the estimator reads it, without adaptation."""
+    """−F_z of the estimator without a force scale."""
     weighed_n: float
 
     def __post_init__(self) -> None:
@@ -65,26 +64,26 @@ class KnownLoadPress:
 
 @dataclass(frozen=True)
 class ForceScale:
-    """What a sensor's own weighed presses say about its forces. The default changes nothing."""
+    """Factor by which a sensor's estimated wrenches are multiplied, as a function of the load; the default is a factor of one."""
 
     factor: float = 1.0
     curve: float = 0.0
-    """Power of the load by which the factor grows."""
+    """Exponent c of the load, with which the factor changes."""
     about_n: float = 1.0
-    """Load at which the factor is `factor`."""
+    """Load F_0 at which the factor is `factor`."""
     error: float = 0.0
-    """Of a force so corrected, as a part of it: root mean square over presses left out of the fit."""
+    """Relative error of a scaled force: root mean square over presses that are left out of the fit one at a time."""
     presses: int = 0
 
     def at(self, load_n: float) -> float:
-        """What a wrench with this estimated load is multiplied by."""
+        """Return the factor for a wrench with this estimated load."""
         if self.curve == 0 or load_n <= 0:
             return self.factor
         nearby = np.clip(load_n / self.about_n, 1 / WIDEST_FACTOR, WIDEST_FACTOR)
         return float(self.factor * nearby**self.curve)
 
     def __call__(self, estimate: WrenchEstimate) -> WrenchEstimate:
-        """The estimate in this sensor's newtons, its error with it."""
+        """Return the estimate with wrench, standard deviation and tractions scaled, and the error of the scale included."""
         wrench = estimate.wrench
         factor = self.at(-float(wrench.force_n[2]))
         scaled = Wrench(wrench.force_n * factor, wrench.torque_nm * factor, wrench.about_mm, wrench.stamp_ns)
@@ -93,7 +92,7 @@ class ForceScale:
 
 
 def scaled_traction(traction: Traction | None, factor: float) -> Traction | None:
-    """The same tractions, so many times as strong."""
+    """Return tractions multiplied by a factor; None stays None."""
     if traction is None:
         return None
     times = np.float32(factor)
@@ -101,34 +100,34 @@ def scaled_traction(traction: Traction | None, factor: float) -> Traction | None
 
 
 class ScaledForceEstimator(ForceEstimator):
-    """An estimator that answers in one sensor's newtons."""
+    """An estimator whose estimates are multiplied by the force scale of one sensor."""
 
     def __init__(self, estimator: ForceEstimator, adaptation: ForceScale) -> None:
         self.name, self.estimator, self.adaptation = estimator.name, estimator, adaptation
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """Zero stays zero."""
+        """Return the scaled estimate; a wrench of zero stays exactly zero."""
         return self.adaptation(self.estimator.estimate(reading))
 
     def forget(self) -> None:
-        """Start anew."""
+        """Forget the previous reading."""
         self.estimator.forget()
 
 
 @dataclass(frozen=True)
 class ForceScaleFit:
-    """An adaptation and what each way of adapting would leave as error, on presses that it had not seen."""
+    """A fitted force scale, and the leave-one-out errors of both ways of scaling."""
 
     adaptation: ForceScale
     unadapted: float
-    """Root mean square relative error without any."""
+    """Root mean square relative error without a force scale."""
     by_factor: float
     by_curve: float | None
-    """None where there are too few presses, or too alike."""
+    """None where there are too few presses, or where their loads are too similar."""
 
 
 def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
-    """The adaptation that predicts presses left out of its own fit best; raises `ForceScaleImpossible`."""
+    """Fit the force scale whose leave-one-out error is smallest; raises `ForceScaleImpossible`."""
     if len(presses) < FEWEST:
         raise ForceScaleImpossible(
             f"expected at least {FEWEST} presses of known weight, got {len(presses)}; press with two weights or more"
@@ -146,30 +145,30 @@ def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
 
 
 def can_bend(load: Float[Array, " n"]) -> bool:
-    """Whether the loads are many and different enough to tell a curve: a factor of two from the least to the most."""
+    """Return whether the loads (logarithms) determine a power law: at least four of them, over more than a factor of two."""
     return len(load) >= FEWEST_FOR_CURVE and bool(np.ptp(load) > np.log(2))
 
 
 def left_out_rms(load: Float[Array, " n"], wanted: Float[Array, " n"], degree: int) -> float:
-    """Relative error of every press as the others predict it."""
+    """Return the root mean square relative error of each press as a polynomial fit to the others predicts it."""
     others = ~np.eye(len(load), dtype=bool)
     fits = [np.polynomial.Polynomial.fit(load[use], wanted[use], degree) for use in others]
     return rms(np.array([wanted[n] - fit(load[n]) for n, fit in enumerate(fits)]))
 
 
 def line(x: Float[Array, " n"], y: Float[Array, " n"]) -> tuple[float, float]:
-    """Slope and height at zero."""
+    """Return slope and intercept of the least-squares line."""
     slope, height = np.polyfit(x, y, 1)
     return float(slope), float(height)
 
 
 def rms(values: Float[Array, " n"]) -> float:
-    """Root mean square."""
+    """Return the root mean square of the values."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def weight_of_grams_n(grams: float) -> float:
-    """What so many grams weigh."""
+    """Return the weight in N of a mass in grams under standard gravity."""
     return grams / 1e3 * STANDARD_GRAVITY
 
 
@@ -177,11 +176,11 @@ FORCE_SCALE_FILE = "force.toml"
 
 
 class ForceScaleFileDamaged(FileFormatError):
-    """A file of adaptations that cannot be understood."""
+    """The file of force scales cannot be read."""
 
 
 def read_force_scale(sensor: Path, estimator: str) -> ForceScale:
-    """The adaptation of this sensor for this estimator; one that changes nothing where there is none.
+    """Return the force scale of a sensor folder for this estimator, or a scale of one where there is none.
 
     Raises `ForceScaleFileDamaged`.
     """
@@ -189,7 +188,7 @@ def read_force_scale(sensor: Path, estimator: str) -> ForceScale:
 
 
 def write_force_scale(sensor: Path, estimator: str, adaptation: ForceScale) -> Path:
-    """Add or replace one estimator's table; raises `ForceScaleFileDamaged`, `FileNotWritten`."""
+    """Add or replace the table of one estimator and return the file; raises `ForceScaleFileDamaged`, `FileNotWritten`."""
     found = {**read_force_scale_tables(sensor), estimator: adaptation}
     plain: dict[str, Any] = {name: msgspec.to_builtins(one) for name, one in found.items()}
     with open_atomic_file(sensor / FORCE_SCALE_FILE) as file:
@@ -198,7 +197,7 @@ def write_force_scale(sensor: Path, estimator: str, adaptation: ForceScale) -> P
 
 
 def read_force_scale_tables(sensor: Path) -> dict[str, ForceScale]:
-    """Every table of the file; none where there is no file."""
+    """Return the force scales of a sensor folder by estimator, none where there is no file; raises `ForceScaleFileDamaged`."""
     path = sensor / FORCE_SCALE_FILE
     if not path.exists():
         return {}

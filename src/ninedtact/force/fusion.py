@@ -1,4 +1,4 @@
-"""Network and physics fused: two estimates from one image, combined on each axis by inverse variance.
+"""Fusion of network and physics: two wrench estimates from one image, combined on each axis by inverse variance.
 
 Their errors differ: the network's come from how far the contact is from its training, the physics' from what its mechanics leave
 out. The combination is better than either on most axes (docs/force.md).
@@ -19,7 +19,7 @@ from ninedtact.reading import Reading
 Six = Float64[Array, "6"]
 
 _MIN_STD = 1e-12
-"""Keeps divisions finite."""
+"""Smallest standard deviation and weight, which keeps divisions finite."""
 
 
 @dataclass

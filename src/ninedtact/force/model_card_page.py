@@ -10,7 +10,7 @@ from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.model_file import ModelCard
 
 VALIDATION = "validation"
-"""Name of the table that training itself makes: it chose the epoch by it."""
+"""Name of the table of the held-out pairs by which training chose the epoch."""
 ROWS: dict[str, tuple[str | tuple[str, ...], str]] = {
     "skill": ("skill", "{:.3f}"),
     "skill, torques 35 mm below the skin": ("skill_35_mm_below", "{:.3f}"),
@@ -21,7 +21,7 @@ ROWS: dict[str, tuple[str | tuple[str, ...], str]] = {
     "in 50 % interval": (("coverage", "50"), "{:.2f}"),
     "in 90 % interval": (("coverage", "90"), "{:.2f}"),
 }
-"""What a line is called, where it is found, how its numbers are written."""
+"""Label of each row, its key or path in a table of the card, and the format of its numbers."""
 WITH_UNITS = ("mae", "std")
 _VALIDATED_ON = """\
 Validated on simulated sensors and families of objects that had no part in the training. Every sensor was calibrated from its own
@@ -37,12 +37,12 @@ LIMITS = """\
 
 
 def format_model_card(card: ModelCard) -> str:
-    """Markdown."""
+    """Return the model card as a Markdown page."""
     return "\n".join(lines(card)) + "\n"
 
 
 def lines(card: ModelCard) -> Iterator[str]:
-    """One after the other."""
+    """Yield the lines of the page."""
     training = card.training
     yield f"# Force model `{card.name}`"
     yield ""
@@ -65,13 +65,13 @@ def lines(card: ModelCard) -> Iterator[str]:
 
 
 def judged(card: ModelCard) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Its tables, those of pairs that had no part in the training where there are any."""
+    """Yield name and table of each evaluation; the training's own table only where there is no independent one."""
     others = {name: table for name, table in card.evaluation.items() if name != VALIDATION}
     yield from (others or card.evaluation).items()
 
 
 def section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
-    """One table, the published network's skill on its own sensor below ours."""
+    """Yield the lines of one evaluation's table, with the published network's skill on its own sensor for comparison."""
     yield from ("", f"## {name[:1].upper()}{name[1:]}: {table.get('pairs', '?')} pairs", "")
     yield from (f"| | {' | '.join(AXES)} |", "|---|" + "---|" * len(AXES))
     for words, (place, written) in ROWS.items():
@@ -83,7 +83,7 @@ def section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def touches(table: Mapping[str, Any]) -> Iterator[str]:
-    """What is said of light touches, and of none."""
+    """Yield lines with the errors of light contacts and of pairs without contact."""
     for name, part in table.get("by_load", {}).items():
         if name.startswith("below"):
             yield from ("", f"F_z {name}: MAE {part['mae'][2]:.3f} N ({part['pairs']} pairs).")
@@ -96,7 +96,7 @@ def touches(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def found(table: Mapping[str, Any], place: str | tuple[str, ...]) -> Any:
-    """Six numbers, or nothing."""
+    """Return the six numbers at a key or path of a table, None where they are missing."""
     value: Any = table
     for key in (place,) if isinstance(place, str) else place:
         value = value.get(key) if isinstance(value, Mapping) else None
@@ -104,12 +104,12 @@ def found(table: Mapping[str, Any], place: str | tuple[str, ...]) -> Any:
 
 
 def row(words: str, six: Any, written: str) -> str:
-    """Of a table; a dash where there is no answer."""
+    """Return one row of a Markdown table; a dash stands for NaN."""
     cells = ("–" if np.isnan(value) else written.format(value) for value in six)
     return f"| {words} | {' | '.join(cells)} |"
 
 
 def limits(card: ModelCard) -> str:
-    """What it must not be trusted with."""
+    """Return the section on the model's limits."""
     low, high = (", ".join(f"{value:.3g}" for value in six) for six in (card.lowest, card.highest))
     return LIMITS.format(modulus=card.modulus_mpa, low=f"({low})", high=f"({high})")

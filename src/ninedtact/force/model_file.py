@@ -1,11 +1,10 @@
-"""The force model that ships with the package; `ninedtact model make --recipe shipped` makes it anew.
+"""Force model files: reading, checking and running one ONNX file that holds a network together with its model card.
 
-What a force model says about itself; it is kept in the model's own file.
+The graph takes `input` (n, channels, rows, cols) float32 and returns `wrench` (n, 6) in N and N·m. Networks that predict their own
+errors also return `scale` (n, 6), the scale of the wrench's Laplace distribution. The metadata key `ninedtact` holds the card
+(`ModelCard`) as JSON.
 
-A force model: one ONNX file that says all about itself.
-
-The graph takes `input` (n, channels, rows, cols) float32 and gives `wrench` (n, 6), N and N·m, and, where the network tells it,
-`scale` (n, 6) of the wrench's Laplace distribution. The metadata's one key `ninedtact` holds the card as JSON.
+`SHIPPED_MODEL` is the model of the package, which `ninedtact model make --recipe shipped` makes again.
 """
 
 from dataclasses import dataclass
@@ -30,12 +29,12 @@ SHIPPED_MODEL = Path(__file__).parent / "shipped.onnx"
 
 
 MODEL_FORMAT = 1
-"""Rises when an older program could no longer use the file."""
+"""Format number, raised when older versions of this package can no longer use the file."""
 SixNumbers = tuple[float, float, float, float, float, float]
 
 
 class TrainingSummary(Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a model comes from."""
+    """Data, epochs, settings and package versions of the training that a model comes from."""
 
     pairs: int
     validation_pairs: int
@@ -49,24 +48,24 @@ class TrainingSummary(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ModelCard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a user of the model must know."""
+    """Description of a force model: its input, units, ranges, training and evaluation; stored in the model file."""
 
     format: int
     name: str
     network: str
     input: NetworkInputSettings
     about_mm: tuple[float, float, float]
-    """The point that the graph's torques are about."""
+    """Point of the graph's torques."""
     modulus_mpa: float
-    """Shear modulus of the gel that the graph's wrench is for; the wrench grows in proportion to a sensor's."""
+    """Shear modulus of the gel that the graph's wrench is for; the wrench is proportional to a sensor's own modulus."""
     lowest: SixNumbers
     highest: SixNumbers
-    """Of the wrenches that it was trained with, about the skin's centre."""
+    """Largest of the training's wrenches on each axis, as `lowest` the smallest; about the skin's centre."""
     likeness: dict[str, StatisticRange]
-    """Numbers of the images that it was trained with (`likeness.py`)."""
+    """Ranges of the statistics of the training's inputs (`out_of_distribution`)."""
     training: TrainingSummary
     evaluation: dict[str, Any]
-    """Tables of `Evaluation.as_table`, by the name of what was evaluated on."""
+    """Tables of `WrenchEvaluation.to_json_dict`, by the name of the evaluated data."""
     licence: str
 
 
@@ -76,27 +75,27 @@ FATAL = 4
 
 
 class ForceModelUnusable(FileFormatError):
-    """A file that is no force model, or one that this program cannot use."""
+    """A file is no force model, or one that this version cannot use."""
 
 
 @dataclass(frozen=True)
 class WrenchPrediction:
-    """Wrenches of many images."""
+    """Predicted wrenches of n images, with their scales."""
 
     wrench: Float64[Array, "n 6"]
     scale: Float64[Array, "n 6"]
-    """Of a Laplace distribution; infinite from networks that tell none."""
+    """Scale of each wrench component's Laplace distribution; infinite for networks that predict none."""
 
 
 @dataclass(frozen=True)
 class ForceModel:
-    """A model that is ready to answer, on one thread."""
+    """A loaded force model, which runs on one thread."""
 
     card: ModelCard
     session: "InferenceSession"
 
     def __call__(self, inputs: Float32[Array, "n channels rows cols"]) -> WrenchPrediction:
-        """As the graph says, for a gel of `card.modulus_mpa` and about `card.about_mm`."""
+        """Return the predictions for a gel of `card.modulus_mpa`, with torques about `card.about_mm`."""
         found = [np.asarray(array, np.float64) for array in self.session.run(None, {INPUT_NAME: inputs})]
         return WrenchPrediction(found[0], found[1] if len(found) > 1 else np.full_like(found[0], np.inf))
 
@@ -111,7 +110,7 @@ def read_force_model(path: Path | str) -> ForceModel:
 
 
 def parse_force_model(content: bytes, name: str) -> ForceModel:
-    """The model in a file's bytes; raises `ForceModelUnusable`, which calls it by this name."""
+    """Return the model in a file's bytes; raises `ForceModelUnusable` with this name in its message."""
     session = session_of(content, name)
     card = card_of(session, name)
     require_graph(session, card, name)
@@ -119,7 +118,7 @@ def parse_force_model(content: bytes, name: str) -> ForceModel:
 
 
 def session_of(content: bytes, name: str) -> "InferenceSession":
-    """ONNX Runtime on one thread; raises `ForceModelUnusable`."""
+    """Return an ONNX Runtime session of the model that uses one thread; raises `ForceModelUnusable`."""
     try:
         from onnxruntime import InferenceSession, SessionOptions
     except ImportError as trouble:
@@ -141,7 +140,7 @@ def session_of(content: bytes, name: str) -> "InferenceSession":
 
 
 def card_of(session: "InferenceSession", name: str) -> ModelCard:
-    """What the model says about itself; raises `ForceModelUnusable`."""
+    """Return the model card from the session's metadata; raises `ForceModelUnusable`."""
     text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
     if text is None:
         raise ForceModelUnusable(
@@ -164,7 +163,7 @@ def card_of(session: "InferenceSession", name: str) -> ModelCard:
 
 
 def require_graph(session: "InferenceSession", card: ModelCard, name: str) -> None:
-    """Refuse a graph that takes or gives something else than its card says."""
+    """Raise `ForceModelUnusable` for a graph whose inputs or outputs differ from what its card describes."""
     taken = [(one.name, tuple(one.shape[1:])) for one in session.get_inputs()]
     given = [(one.name, tuple(one.shape[1:])) for one in session.get_outputs()]
     expected = [(INPUT_NAME, card.input.shape)]
@@ -176,5 +175,5 @@ def require_graph(session: "InferenceSession", card: ModelCard, name: str) -> No
 
 
 def told(ends: list[tuple[str, tuple[Any, ...]]]) -> str:
-    """Names and sizes in words."""
+    """Return the names and sizes of a graph's inputs or outputs as text."""
     return ", ".join(f"{name} {size}" for name, size in ends)
