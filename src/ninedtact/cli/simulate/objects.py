@@ -31,6 +31,6 @@ def _format_object_list(
     yield "primitives, with dimensions in mm and degrees; dimensions that are left out have defaults:"
     yield from (f"  {kind}:{dimensions}" for kind, dimensions in solids.items())
     yield "generated objects, any number of each family (gear_07; --seed for others):"
-    yield from (f"  {kind:16}{', '.join(families)}" for kind, families in generated.items())
+    yield from (f"  {kind:18}{', '.join(families)}" for kind, families in generated.items())
     yield f"mesh files ({', '.join(endings)}), with unit, side and size if need be: part.stl, part.stl@in@+x, part.stl@fit:16"
     yield "models of Thingi10K by number: thingi10k:32770"

@@ -49,7 +49,7 @@ class Press:
     seed: int = 0
     """Seed of generated objects, and of the reference image where no sensor is given."""
     json: bool = False
-    """Print the _press_to_json_dict as one JSON object."""
+    """Print the results as one JSON object."""
 
     def run(self) -> int:
         """Simulate the press, write its files and print a summary."""
