@@ -8,7 +8,7 @@ from typing import Any, Union, get_args, get_origin
 import pytest
 
 from ninedtact import __version__
-from ninedtact.cli import Command, main, parse_arguments
+from ninedtact.cli import COMMANDS, command_union, main, parse_arguments
 
 
 def command_names(commands: Any, group: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -21,7 +21,7 @@ def command_names(commands: Any, group: tuple[str, ...] = ()) -> Iterator[tuple[
             yield from command_names(command, (*group, name))
 
 
-NAMES = [(), *command_names(Command)]
+NAMES = [(), *command_names(command_union(COMMANDS))]
 
 
 @pytest.fixture

@@ -1,64 +1,45 @@
-"""The command line: one file per journey, each a frozen dataclass whose fields are the options and whose `run` works.
+"""The command line: one file per command, each a frozen dataclass whose fields are the options and whose `run` does the work.
 
-Commands import what they need when they run, so that `ninedtact --help` stays quick.
+Only the command that is named is imported, and a command imports what it needs when it runs, so that `ninedtact` starts quickly.
 """
 
 import os
 import sys
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from typing import Annotated, Any, Union
 
 import tyro
 
 from ninedtact._version import __version__
-from ninedtact.cli.calibrate import CalibrateCommand
-from ninedtact.cli.check import CheckCommand
-from ninedtact.cli.collect import Collect
-from ninedtact.cli.dataset import DATASET_DESCRIPTION, DatasetCommand
-from ninedtact.cli.demo import Demo
-from ninedtact.cli.doctor import Doctor
-from ninedtact.cli.export import Export
-from ninedtact.cli.force.adapt import Adapt
-from ninedtact.cli.force.estimate import Estimate
-from ninedtact.cli.force.evaluate import Evaluate
-from ninedtact.cli.force.model import DESCRIPTION as MODEL
-from ninedtact.cli.force.model import Model
-from ninedtact.cli.force.train import Train
-from ninedtact.cli.hardware import DESCRIPTION as HARDWARE
-from ninedtact.cli.hardware import HardwareCommand
-from ninedtact.cli.info import Info
-from ninedtact.cli.live import Live
 from ninedtact.cli.option_parser import parse_command
-from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
-from ninedtact.cli.reconstruct import ReconstructCommand
-from ninedtact.cli.record import Record
-from ninedtact.cli.simulate import DESCRIPTION as SIMULATE
-from ninedtact.cli.simulate import Simulate
 from ninedtact.errors import NinedtactError
 
-Command = (
-    Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[CalibrateCommand, tyro.conf.subcommand("calibrate")]
-    | Annotated[ReconstructCommand, tyro.conf.subcommand("reconstruct")]
-    | Annotated[CheckCommand, tyro.conf.subcommand("check")]
-    | Annotated[Live, tyro.conf.subcommand("live")]
-    | Annotated[Simulate, tyro.conf.subcommand("simulate", description=SIMULATE)]
-    | Annotated[Collect, tyro.conf.subcommand("collect")]
-    | Annotated[Record, tyro.conf.subcommand("record")]
-    | Annotated[Info, tyro.conf.subcommand("info")]
-    | Annotated[Export, tyro.conf.subcommand("export")]
-    | Annotated[DatasetCommand, tyro.conf.subcommand("dataset", description=DATASET_DESCRIPTION)]
-    | Annotated[ImportCalibrationCommand, tyro.conf.subcommand("import-calibration")]
-    | Annotated[ExportCalibrationCommand, tyro.conf.subcommand("export-calibration")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[Model, tyro.conf.subcommand("model", description=MODEL)]
-    | Annotated[Estimate, tyro.conf.subcommand("estimate")]
-    | Annotated[Adapt, tyro.conf.subcommand("adapt")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[HardwareCommand, tyro.conf.subcommand("hardware", description=HARDWARE)]
-    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
-)
-DESCRIPTION = "The software of the 9DTact tactile sensor: images in, calibrated millimetres out."
+COMMANDS = {
+    "demo": "demo:Demo",
+    "calibrate": "calibrate:CalibrateCommand",
+    "reconstruct": "reconstruct:ReconstructCommand",
+    "check": "check:CheckCommand",
+    "live": "live:Live",
+    "simulate": "simulate:Simulate",
+    "collect": "collect:Collect",
+    "record": "record:Record",
+    "info": "info:Info",
+    "export": "export:Export",
+    "dataset": "dataset:DatasetCommand",
+    "import-calibration": "original_calibration:ImportCalibrationCommand",
+    "export-calibration": "original_calibration:ExportCalibrationCommand",
+    "train": "force.train:Train",
+    "model": "force.model:Model",
+    "estimate": "force.estimate:Estimate",
+    "adapt": "force.adapt:Adapt",
+    "evaluate": "force.evaluate:Evaluate",
+    "hardware": "hardware:HardwareCommand",
+    "doctor": "doctor:Doctor",
+}
+"""Module and class of every command, in the order of `ninedtact --help`. A group of commands is a union of classes; its module
+describes it in `DESCRIPTION`."""
+DESCRIPTION = "The software of the 9DTact tactile sensor: camera images in, shape in mm and force in N out."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,10 +62,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
 
 
-def parse_arguments(arguments: Sequence[str] | None) -> Command:
-    """Turn the command line into one command."""
-    command: Command = parse_command(Command, DESCRIPTION, arguments)
-    return command
+def parse_arguments(arguments: Sequence[str] | None) -> Any:
+    """Return the command that the command line names, with its options; the program's own arguments where None is given."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words and words[0] in COMMANDS:
+        command, description = load_command(words[0])
+        return parse_command(command, description, words[1:], f"ninedtact {words[0]}")
+    return parse_command(command_union(COMMANDS), DESCRIPTION, words, "ninedtact")
+
+
+def load_command(name: str) -> tuple[Any, str | None]:
+    """Return the class of a command, or the union of a group's, and the description of a group."""
+    module_name, _, class_name = COMMANDS[name].partition(":")
+    module = import_module(f"ninedtact.cli.{module_name}")
+    return getattr(module, class_name), getattr(module, "DESCRIPTION", None)
+
+
+def command_union(names: Iterable[str]) -> Any:
+    """Return the union of commands from which tyro builds subcommands."""
+    members = []
+    for name in names:
+        command, description = load_command(name)
+        members.append(Annotated[command, tyro.conf.subcommand(name, description=description)])
+    return Union[tuple(members)]  # noqa: UP007 - the members are known only at run time
 
 
 def _print_version() -> int:

@@ -201,7 +201,7 @@ DatasetCommand = (
     | Annotated[ShowDatasetCommand, tyro.conf.subcommand("show")]
 )
 """The subcommands of `ninedtact dataset`."""
-DATASET_DESCRIPTION = "Data sets for training force estimation: built from any source, checked, shown."
+DESCRIPTION = "Data sets for training force estimation: built from any source, checked, shown."
 
 
 def _build_to_json_dict(built: "BuildResult") -> dict[str, object]:

@@ -123,14 +123,14 @@ _SILENT_DEFAULTS = ("", "None", "False")
 _NO_DEFAULT = "tyro.MISSING"
 
 
-def parse_command(commands: Any, description: str, arguments: Sequence[str] | None) -> Any:
-    """Parse the arguments into one of the commands (a union of dataclasses), the program's own arguments where None is given.
+def parse_command(commands: Any, description: str | None, arguments: Sequence[str], program: str) -> Any:
+    """Parse the arguments into a command: a dataclass, or one of a union of dataclasses. `program` is its name in the usage.
 
     Exits with code 0 after --help and 2 on wrong usage.
     """
     return tyro.cli(
         commands,
-        prog="ninedtact",
+        prog=program,
         description=description,
         args=arguments,
         registry=_plain_help_registry(),
