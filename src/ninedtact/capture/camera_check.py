@@ -1,6 +1,6 @@
-"""Examine a camera: whether it opens, its true frame rate, and whether its settings suit touch measurements.
+"""Checks a camera: whether it opens, its true frame rate, and whether its settings suit touch measurements.
 
-Some USB boards send every image twice and claim twice the rate; the rate here counts images that differ.
+Some USB boards send every image twice and report twice the rate; the true rate counts only images that differ.
 """
 
 import time

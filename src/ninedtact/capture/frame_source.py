@@ -1,7 +1,7 @@
-"""What every camera, stream and file is to the rest of the package: a `FrameSource` that is opened, read and closed.
+"""The `FrameSource` interface of every camera, stream and file: it is opened, read and closed; its errors and camera settings.
 
-A source stamps each frame on arrival (monotonic clock) and counts its own frames. Reading blocks; how long at most is a
-setting of each source, because only its driver can keep a limit. `latest_frame.LatestFrameSource` keeps a limit over any source.
+A source stamps each frame on arrival (monotonic clock) and counts its own frames. Reading blocks; the longest wait is a setting
+of each source, because only its driver can enforce a limit. `latest_frame.LatestFrameSource` enforces a limit over any source.
 """
 
 from abc import ABC, abstractmethod

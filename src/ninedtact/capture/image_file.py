@@ -1,8 +1,8 @@
-"""Image files, read strictly: an image that is incomplete would be measured as if it were whole.
+"""Reads image files strictly, because an incomplete image would be measured as if it were complete.
 
-The structure of a file is checked before any decoder sees it. Decoders differ by version in what they accept: half an image
-with a line on standard error, or a crash on a damaged animation. The structure gives the same answer on all of them.
-PNG: https://www.w3.org/TR/png-3/ section 5; JPEG: ITU-T T.81 annex B.
+The structure of a file is checked before any decoder reads it. Versions of decoders differ in what they accept: some return half
+an image with a line on standard error, others crash on a damaged animation. The check of the structure gives the same result
+with all of them. PNG: https://www.w3.org/TR/png-3/ section 5; JPEG: ITU-T T.81 annex B.
 """
 
 import zlib

@@ -1,4 +1,6 @@
-"""Wrappers that pace a source: the newest frame of a live source, and a recording played as if it were live."""
+"""Wrappers that pace a source: `LatestFrameSource` returns the newest frame of a live source, `LivePlayback` plays a recording
+at its own rate.
+"""
 
 import time
 from dataclasses import replace

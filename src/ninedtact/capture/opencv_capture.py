@@ -1,6 +1,7 @@
-"""Text that C libraries print on their own, kept off the terminal: every problem is reported once, as an error of this package.
+"""An opened cv2.VideoCapture that several threads may use, and the capture of text that C libraries print on their own.
 
-One opened cv2.VideoCapture that several threads may use: it is never released while another thread reads it.
+`FrameGrabber` never releases a device while another thread reads it. `capture_output` keeps the printed text off the
+terminal, so that every problem is reported once, as an error of this package.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Sources that survive an unplugged cable: the loss is reported once, and reading continues when the device is back."""
+"""Sources that survive an unplugged cable: they report the loss once and continue when the device is back."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""From the text that a person writes after --source to the camera, stream or file that it names."""
+"""Opens the camera, stream or file that a source address (the text after --source) names."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
-"""What every force/torque sensor is to the rest of the package: a `WrenchSource` that is opened, read and closed; its errors.
+"""The `WrenchSource` interface of every force/torque sensor: it is opened, read and closed; its errors.
 
-Like a camera it stamps each sample on arrival (monotonic clock). A sample is the wrench that the object applies to the skin,
+Like a camera, it stamps each sample on arrival (monotonic clock). A sample is the wrench that the object applies to the skin,
 in the sensor frame; the wrappers of `force_torque.pipeline` convert the axes and signs of a device.
 """
 

@@ -1,9 +1,9 @@
-"""Building one data set from sources: cut into parts, read in several processes, checked, and put together.
+"""Builds one data set from sources: cuts them into parts, reads these in several processes, checks and combines them.
 
-    sources ──parts──▶ parts/00000.pairs.parquet … ──checks──▶ report.json ──put together──▶ data/, references.parquet, README.md
+    sources ──parts──▶ parts/00000.pairs.parquet … ──checks──▶ report.json ──combine──▶ data/, references.parquet, README.md
 
-Every part depends on its source alone, and every file appears whole or not at all. A build that was stopped is run again with
-the same arguments: it makes the parts that are missing and ends with the same data set.
+Every part depends on its source alone, and every file is written completely or not at all. A build that was stopped is run again
+with the same arguments: it makes the parts that are missing and ends with the same data set.
 """
 
 import shutil

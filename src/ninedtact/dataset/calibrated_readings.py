@@ -1,4 +1,4 @@
-"""Readings of a data set: every stored image measured with the calibration of the sensor that took it."""
+"""Calibrated readings of a data set: every stored image, measured with the calibration of the sensor that took it."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""README.md of a data set, which people and Hugging Face read: what is in it, what the columns mean, and how it was made."""
+"""The data set card, README.md, for people and Hugging Face: contents of the data set, meaning of its columns, and origin."""
 
 import json
 import re

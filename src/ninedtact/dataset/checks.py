@@ -1,4 +1,4 @@
-"""Checks of every pair of a data set. Faults are listed and counted; pairs are only left out where a person asks for it.
+"""Checks of every pair of a data set. Faults are listed and counted; pairs are left out only on request.
 
 Darkening: the image is averaged over tiles of at least 6 x 6 pixels, and the darkest tile is compared with the median one. In
 simulated data, noise alone comes to 0.5 grey levels, and 2 N to more than 0.8 with every object and sensor.

@@ -1,11 +1,11 @@
-"""The folder of a data set: where its files are, how it is begun, and how a stopped build or generation is recognised.
+"""The folder of a data set: paths of its files, how it is begun, and how a stopped build or generation is recognised.
 
 settings.json        what the data set is made from; written first
 data/                files of pairs
 references.parquet   reference images (no contact)
 sensors.json         all parameters of simulated sensors, in a generated data set
 report.json          what the checks found, in a built data set
-README.md            the card; written last: where it is, the data set is finished
+README.md            the card; written last: where it exists, the data set is finished
 """
 
 import json

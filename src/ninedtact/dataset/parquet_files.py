@@ -1,8 +1,8 @@
-"""Reading and writing the Parquet files of a data set: pairs, reference images, and whole columns.
+"""Reads and writes the Parquet files of a data set (pairs, reference images, whole columns), and runs jobs on them in parallel.
 
-Files are written whole or not at all. Rows are read and written in groups, so that a file may be larger than memory.
-
-The worker pool of data sets: jobs in several processes, or on a cluster under `joblib.parallel_config`.
+Files are written completely or not at all. Rows are read and written in groups, so that a file may be larger than memory.
+`run_in_processes` is the worker pool of data sets: it runs jobs in several processes, or on a cluster under
+`joblib.parallel_config`.
 """
 
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Sequence

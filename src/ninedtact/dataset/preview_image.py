@@ -1,6 +1,6 @@
-"""An overview image of some pairs of a data set: red where darker, green where brighter, the wrench as text below.
+"""The preview image of a data set: tiles of some pairs, red where darker, green where brighter, with the wrench as text below.
 
-The pairs are sorted from the lightest to the heaviest load, so that turned axes or swapped labels are visible at a glance: a
+The pairs are sorted from the lightest to the heaviest load, so that swapped axes or labels are visible at a glance: a
 heavier contact must look larger, and the arrow (the shear force, 20 pixels a newton) must point where the object leans.
 """
 

@@ -1,4 +1,4 @@
-"""Reading a data set in training: names and wrenches in memory, images decoded once into files that are mapped into memory."""
+"""Reader of a data set for training: names and wrenches in memory, images decoded once into memory-mapped files."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

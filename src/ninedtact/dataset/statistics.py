@@ -1,4 +1,4 @@
-"""What is in a data set: counts of kinds, sensors and objects, and percentiles of its wrenches beside those of real ones."""
+"""Statistics of a data set: counts of kinds, sensors and objects, and percentiles of its wrenches beside those of real ones."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence

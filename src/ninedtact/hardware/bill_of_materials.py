@@ -1,6 +1,7 @@
 """The bill of materials: the parts of one sensor and the tools to make it, also as CSV and HTML.
 
-Prices are our estimates for single pieces in US dollars, without shipping; no shop was asked. The paper says about $15.
+Prices are our own estimates for single pieces in US dollars, without shipping; no shop was contacted. The paper states about
+$15.
 """
 
 import csv

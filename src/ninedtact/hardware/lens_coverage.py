@@ -1,4 +1,4 @@
-"""How far the lens sees: refraction from the lens front through air, acrylic and silicone."""
+"""Lens coverage: the radius that the lens sees, by refraction from the lens front through air, acrylic and silicone."""
 
 from math import asin, hypot, radians, sin, tan
 

@@ -1,5 +1,6 @@
-"""Size, sensing area, mass and cost of published sensors, as in Table I of the 9DTact paper, and where that paper and
-its design files disagree."""
+"""Published specifications of sensors: size, sensing area, mass and cost, as in Table I of the 9DTact paper; and the
+discrepancies between that paper and its design files.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

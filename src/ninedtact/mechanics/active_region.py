@@ -1,4 +1,4 @@
-"""The part of the grid in which a contact is solved: where the object can touch, rounded up so that few sizes occur.
+"""The active region of the grid, in which a contact is solved: where the object can touch, rounded up so that few sizes occur.
 
 `CroppedRegion` is one rectangle for all contacts of a batch, cut out as a smaller grid: the cheapest for one contact.
 `MaskedRegions` is a rectangle for each contact of a batch; all are solved on the whole grid and kept at zero outside their own

@@ -1,7 +1,7 @@
-"""Pressure and shear are solved alternately until neither disturbs the other.
+"""The alternating solver of a contact: solves pressure and shear in turn until neither changes the other.
 
-The two are coupled: shear raises and lowers the skin under the object, pressure spreads it, and friction holds only what
-pressure allows.
+The two are coupled. Shear raises and lowers the skin under the object, pressure displaces the skin sideways, and the friction
+limit is proportional to the pressure.
 """
 
 from dataclasses import dataclass

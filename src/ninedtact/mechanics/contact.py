@@ -1,8 +1,8 @@
-"""A solved contact: tractions on the skin, the displacements they cause, the wrench they add up to; and contacts that are refused.
+"""The solved contact: tractions on the skin, the displacements they cause, and the wrench they add up to; checks that refuse it.
 
-Fields move with the object: the middle of their grid lies over the object's origin. They are Eulerian: a value at
-(x, y) belongs to the skin that is there now, wherever it came from. (Compared with finite elements, this reading is several times
-closer than one by the points' original positions: docs/mechanics.md.)
+Fields move with the object: the middle of their grid lies over the object's origin. They are Eulerian: a value at (x, y)
+belongs to the skin that is there now, wherever it came from. Compared with finite elements, this interpretation is several
+times more accurate than one by the points' original positions (docs/mechanics.md).
 """
 
 from collections.abc import Sequence

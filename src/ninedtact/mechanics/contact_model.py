@@ -1,16 +1,15 @@
-"""Finite-strain (neo-Hookean) corrections of the linear layer under deep presses: of the load, the tractions and the heights.
+"""The contact model: a rigid object moves pose by pose over the skin (press, drag, twist, tilt, lift), and each contact is solved.
 
-Each correction has one constant, fitted to finite elements: a neo-Hookean, incompressible layer of 2.5 mm bonded to a rigid base, a
-skin that sticks, a ball of 4 mm radius pressed straight in by 0.1 to 1.9 mm. Balls of 3 and 5 mm were kept for validation
-(`benchmarks/finite_strain.py`; docs/mechanics.md has table and images). Other shapes, drags and twists were not tried. For a skin
-that slides the linear load is within 4 % down to 1.7 mm without a correction.
-
-Contact of a rigid object with the skin, pose by pose: press, drag, twist, tilt, lift.
-
-Each step starts from the one before, because friction has memory: a point that sticks is carried with the object. Fields move
+Each step starts from the last contact, because friction has memory: a point that sticks is carried with the object. Fields move
 with the object, so a point that sticks keeps its place on the grid. The object goes to a given depth, or sinks in under a given
-load. A pose with arrays in it is a batch: that many contacts are solved at once, each as it would be alone. A single contact is
+load. A pose with arrays in it is a batch: all its contacts are solved at once, each as it would be alone. A single contact is
 solved by the same code without a batch axis.
+
+Three functions correct the linear layer for finite strain (neo-Hookean gel) under deep presses: the load, the tractions and the
+heights. Each correction has one constant, fitted to finite elements: a neo-Hookean, incompressible layer of 2.5 mm bonded to a
+rigid base, a skin that sticks, a ball of 4 mm radius pressed straight in by 0.1 to 1.9 mm. Balls of 3 and 5 mm were kept for
+validation (`benchmarks/finite_strain.py`; docs/mechanics.md has table and images). Other shapes, drags and twists were not tried.
+For a skin that slides, the linear load is within 4 % down to 1.7 mm without a correction.
 """
 
 from collections.abc import Iterable, Iterator

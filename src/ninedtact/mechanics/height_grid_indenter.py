@@ -1,4 +1,4 @@
-"""Undersides sampled on a grid of heights, which generated objects and meshes become; and batches of different objects.
+"""Indenters sampled on a grid of heights, as generated objects and meshes are; and batches of different objects.
 
 The heights are a square grid, (rows, cols) along (y, x), centred on the object's origin as every grid of this package: the
 middle of n samples is index (n − 1)/2. `indenter_from_heights` puts the origin in the middle of the footprint, so that twists turn

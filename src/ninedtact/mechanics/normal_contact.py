@@ -1,8 +1,9 @@
-"""Normal contact: where the object touches the skin, and the pressure there.
+"""Normal contact: the area in which the object touches the skin, and the pressure there.
 
-The gap between skin and object is never negative, the pressure is never negative, and only one of the two differs from
-zero anywhere. Conjugate gradients on the points under pressure, with projection (Polonsky and Keer 1999, docs/references.md).
-Either the depth of the object is given, or its load: then the depth is the one at which the mean gap under pressure is zero.
+The gap between skin and object is never negative, the pressure is never negative, and at every point at least one of the two
+is zero. Projected conjugate gradients on the points under pressure solve this problem (Polonsky and Keer 1999,
+docs/references.md). Either the depth of the object is given, or its load; with a given load the depth is the one at which the
+mean gap under pressure is zero.
 """
 
 from dataclasses import dataclass, fields

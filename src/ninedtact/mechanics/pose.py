@@ -1,4 +1,4 @@
-"""The pose of a rigid object: its own frame in that of the sensor.
+"""The pose of a rigid object: position and rotation of the object's frame in the sensor's frame.
 
 The object's frame has its origin at the object's lowest point (the first to touch when it comes straight down) and z away
 from the skin. The twist about z is applied first, then the tilts about the x and y axes of the sensor.

@@ -1,4 +1,4 @@
-"""Exports a recording to files of their own: images, CSV tables, heights, and the folder of the sensor."""
+"""Exports a recording to separate files: images, CSV tables, heights, and the folder of the sensor."""
 
 import csv
 import json

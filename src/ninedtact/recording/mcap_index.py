@@ -1,8 +1,8 @@
-"""Index of an MCAP file by its records alone, so that a file that was cut short is read like a whole one.
+"""An index of an MCAP file built from its records alone, so that a truncated file is read like a complete one.
 
-https://mcap.dev/spec: after eight magic bytes come records, each an opcode, a length and its content. Messages are stored in
-chunks; each chunk is followed by records with the time and position of each message. Only those are read here; an incomplete
-record at the end is ignored. All schemas and channels are in the first chunk, where `writer` puts them.
+After eight magic bytes, an MCAP file (https://mcap.dev/spec) consists of records, each an opcode, a length and its content.
+Messages are stored in chunks; each chunk is followed by records with the time and position of each message. Only those are read
+here; an incomplete record at the end is ignored. All schemas and channels are in the first chunk, where `writer` puts them.
 """
 
 import struct

@@ -1,6 +1,6 @@
-"""Repairs a recording that was cut short, in place: writes the summary that its writer could not write.
+"""Repairs a truncated recording in place: writes the summary that its writer could not write.
 
-This package reads a recording without it; other programs may refuse it (`ros2 bag`, rosbags) or read it slowly.
+This package reads a truncated recording without repair; other programs (`ros2 bag`, rosbags) may refuse it or read it slowly.
 """
 
 import struct

@@ -1,4 +1,4 @@
-"""Reads a recording, whether it was finished or cut short: frames, wrenches, heights, labels, and a summary of its content."""
+"""Reads a recording, complete or truncated: frames, wrenches, heights, labels, and a summary of its content."""
 
 import struct
 from collections import Counter

@@ -1,4 +1,4 @@
-"""A recording as sources again: its frames and its measured wrenches, bit for bit, with their recorded stamps."""
+"""A recording as a frame source and a wrench source: its frames and measured wrenches, bit for bit, with their recorded stamps."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Records a sensor: reads its sources in the background, so that slow writing delays no source, and counts what is lost."""
+"""Records a sensor: reads its sources in the background, so that slow writing delays no source, and counts lost items."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack

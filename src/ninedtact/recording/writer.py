@@ -1,4 +1,4 @@
-"""Writes a recording: one MCAP file that is readable up to the last half second, however the program ends."""
+"""Writes a recording: one MCAP file that remains readable up to the last half second if the program is killed."""
 
 import os
 from collections import Counter

@@ -1,8 +1,9 @@
-"""Images of many contacts at once, in the array library of their skin: how a GPU renders data sets.
+"""Batched renderer: raw images of many contacts of one sensor at once, in NumPy or torch, so that a GPU renders data sets.
 
-The same optics as `Renderer`, which renders one image with OpenCV and is what this is tested against: height of the skin on the
-lines of sight, brightness model, point spread, global dimming, lens. Only the interpolation differs: OpenCV's takes one field
-in NumPy and is several times quicker there (docs/mechanics.md). Noise and 8 bits are added by whoever stores the images.
+It computes the same optics as `Renderer`, which renders one image with OpenCV and serves as its reference in the tests: height of
+the skin on the lines of sight, brightness model, point spread, global dimming, lens. Only the interpolation differs: OpenCV
+interpolates one field in NumPy and is several times faster there (docs/mechanics.md). The code that stores the images adds
+the noise and rounds to 8 bits.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The four simulated images that calibrate a twin: references, its pin board pressed, and its ball pressed."""
+"""Simulates the four images that calibrate a twin: two references (no contact), the pressed pin board, and the pressed ball."""
 
 from dataclasses import dataclass, replace
 

@@ -1,10 +1,12 @@
-"""The point of the undeformed skin that each pixel of the raw image sees: the inverse of the rectification.
+"""The pixel map and the lines of sight: which point of the skin each pixel of the raw image sees.
 
-Lines of sight over a skin that is not flat, on its periodic grid.
+`PixelMap` holds the position on the undeformed skin that each raw pixel sees, which is the inverse of the rectification;
+`WideAngleLens` computes it from a lens model.
 
-A line of sight through P on the undeformed plane meets skin of height u at P(1 + u/D), D being the distance it is seen from;
-deep skin appears displaced outwards. What the plane shows is then blurred by scattering. Between its points a smooth field is
-known exactly, by its waves: fields are refined with them, and only then interpolated linearly.
+`SightlineGrid` follows the lines of sight to skin that is not flat. A line of sight through P on the undeformed plane meets
+skin of height u at P(1 + u/D), where D is the viewing distance; deep skin therefore appears displaced outwards. The image on
+the plane is then blurred by scattering. Smooth fields are band-limited, so they are refined by their Fourier series first and
+interpolated linearly only on the finer grid.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Renders what a calibrated sensor delivers: grey images on the skin's own grid, without a raw image in between."""
+"""Renders the rectified grey images of a calibrated sensor directly on the skin's grid, without a raw image in between."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""Render the raw image of a contact: line of sight, brightness, scattering, lens and camera noise."""
+"""Renders the raw image of one contact with OpenCV: lines of sight, brightness, scattering, lens and camera noise."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""One quasi-static press of an object on a twin: down to a depth or a load, then dragged and twisted."""
+"""A scripted press: one quasi-static press of an object on a twin, down to a depth or a load, then dragged and twisted."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

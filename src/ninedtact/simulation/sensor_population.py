@@ -1,4 +1,4 @@
-"""A distribution over sensors, for training and evaluating what must work on sensors that it has not seen.
+"""A population of simulated sensors, for training and evaluating estimators on sensors that they have not seen.
 
 `sample_sensor(number, seed)` returns sensor `number` of a seed: all its parameters, its twin, and its form as JSON.
 
@@ -7,8 +7,8 @@ logarithms with their correlations and cut off at `REACH` standard deviations, b
 sensors, which `WideAngleLens` follows to 0.05 mm. Reference images: the mean grey of nine sensors. All other spreads are
 tolerances of moulding, silicone and mounting.
 
-Mechanics: two of the three kinds differ from the model with which shape and force are estimated, so that no figure rests on the
-same model on both sides.
+Mechanics: two of the three kinds differ from the model with which shape and force are estimated, so that no reported accuracy
+is computed with the same model for simulation and for estimation.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The page of a sensor and its web server: images on the left, the skin in 3D, state, measures, buttons and costs on the right."""
+"""The live page and its web server: images on the left, the skin in 3D, status, measured values and timings on the right."""
 
 import errno
 import socket

@@ -1,4 +1,4 @@
-"""The measures, the state and the wrenches of the page as pieces of HTML, which follow its light or dark theme."""
+"""The cards of the live page: measured values, status and wrenches as HTML, which follows the light or dark theme."""
 
 from html import escape
 

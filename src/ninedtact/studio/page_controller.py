@@ -1,4 +1,4 @@
-"""The page thread: takes the newest reading, decides what the page shows, reports the state of the sensor, saves readings."""
+"""The controller of the live page: takes the newest reading, decides what is shown, reports the sensor's status, saves readings."""
 
 import time
 from collections.abc import Callable, Sequence

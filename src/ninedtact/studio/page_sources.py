@@ -1,4 +1,4 @@
-"""Sources that only the page needs: a recording that repeats, and the estimates of the running estimator as wrenches."""
+"""Sources that only the live page needs: a recording that repeats, and the estimates of the running estimator as wrenches."""
 
 from dataclasses import replace
 from queue import Empty, SimpleQueue

@@ -1,4 +1,4 @@
-"""All that the page draws of one reading: image, coloured heights, and the surface with its triangles."""
+"""The view of one reading on the live page: image, coloured heights, and the surface with its triangles."""
 
 from dataclasses import dataclass, replace
 

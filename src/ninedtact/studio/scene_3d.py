@@ -1,4 +1,4 @@
-"""The 3D part of the page: the skin, true to scale, on its block of gel with a mm scale, and the wrench on it.
+"""The 3D scene of the live page: the skin, true to scale, on its block of gel with a mm scale, and the wrench on it.
 
 A wrench is drawn as an arrow where its force passes through the skin, and as an arc for the torque about z there.
 """

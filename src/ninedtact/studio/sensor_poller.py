@@ -1,6 +1,6 @@
-"""The sensor thread: reads as fast as images arrive and keeps the newest reading; the page never delays it.
+"""The sensor thread of the live page: reads as fast as images arrive and keeps the newest reading; the page never delays it.
 
-`RateMeter` and `IndentationHistory` hold the last seconds, also of readings that the page did not show.
+Its rates and its history of the indentation cover the last seconds, including readings that the page did not show.
 """
 
 from collections import deque

@@ -1,4 +1,4 @@
-"""The force thread: reads a wrench source continuously and keeps the last seconds; the page never delays it."""
+"""The force thread of the live page: reads a wrench source continuously and keeps the last seconds; the page never delays it."""
 
 from bisect import bisect_left
 from collections import deque

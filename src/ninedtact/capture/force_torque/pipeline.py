@@ -1,4 +1,4 @@
-"""From the address of a force/torque sensor to the wrench that the object applies to the skin, in the sensor frame.
+"""The pipeline from the address of a force/torque sensor to the wrench that the object applies to the skin, in the sensor frame.
 
 `DRIVERS` lists the devices by the word before the colon. `build_wrench_source` chains the wrappers: reconnection, sample
 checks, frame conversion, tare.

@@ -1,6 +1,6 @@
 """Checks that reject samples of a force/torque sensor: beyond its range, frozen, or changing faster than any load does.
 
-A rejected sample is *raised*, as `WrenchSampleRejected` with its reason, never returned: what is not returned cannot be saved.
+A rejected sample raises `WrenchSampleRejected` with its reason and is never returned, so that it cannot be saved by mistake.
 The source stays open and the next read continues. `SkippingWrenchSource` is for displays, which need no reason.
 """
 

@@ -1,7 +1,7 @@
-"""A force/torque sensor as a wrench source, and what a driver must provide for it.
+"""A force/torque sensor as a wrench source, and the `ForceTorqueDriver` interface that a device implements.
 
 A background thread receives from the driver, so that every sample is stamped when it arrives. `DeviceClock` removes the
-jitter of the transport from these stamps, `SampleCounter` counts samples that never arrived.
+jitter of the transport from these stamps; `SampleCounter` counts samples that never arrived.
 """
 
 import time

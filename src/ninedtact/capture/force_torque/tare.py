@@ -1,6 +1,7 @@
-"""The tare of a force/torque sensor: its reading without contact (weights on it, and its bias, which drifts with temperature).
+"""The tare of a force/torque sensor: its reading without contact, which consists of weights on it and of its bias.
 
-`TaredWrenchSource` subtracts it; `ZeroDrift` says how far the zero has moved since.
+`TaredWrenchSource` subtracts the tare; `ZeroDrift` states how far the zero has moved since, because the bias drifts with
+temperature.
 """
 
 from collections.abc import Sequence

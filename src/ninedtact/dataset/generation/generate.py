@@ -1,12 +1,13 @@
-"""A generated data set from beginning to end: cut into files, made by several processes or on a GPU, continued after a stop.
+"""Generates a data set with simulated sensors, file by file, in several processes or on a GPU, and continues a stopped run.
 
-Every file depends on the settings and its own number alone, and appears whole or not at all. So a run that was killed continues
-with the missing files and ends with the same bytes. Processes are joblib's, so a cluster is one line around the call
-(`dataset.worker_pool`). A GPU is used by one process, which advances many sessions together.
+Every file depends on the settings and its own number alone, and is written completely or not at all. A run that was killed
+therefore continues with the missing files and ends with the same bytes. Processes are joblib's, so that
+`joblib.parallel_config` around the call moves them to a cluster (`dataset.parquet_files.run_in_processes`). A GPU is used by
+one process, which advances many sessions together.
 
-On a GPU, which sessions form one batch depends on the settings and on the size of a batch, never on what is there already:
-arithmetic on a device rounds by the shape of its batch, and a run that continues must end with the same bytes. So a batch with
-missing files is computed again as a whole, and only those files are written.
+On a GPU, which sessions form one batch depends on the settings and on the batch size, never on the files that exist already:
+arithmetic on a device rounds by the shape of its batch, and a continued run must end with the same bytes. A batch with missing
+files is therefore computed again as a whole, and only those files are written.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence

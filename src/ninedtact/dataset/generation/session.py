@@ -1,4 +1,4 @@
-"""One session: some fifty pairs with one simulated sensor, without contact, of light touches, and of scripted presses."""
+"""A session of the data generation: some fifty pairs with one simulated sensor (no contact, light touches, scripted presses)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The settings of a generated data set. They are stored beside it; with the same version they give the same data set again."""
+"""The settings of a generated data set. They are stored with it; the same settings and version generate the same data set again."""
 
 from dataclasses import asdict, dataclass, field
 from typing import Any

@@ -1,4 +1,4 @@
-"""A data set that exists already, built or generated: its images are copied byte by byte."""
+"""An existing data set, built or generated, as a source of pairs; its images are copied byte by byte."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Which kind of source a path is: paths or NAME=PATH go in, sources with different names come out."""
+"""Finds the sources of pairs: arguments PATH or NAME=PATH go in, sources of the right kind with different names come out."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Dimensions of bought parts, modelled as far as other parts must leave space for them."""
+"""Dimensions of bought parts (camera, LED board, fasteners), modelled as far as other parts must leave space for them."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -1,6 +1,7 @@
-"""A dimensioned drawing on A3 in third-angle projection, as SVG and PDF: top view, front view below it, right view
-beside that, above it the section A–A; and a column of notes with material, tolerance, fits, holes and dimensions by
-their names in the design file.
+"""A dimensioned drawing on an A3 sheet in third-angle projection, as SVG and PDF.
+
+The sheet shows the top view, the front view below it, the right view beside the front view, and the section A–A above the right
+view. A column of notes lists material, tolerance, fits, holes, and dimensions by their names in the design file.
 
 matplotlib is slow to import, so it is imported when a sheet is drawn; its global state is never touched.
 """

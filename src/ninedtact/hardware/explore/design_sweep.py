@@ -1,7 +1,5 @@
-"""A sweep over designs: every combination of a few gels, areas and lenses, each with its predicted performance or the
-rule that it breaks.
-
-Comparison of explored designs as text, CSV and a plot.
+"""Design sweep: every combination of a few gels, areas and lenses, each with its predicted performance or the rule that it
+breaks; and the comparison of these designs as a text table, as CSV and as a plot.
 """
 
 import csv

@@ -1,4 +1,4 @@
-"""Predicted performance of a design: its parts are measured, its twin is pressed by a ball, calibrated, and read.
+"""Predicted performance of a design: its parts are measured, and its twin is pressed by a ball, calibrated, and read.
 
 None of it is a measurement. Light and lens are those of the average sensor, scaled to the design; loads are those of a
 linear layer, which are too low for deep presses (docs/mechanics.md).

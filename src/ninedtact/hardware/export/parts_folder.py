@@ -1,6 +1,7 @@
-"""Instructions for the shops beside their files: one text for the laser cutter, one for the print shop.
+"""The export folder of a design: the files of all parts, assembly and circuit board, and instructions for the shops.
 
-The folder of everything about one design. It appears whole or not at all, and replaces nothing but an older export.
+The folder is written completely or not at all, and replaces nothing but an older export. The instructions are two texts beside
+the files, one for the laser cutter and one for the print shop.
 """
 
 import json

@@ -1,8 +1,7 @@
-"""Fabrication layers as flashes, strokes and areas, written as Gerber (RS-274X with X2 attributes) and drill files
-(Excellon).
+"""Fabrication layers of the LED board as Gerber files (RS-274X with X2 attributes) and drill files (Excellon).
 
-Gerber files are in millimetres with six decimals; source: Ucamco's Gerber Layer Format Specification. One drill file
-has the plated holes, another the unplated ones; slots are milled from end to end.
+A layer consists of flashes, strokes and filled areas. Gerber files are in millimetres with six decimals (Ucamco, Gerber Layer
+Format Specification). One drill file has the plated holes, another the unplated ones; slots are milled from end to end.
 """
 
 from dataclasses import dataclass, field

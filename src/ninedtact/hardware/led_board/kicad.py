@@ -1,5 +1,5 @@
-"""The board as KiCad 6 files, written without KiCad: the board, and a project with its design rules, so that KiCad's
-own check applies the same. Source: dev-docs.kicad.org, "Board File Format".
+"""The LED board as KiCad 6 files, written without KiCad: the board, and a project with its design rules, so that KiCad's
+own check applies the same rules. Source: dev-docs.kicad.org, "Board File Format".
 
 KiCad's y points down; the optical axis lies in the middle of the sheet. Footprints are written as they lie on the
 board, not rotated: pads carry their positions.

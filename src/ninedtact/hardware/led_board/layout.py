@@ -1,4 +1,4 @@
-"""The complete board: components placed, nets routed, ground poured."""
+"""The layout of the LED board: components placed, nets routed, ground poured."""
 
 from dataclasses import dataclass
 

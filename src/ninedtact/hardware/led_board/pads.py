@@ -1,4 +1,4 @@
-"""Netlist, pads and holes of the board. All LEDs are in parallel between U1's output and ground."""
+"""Netlist, pads and holes of the LED board. All LEDs are in parallel between U1's output and ground."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Tracks and vias of the board.
+"""Routing of the LED board: its tracks and vias.
 
 Upper side: one line joins all anodes inside the ring of LEDs, another all cathodes outside of it, and they never cross.
 The anodes' ring is open at the lower left, where the cathodes of the left column leave. Lower side: U1's output,

@@ -1,5 +1,7 @@
-"""Reference designators on the silkscreen, in letters of single strokes: beside each component where there is space,
-otherwise left out."""
+"""The silkscreen of the LED board: reference designators in letters of single strokes, beside each component.
+
+A designator for which there is no space is left out.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

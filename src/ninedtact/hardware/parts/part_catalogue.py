@@ -1,7 +1,7 @@
-"""The laser-cut mould plates, each lying on z = 0, and the three gels as they are in the finished sensor. Lengths in
-mm.
+"""The catalogue of parts: name, manufacturing method and builder of each part, and the built parts of a design.
 
-The catalogue of parts: name, manufacturing method and builder of each, and the built parts of a design.
+It also builds the laser-cut mould plates, each lying on z = 0, and the three gels as they are in the finished sensor. Lengths
+in mm.
 """
 
 from collections.abc import Callable, Iterator

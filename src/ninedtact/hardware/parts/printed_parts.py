@@ -1,5 +1,4 @@
-"""The printed parts: base, shell, isolation ring and calibration board; the acrylic window beside the ring. Lengths in
-mm."""
+"""Solids of the printed parts (base, shell, isolation ring, calibration board) and of the acrylic window. Lengths in mm."""
 
 from math import radians, tan
 

@@ -1,6 +1,7 @@
-"""The two sources of a collection, read together: devices, recordings, or a simulated sensor that a script presses.
+"""The setup of a collection: its camera and its force/torque sensor, from devices, from recordings, or from a simulated sensor.
 
-The script takes one object after the other and presses, drags, twists and tilts it a few times.
+The simulated sensor is pressed by a script, which takes one object after the other and presses, drags, twists and tilts it a few
+times.
 """
 
 from collections.abc import Callable, Generator, Sequence

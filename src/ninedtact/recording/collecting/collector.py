@@ -1,4 +1,4 @@
-"""Collects training pairs: images and force/torque samples in, labelled images in a recording out.
+"""The collector of training pairs: images and force/torque samples go in, labelled images in a recording come out.
 
 image ──waits until later samples are known──▶ wrench at its time ──without fault?──▶ selected? ──▶ recording
 

@@ -1,4 +1,4 @@
-"""Counts the saved pairs in bins of each wrench axis, so that a person sees which forces are missing."""
+"""Counts of the saved pairs in bins of each wrench axis, which show the forces that are still missing."""
 
 from collections import Counter
 from dataclasses import dataclass, field

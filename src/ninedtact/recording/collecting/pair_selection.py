@@ -1,8 +1,7 @@
-"""Settings of `ninedtact collect`; the resolved settings are stored in the recording.
-
-Which moments are saved as pairs, and to which contact each belongs.
+"""Pair selection of `ninedtact collect`: which moments are saved as pairs, to which contact each belongs, and all settings.
 
 The sampling rule selects pairs within a contact; fixed fractions of light touches and of moments without contact are added.
+The resolved settings are stored in the recording.
 """
 
 from dataclasses import dataclass, field

@@ -1,7 +1,7 @@
-"""Faults of the force/torque sensor and of the clocks, by time: which moments must not be saved.
+"""Faults of the force/torque sensor and of the clocks by time, which determine the moments that must not be saved.
 
-`CheckedWrenchSource` rejects samples one by one (capture/force_torque/sample_checks.py). Here the faults are remembered with
-their times, including the time before a rejection in which the fault existed and could not be known yet.
+`CheckedWrenchSource` rejects samples one by one (capture/force_torque/sample_checks.py). This module stores the faults with
+their times. It includes the time before a rejection in which the fault already existed but could not be detected yet.
 """
 
 from collections import deque

@@ -1,7 +1,7 @@
-"""One batch of contact steps of different objects on different sensors, solved and validated together.
+"""A batch of contact steps, of different objects on different sensors, that are solved and validated together.
 
-Each contact takes the path that it would take alone, from its own first guess in its own region to its own last iteration;
-only rounding differs. A contact that is refused does not affect the others: its refusal is its response.
+Each contact is solved exactly as it would be alone: from its own first guess, in its own region, to its own last iteration.
+Only rounding differs. A refused contact does not affect the others; its response is the refusal.
 """
 
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""Where data sets are simulated: the processor, one contact at a time, or a torch device, many contacts at once."""
+"""The compute device of a simulation: the processor, one contact at a time, or a torch device, many contacts at once."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec

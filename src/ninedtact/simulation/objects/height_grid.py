@@ -1,7 +1,7 @@
-"""The grid on which a generated object's underside is computed, and the sampler of its dimensions.
+"""The square grid of heights on which the underside of a generated object is computed, and the sampler of its dimensions.
 
-A height field holds mm above the plane that the object touches, infinity where there is no object. The union of two solids is
-the lower of both fields, their intersection the higher one.
+A height field holds mm above the plane that the object touches, and infinity where there is no object. The union of two solids
+is the minimum of their fields, their intersection the maximum.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,7 @@
-"""Everyday objects. To add one: write its function, and list it in `HOUSEHOLD_OBJECTS`."""
+"""Household objects as height grids: leaf, flower, button, toy brick and others.
+
+To add an object, write its function and list it in `HOUSEHOLD_OBJECTS`.
+"""
 
 import numpy as np
 

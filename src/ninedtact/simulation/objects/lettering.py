@@ -1,4 +1,7 @@
-"""Letters: a font of strokes, and objects that carry text. To add one: write its function, and list it in `LETTERING`."""
+"""Lettering as height grids: a font of strokes, and objects that carry text or signs (stamps, coins, braille, barcodes).
+
+To add an object, write its function and list it in `LETTERING`.
+"""
 
 from functools import lru_cache
 

@@ -1,4 +1,7 @@
-"""Machine parts. To add one: write its function, and list it in `MACHINE_PARTS`."""
+"""Machine parts as height grids: screws, gears, bearings, keys and others.
+
+To add a part, write its function and list it in `MACHINE_PARTS`.
+"""
 
 import numpy as np
 

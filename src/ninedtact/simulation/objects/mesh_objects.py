@@ -1,10 +1,10 @@
-"""Meshes as indenters: files read by trimesh, and models of Thingi10K by number (docs/objects.md).
+"""Triangle meshes as indenters: mesh files read by trimesh, and models of Thingi10K by number (docs/objects.md).
 
-The centre of the footprint becomes the object's origin. A mesh need not be closed: its underside counts, and where nothing is
-seen from below there is no object. Of an object wider than `KEPT_MM`, only the middle is kept.
+The centre of the footprint becomes the object's origin. A mesh need not be closed: only its underside matters, and where nothing
+is visible from below there is no object. Of an object wider than `KEPT_MM`, only the middle is kept.
 
 The first model of Thingi10K downloads the whole set into the cache of Hugging Face; later ones are read from there. The models
-are of all sizes, so each is scaled to fit unless options say otherwise. Their licences differ: see the entry of a model.
+are of all sizes, so each is scaled to fit unless options say otherwise. Each model has its own licence, which its entry states.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,8 @@
 """Rasterisation of triangles from below: the lowest height above every point of a grid.
 
-Scan lines: each triangle is cut into the rows of the grid that it crosses, each row into the columns between the two
-edges that it meets. All triangles at once, in portions that fit into memory; the work is the number of covered points.
+The rasteriser uses scan lines. Each triangle is cut into the rows of the grid that it crosses, and each row into the columns
+between the two edges that it meets. All triangles are processed together, in portions that fit into memory; the cost is
+proportional to the number of covered points.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,7 @@
-"""Flat faces with outlines of many kinds. To add one: write its function, and list it in `PUNCHES`."""
+"""Punches as height grids: flat faces with outlines of many kinds.
+
+To add a punch, write its function and list it in `PUNCHES`.
+"""
 
 import numpy as np
 

@@ -1,4 +1,7 @@
-"""Simple solids and unions of them. To add one: write its function, and list it in `SOLIDS`."""
+"""Simple solids and unions of them as height grids: balls, cylinders, cones, pyramids, tori and others.
+
+To add a solid, write its function and list it in `SOLIDS`.
+"""
 
 import numpy as np
 

@@ -1,4 +1,7 @@
-"""Regular patterns and rough surfaces on plates. To add one: write its function, and list it in `PATTERNS` or `ROUGH_SURFACES`."""
+"""Surface textures as height grids: regular patterns and rough surfaces on plates.
+
+To add a texture, write its function and list it in `PATTERNS` or `ROUGH_SURFACES`.
+"""
 
 import numpy as np
 
