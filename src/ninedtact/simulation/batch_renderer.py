@@ -31,7 +31,7 @@ class BatchRenderer:
 
     renderer: Renderer
     like: Any
-    """Fields have the array library, precision and device of this array."""
+    """An array whose library, precision and device all fields have."""
 
     def brightness_factors(self, contacts: Contact) -> _Image:
         """Return the brightness of every raw pixel relative to the reference image, one image for each contact of the batch."""
@@ -68,12 +68,12 @@ class BatchRenderer:
 
     @property
     def _fine_shape(self) -> tuple[int, int]:
-        """The shape of the refined plane."""
+        """The (rows, cols) of the refined plane."""
         return self.renderer.plane.rows * REFINEMENT, self.renderer.plane.cols * REFINEMENT
 
     @cached_property
     def _lens_lookup(self) -> "_BilinearLookup":
-        """Where on the refined plane each raw pixel looks, which is the same in all images."""
+        """The position on the refined plane that each raw pixel sees, which is the same in all images."""
         cols, rows = (self._asarray(axis) for axis in self.renderer.lens)
         return _bilinear_lookup(cols, rows, self._fine_shape)
 

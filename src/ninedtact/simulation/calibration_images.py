@@ -17,15 +17,15 @@ from ninedtact.simulation.twin import Twin
 
 BOARD_GRID_PITCH_MM = 0.05
 GRID_POINTS_PER_PIN_PITCH = 20
-"""An integer, so that the solver sees every pin alike."""
+"""Grid points per pitch of the pins; an integer, so that all pins lie alike on the grid."""
 PIN_HEIGHT_MM = 1.5
 """Height of the pins over the floor of the published board."""
 BOARD_DEPTH_MM = 0.7
 GUIDED_FRAMES, GUIDED_BOARD_MM = 8, 0.85
-"""Frames that a guided calibration averages, and the depth at which imprints of the board are as dark as real ones."""
+"""Number of frames that a guided calibration averages, and the depth at which imprints of the board are as dark as real ones."""
 BALL_DEPTH_MM = 1.8
 BALL_DRAG_MM = 0.2, -0.12
-"""A drag, because a hand never presses exactly straight down."""
+"""Sideways drag of the ball, because a press by hand is never exactly vertical."""
 CALIBRATION_SOLVER_SETTINGS = SolverSettings(tolerance=5e-3)
 
 

@@ -28,7 +28,7 @@ from ninedtact.simulation.pixel_map import PixelMap
 
 
 class InvalidBrightnessModel(InputError):
-    """A parameter of the brightness model is out of its range."""
+    """Raised for a parameter of the brightness model that is out of its range."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class BrightnessModel:
     darkening_per_mm: float = 0.13
     """Slope of f where indentation begins."""
     saturation: float = 0.6
-    """S times the thickness: how much faster the last millimetre darkens than the first; zero gives a straight line."""
+    """The product of S and the thickness: how much faster the last millimetre darkens than the first; zero gives a straight
+    line."""
     brightening_per_mm: float = 0.4
     """Slope of f where the gel bulges."""
     point_spread_mm: float = 0.45
@@ -82,7 +83,7 @@ LED_POSITIONS_MM = [(x, y) for x in (-11.0, 0.0, 11.0) for y in (-8.5, 8.5)] + [
 LED_REACH_MM = 9.0
 """Distance over which the light of one LED falls off; the gel scatters it."""
 WAVE_PX = 200.0
-"""Width of the clouds that gel and paint show."""
+"""Width in pixels of the clouds that gel and paint show."""
 
 
 def synthetic_reference_image(

@@ -24,7 +24,8 @@ from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 
 STEP_PX = 8
-"""Spacing of the pixels at which positions are computed. Lenses are smooth: a cubic in between errs by less than 1 µm."""
+"""Spacing of the pixels at which positions are computed. Lenses are smooth: cubic interpolation between them errs by less than 1
+µm."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +106,10 @@ def interpolate_pixel_map(plane_mm: Float[Array, "n 2"], raw_shape: tuple[int, i
 
 
 FIXED_POINT_STEPS = 3
-"""Of the iteration that finds where a line of sight meets the skin; each gains a factor of slope · position/D, under 0.4."""
+"""Iterations that find where a line of sight meets the skin; each reduces the error by a factor of slope · position/D, under
+0.4."""
 REFINEMENT = 3
-"""How many times finer a field is made before it is interpolated."""
+"""Factor by which a field is refined before it is interpolated."""
 
 Field = Float32[Array, "rows cols"]
 FineFields = Float32[Array, "n fine_rows fine_cols"]
@@ -133,7 +135,7 @@ class SightlineGrid:
         return sample_periodic(refine_fields(grid, height)[0] if fine else height, *at)
 
     def _stretch(self, grid: PeriodicGrid, centre_mm: tuple[float, float], height: Field) -> Float32[Array, "a b"]:
-        """Return 1 + u/D: how many times farther from the middle than on the plane each line meets the skin."""
+        """Return 1 + u/D: the factor by which each line meets the skin farther from the middle than it meets the plane."""
         stretch = np.ones_like(self.x_mm)
         for _ in range(FIXED_POINT_STEPS if self.inverse_distance_per_mm else 0):
             at = grid_coordinates(grid, centre_mm, self.x_mm * stretch, self.y_mm * stretch)
@@ -174,7 +176,7 @@ def blur_and_refine_fields(grid: PeriodicGrid, sigma_mm: float, *fields: Field) 
 
 
 def pad_spectrum(wave: Any, grid: PeriodicGrid) -> Any:
-    """Return a transform with zeros where the finer grid has waves that the grid has not, in the library of the transform."""
+    """Return a transform with zeros for the waves that only the finer grid has, in the library of the transform."""
     upper, half = (grid.rows + 1) // 2, wave.shape[-1]
     shape = (*wave.shape[:-2], grid.rows * REFINEMENT, grid.cols * REFINEMENT // 2 + 1)
     padded = array_namespace_of(wave).zeros(shape, dtype=wave.dtype, device=device(wave))

@@ -209,7 +209,7 @@ class PressFigure:
 
 
 def _set_title(axes: "Axes", title: str) -> None:
-    """A heading over the left end, pale ticks."""
+    """Set a title over the left end of the axes, and make the ticks pale."""
     axes.set_title(title, loc="left", fontsize=11, color=INK)
     axes.tick_params(colors=PALE_INK, labelsize=9)
 

@@ -29,7 +29,8 @@ class SimulationClock:
     """A clock that starts when the first source is opened and stops when the last is closed."""
 
     real_time: bool = True
-    """If false, sources do not wait: samples follow each other as fast as they are read, with the stamps of a real clock."""
+    """Whether sources wait in real time. If false, samples follow each other as fast as they are read, with the stamps of a real
+    clock."""
     start_ns: int = field(default=0, init=False)
     sources: int = field(default=0, init=False)
     lock: Lock = field(default_factory=Lock, init=False, repr=False)
@@ -57,7 +58,7 @@ class SampleTimer:
     number: int = field(default=-1, init=False)
 
     def restart(self) -> None:
-        """Let the next sample be the first one that is not past."""
+        """Continue with the first sample that is not past."""
         self.number = -1
 
     def next(self) -> tuple[int, int]:
@@ -70,7 +71,7 @@ class SampleTimer:
 
     @property
     def current_number(self) -> int:
-        """The number of the sample that is due last."""
+        """The number of the newest sample that is due."""
         return int((monotonic_ns() - self.clock.start_ns) * self.hz / 1e9)
 
     def stamp_ns(self, number: int) -> int:
@@ -83,11 +84,11 @@ KEPT_CONTACTS, KEPT_WRENCHES = 16, 1024
 
 
 class EmptyPressSimulation(SimulationError):
-    """The simulation has no trajectory that takes time, or no rate."""
+    """Raised for a simulation whose trajectories take no time, or that has no rate."""
 
 
 class SimulationStepExpired(SimulationError):
-    """The requested step is older than all stored ones."""
+    """Raised for a requested step that is older than all stored ones."""
 
 
 @dataclass(frozen=True)

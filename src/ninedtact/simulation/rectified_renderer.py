@@ -19,7 +19,7 @@ _PUBLISHED_COLS, PUBLISHED_MM_PER_PX = 460, 0.0522
 """The published rectified image of 24 mm. Smaller images show the same skin with larger pixels; wider skin has larger pixels
 too."""
 _INVERSION_STEPS = 12
-"""Of the search for a pixel of the raw image; each step leaves a fifth of the error of the one before."""
+"""Iterations of the search for a pixel of the raw image; each reduces the error to a fifth."""
 
 Grey = UInt8[Array, "rows cols"]
 Plane = Float32[Array, "rows cols 2"]
@@ -30,7 +30,7 @@ class RectifiedRenderer:
     """Renders the rectified grey images of one sensor."""
 
     renderer: Renderer
-    """Its view is the rectified grid."""
+    """The renderer whose view is the rectified grid."""
 
     @cached_property
     def reference(self) -> Float32[Array, "rows cols"]:

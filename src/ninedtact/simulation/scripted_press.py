@@ -18,7 +18,7 @@ PRESS_SOLVER_SETTINGS = SolverSettings(tolerance=2e-3)
 
 
 class InvalidPress(InputError):
-    """A press needs either a depth or a load, above zero, and must stay within the gel."""
+    """Raised for a press without a positive depth or load, or one that does not stay within the gel."""
 
 
 @dataclass(frozen=True)

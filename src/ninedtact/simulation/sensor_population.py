@@ -133,12 +133,12 @@ def gel_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
 
 
 def correct_for_mechanics_kind(contact: Contact, kind: MechanicsKind, gel: Gel) -> Contact:
-    """Return the contact that is rendered and weighed, from the one that the linear model solved."""
+    """Return the contact that is rendered and measured, from the one that the linear model solved."""
     return apply_finite_strain(contact, gel.thickness_mm) if kind == "finite_strain" else contact
 
 
 def apply_finite_strain(contact: Contact, thickness_mm: float) -> Contact:
-    """Return the contact with the tractions and the heights of a finite-strain gel (`mechanics.finite_strain`)."""
+    """Return the contact with the tractions and the heights of a finite-strain gel (`mechanics.contact_model`)."""
     height = contact.height_mm
     on_both_axes = height[..., None, :, :] + 0 * contact.shear_mpa
     return replace(
@@ -150,7 +150,7 @@ def apply_finite_strain(contact: Contact, thickness_mm: float) -> Contact:
 
 
 class InvalidPopulation(InputError):
-    """The settings of a population admit no sensor."""
+    """Raised for settings of a population that admit no sensor."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ def _sample_misalignment(rng: np.random.Generator) -> CalibrationMisalignment:
 
 RAW_SHAPE = (480, 640)
 GOLDEN = 0.618034
-"""Multiples of it, modulo one, fill the unit interval evenly, so that the shares hold among few sensors too."""
+"""The golden ratio, whose multiples modulo one fill the unit interval evenly, so that the shares also hold among few sensors."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ class SampledSensor:
         )
 
     def correct_contact(self, contact: Contact) -> Contact:
-        """Return the contact that is rendered and weighed, from the one that the twin's linear solver found."""
+        """Return the contact that is rendered and measured, from the one that the twin's linear solver found."""
         return correct_for_mechanics_kind(contact, self.kind, self.gel)
 
     def to_json_dict(self) -> dict[str, Any]:
@@ -266,7 +266,7 @@ class SampledSensor:
 
 
 def sampled_sensor_from_json(table: dict[str, Any]) -> SampledSensor:
-    """Return the sensor whose parameters `SampledSensor.to_json_dict` gave."""
+    """Return the sensor whose parameters `SampledSensor.to_json_dict` returned."""
     return msgspec.convert(table, SampledSensor)
 
 

@@ -23,7 +23,7 @@ from ninedtact.simulation.twin import Twin
 
 @dataclass
 class SimulatedCamera(FrameSource):
-    """A frame source of rendered images, one per step of a simulation, until its last round ends, if it ends."""
+    """A frame source of rendered images, one per step of a simulation; it ends after the last round, if there is one."""
 
     simulation: PressSimulation
     is_open: bool = field(default=False, init=False)
@@ -86,7 +86,7 @@ NO_FORCE_TORQUE_ERRORS = ForceTorqueErrors(NO_OFFSET, NO_OFFSET)
 
 @dataclass
 class SimulatedForceTorque(WrenchSource):
-    """A source of the true wrench on the skin with noise and offset, at a rate of its own; torque about the sensor's origin."""
+    """A source of the true wrench on the skin with noise and offset, at its own rate; the torque is about the sensor's origin."""
 
     simulation: PressSimulation
     hz: float = 500.0
@@ -134,7 +134,7 @@ class SimulatedForceTorque(WrenchSource):
 
 
 def _wrench_from_six(six: Array, stamp_ns: int, about_mm: Array | None = None) -> Wrench:
-    """Return six components as a wrench, about the centre of the skin unless a point is given."""
+    """Return six components as a wrench, about the centre of the skin unless another point is given."""
     return Wrench(six[:3], six[3:], np.zeros(3) if about_mm is None else about_mm, stamp_ns)
 
 

@@ -13,12 +13,12 @@ from ninedtact.mechanics.pose import Pose
 
 
 class InvalidTrajectory(InputError):
-    """A trajectory without segments, or a segment that takes no time."""
+    """Raised for a trajectory without segments, or a segment that takes no time."""
 
 
 @dataclass(frozen=True)
 class TrajectorySegment:
-    """A smooth movement to a pose within a time."""
+    """A smooth movement to a pose within a given time."""
 
     to: Pose
     seconds: float

@@ -38,11 +38,11 @@ LIVE_SOLVER_SETTINGS = SolverSettings(tolerance=1e-2, must_converge=False)
 
 
 class PoseOutOfView(SimulationError):
-    """The object is beside the part of the skin that the camera sees."""
+    """Raised for an object beside the part of the skin that the camera sees."""
 
 
 class ObjectTooLarge(SimulationError):
-    """The object would touch more than the gel."""
+    """Raised for an object that would touch more than the gel."""
 
 
 def _uncorrected(contact: Contact) -> Contact:
@@ -65,9 +65,9 @@ class Twin:
     thickness_mm: float = np.inf
     """Thickness of all compliant layers."""
     gel_mm: tuple[float, float] = (29.5, 22.5)
-    """Width and height of the gel as the published mould makes it; the camera sees the middle."""
+    """Width and height of the gel that the published mould makes; the camera sees the middle."""
     correct_contact: Callable[[Contact], Contact] = _uncorrected
-    """Turns a contact of the linear solver into the one that is rendered and weighed; gels that are not linear need it."""
+    """A function from a contact of the linear solver to the one that is rendered and measured; gels that are not linear need it."""
 
     @cached_property
     def model(self) -> ContactModel:

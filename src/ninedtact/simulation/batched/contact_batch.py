@@ -41,7 +41,7 @@ from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarFie
 from ninedtact.simulation.batched.requests import ContactSummary, SimulatedSetup, StepRequest, summarize_contacts
 
 StepResponse = ContactSummary | StepRequest | NinedtactError
-"""A contact, a request to be computed in place of the first one, or a refusal."""
+"""The response to a contact step: a contact, a request to be computed in place of the first one, or a refusal."""
 _Flags = Bool[Array, " batch"]
 
 
@@ -51,9 +51,9 @@ class SkinStack:
 
     setups: Sequence[SimulatedSetup]
     like: Any
-    """Fields have the array library, precision and device of this array."""
+    """An array whose library, precision and device all fields have."""
     shear_compliances: dict[tuple[int, tuple[int, int]], float] = field(default_factory=dict)
-    """The largest compliance to shear in a region, by sensor and shape of the region, as far as any was needed."""
+    """The largest compliance to shear in a region, by sensor and shape of the region, as far as it was needed."""
 
     @cached_property
     def index(self) -> dict[SimulatedSetup, int]:
@@ -85,7 +85,7 @@ class SkinStack:
 
     @cached_property
     def _symbols(self) -> tuple[Any, Any, Any, Any]:
-        """N, bulge, and the tangential block's diagonal and crossed part, of all sensors."""
+        """The Fourier symbols of all sensors: N, the bulge, and the diagonal and the off-diagonal part of the tangential block."""
         operators = [setup.twin.model.skin.operators for setup in self.setups]
         stacks = (
             [one.normal for one in operators],
@@ -98,7 +98,7 @@ class SkinStack:
         return normal, bulge, diagonal, crossed
 
     def _shear_compliance(self, sensor: int, rectangle: GridRectangle) -> float:
-        """Return the largest compliance to shear of a cropped region: the first step of the search depends on it."""
+        """Return the largest compliance to shear of a cropped region, which sets the first step of the solver."""
         key = sensor, rectangle.shape
         if key not in self.shear_compliances:
             skin = self.setups[sensor].twin.model.skin
@@ -160,12 +160,12 @@ class ContactBatch:
 
     @cached_property
     def solution(self) -> tuple[Contact, PointMask]:
-        """All contacts, each solved to its own end, and where their skin is inside their objects beyond the tolerance."""
+        """All contacts, each solved until it stops, and the points where the skin is inside the object beyond the tolerance."""
         return replace(self.problem, constraint=self.constraint).solve(self.regions, self.settings)
 
     @property
     def contacts(self) -> Contact:
-        """All contacts."""
+        """All contacts as one batch."""
         return self.solution[0]
 
     def contacts_of_sensor(self, indices: Sequence[int]) -> Contact:
@@ -197,9 +197,9 @@ class ContactBatch:
         return summaries
 
     def _refusal(self, index: int, request: StepRequest) -> NinedtactError | StepRequest | None:
-        """Return why there is no such contact, in the order of the checks of `Twin.step`; or the request on the whole grid.
+        """Return why a contact is refused, in the order of the checks of `Twin.step`; or the request to solve it on the whole grid.
 
-        Flags of the whole batch show which contacts may be refused; those are checked one by one, as single contacts are.
+        The flags of the whole batch show which contacts may be refused; only those are checked one by one, as single contacts are.
         """
         twin = request.setup.twin
         try:

@@ -9,11 +9,11 @@ from typing import Any
 from ninedtact.errors import DeviceError
 
 _DRIVER_FILES = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")
-"""One of these exists where a GPU can be used (NVIDIA, AMD, and either under WSL). Only then torch, which takes seconds to load, is
+"""Files of GPU drivers (NVIDIA, AMD, and either under WSL). Only where one exists is torch, which takes seconds to load,
 queried."""
 _DEVICE_NAMES = "auto, cpu, cuda, cuda:N or torch-cpu"
 _OUT_OF_MEMORY_WORDS = ("out of memory", "CUFFT_ALLOC_FAILED", "CUFFT_INTERNAL_ERROR")
-"""Words of errors where memory ran out; cuFFT has its own."""
+"""Words in the error messages of torch and of cuFFT when memory runs out."""
 
 
 class DeviceMissing(DeviceError):

@@ -40,7 +40,7 @@ class BatchExecutor:
     """Computes the requests to several simulated sensors in batches on one device."""
 
     sensor_numbers: Sequence[int]
-    """Of the sensors in the population."""
+    """Numbers of the sensors in the population."""
     setups: Sequence[SimulatedSetup]
     device: Device
     batch_size: int
@@ -64,7 +64,7 @@ class BatchExecutor:
     def execute(self, requests: Sequence[Request]) -> list[Any]:
         """Return the responses to requests that are all steps or all renders.
 
-        A response that is a request itself is to be computed in place of the first one. Raises `DeviceMemoryExhausted`.
+        A response that is itself a request must be computed in place of the first one. Raises `DeviceMemoryExhausted`.
         """
         responses: list[Any] = []
         while len(responses) < len(requests):
@@ -77,7 +77,10 @@ class BatchExecutor:
         return responses
 
     def _execute_unless_memory_runs_out(self, requests: Sequence[Request]) -> list[Any] | None:
-        """Return the responses, or None where memory ran out. (An error keeps all arrays that led to it alive; it ends here.)"""
+        """Return the responses, or None where memory ran out.
+
+        The error is not passed on, because it keeps all arrays that led to it alive.
+        """
         try:
             renders = [request for request in requests if isinstance(request, RenderRequest)]
             if renders:
@@ -163,7 +166,7 @@ class _SessionRunner:
     session: Session
     requests: RequestGenerator[Any] = field(init=False)
     pending: Request | None = field(init=False)
-    """None: the session has ended."""
+    """The pending request; None when the session has ended."""
 
     def __post_init__(self) -> None:
         self.requests = self.session.requests()

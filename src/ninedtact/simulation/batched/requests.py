@@ -42,16 +42,16 @@ class ContactSummary:
     """A solved contact with its scalar summary, which does not depend on the array library of the contact."""
 
     contact: Contact
-    """As the model solved it; the next step starts from it."""
+    """The contact as the model solved it; the next step starts from it."""
     corrected: Contact
-    """As it is seen and measured: corrected where the sensor's mechanics are not linear."""
+    """The contact as it is rendered and measured: corrected where the sensor's mechanics are not linear."""
     wrench: Wrench
-    """Of the corrected contact."""
+    """The wrench of the corrected contact."""
     touches: bool
     max_indentation_mm: float
-    """Of the skin as it was solved."""
+    """The maximum indentation of the skin as it was solved."""
     contact_area_mm2: float
-    """Under pressure."""
+    """The area under pressure."""
     stiffening: float
     """Ratio of the corrected load to the solved load."""
 
@@ -62,11 +62,11 @@ class ContactSummary:
 
 
 class Request(ABC):
-    """What a session waits for."""
+    """One request of a session, which waits for its response."""
 
     @abstractmethod
     def respond(self) -> Any:
-        """Return the response, computed on the processor; raises what refuses the request."""
+        """Return the response, computed on the processor; raises the error that refuses the request."""
 
 
 @dataclass(frozen=True)
@@ -75,13 +75,14 @@ class StepRequest(Request):
 
     setup: SimulatedSetup
     last: Contact | None
-    """None: no contact yet."""
+    """The last contact; None before the first."""
     indenter: Indenter
     pose: Pose
     load_n: float | None = None
     on_whole_grid: bool = False
-    """Set by a batch that found the region of this contact too small and wants it solved again on the whole grid. On the
-    processor this happens within the step."""
+    """Whether to solve on the whole grid. A batch sets it where it found the region of this contact too small; on the processor
+    this happens within the step.
+    """
 
     def respond(self) -> ContactSummary:
         """Return the contact; raises what `Twin.step` raises."""
@@ -98,7 +99,7 @@ class RenderRequest(Request):
 
     setup: SimulatedSetup
     contact: Contact | None
-    """As it is seen; None: nothing touches."""
+    """The contact as it is rendered; None where nothing touches."""
 
     def respond(self) -> BrightnessFactor | None:
         """Return the brightness factor, rendered with OpenCV."""
@@ -107,7 +108,7 @@ class RenderRequest(Request):
 
 Result = TypeVar("Result")
 RequestGenerator = Generator[Request, Any, Result]
-"""Yields requests, is sent their responses, or has refusals thrown into it, and returns a result."""
+"""A generator that yields requests, receives their responses or has refusals thrown into it, and returns a result."""
 
 
 def run_on_processor(requests: RequestGenerator[Result]) -> Result:

@@ -58,7 +58,7 @@ OBJECT_GRID = HeightGrid()
 
 
 class UnknownObject(InputError):
-    """No object has this name."""
+    """Raised where no object has the given name."""
 
 
 def generated_object_names(count: int = PAPER_COUNT) -> list[str]:
@@ -74,9 +74,9 @@ def generate_objects(count: int = PAPER_COUNT, seed: int = 0) -> Iterator[Height
 
 @lru_cache(maxsize=256)
 def generate_object(name: str, seed: int = 0) -> HeightGridIndenter:
-    """Return a generated object, the seventh gear of a seed for `gear_07`; raises `UnknownObject`.
+    """Return one generated object, for example the seventh gear of a seed for `gear_07`; raises `UnknownObject`.
 
-    An object is the same whichever others are generated.
+    An object does not depend on which other objects are generated.
     """
     found = re.fullmatch(r"([a-z_]+?)_?(\d+)", name)
     if found is None or found[1] not in FAMILIES or int(found[2]) < 1:
@@ -97,7 +97,7 @@ PRIMITIVES: dict[str, tuple[str, Callable[..., Indenter]]] = {
 
 
 class MeshNotClosed(UserWarning):
-    """A mesh with holes is usable, but its inside may count where a hole faces the skin."""
+    """A warning for a mesh with holes: it is usable, but its inside may count where a hole faces the skin."""
 
 
 def indenter_from_name(text: str, seed: int = 0) -> Indenter:
@@ -142,7 +142,7 @@ def _primitive_from_name(kind: str, dimensions: str) -> Indenter:
 
 
 def _split_mesh_options(text: str) -> list[str]:
-    """Split a path, which may itself contain @, from its additions."""
+    """Split a mesh name into its path, which may itself contain @, and its options."""
     parts = text.split("@")
     ends = [end for end in range(len(parts), 0, -1) if Path("@".join(parts[:end])).is_file()]
     end = ends[0] if ends else 1

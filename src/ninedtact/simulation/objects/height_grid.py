@@ -93,7 +93,7 @@ class DimensionSampler:
         return low + int(self.fraction() * (high - low + 1))
 
     def scatter(self, count: int, radius_mm: float) -> Float[Array, "count 2"]:
-        """Sample positions in a disc that keep apart: each is the loneliest of eight candidates (Mitchell's algorithm)."""
+        """Sample positions in a disc that keep apart: each is the most isolated of eight candidates (Mitchell's algorithm)."""
         places = [np.zeros(2)]
         for _ in range(count - 1):
             angle, far = self.random.random(8) * 2 * np.pi, radius_mm * np.sqrt(self.random.random(8))

@@ -20,7 +20,7 @@ from ninedtact.simulation.objects.signed_distance import (
 
 
 def _leaf(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A blade with a midrib and side veins."""
+    """Return the heights of a leaf: a blade with a midrib and side veins."""
     length, width, veins = sample.between(10, 17), sample.between(4, 9), sample.integer(4, 8)
     along = np.clip(grid.x / length + 0.5, 0, 1)
     blade = np.abs(grid.y) - width / 2 * np.sin(np.pi * along**0.8)
@@ -33,7 +33,7 @@ def _leaf(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _flower(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Domed petals around a bead."""
+    """Return the heights of a flower: domed petals around a bead."""
     petals, radius = sample.integer(4, 9), sample.between(3, 5)
     size = radius * np.sin(np.pi / petals) * sample.between(0.85, 1.1)
     places = polygon_corners(petals, radius).tolist()
@@ -43,7 +43,7 @@ def _flower(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _snowflake(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Six arms with side branches."""
+    """Return the heights of a snowflake: six arms with side branches."""
     radius, branches, bar = sample.between(6, 9), sample.integer(1, 3), sample.between(0.35, 0.6)
     turn = wrap_to_pitch(grid.angle, np.pi / 3)
     x, y = grid.r * np.cos(turn), grid.r * np.abs(np.sin(turn))
@@ -55,7 +55,7 @@ def _snowflake(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _button(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A rim and two to five holes."""
+    """Return the heights of a button: a rim and two to five holes."""
     holes, radius = sample.integer(2, 5), sample.between(4.5, 8.5)
     outline = grid.r - radius
     for x, y in polygon_corners(holes, 0.28 * radius).tolist():
@@ -65,7 +65,7 @@ def _button(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _brick(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A toy brick: round studs on a plate."""
+    """Return the heights of a toy brick: round studs on a plate."""
     cols, rows, pitch = sample.integer(2, 4), sample.integer(1, 3), sample.between(3, 4.5)
     places = [(col - (cols - 1) / 2, row - (rows - 1) / 2) for col in range(cols) for row in range(rows)]
     studs = np.minimum.reduce([np.hypot(grid.x - pitch * x, grid.y - pitch * y) for x, y in places]) - 0.32 * pitch
@@ -75,7 +75,7 @@ def _brick(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _puzzle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A piece of a jigsaw: a knob or a hole on each side."""
+    """Return the heights of a piece of a jigsaw puzzle: a knob or a hole on each side."""
     size, knob = sample.between(3, 5), sample.between(0.26, 0.34)
     outline = box_sdf(grid.x, grid.y, 2 * size, 2 * size, 0.2)
     kinds = sample.random.integers(0, 2, 4).tolist()
@@ -87,7 +87,7 @@ def _puzzle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _paw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A pad and toes."""
+    """Return the heights of a paw: a pad and toes."""
     toes, size = sample.integer(3, 5), sample.between(2.4, 3.6)
     pad = 2 * round_bar(np.hypot(grid.x / size, (grid.y - 2) / (0.85 * size)), 1.0)
     angles = np.linspace(-1, 1, toes) * sample.between(0.8, 1.1) - np.pi / 2
@@ -102,7 +102,7 @@ def _paw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _molar(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A tooth: cusps with fissures between them."""
+    """Return the heights of a molar tooth: cusps with fissures between them."""
     cusps, size, relief = sample.integer(3, 5), sample.between(4, 6.5), sample.between(0.8, 1.6)
     places = polygon_corners(cusps, 0.55 * size, sample.between(0, 1)) * sample.random.uniform(0.85, 1.15, (cusps, 1))
     lift = sample.random.uniform(0, 0.3, cusps).tolist()
@@ -115,7 +115,7 @@ def _molar(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _shell(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A scallop: ribs that fan out, growth rings across."""
+    """Return the heights of a scallop shell: ribs that fan out, with growth rings across."""
     ribs, size, relief = sample.integer(7, 15), sample.between(8, 12), sample.between(0.2, 0.4)
     x, y = grid.x, grid.y + size / 2
     far, angle = np.hypot(x, y), np.arctan2(x, y)
@@ -125,7 +125,7 @@ def _shell(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _pretzel(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A round bar bent to a closed curve with lobes."""
+    """Return the heights of a pretzel: a round bar bent to a closed curve with lobes."""
     lobes, size, bar = sample.integer(2, 5), sample.between(5, 7.5), sample.between(0.6, 1.1)
     t = np.linspace(0, 2 * np.pi, 120)
     reach = size * (0.58 + 0.42 * np.cos(lobes * t))
@@ -134,7 +134,7 @@ def _pretzel(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _maze(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Walls of a labyrinth: one diagonal or the other in every field."""
+    """Return the heights of a maze: walls along one of the two diagonals of every field."""
     pitch, relief = sample.between(1.8, 3.2), sample.between(0.5, 1.1)
     kind = sample.random.integers(0, 2, (30, 30))
     flips = np.where(kind[np.round(grid.x / pitch).astype(int) % 30, np.round(grid.y / pitch).astype(int) % 30], 1, -1)
@@ -144,7 +144,7 @@ def _maze(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _droplets(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Drops that run into each other, on a plate."""
+    """Return the heights of droplets on a plate that run into each other."""
     count, height = sample.integer(5, 16), sample.between(0.8, 1.6)
     sizes = sample.random.uniform(0.9, 2.2, count).tolist()
     places = sample.scatter(count, 6).tolist()

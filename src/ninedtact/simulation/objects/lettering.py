@@ -36,12 +36,12 @@ GLYPHS = dict(glyph.strip().split(":") for glyph in STROKES.split(";"))
 
 @lru_cache(maxsize=8)
 def _alphabet() -> tuple[str, ...]:
-    """All signs, letters first."""
+    """Return all signs of the font, letters first."""
     return tuple(sorted(GLYPHS, key=lambda sign: (sign.isdigit(), sign)))
 
 
 def _written(x: Heightfield, y: Heightfield, text: str, height_mm: float) -> Heightfield:
-    """Distance to the strokes of a line of text in the middle, never negative."""
+    """Return the distance to the strokes of a line of text in the middle, which is never negative."""
     unit = height_mm / 6
     strokes = []
     for place, sign in enumerate(text):
@@ -53,18 +53,18 @@ def _written(x: Heightfield, y: Heightfield, text: str, height_mm: float) -> Hei
 
 
 def _signs(sample: DimensionSampler, count: int) -> str:
-    """Random letters and digits."""
+    """Return random letters and digits."""
     return "".join(sample.random.choice(_alphabet(), count).tolist())
 
 
 def _letter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """One large letter or digit."""
+    """Return the heights of one large letter or digit."""
     sign = _alphabet()[sample.integer(0, len(GLYPHS) - 1)]
     return flat_face(_written(grid.x, grid.y, sign, sample.between(8, 14)) - sample.between(0.6, 1.1), 0.3)
 
 
 def _text(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A word on a plate."""
+    """Return the heights of a word on a plate."""
     count, height, relief = sample.integer(2, 5), sample.between(3, 7), sample.between(0.4, 1)
     height = min(height, 18 / count)
     letters = _written(grid.x, grid.y, _signs(sample, count), height) - height * 0.08
@@ -73,7 +73,7 @@ def _text(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _stamp(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Two lines of text, sunk into a plate."""
+    """Return the heights of a stamp: two lines of text, sunk into a plate."""
     height, depth = sample.between(3, 4.5), sample.between(0.4, 0.9)
     count = 3 if height > 3.8 else 4
     rows = [_written(grid.x, grid.y + shift * height * 0.75, _signs(sample, count), height) for shift in (-1, 1)]
@@ -82,7 +82,7 @@ def _stamp(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _coin(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A rim, beads or notches within it, and a sign in the middle."""
+    """Return the heights of a coin: a rim, beads or notches within it, and a sign in the middle."""
     radius, beads, relief = sample.between(5, 9), sample.integer(16, 40), sample.between(0.25, 0.5)
     rim = np.abs(grid.r - radius + 0.5) - 0.35
     around_bead = wrap_to_pitch(grid.angle, 2 * np.pi / beads) * grid.r
@@ -92,7 +92,7 @@ def _coin(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _braille(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Cells of up to six dots."""
+    """Return the heights of braille cells of up to six dots."""
     scale, height = sample.between(0.9, 1.4), sample.between(0.4, 0.8)
     cells = int(15 / (6 * scale)) + 1
     dots = sample.random.random((cells, 2, 3)) < 0.55
@@ -106,7 +106,7 @@ def _braille(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _barcode(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Bars of four widths."""
+    """Return the heights of a barcode: bars of four widths."""
     module, relief, tall = sample.between(0.5, 0.8), sample.between(0.4, 0.9), sample.between(6, 11)
     widths = sample.random.integers(1, 4, 2 * int(4 / module) + 1) * module
     ends = np.cumsum(widths) - widths.sum() / 2
@@ -116,7 +116,7 @@ def _barcode(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _dial(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A clock face: marks and two hands."""
+    """Return the heights of a clock face: marks and two hands."""
     marks, radius, relief = sample.integer(6, 14), sample.between(6, 9), sample.between(0.4, 0.8)
     ticks = np.maximum(
         np.abs(wrap_to_pitch(grid.angle, 2 * np.pi / marks) * grid.r) - 0.3, np.abs(grid.r - 0.82 * radius) - 0.8

@@ -24,7 +24,7 @@ HEXAGON = np.pi / 6
 
 
 def _screw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A threaded rod on its side."""
+    """Return the heights of a threaded rod that lies on its side."""
     radius, pitch, length = sample.between(1.5, 4.5), sample.between(0.8, 2), sample.between(10, 18)
     across = np.arcsin(np.clip(grid.y / radius, -1, 1))
     groove = np.abs(wrap_to_pitch(grid.x + pitch * across / (2 * np.pi), pitch)) * 1.1
@@ -32,7 +32,7 @@ def _screw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _bolt(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A head seen from above: round or six-sided, with a slot, cross, hexagon or star to drive it."""
+    """Return the heights of a bolt head seen from above: round or six-sided, with a slot, cross, hexagon or star to drive it."""
     drive, radius, depth = sample.integer(0, 3), sample.between(3, 7), sample.between(0.6, 1.5)
     drive_recess = (
         box_sdf(grid.x, grid.y, 3 * radius, 0.28 * radius),
@@ -48,7 +48,7 @@ def _bolt(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _nut(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A nut, square to eight-sided, with chamfered corners and a flange on some."""
+    """Return the heights of a nut: square to eight-sided, with chamfered corners, and a flange on some."""
     sides, radius, bore = sample.integer(4, 8), sample.between(4, 8), sample.between(0.45, 0.62)
     outline = polygon_sdf(grid.x, grid.y, polygon_corners(sides, radius, np.pi / sides))
     chamfer = 0.6 * np.maximum(grid.r - radius * np.cos(np.pi / sides), 0)
@@ -56,7 +56,7 @@ def _nut(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _gear(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Teeth, a bore, and holes in the web."""
+    """Return the heights of a gear: teeth, a bore, and holes in the web."""
     teeth, radius, bore = sample.integer(8, 24), sample.between(4.5, 8.5), sample.between(0.15, 0.3)
     tooth = min(2 * radius / teeth, 1.4)
     wave = np.clip(1.6 * np.cos(teeth * grid.angle), -1, 1)
@@ -68,7 +68,7 @@ def _gear(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _spring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A coil on its side: round wire, seen from below as slanting bows."""
+    """Return the heights of a coil spring that lies on its side: round wire, seen from below as slanted arcs."""
     radius, wire, pitch = sample.between(2, 4.5), sample.between(0.35, 0.7), sample.between(1.3, 3)
     length = sample.between(9, 16)
     across = np.arcsin(np.clip(grid.y / radius, -1, 1))
@@ -78,7 +78,7 @@ def _spring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _chain(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Oval links in a row, every other one lower."""
+    """Return the heights of a chain: oval links in a row, every other one lower."""
     pitch, wire = sample.between(3, 4.6), sample.between(0.5, 0.9)
     links = []
     for step in range(-1, 3):
@@ -89,7 +89,7 @@ def _chain(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _bearing(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Balls between two races."""
+    """Return the heights of a ball bearing: balls between two races."""
     balls, radius = sample.integer(6, 12), sample.between(4, 6.5)
     size = 0.8 * radius * np.sin(np.pi / balls)
     beads = [round_bar(np.hypot(grid.x - x, grid.y - y), size) for x, y in polygon_corners(balls, radius).tolist()]
@@ -98,7 +98,7 @@ def _bearing(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _rack(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Straight or slanting teeth on a bar."""
+    """Return the heights of a rack: straight or slanted teeth on a bar."""
     pitch, height, length = sample.between(1.4, 3.2), sample.between(0.6, 1.6), sample.between(12, 18)
     slant = sample.between(-0.5, 0.5)
     teeth = raise_outside(np.abs(wrap_to_pitch(grid.x + slant * grid.y, pitch)) - pitch * 0.18, height, pitch * 0.3)
@@ -106,7 +106,7 @@ def _rack(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _fan(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Slanting blades around a hub."""
+    """Return the heights of a fan: slanted blades around a hub."""
     blades, radius, sweep = sample.integer(3, 8), sample.between(6, 9), sample.between(-0.5, 0.5)
     around_blade = wrap_to_pitch(grid.angle + sweep * grid.r / 3, 2 * np.pi / blades)
     blade = np.abs(around_blade) * grid.r - grid.r * np.pi / blades * 0.55
@@ -116,7 +116,7 @@ def _fan(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _cable(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Strands twisted around each other."""
+    """Return the heights of a cable: strands twisted around each other."""
     strands, radius, lay = sample.integer(2, 6), sample.between(1.2, 3), sample.between(6, 14)
     turn = 2 * np.pi * grid.x / lay
     place = [turn + 2 * np.pi * strand / strands for strand in range(strands)]
@@ -126,7 +126,7 @@ def _cable(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _spanner(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """An open jaw on a handle, with a ring at its end."""
+    """Return the heights of a spanner: an open jaw on a handle, with a ring at its end."""
     jaw, handle = sample.between(2.2, 3.6), sample.between(0.7, 1.3)
     x, y = grid.x, grid.y
     head = np.hypot(x + 6, y) - jaw
@@ -139,13 +139,13 @@ def _spanner(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _sheet_frame(x: Heightfield, y: Heightfield, angle_rad: float) -> tuple[Heightfield, Heightfield]:
-    """Coordinates in a turned frame."""
+    """Return the coordinates of the grid points in a rotated frame."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return cos * x + sin * y, cos * y - sin * x
 
 
 def _key(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A bow with a hole, a grooved blade, and bitting of its own."""
+    """Return the heights of a key: a bow with a hole, a grooved blade, and random bitting."""
     bow, width, cuts = sample.between(3, 4.2), sample.between(2, 3), sample.integer(4, 7)
     x, y = grid.x, grid.y
     depths = sample.random.uniform(0.1, 0.55, cuts) * width
@@ -158,7 +158,7 @@ def _key(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _cutter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A saw blade or milling cutter: slanting teeth, deeper towards the rim."""
+    """Return the heights of a saw blade or milling cutter: slanted teeth, deeper towards the rim."""
     teeth, radius, rake = sample.integer(5, 14), sample.between(5, 8.5), sample.between(0.2, 0.5)
     turn = np.mod(grid.angle * teeth / (2 * np.pi), 1)
     outline = grid.r - radius * (1 - rake * turn * 0.8)
@@ -167,7 +167,7 @@ def _cutter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _spline(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """The end of a splined shaft with a centre hole, on a collar."""
+    """Return the heights of the end of a splined shaft with a centre hole, on a collar."""
     splines, radius = sample.integer(5, 12), sample.between(2.5, 5)
     outline = polygon_sdf(grid.x, grid.y, star_corners(splines, radius, sample.between(0.72, 0.88), 0.0)) - 0.15
     hole = np.maximum(sample.between(0.25, 0.4) * radius - grid.r, 0) * 1.2
@@ -175,7 +175,7 @@ def _spline(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _circuit(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A chip with its legs."""
+    """Return the heights of an electronic chip with its legs."""
     legs, pitch, body = sample.integer(3, 7), sample.between(1.2, 2), sample.between(4, 7)
     x, y = grid.x, grid.y
     length = legs * pitch
@@ -189,7 +189,7 @@ def _circuit(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _hook(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Bent wire: a hook, an S, a clip."""
+    """Return the heights of bent wire: a hook, an S, or a clip."""
     kind, size, wire = sample.integer(0, 2), sample.between(2, 3.5), sample.between(0.5, 1)
     t = np.linspace(0, 1, 40)
     bow = np.stack([np.cos(np.pi * 1.3 * t), np.sin(np.pi * 1.3 * t)], axis=1)

@@ -36,12 +36,12 @@ SIDES = {
 PITCH_MM = 0.1
 LEAST_MM, LARGEST_MM = 1.0, 60.0
 KEPT_MM = 36.0
-"""The diagonal of the sensing area, 30 mm, and a margin for drags."""
+"""Side of the square of an object that is kept: the diagonal of the sensing area, 30 mm, and a margin for drags."""
 MOST_TRIANGLES = 5_000_000
 
 
 class MeshUnusable(FileFormatError):
-    """The mesh cannot be used as it is."""
+    """Raised for a mesh that cannot be used as it is."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ MOST_MB = 500
 
 
 class ObjectLibraryMissing(MissingLibraryError):
-    """A library that reads objects is not installed."""
+    """Raised where a library that reads objects is not installed."""
 
 
 def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
@@ -196,7 +196,7 @@ FITTING = MeshPlacement(fit_mm=16.0)
 
 
 class MeshNotFound(FileFormatError):
-    """The model is not in Thingi10K, or Thingi10K cannot be downloaded."""
+    """Raised for a model that is not in Thingi10K, or where Thingi10K cannot be downloaded."""
 
 
 def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> MeshObject:

@@ -19,9 +19,9 @@ Points = Int[Array, " points"]
 Places = Float[Array, " lines"]
 
 PORTION = 2_000_000
-"""Grid points looked at together; about 200 MB."""
+"""Number of grid points processed together; about 200 MB."""
 NEAR = 1e-6
-"""Part of a pitch by which triangles are widened, so that neighbours leave no gap."""
+"""Fraction of a pitch by which triangles are widened, so that neighbours leave no gap."""
 
 
 def rasterize_lowest_mm(triangles_mm: Triangles, pitch_mm: float) -> Heightfield:
@@ -55,20 +55,20 @@ def lower_to_triangles(table: Heightfield, placed: Triangles) -> None:
 
 
 def _covered(low: Places, high: Places, samples: int) -> tuple[Lines, Lines]:
-    """The first grid line from low on, and how many there are up to high."""
+    """Return the first grid line at or above `low`, and the number of grid lines up to `high`."""
     first = np.ceil(np.clip(low - NEAR, 0, samples)).astype(int)
     last = np.floor(np.clip(high + NEAR, -1, samples - 1)).astype(int)
     return first, np.maximum(last - first + 1, 0)
 
 
 def _runs(first: Lines, count: Lines) -> tuple[Points, Points]:
-    """Whose grid line, and which, for runs of lines laid end to end."""
+    """Return the run that each grid line belongs to, and the number of that grid line, for all runs laid end to end."""
     owner = np.repeat(np.arange(len(count)), count)
     return owner, first[owner] + np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
 
 
 def _crossings(placed: Triangles, owner: Lines, row: Lines) -> tuple[Places, Places]:
-    """Between which columns each row of a triangle is inside it."""
+    """Return the columns between which each row of a triangle is inside the triangle."""
     left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
     for corner in range(3):
         start, end = placed[:, corner, :2], placed[:, (corner + 1) % 3, :2]
@@ -83,7 +83,7 @@ def _crossings(placed: Triangles, owner: Lines, row: Lines) -> tuple[Places, Pla
 
 
 def _heights_at(placed: Triangles, owner: Points, col: Points, row: Points) -> Float[Array, " points"]:
-    """Height of each point's triangle there; an upright triangle has its lower end."""
+    """Return the height of each point's triangle at that point; an upright triangle has the height of its lower end."""
     corner, low, high = placed[:, 0], placed[:, :, 2].min(axis=1), placed[:, :, 2].max(axis=1)
     normal = np.cross(placed[:, 1] - corner, placed[:, 2] - corner)
     upright = np.abs(normal[:, 2]) < 1e-12

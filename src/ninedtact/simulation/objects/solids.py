@@ -19,26 +19,26 @@ from ninedtact.simulation.objects.signed_distance import (
 
 
 def _ball(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A sphere."""
+    """Return the heights of a sphere."""
     return round_bar(grid.r, sample.between(2, 8))
 
 
 def _ellipsoid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Three different axes."""
+    """Return the heights of an ellipsoid with three different axes."""
     x, y = grid.rotated_axes(sample.between(0, np.pi))
     length, width, height = sample.between(4, 9), sample.between(2, 4), sample.between(2, 6)
     return height * round_bar(np.hypot(x / length, y / width), 1.0)
 
 
 def _cylinder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Lying on its side."""
+    """Return the heights of a cylinder that lies on its side."""
     radius, length = sample.between(1.5, 7), sample.between(8, 19)
     x, y = grid.rotated_axes(sample.between(0, np.pi))
     return round_bar(y, radius) + flat_face(box_sdf(x, y, length, 2 * radius), 0.3)
 
 
 def _capsule(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A rod with round ends, or two joined at an angle."""
+    """Return the heights of a rod with round ends, or of two rods joined at an angle."""
     radius, half, bend = sample.between(1, 3.5), sample.between(3, 6), sample.between(-1.2, 1.2)
     arm = segment_sdf(grid.x, grid.y, (0.0, 0.0), (-half, 0.0))
     other = segment_sdf(grid.x, grid.y, (0.0, 0.0), (half * np.cos(bend), half * np.sin(bend)))
@@ -46,19 +46,19 @@ def _capsule(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _cone(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """On its blunt tip."""
+    """Return the heights of a cone on its blunt tip."""
     slope, radius = np.tan(sample.between(0.3, 1.1)), sample.between(3, 8)
     return slope * smooth_abs(grid.r, sample.between(0.3, 1.2)) + flat_face(grid.r - radius)
 
 
 def _frustum(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A cone with a flat or hollow end."""
+    """Return the heights of a cone with a flat or hollow end."""
     face, slope, radius = sample.between(0.8, 4), np.tan(sample.between(0.3, 1.0)), sample.between(5, 8)
     return slope * smooth_abs(np.maximum(grid.r - face, 0), 0.2) + flat_face(grid.r - radius)
 
 
 def _pyramid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Three to six sides, on its tip."""
+    """Return the heights of a pyramid with three to six sides, on its tip."""
     sides, slope, radius = sample.integer(3, 6), np.tan(sample.between(0.25, 0.9)), sample.between(4, 8)
     normals = polygon_corners(sides, 1.0, sample.between(0, np.pi))
     across = np.maximum.reduce([nx * grid.x + ny * grid.y for nx, ny in normals.tolist()])
@@ -66,13 +66,13 @@ def _pyramid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _wedge(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """An edge, straight or bent along its length."""
+    """Return the heights of a wedge: an edge that is straight or bent along its length."""
     slope, length, bend = np.tan(sample.between(0.3, 1.0)), sample.between(8, 18), sample.between(-0.06, 0.06)
     return slope * smooth_abs(grid.y - bend * grid.x**2, 0.3) + flat_face(box_sdf(grid.x, grid.y, length, 10, 0.5))
 
 
 def _cross_roof(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Edges that meet in the middle."""
+    """Return the heights of a crossed roof: edges that meet in the middle."""
     arms, slope, turn = sample.integer(3, 5), np.tan(sample.between(0.4, 1.0)), sample.between(0, 1)
     ends = polygon_corners(arms, sample.between(5.5, 7.5), turn)
     ridges = [segment_sdf(grid.x, grid.y, (0.0, 0.0), (x, y)) for x, y in ends.tolist()]
@@ -81,13 +81,13 @@ def _cross_roof(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _torus(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A ring with a round section, round or oval."""
+    """Return the heights of a torus with a round section, whose ring is round or oval."""
     tube, radius = sample.between(0.6, 2.2), sample.between(3, 7)
     return round_bar(np.hypot(grid.x, grid.y * sample.between(1, 1.6)) - radius, tube)
 
 
 def _saddle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Bent down along one axis and up along the other."""
+    """Return the heights of a saddle: bent down along one axis and up along the other."""
     x, y = grid.rotated_axes(sample.between(0, np.pi))
     waves, height = sample.integer(2, 4), sample.between(0.6, 1.5)
     angle = np.arctan2(y, x)
@@ -95,7 +95,7 @@ def _saddle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _ziggurat(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Steps around a round, square or six-sided face."""
+    """Return the heights of steps around a round, square or six-sided face."""
     sides, steps, tread = sample.integer(3, 7), sample.integer(2, 4), sample.between(0.9, 1.8)
     outline = polygon_sdf(grid.x, grid.y, polygon_corners(sides, sample.between(1.5, 3), sample.between(0, 1)))
     stairs = [raise_outside(outline - tread * step, sample.between(0.3, 0.8)) for step in range(steps)]
@@ -103,14 +103,14 @@ def _ziggurat(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _limpet(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A ribbed cone."""
+    """Return the heights of a limpet shell: a ribbed cone."""
     ribs, slope, radius = sample.integer(6, 16), sample.between(0.25, 0.7), sample.between(5, 8)
     rib = sample.between(0.2, 0.45) * np.minimum(grid.r / 3, 1) * (1 - np.cos(ribs * grid.angle))
     return slope * smooth_abs(grid.r, 0.8) + rib + flat_face(grid.r - radius + rib)
 
 
 def _pebbles(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Balls of different sizes, not all equally low."""
+    """Return the heights of pebbles: balls of different sizes at different heights."""
     count, largest, spread = sample.integer(4, 14), sample.between(1.2, 2.6), sample.between(3, 6.5)
     sizes = largest * sample.random.uniform(0.45, 1, count)
     lift = sample.random.uniform(0, 0.5, count)
@@ -120,7 +120,7 @@ def _pebbles(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _caltrop(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A plate with cones of different heights."""
+    """Return the heights of a plate with cones of different heights."""
     count, height, spread = sample.integer(3, 8), sample.between(1, 2.5), sample.between(3, 5.5)
     lift = sample.random.uniform(0, 0.6, count)
     slope = sample.between(0.8, 1.6)

@@ -20,7 +20,7 @@ from ninedtact.simulation.objects.signed_distance import (
 
 
 def _plate(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """What carries a pattern: a disc, a rectangle or a hexagon."""
+    """Return the heights of the plate that carries a pattern: a disc, a rectangle or a hexagon."""
     kind, size = sample.integer(0, 2), sample.between(5.5, 8.5)
     if kind == 0:
         return flat_face(grid.r - size)
@@ -30,7 +30,7 @@ def _plate(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _grid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Crossing bars."""
+    """Return the heights of a grid of crossing bars."""
     pitch, bar, relief = sample.between(1.6, 4), sample.between(0.15, 0.35), sample.between(0.5, 1.5)
     x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
     bars = (
@@ -41,7 +41,7 @@ def _grid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _weave(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Threads over and under each other."""
+    """Return the heights of a weave: threads over and under each other."""
     pitch, depth = sample.between(1.4, 3.2), sample.between(0.3, 0.7)
     x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
     warp = _over(x, y, pitch, depth)
@@ -49,7 +49,7 @@ def _weave(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _over(x: Heightfield, y: Heightfield, pitch_mm: float, depth_mm: float) -> Heightfield:
-    """Threads along y that rise and fall."""
+    """Return the heights of threads along y that rise and fall."""
     thread = np.round(x / pitch_mm)
     wave = depth_mm * (1 + np.cos(np.pi * (y / pitch_mm + thread)))
     return wave + pitch_mm * 0.8 * (
@@ -58,7 +58,7 @@ def _over(x: Heightfield, y: Heightfield, pitch_mm: float, depth_mm: float) -> H
 
 
 def _dots(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Domes on a square or staggered lattice."""
+    """Return the heights of domes on a square or staggered lattice."""
     pitch, relief, stagger = sample.between(1.6, 3.6), sample.between(0.4, 1.2), sample.integer(0, 1)
     row = np.round(grid.y / pitch)
     nearest = np.hypot(wrap_to_pitch(grid.x + stagger * pitch / 2 * (row % 2), pitch), grid.y - pitch * row)
@@ -66,7 +66,7 @@ def _dots(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _ridges(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Parallel ridges, sharp or round."""
+    """Return the heights of parallel ridges, sharp or round."""
     pitch, relief = sample.between(1.2, 3.5), sample.between(0.4, 1.2)
     x, _ = grid.rotated_axes(sample.between(0, np.pi))
     part = np.abs(wrap_to_pitch(x, pitch)) / (pitch / 2)
@@ -74,7 +74,7 @@ def _ridges(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _waves(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Two crossing wave trains."""
+    """Return the heights of two crossing wave trains."""
     first, second, relief = sample.between(2, 6), sample.between(2, 6), sample.between(0.3, 0.7)
     (u, _), (v, _) = grid.rotated_axes(sample.between(0, np.pi)), grid.rotated_axes(sample.between(0, np.pi))
     heights = relief * (2 + np.cos(2 * np.pi * u / first) + np.cos(2 * np.pi * v / second))
@@ -82,7 +82,7 @@ def _waves(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _ripples(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Rings on water, from one or two places."""
+    """Return the heights of ripples as on water, from one or two points."""
     length, relief, apart = sample.between(1.5, 3.5), sample.between(0.3, 0.6), sample.between(-5, 5)
     first = np.cos(2 * np.pi * np.hypot(grid.x - apart, grid.y) / length)
     second = np.cos(2 * np.pi * np.hypot(grid.x + apart, grid.y - 1) / length)
@@ -90,7 +90,7 @@ def _ripples(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _knurl(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Crossed grooves on a roller."""
+    """Return the heights of a knurled roller: crossed grooves."""
     radius, pitch, length = sample.between(3, 8), sample.between(1, 2), sample.between(10, 17)
     along = np.arcsin(np.clip(grid.y / radius, -1, 1)) * radius
     grooves = [np.abs(wrap_to_pitch(grid.x + sign * along, 2 * pitch)) for sign in (-1, 1)]
@@ -99,7 +99,7 @@ def _knurl(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _honeycomb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Six-sided cells."""
+    """Return the heights of a honeycomb of six-sided cells."""
     pitch, wall, depth = sample.between(2.2, 4.5), sample.between(0.25, 0.5), sample.between(0.6, 1.5)
     x, y = _hexagon_frame(*grid.rotated_axes(sample.between(0, np.pi)), pitch)
     border = np.maximum.reduce([np.abs(nx * x + ny * y) for nx, ny in polygon_corners(6, 1.0)[:3].tolist()]) - pitch / 2
@@ -107,7 +107,7 @@ def _honeycomb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _hexagon_frame(x: Heightfield, y: Heightfield, pitch_mm: float) -> tuple[Heightfield, Heightfield]:
-    """x and y counted from the middle of the nearest cell of a honeycomb."""
+    """Return x and y relative to the middle of the nearest cell of a honeycomb."""
     step = pitch_mm * np.sqrt(3)
     first = wrap_to_pitch(x, pitch_mm), wrap_to_pitch(y, step)
     second = wrap_to_pitch(x - pitch_mm / 2, pitch_mm), wrap_to_pitch(y - step / 2, step)
@@ -116,7 +116,7 @@ def _hexagon_frame(x: Heightfield, y: Heightfield, pitch_mm: float) -> tuple[Hei
 
 
 def _pyramids(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A field of pyramids on their tips."""
+    """Return the heights of a field of pyramids on their tips."""
     pitch, relief = sample.between(1.6, 4), sample.between(0.6, 1.6)
     x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
     part = np.maximum(np.abs(wrap_to_pitch(x, pitch)), np.abs(wrap_to_pitch(y, pitch))) / (pitch / 2)
@@ -124,14 +124,14 @@ def _pyramids(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _spiral(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A ridge that winds outwards, one to three times."""
+    """Return the heights of a spiral ridge with one to three arms."""
     arms, pitch, relief = sample.integer(1, 3), sample.between(1.6, 3), sample.between(0.5, 1.2)
     turn = grid.r - arms * pitch * grid.angle / (2 * np.pi)
     return raise_outside(np.abs(wrap_to_pitch(turn, pitch)) - 0.2 * pitch, relief, 0.35) + _plate(sample, grid)
 
 
 def _comb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Teeth on a back."""
+    """Return the heights of a comb: teeth on a back."""
     teeth, width, tooth = sample.integer(4, 9), sample.between(10, 17), sample.between(4, 8)
     pitch = width / teeth
     row = np.maximum(
@@ -143,7 +143,7 @@ def _comb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _ladder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Two rails with rungs, of round bars."""
+    """Return the heights of a ladder of round bars: two rails with rungs."""
     width, pitch, bar = sample.between(4, 8), sample.between(2, 4), sample.between(0.4, 0.8)
     rails = np.hypot(np.abs(grid.y) - width / 2, 0)
     rungs = np.hypot(wrap_to_pitch(grid.x, pitch), np.maximum(np.abs(grid.y) - width / 2, 0))
@@ -152,7 +152,7 @@ def _ladder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _bricks(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A wall."""
+    """Return the heights of a brick wall."""
     length, ratio, joint = sample.between(3, 6), sample.between(0.35, 0.6), sample.between(0.18, 0.35)
     row = np.round(grid.y / (length * ratio))
     stone = box_sdf(
@@ -165,7 +165,7 @@ def _bricks(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _scales(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Overlapping scales."""
+    """Return the heights of overlapping scales."""
     size, tilt = sample.between(2.2, 4.5), sample.between(0.2, 0.4)
     layers = []
     for shift in (0.0, 1.0):
@@ -176,7 +176,7 @@ def _scales(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _checker(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Fields of different heights."""
+    """Return the heights of a checkerboard whose fields have different heights."""
     pitch, turn = sample.between(1.8, 4), sample.between(0, np.pi / 2)
     x, y = grid.rotated_axes(turn)
     heights = sample.random.uniform(0, sample.between(0.6, 1.3), (40, 40))
@@ -185,7 +185,7 @@ def _checker(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _tread(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """A tyre: slanting blocks and grooves."""
+    """Return the heights of a tyre tread: slanted blocks and grooves."""
     pitch, slant, depth = sample.between(2, 4), sample.between(0.4, 1.2), sample.between(0.7, 1.4)
     sideways = np.abs(wrap_to_pitch(grid.x + slant * np.abs(grid.y), pitch)) - 0.13 * pitch
     grooves = np.minimum(sideways, np.abs(np.abs(grid.y) - sample.between(1.5, 3.5)) - 0.35)
@@ -215,21 +215,24 @@ PATTERNS: dict[str, HeightfieldFunction] = {
 
 
 def _noise(sample: DimensionSampler, grid: HeightGrid, gain: np.ndarray) -> Heightfield:
-    """Gaussian noise with this gain over its wave numbers, mean zero and standard deviation one."""
+    """Return Gaussian noise with this gain over its wave numbers, with mean zero and standard deviation one."""
     white = sample.random.standard_normal(grid.x.shape)
     shaped = np.fft.irfft2(np.fft.rfft2(white) * gain, s=grid.x.shape)
     return (shaped - shaped.mean()) / shaped.std()
 
 
 def _frequency(grid: HeightGrid) -> np.ndarray:
-    """Of the entries of the transform, 1/mm."""
+    """Return the spatial frequency of each entry of the transform in 1/mm."""
     samples = grid.x.shape[0]
     first, second = np.fft.fftfreq(samples, grid.pitch_mm), np.fft.rfftfreq(samples, grid.pitch_mm)
     return np.hypot(first[:, None], second)
 
 
 def _fractal(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Self-affine: gain f^−(1 + H) with the Hurst exponent H, from a roll-off of 8 mm down to waves of 0.5 mm."""
+    """Return the heights of a self-affine rough surface on a plate.
+
+    The gain is f^−(1 + H) with the Hurst exponent H, from a roll-off of 8 mm down to waves of 0.5 mm.
+    """
     hurst, height = sample.between(0.3, 0.9), sample.between(0.15, 0.4)
     wave = _frequency(grid)
     gain = np.hypot(wave, 1 / 8) ** -(1 + hurst) * np.exp(-((0.5 * wave) ** 2))
@@ -237,19 +240,19 @@ def _fractal(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _bands(sample: DimensionSampler, grid: HeightGrid, length_mm: float) -> Heightfield:
-    """Noise of nearly one wavelength: stripes that branch and end."""
+    """Return the heights of stripes that branch and end: noise of nearly one wavelength."""
     return _noise(sample, grid, np.exp(-(((_frequency(grid) * length_mm - 1) / 0.15) ** 2)))
 
 
 def _coral(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Winding flat-topped walls."""
+    """Return the heights of winding walls with flat tops."""
     length, relief = sample.between(2, 5), sample.between(0.5, 1.2)
     walls = (_bands(sample, grid, length) - sample.between(-0.4, 0.4)) * length / 6
     return raise_outside(walls, relief, 0.4) + _plate(sample, grid)
 
 
 def _fingerprint(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Ridges around a core, on a soft dome."""
+    """Return the heights of a fingerprint: ridges around a core, on a soft dome."""
     pitch, relief, twist = sample.between(1, 1.8), sample.between(0.25, 0.5), sample.integer(-2, 3)
     bend = _noise(sample, grid, np.exp(-((6 * _frequency(grid)) ** 2)))
     phase = np.hypot(grid.x, 0.7 * grid.y) / pitch + 0.5 * bend + twist * np.arctan2(grid.y + 3, grid.x) / (2 * np.pi)
@@ -258,21 +261,21 @@ def _fingerprint(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _nearest_two(sample: DimensionSampler, grid: HeightGrid, count: int) -> tuple[Heightfield, Heightfield]:
-    """Distances to the nearest and the second nearest of scattered places."""
+    """Return the distances to the nearest and the second nearest of scattered points."""
     places = sample.scatter(count, 10).tolist()
     far = np.sort(np.stack([np.hypot(grid.x - x, grid.y - y) for x, y in places]), axis=0)
     return far[0], far[1]
 
 
 def _cells(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Dry mud: plates with cracks."""
+    """Return the heights of dry mud: plates with cracks."""
     near, next_near = _nearest_two(sample, grid, sample.integer(15, 45))
     crack = next_near - near - sample.between(0.5, 1.1)
     return raise_outside(-crack, sample.between(0.4, 1), 0.35) + _plate(sample, grid)
 
 
 def _foam(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Walls between bubbles."""
+    """Return the heights of foam: walls between bubbles."""
     near, next_near = _nearest_two(sample, grid, sample.integer(12, 36))
     return raise_outside(next_near - near - 0.5, sample.between(0.6, 1.4), sample.between(0.6, 1.4)) + _plate(
         sample, grid
@@ -280,7 +283,7 @@ def _foam(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _bark(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Long furrows."""
+    """Return the heights of bark: long furrows."""
     length, relief = sample.between(1.5, 3), sample.between(0.25, 0.5)
     samples = grid.x.shape[0]
     along, across = np.fft.fftfreq(samples, grid.pitch_mm)[:, None], np.fft.rfftfreq(samples, grid.pitch_mm)
@@ -289,7 +292,7 @@ def _bark(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 
 
 def _terrain(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
-    """Hills in terraces, as a map made of layers."""
+    """Return the heights of terraced hills, as in a map made of layers."""
     layer, hill = sample.between(0.3, 0.6), sample.between(4, 8)
     heights = 0.8 * _noise(sample, grid, np.exp(-((hill * _frequency(grid) / 2) ** 2)))
     step = np.floor(heights / layer)
