@@ -1,4 +1,8 @@
-"""Force by learning: a trained network as an estimator."""
+"""Force estimation with a trained network: a `ForceModel` as a `ForceEstimator`, with contact detection and warnings.
+
+The network's wrench is scaled to the gel's shear modulus and moved to the skin's centre. Its Laplace scale becomes the standard
+deviation. Wrenches beyond the training's range, and inputs unlike the training's, carry a warning.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -33,7 +37,7 @@ class SensorFeaturesMissing(ForceError):
 class NetworkForce(ForceEstimator):
     """A force model on a sensor with this gel. `estimator_loading.load_estimator` builds it from a sensor folder.
 
-    Raises `SensorFeaturesMissing` where the model's card asks for features of the sensor and none are given.
+    Raises `SensorFeaturesMissing` where the model needs features of the sensor and none are given.
     """
 
     model: ForceModel
@@ -41,7 +45,7 @@ class NetworkForce(ForceEstimator):
     """Its shear modulus scales the wrench."""
     contact_test: ContactTest = detect_contact
     features: SensorFeatures | None = None
-    """Of the sensor. Models that need no more than the gel's thickness run without."""
+    """Features of the sensor; models that need only the gel's thickness run without them."""
 
     def __post_init__(self) -> None:
         self.name = self.model.card.name
@@ -115,9 +119,9 @@ def move_prediction_to_skin_centre(
     force_n, torque_nm = prediction.wrench[:, :3], prediction.wrench[:, 3:]
     arm_m = np.array(about_mm) / 1e3
     torque_nm = torque_nm + np.cross(arm_m, force_n)
-    # τ_x gains arm_y F_z − arm_z F_y, and so on round.
+    # τ_x gains arm_y F_z − arm_z F_y; the other axes follow cyclically.
     by_force = np.abs(np.cross(np.eye(3), arm_m))
-    with np.errstate(invalid="ignore"):  # a network without scales has infinite ones, and they stay so
+    with np.errstate(invalid="ignore"):  # networks without scales have infinite ones, which stay infinite
         scale = np.hypot(prediction.scale[:, 3:], np.sqrt(prediction.scale[:, :3] ** 2 @ by_force**2))
     return WrenchPrediction(
         np.concatenate([force_n, torque_nm], 1), np.concatenate([prediction.scale[:, :3], scale], 1)

@@ -6,9 +6,9 @@
 Training stores heights in mm (`orthorectification.orthorectified_heights`) or grey images, augments them, and then calls the same
 functions as the live path.
 
-The features of a sensor are its gel's thickness and how its light responds. Their values are fitted to a ball press with given
-mechanics; where a gel's base is compliant, they differ from those of any gel on a rigid one, so that a network can infer from them
-what the heights that were computed with them mean.
+The features of a sensor are its gel's thickness and the parameters of its light. The calibration fits them to a ball press and
+assumes a rigid base. Above a compliant base they therefore differ from those of any gel on a rigid one, so that a network can infer
+from them how to interpret the heights, which are computed with them.
 """
 
 from dataclasses import dataclass, field, replace
@@ -37,12 +37,12 @@ from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_M
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 
 _PUBLISHED_MM_PER_PX = 0.0522
-"""Of the published rectified image."""
+"""Pixel pitch of the published rectified image."""
 
 
 @dataclass(frozen=True)
 class SensorFeatures:
-    """Features of one sensor; the defaults are typical, and stand in where a calibration has no value."""
+    """Features of one sensor; the defaults are typical values, used where a calibration has none."""
 
     thickness_mm: float = Gel().thickness_mm
     darkening_per_mm: float = 0.1
@@ -78,11 +78,11 @@ def sensor_features_of(shape: CalibratedShape, gel: Gel) -> SensorFeatures:
 
 
 class NetworkInputImpossible(ForceError):
-    """A network's input that cannot be built, or not from this reading."""
+    """The settings of a network's input are invalid, or it cannot be built from this reading."""
 
 
 class InputChannels(StrEnum):
-    """What the channels are, in their order; the text is stored in the model's card."""
+    """The channels of a network's input and their order; the text is stored in the model's card."""
 
     HEIGHTS = "height / gel thickness"
     HEIGHTS_AND_GEL = "height / gel thickness, gel thickness / 2.5 mm"
@@ -116,7 +116,7 @@ _FEATURE_CHANNELS = {
     InputChannels.HEIGHTS_AND_GEL: 1,
     InputChannels.HEIGHTS_AND_SENSOR: len(TYPICAL_FEATURES.row),
 }
-"""Number of a sensor's features that are channels of their own, each the same everywhere."""
+"""Number of a sensor's features that are channels of their own, each constant over the image."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class NetworkInputBuilder:
 
     settings: NetworkInputSettings = field(default_factory=NetworkInputSettings)
     features: SensorFeatures = TYPICAL_FEATURES
-    """Of this sensor."""
+    """Features of the sensor whose readings are given."""
     _reader: DeformationReader | None = field(default=None, init=False, repr=False)
 
     def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
@@ -189,7 +189,7 @@ class NetworkInputBuilder:
         return np.asarray(stack_height_channels(z_mm, self.features.row, self.settings.channels))
 
     def of_image(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
-        """Return the input for an image and its reference, both whole whatever their pixels measure; raises `ImagesDoNotMatch`."""
+        """Return the input for an image and its reference, resized whole to the network's size; raises `ImagesDoNotMatch`."""
         if self._reader is None or self._reader.reference is not reference:
             self._reader = DeformationReader(reference, (self.settings.rows, self.settings.cols))
         return deformation_channels(self._reader(rectified), self.settings.channels.layout)

@@ -1,8 +1,8 @@
-"""The original project's published network, with weights that its user has: DenseNet-169 on the `mixed_image`.
+"""Force estimator with the original 9DTact project's network: DenseNet-169 on the mixed image, from the user's weights file (.pt).
 
-Its six numbers, between 0 and 1, are parts of ranges, and its torques are about a force/torque sensor 35 mm below the skin
-(docs/references.md, code of 9DTact). It was never shown untouched skin: without the gate it
-sees forces where nothing touches.
+The network's six outputs between 0 and 1 are fractions of fixed ranges, and its torques are about a force/torque sensor 35 mm below
+the skin (docs/references.md, code of 9DTact). Its training had no images without contact, so that it estimates forces where
+nothing touches unless contact detection precedes it.
 """
 
 from dataclasses import dataclass, field
@@ -31,12 +31,12 @@ WRENCH_MIN, WRENCH_MAX = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([3
 
 
 class OriginalWeightsUnusable(FileFormatError):
-    """A file that does not hold the weights of the original's network, or holds more than weights."""
+    """A file does not hold the weights of the original project's network, or holds more than weights."""
 
 
 @dataclass
 class OriginalNetworkForce(ForceEstimator):
-    """The original's network on this sensor. Its errors are those that its authors' own test showed, at every force."""
+    """The original project's network on this sensor. Its standard deviation is the error in its authors' own test."""
 
     network: DenseNet
     contact_test: ContactTest = detect_contact
@@ -46,7 +46,7 @@ class OriginalNetworkForce(ForceEstimator):
         self.input = NetworkInputBuilder(full_resolution_input(InputChannels.MIXED))
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """The wrench of the object on the skin about the skin's centre, zero exactly where nothing touches."""
+        """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
         error, stamp_ns = np.array(PUBLISHED_SCORES_AT_SKIN.rmse), reading.frame.stamp_ns
         if not self.contact_test(reading):
             return WrenchEstimate(zero_wrench(stamp_ns), error, touching=False)
@@ -59,12 +59,12 @@ class OriginalNetworkForce(ForceEstimator):
         )
 
     def parts(self, reading: Reading) -> Float64[Array, "6"]:
-        """What the network says."""
+        """Return the network's six outputs for a reading, as fractions of their ranges."""
         with torch.no_grad():
             return self.network(torch.from_numpy(self.input(reading))[None])[0].double().numpy()
 
     def forget(self) -> None:
-        """Nothing was remembered."""
+        """Do nothing: no reading is remembered."""
 
 
 def read_original_network(path: Path | str, contact_test: ContactTest = detect_contact) -> OriginalNetworkForce:
@@ -85,7 +85,7 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
 
 
 def read_state(path: Path) -> dict[str, Tensor]:
-    """Names and weights; raises `OriginalWeightsUnusable`."""
+    """Read the weights of a .pt file by name, without running code in it; raises `OriginalWeightsUnusable`."""
     try:
         state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except UnpicklingError as trouble:
@@ -93,7 +93,7 @@ def read_state(path: Path) -> dict[str, Tensor]:
             f"expected weights and nothing else in {path}, got a file that is damaged, or that would run code when it is read; "
             "it was not run: save the network's state_dict() alone with torch.save"
         ) from trouble
-    except Exception as trouble:  # whatever torch meets in a damaged file
+    except Exception as trouble:  # torch raises many kinds of error for a damaged file
         said = (str(trouble).splitlines() or [""])[0]
         raise OriginalWeightsUnusable(f"expected a whole .pt file in {path}, got: {said}; copy it again") from trouble
     if not isinstance(state, dict) or not all(isinstance(weight, Tensor) for weight in state.values()):
@@ -104,7 +104,7 @@ def read_state(path: Path) -> dict[str, Tensor]:
 
 
 def require_names(state: dict[str, Tensor], wanted: dict[str, Tensor], path: Path | str) -> None:
-    """Refuse the weights of another network."""
+    """Raise `OriginalWeightsUnusable` for weights whose names are not those of the network."""
     missing, unknown = wanted.keys() - state.keys(), state.keys() - wanted.keys()
     if missing or unknown:
         raise OriginalWeightsUnusable(

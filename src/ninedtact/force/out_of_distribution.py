@@ -1,11 +1,13 @@
-"""Simple numbers of a network's input, by which an image is known that is like none it was trained with.
+"""Detection of out-of-distribution inputs: simple statistics of a network's input, compared with their ranges in training.
 
-deepest      how deep the skin is pressed in, or how much darker it is, at most
-touched      part of the image that is
-changed      mean size of what is not as untouched
-rough        standard deviation of what a mean over 3 × 3 pixels takes away: noise, and sharp edges
-reference    mean brightness of the untouched image (images only)
-trait 1 …    what is known of the sensor (where the network is told it)
+deepest      largest indentation, or largest darkening for image channels
+touched      fraction of the image that is pressed in or darker
+changed      mean magnitude of the change from the state without contact
+rough        standard deviation of the difference from a mean over 3 × 3 pixels: noise, and sharp edges
+reference    mean brightness of the reference image (image channels only)
+trait 1 …    features of the sensor (for networks that have them as channels)
+
+The ranges are stored in the model's card, and an input beyond them gets a warning.
 """
 
 from typing import Any
@@ -19,15 +21,15 @@ from ninedtact.force.network_input import InputChannels
 Inputs = Float32[Array, "n channels rows cols"]
 StatisticRange = tuple[float, float]
 TOUCHED_AT = {True: 0.02, False: 5.0}
-"""Of heights in gel thicknesses, of images in grey levels."""
+"""Threshold of `touched`: in gel thicknesses for height channels (True), in grey levels for image channels (False)."""
 SHARES = (0.1, 99.9)
-"""Percentiles of the training's numbers between which an image is like it…"""
+"""Percentiles of the training's statistics that bound each range."""
 MARGIN = 0.2
-"""… or beyond by this part of their distance."""
+"""Fraction of a range by which a statistic may lie beyond it."""
 
 
 def input_statistics(inputs: Inputs, channels: InputChannels) -> dict[str, Float64[Array, " n"]]:
-    """Of every image."""
+    """Return the statistics of every input by name."""
     pressed = indentation_signal(inputs, channels)
     flat = pressed.reshape(len(inputs), -1)
     found: dict[str, Any] = {
@@ -44,7 +46,7 @@ def input_statistics(inputs: Inputs, channels: InputChannels) -> dict[str, Float
 
 
 def indentation_signal(inputs: Inputs, channels: InputChannels) -> Float32[Array, "n rows cols"]:
-    """Positive where the skin is pressed in or darker."""
+    """Return a field that is positive where the skin is pressed in or darker."""
     if channels.of_heights:
         return -inputs[:, 0]
     if channels is InputChannels.MIXED:
@@ -53,13 +55,13 @@ def indentation_signal(inputs: Inputs, channels: InputChannels) -> Float32[Array
 
 
 def means_of_nine(fields: Float32[Array, "n rows cols"]) -> Float32[Array, "n fewer_rows fewer_cols"]:
-    """Of every pixel that has eight neighbours."""
+    """Return means over 3 × 3 pixels, for every pixel that has eight neighbours."""
     across = fields[:, :, :-2] + fields[:, :, 1:-1] + fields[:, :, 2:]
     return (across[:, :-2] + across[:, 1:-1] + across[:, 2:]) / 9
 
 
 def statistic_ranges(found: dict[str, Float64[Array, " n"]]) -> dict[str, StatisticRange]:
-    """What training saw, a few outliers aside: kept with the model."""
+    """Return the range of each statistic without a few outliers, as it is stored in the model's card."""
     both = {name: np.percentile(values, SHARES).tolist() for name, values in found.items()}
     return {name: (low, high) for name, (low, high) in both.items()}
 
@@ -67,7 +69,7 @@ def statistic_ranges(found: dict[str, Float64[Array, " n"]]) -> dict[str, Statis
 def is_out_of_distribution(
     inputs: Float32[Array, "channels rows cols"], channels: InputChannels, known: dict[str, StatisticRange]
 ) -> bool:
-    """Whether any number of one image lies beyond those of training."""
+    """Return whether any statistic of one input lies outside its range in training."""
     return any(
         not within(float(values[0]), known[name])
         for name, values in input_statistics(inputs[None], channels).items()
@@ -76,7 +78,7 @@ def is_out_of_distribution(
 
 
 def within(value: float, known: StatisticRange) -> bool:
-    """Inside, or little beyond; a range of one value allows for as much of that."""
+    """Return whether a value lies within a range and its margin; a narrow range counts as at least 5 % of its upper end."""
     low, high = known
     margin = MARGIN * max(high - low, abs(high) * 0.05)
     return low - margin <= value <= high + margin

@@ -1,10 +1,10 @@
-"""Networks of force, by name: an image of any kind → six numbers, or six and the logarithms of their scales.
+"""Network architectures that estimate a wrench from an image: six numbers, or twelve with the logarithms of scales.
 
-    moments                      ours: small, and exact about places (`moments.py`)
-    densenet121 … densenet201    the paper's is 169; names of parameters are torchvision's
-    resnet18, resnet50, vit      what the paper compares with
+    moments                      this project's small network, whose torque arms are exact (`wrench_network.MomentsNetwork`)
+    densenet121 … densenet201    DenseNet with torchvision's parameter names; the paper uses densenet169
+    resnet18, resnet50, vit      the architectures that the paper compares with
 
-Numbers are in units of the labels' scale; `wrench.WrenchNetwork` turns them into N and N·m.
+The numbers are in units of the labels' scale; `WrenchNetwork` converts them to N and N·m.
 """
 
 from ninedtact.force.networks.wrench_network import (

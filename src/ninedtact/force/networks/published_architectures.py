@@ -1,8 +1,7 @@
-"""DenseNet (Huang 2017, docs/references.md) with the parameter names of torchvision, so that published weights load strictly.
+"""Published network architectures: DenseNet, ResNet and a small vision transformer, for any number of channels and outputs.
 
-ResNet (He 2016, docs/references.md) with the parameter names of torchvision.
-
-A small vision transformer (Dosovitskiy 2021, docs/references.md): patches of 10 pixels, mean of all tokens.
+DenseNet (Huang 2017) and ResNet (He 2016) have the parameter names of torchvision, so that published weights load strictly. The
+vision transformer (Dosovitskiy 2021) takes patches of 10 pixels and averages all tokens. docs/references.md has the citations.
 """
 
 from collections import OrderedDict
@@ -17,12 +16,12 @@ DENSENET_LAYERS = {
     "densenet169": (32, (6, 12, 32, 32), 64),
     "densenet201": (32, (6, 12, 48, 32), 64),
 }
-"""Growth rate, layers of each block, and channels after the first convolution."""
+"""Growth rate, number of layers of each block, and channels after the first convolution."""
 BOTTLENECK = 4
 
 
 class DenseLayer(nn.Module):
-    """Adds `growth` channels to those that it is given."""
+    """A dense layer, which appends `growth` channels to its input."""
 
     def __init__(self, channels: int, growth: int) -> None:
         super().__init__()
@@ -32,25 +31,25 @@ class DenseLayer(nn.Module):
         self.conv2 = nn.Conv2d(BOTTLENECK * growth, growth, 3, padding=1, bias=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, h, w) → (n, channels + growth, h, w)."""
+        """Return the input (n, channels, h, w) with new channels appended, (n, channels + growth, h, w)."""
         narrow = self.conv1(torch.relu(self.norm1(x)))
         return torch.cat([x, self.conv2(torch.relu(self.norm2(narrow)))], dim=1)
 
 
 def dense_block(channels: int, growth: int, layers: int) -> nn.Sequential:
-    """Layers that each see all before them."""
+    """Return a dense block, each layer of which takes the outputs of all layers before it."""
     names = (f"denselayer{number + 1}" for number in range(layers))
     return nn.Sequential(OrderedDict((name, DenseLayer(channels + n * growth, growth)) for n, name in enumerate(names)))
 
 
 def transition(channels: int) -> nn.Sequential:
-    """Half the channels, half the size."""
+    """Return a transition layer, which halves the channels and the image's size."""
     parts = nn.BatchNorm2d(channels), nn.ReLU(), nn.Conv2d(channels, channels // 2, 1, bias=False), nn.AvgPool2d(2, 2)
     return nn.Sequential(OrderedDict(zip(("norm", "relu", "conv", "pool"), parts, strict=True)))
 
 
 class DenseNet(nn.Module):
-    """Images of any size → `outputs` numbers."""
+    """DenseNet from images of any size to `outputs` numbers."""
 
     def __init__(self, growth: int, blocks: tuple[int, ...], first: int, channels: int, outputs: int) -> None:
         super().__init__()
@@ -70,12 +69,12 @@ class DenseNet(nn.Module):
         self.classifier = nn.Linear(last, outputs)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, h, w) → (n, outputs)."""
+        """Return the outputs (n, outputs) for images (n, channels, h, w)."""
         return self.classifier(torch.relu(self.features(x)).mean((2, 3)))
 
 
 def widths_of(growth: int, blocks: tuple[int, ...], first: int) -> list[tuple[int, int]]:
-    """Channels before and after every block."""
+    """Return the numbers of channels before and after every dense block."""
     befores = [first]
     for layers in blocks:
         befores.append((befores[-1] + layers * growth) // 2)
@@ -83,7 +82,7 @@ def widths_of(growth: int, blocks: tuple[int, ...], first: int) -> list[tuple[in
 
 
 def build_densenet(name: str, channels: int, outputs: int) -> DenseNet:
-    """One of `DENSENET_LAYERS`, weights random."""
+    """Return the DenseNet of this name in `DENSENET_LAYERS`, with random weights."""
     growth, blocks, first = DENSENET_LAYERS[name]
     return DenseNet(growth, blocks, first, channels, outputs)
 
@@ -93,7 +92,7 @@ RESNET_WIDTHS = (64, 128, 256, 512)
 
 
 class Basic(nn.Module):
-    """Two convolutions beside a shortcut."""
+    """Basic residual block: two convolutions beside a shortcut."""
 
     expansion = 1
 
@@ -106,14 +105,14 @@ class Basic(nn.Module):
         self.downsample = shortcut(channels, width, stride)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, h, w) → (n, width, h/stride, w/stride)."""
+        """Return the block's output (n, width, h/stride, w/stride) for an input (n, channels, h, w)."""
         y = self.bn1(self.conv1(x)).relu()
         y = self.bn2(self.conv2(y))
         return (y + (x if self.downsample is None else self.downsample(x))).relu()
 
 
 class Bottleneck(nn.Module):
-    """A convolution between a narrowing and a widening one, beside a shortcut."""
+    """Bottleneck residual block: a convolution between a narrowing and a widening one, beside a shortcut."""
 
     expansion = 4
 
@@ -128,7 +127,7 @@ class Bottleneck(nn.Module):
         self.downsample = shortcut(channels, 4 * width, stride)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, h, w) → (n, 4 width, h/stride, w/stride)."""
+        """Return the block's output (n, 4 width, h/stride, w/stride) for an input (n, channels, h, w)."""
         y = self.bn1(self.conv1(x)).relu()
         y = self.bn2(self.conv2(y)).relu()
         y = self.bn3(self.conv3(y))
@@ -136,14 +135,14 @@ class Bottleneck(nn.Module):
 
 
 def shortcut(channels: int, width: int, stride: int) -> nn.Sequential | None:
-    """What brings the input to the output's size; None where it has it."""
+    """Return the projection of a block's input to its output's size, None where the sizes are equal."""
     if stride == 1 and channels == width:
         return None
     return nn.Sequential(nn.Conv2d(channels, width, 1, stride, bias=False), nn.BatchNorm2d(width))
 
 
 class ResNet(nn.Module):
-    """Images of any size → `outputs` numbers."""
+    """ResNet from images of any size to `outputs` numbers."""
 
     def __init__(
         self, block: type[Basic] | type[Bottleneck], layers: tuple[int, ...], channels: int, outputs: int
@@ -161,7 +160,7 @@ class ResNet(nn.Module):
         self.fc = nn.Linear(befores[-1], outputs)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, h, w) → (n, outputs)."""
+        """Return the outputs (n, outputs) for images (n, channels, h, w)."""
         x = self.maxpool(self.bn1(self.conv1(x)).relu())
         for number in range(len(RESNET_WIDTHS)):
             x = getattr(self, f"layer{number + 1}")(x)
@@ -169,7 +168,7 @@ class ResNet(nn.Module):
 
 
 def build_resnet(name: str, channels: int, outputs: int) -> ResNet:
-    """One of `RESNET_LAYERS`, weights random."""
+    """Return the ResNet of this name in `RESNET_LAYERS`, with random weights."""
     return ResNet(Bottleneck if name == "resnet50" else Basic, RESNET_LAYERS[name], channels, outputs)
 
 
@@ -180,7 +179,7 @@ VIT_DEPTH = 8
 
 
 class VisionTransformer(nn.Module):
-    """Images of any size → `outputs` numbers; places are told by sines, so that no size is learnt."""
+    """Vision transformer from images of any size to `outputs` numbers; its sinusoidal position encoding depends on no size."""
 
     def __init__(self, channels: int, outputs: int) -> None:
         super().__init__()
@@ -192,7 +191,7 @@ class VisionTransformer(nn.Module):
         self.head = nn.Linear(VIT_WIDTH, outputs)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, h, w) → (n, outputs)."""
+        """Return the outputs (n, outputs) for images (n, channels, h, w)."""
         tokens = self.patches(x)
         rows, cols = tokens.shape[-2:]
         tokens = tokens.flatten(2).transpose(1, 2) + sinusoidal_position_encoding(rows, cols).to(tokens)
@@ -200,7 +199,7 @@ class VisionTransformer(nn.Module):
 
 
 def sinusoidal_position_encoding(rows: int, cols: int) -> Tensor:
-    """Sines and cosines of every patch's row and column, (rows·cols, WIDTH)."""
+    """Return the sines and cosines of every patch's row and column, (rows·cols, `VIT_WIDTH`)."""
     rates = 100.0 ** -torch.linspace(0, 1, VIT_WIDTH // 4)
     down, right = (torch.arange(side)[:, None] * rates for side in (rows, cols))
     of_row, of_col = (torch.cat([angle.sin(), angle.cos()], 1) for angle in (down, right))

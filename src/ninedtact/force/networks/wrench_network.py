@@ -1,14 +1,14 @@
-"""The small network that ships: a force and a torque from every cell of a coarse map, summed with exact arms.
+"""Networks that output a wrench in N and N·m: the shipped `moments` network, and `WrenchNetwork`, which wraps any architecture.
 
-Convolutions see the same everywhere, so the same touch elsewhere gives the same force; that its torque about the skin's
-centre is another is arithmetic, not learnt: T = Σ (torque of the cell + arm × force of the cell), the arm from the skin's centre
-to the cell's. Halvings are by kernels of even size, so that the cells lie symmetric about the centre. Blocks are plain
-residuals (He 2016, docs/references.md): separable ones of as many weights, with kernels of 5 × 5, answer no sooner and take
-3.5 times as long to train on a processor.
+The `moments` network predicts a force and a torque for every cell of a coarse map and sums them: T = Σ (torque of the cell + arm ×
+force of the cell), with the arm from the skin's centre to the cell's. Convolutions are translation-invariant, so the same contact
+elsewhere gives the same force, and the change of its torque is computed exactly instead of learnt. Strided convolutions have
+kernels of even size, so that the cells lie symmetric about the centre. The blocks are plain residual blocks (He 2016,
+docs/references.md): separable ones with as many weights and kernels of 5 × 5 run no faster and take 3.5 times as long to train on a
+CPU.
 
-The one place that knows all networks.
-
-A network's numbers as a wrench in N and N·m, with the scale of its error.
+`build_network` builds every architecture by name. `WrenchNetwork` converts its numbers, and the scales of their errors, to N and
+N·m.
 """
 
 from dataclasses import dataclass
@@ -29,20 +29,20 @@ from ninedtact.force.networks.published_architectures import (
 from ninedtact.quantities import centred_axis_mm
 
 HALVINGS = 2
-"""A cell is four pixels wide."""
+"""Number of times that the image is halved: a cell of the coarse map is four pixels wide."""
 FIRST, WIDTH = 24, 48
 BLOCKS = 4
 Layer = nn.Sequential
 
 
 def convolution(before: int, after: int, kernel: int, stride: int = 1) -> Layer:
-    """Convolution and normalisation; the padding keeps the image's centre where it is."""
+    """Return a convolution with batch normalisation, padded so that the image's centre stays in place."""
     padding = (kernel - stride + 1) // 2
     return Layer(nn.Conv2d(before, after, kernel, stride, padding, bias=False), nn.BatchNorm2d(after))
 
 
 class MomentsBlock(nn.Module):
-    """Two convolutions beside a shortcut."""
+    """Residual block: two convolutions beside a shortcut."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -50,12 +50,12 @@ class MomentsBlock(nn.Module):
         self.active = nn.Hardswish()
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, width, h, w), the same shape again."""
+        """Return the block's output, which has the shape (n, width, h, w) of its input."""
         return self.active(x + self.second(self.active(self.first(x))))
 
 
 class Moments(nn.Module):
-    """Forces and torques of cells → their sum about the skin's centre, all in units of the labels' scale."""
+    """Sums forces and torques of cells about the skin's centre; all are in units of the labels' scale."""
 
     def __init__(self, settings: NetworkInputSettings, unit: tuple[float, ...]) -> None:
         super().__init__()
@@ -71,7 +71,7 @@ class Moments(nn.Module):
         self.unit: Tensor
 
     def forward(self, cells: Tensor) -> Tensor:
-        """(n, 6, rows, cols) → (n, 6)."""
+        """Return the total wrench (n, 6) of the cells' wrenches (n, 6, rows, cols)."""
         unit = self.unit[:, None, None]
         fx, fy, fz, tx, ty, tz = (cells.float() * unit).unbind(1)
         x, y = self.x_m, self.y_m
@@ -80,7 +80,7 @@ class Moments(nn.Module):
 
 
 class MomentsNetwork(nn.Module):
-    """Images of one size → six numbers, or twelve with the logarithms of their scales."""
+    """The `moments` network, from images of one size to six numbers, or twelve with the logarithms of their scales."""
 
     def __init__(
         self, settings: NetworkInputSettings, outputs: int, unit: tuple[float, ...], blocks: int = BLOCKS
@@ -94,12 +94,12 @@ class MomentsNetwork(nn.Module):
         self.features = Layer(*halve, *(MomentsBlock(WIDTH) for _ in range(blocks)))
         self.cells = nn.Conv2d(WIDTH, 6, 1)
         for weights in self.cells.parameters():
-            nn.init.zeros_(weights)  # so that the first answer is not the sum of hundreds of random cells
+            nn.init.zeros_(weights)  # the initial output would otherwise be the sum of hundreds of random cells
         self.moments = Moments(settings, unit)
         self.spread = spread(2 * WIDTH + 3 * channels, outputs - 6) if outputs > 6 else None
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, rows, cols) → (n, outputs)."""
+        """Return the outputs (n, outputs) for images (n, channels, rows, cols)."""
         found = self.features(x)
         wrench = self.moments(self.cells(found))
         if self.spread is None:
@@ -109,23 +109,23 @@ class MomentsNetwork(nn.Module):
 
 
 def spread(before: int, after: int) -> Layer:
-    """How sure the answer is, from what the whole image holds."""
+    """Return the layers that predict the logarithms of the scales from statistics of the whole image."""
     return Layer(nn.Linear(before, WIDTH), nn.Hardswish(), nn.Linear(WIDTH, after))
 
 
 NETWORK_NAMES = ("moments", *DENSENET_LAYERS, *RESNET_LAYERS, "vit")
 SMALLEST_PX = 32
-"""Sides of an image that is halved five times."""
+"""Smallest side of an image for architectures that halve it five times."""
 
 
 class NetworkUnknown(InputError):
-    """A name that no network has, or an image that it cannot take."""
+    """No network has this name, or the network cannot take images of this size."""
 
 
 def build_network(name: str, settings: NetworkInputSettings, outputs: int, unit: tuple[float, ...]) -> nn.Module:
-    """A network with random weights, (n, channels, rows, cols) → (n, outputs); raises `NetworkUnknown`.
+    """Return a network with random weights from (n, channels, rows, cols) to (n, outputs); raises `NetworkUnknown`.
 
-    outputs: 6, or 12 with the logarithms of scales. unit: of each of the six, N and N·m.
+    outputs: 6, or 12 with the logarithms of scales. unit: the unit of each of the six numbers, N and N·m.
     """
     require_network_input_size(name, settings)
     channels = settings.channels.number
@@ -139,7 +139,7 @@ def build_network(name: str, settings: NetworkInputSettings, outputs: int, unit:
 
 
 def require_network_input_size(name: str, settings: NetworkInputSettings) -> None:
-    """Refuse what a network cannot take."""
+    """Raise `NetworkUnknown` for an unknown name, or an image size that the network cannot take."""
     if name not in NETWORK_NAMES:
         raise NetworkUnknown(f"expected one of {', '.join(NETWORK_NAMES)}, got {name!r}; name one of them")
     rows, cols = settings.rows, settings.cols
@@ -153,19 +153,19 @@ def require_network_input_size(name: str, settings: NetworkInputSettings) -> Non
 
 
 SMALLEST_LOG, LARGEST_LOG = -8.0, 5.0
-"""Of a scale in units of the labels' scale: no image is surer or less sure than that."""
+"""Limits of the logarithm of a predicted scale, in units of the labels' scale."""
 
 
 @dataclass(frozen=True)
 class LabelScale:
-    """What a network's six numbers are counted in: wrench = number · unit + offset."""
+    """Unit and offset of a network's six numbers: wrench = number · unit + offset."""
 
     unit: tuple[float, ...]
     offset: tuple[float, ...]
 
 
 class WrenchNetwork(nn.Module):
-    """(n, channels, rows, cols) → the wrench (n, 6) and, from networks with a scale, that of its Laplace distribution (n, 6)."""
+    """A network of any architecture with its output in N and N·m, and optionally the scale of its Laplace distribution."""
 
     def __init__(self, name: str, settings: NetworkInputSettings, labels: LabelScale, with_scale: bool = True) -> None:
         super().__init__()
@@ -178,10 +178,10 @@ class WrenchNetwork(nn.Module):
         self.offset: Tensor
         self.gain: Tensor
         self.power: Tensor
-        """The scale that is told is gain · scale^power, in units: as held-out images showed (`training.intervals`)."""
+        """The returned scale is gain · scale^power in units of the labels, from held-out images (`training.trained_network`)."""
 
     def forward(self, x: Tensor) -> tuple[Tensor, ...]:
-        """N and N·m."""
+        """Return the wrench (n, 6) for images (n, channels, rows, cols) and, for networks with a scale, that scale (n, 6)."""
         numbers = self.network(x).float()
         wrench = numbers[:, :6] * self.unit + self.offset
         if numbers.shape[1] == 6:
