@@ -1,8 +1,9 @@
-"""The nouns that cross rooms. Each carries its own scale, unit and stamp; none shares memory with the next result.
+"""The quantities that packages exchange: frames, height maps, wrenches and their parts. Each object carries its own scale, unit and
+time stamp, and none shares memory with the next result.
 
-Axes, once for the whole package: the origin is the centre of the untouched skin; x runs along image columns, y along
-image rows, z outward through the skin (right-handed, as the camera sees it). Arrays are (rows, cols). The centre of
-an array of n samples is index (n − 1)/2. Lengths are mm; stamps are ns of the monotonic clock, taken on arrival.
+The axes are the same in the whole package: the origin is the centre of the undeformed skin; x runs along image columns, y along
+image rows, z outward through the skin (right-handed, as the camera sees it). Arrays are (rows, cols). The centre of an array of n
+samples is at index (n − 1)/2. Lengths are in mm; stamps are in ns of the monotonic clock, taken on arrival.
 """
 
 from ninedtact.quantities.force import Deformation, EstimateWarning, Traction, Wrench, WrenchEstimate

@@ -1,4 +1,4 @@
-"""From surface to force: what is darker and brighter, tractions on the skin, and the wrench."""
+"""Quantities of force: the wrench and its estimate, tractions on the skin, and the brightness changes that a network reads."""
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -12,16 +12,16 @@ from ninedtact.quantities.shape import centred_axis_mm
 
 @dataclass(frozen=True)
 class Wrench:
-    """Force and torque that the object applies to the skin, sensor frame: pressing gives F_z < 0."""
+    """Force and torque that the object applies to the skin, in the sensor frame; pressing gives F_z < 0."""
 
     force_n: Float64[Array, "3"]
     torque_nm: Float64[Array, "3"]
     about_mm: Float64[Array, "3"] = field(default_factory=lambda: np.zeros(3))
-    """The point that the torque is about; the skin's centre unless said otherwise."""
+    """Reference point of the torque; the centre of the skin by default."""
     stamp_ns: int = 0
 
     def about(self, point_mm: Float64[Array, "3"]) -> "Wrench":
-        """The same wrench with its torque about another point: τ' = τ + (old − new) × F."""
+        """Return the same wrench with its torque about another point: τ' = τ + (old − new) × F."""
         arm_m = (self.about_mm - point_mm) / 1e3
         return replace(self, torque_nm=self.torque_nm + np.cross(arm_m, self.force_n), about_mm=point_mm)
 
@@ -33,9 +33,9 @@ class Wrench:
 
 @dataclass(frozen=True)
 class Deformation:
-    """What the touch did to the rectified image: the three channels of the paper's network (docs/references.md).
+    """Change of the rectified image by a contact: the three channels of the paper's network (docs/references.md).
 
-    Grey levels, 0 to 255, as floating numbers: nothing wraps.
+    Values are grey levels, 0 to 255, as floating-point numbers, so that nothing overflows.
     """
 
     darker: Float32[Array, "rows cols"]
@@ -43,31 +43,33 @@ class Deformation:
     brighter: Float32[Array, "rows cols"]
     """max(image − reference, 0)."""
     reference: Float32[Array, "rows cols"]
-    """The untouched skin of this session."""
+    """The reference image (no contact) of this session."""
     mm_per_px: float
     stamp_ns: int = 0
 
 
 @dataclass(frozen=True)
 class Traction:
-    """What the object does to every place of the skin, force per area."""
+    """Traction of the object on the skin, force per area at every place."""
 
     pressure_mpa: Float32[Array, "rows cols"]
-    """Inwards, never below zero."""
+    """Inward pressure, never below zero."""
     shear_mpa: Float32[Array, "2 rows cols"]
-    """Along x and along y."""
+    """Shear traction along x and along y."""
     mm_per_px: float
     stamp_ns: int = 0
     height_mm: Float32[Array, "rows cols"] | None = None
-    """Of the skin that they act on, where it is known: shear has an arm there."""
+    """Height of the skin on which the tractions act, where it is known; the shear then has a lever arm."""
 
     @property
     def is_touched(self) -> Bool[Array, "rows cols"]:
-        """Where the object presses."""
+        """Return the places at which the object presses."""
         return self.pressure_mpa > 0
 
     def wrench(self) -> Wrench:
-        """Their sum, its torque about the skin's centre: arms lie on the skin, in its untouched plane where no height is known."""
+        """Return the sum of the tractions, with the torque about the skin's centre. Lever arms end on the skin, or on its
+        undeformed plane where no height is known.
+        """
         rows, cols = self.pressure_mpa.shape
         x_mm, y_mm = (centred_axis_mm(side, self.mm_per_px).astype(float) for side in (cols, rows))
         parts_n = self.parts_mpa * self.mm_per_px**2
@@ -78,32 +80,32 @@ class Traction:
 
     @property
     def parts_mpa(self) -> Float64[Array, "3 rows cols"]:
-        """Along x, along y and outwards."""
+        """Return the tractions along x, along y and outwards."""
         return np.concatenate([self.shear_mpa, -self.pressure_mpa[None]]).astype(float)
 
 
 class EstimateWarning(StrEnum):
-    """Why an estimate should not be believed as it is."""
+    """The reason why an estimate is doubtful."""
 
     OUT_OF_RANGE = "out of range"
-    """The force is larger than anything that the estimator was made for."""
+    """The force is outside the range for which the estimator was made."""
     UNLIKE_TRAINING = "unlike training"
-    """The image is not like those that the estimator knows."""
+    """The image is unlike the images from which the estimator was trained."""
     NOT_CONVERGED = "not converged"
-    """The answer was taken before it had settled."""
+    """The solver stopped before it converged."""
     PART_UNSEEN = "part unseen"
-    """The touch reaches beyond what the camera sees."""
+    """The contact extends beyond the camera's view."""
 
 
 @dataclass(frozen=True)
 class WrenchEstimate:
-    """A wrench that was read from an image, and how far to believe it."""
+    """A wrench that was estimated from an image, with its uncertainty."""
 
     wrench: Wrench
     error: Float64[Array, "6"]
-    """Standard deviation of each of `wrench.six`, N and N·m."""
+    """Standard deviation of each component of `wrench.six`, in N and N·m."""
     touching: bool
-    """Without contact the wrench is zero, exactly."""
+    """Whether there is contact; without contact the wrench is exactly zero."""
     warnings: tuple[EstimateWarning, ...] = ()
     traction: Traction | None = None
-    """Where the estimator knows it."""
+    """The traction, where the estimator computes it."""

@@ -1,1 +1,9 @@
-"""TODO: what goes in and what comes out."""
+"""Height of the skin from a camera frame, and what is derived from it. In: a `Frame`, a sensor's lens model and depth curve, and
+the reference image of the session (no contact). Out: a `HeightMap`; from it, a `ShapeSummary`, a point cloud, a mesh, a file or an
+image for display.
+
+The path of one frame is `rectification` (raw image to the skin's square grid, through a projection of `lens`), then `depth`
+(brightness to height). `calibrated_shape.CalibratedShape` holds both for one sensor. `orthorectification` moves heights from lines
+of sight to places on the skin, `measures` reduces a height map to a few numbers, `surface` makes points and triangles, `export`
+writes files, and `height_map_image`, `relief_image` and `relief_renderer` draw.
+"""

@@ -1,4 +1,6 @@
-"""One sensor's calibrated shape path: everything between a frame and its height but the session's untouched image."""
+"""The calibrated shape path of one sensor: rectification, depth curve and their errors, from a camera frame to a height map. The
+only other input is the reference image of the session (no contact), which `CalibratedShape.depth_reader` binds.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -11,18 +13,18 @@ from ninedtact.shape.depth import FINE_SMOOTHING, Deblurring, DepthCurve, DepthR
 from ninedtact.shape.rectification import Rectification
 
 MIN_LIT_GREY_LEVEL = 15.0
-"""Mean grey level below which an image is a dark room, not a skin."""
+"""Mean grey level below which an image counts as taken in the dark and cannot be a reference image."""
 KEPT_BYTES = 31 << 20
-"""Just below the 32 MiB from which on glibc learns nothing (mallopt(3), M_MMAP_THRESHOLD)."""
+"""Size in bytes, just below the 32 MiB above which glibc no longer adapts its threshold (mallopt(3), M_MMAP_THRESHOLD)."""
 
 
 class ReferenceUnusable(CalibrationError):
-    """The untouched image of this session cannot serve as one."""
+    """The images given as reference (no contact) cannot serve as one."""
 
 
 @dataclass(frozen=True)
 class CalibratedShape:
-    """Rectification, depth curve and their errors."""
+    """Rectification, depth curve and their errors for one sensor."""
 
     rectify: Rectification
     curve: DepthCurve
@@ -31,19 +33,21 @@ class CalibratedShape:
     smoothing: Smoothing = Smoothing()
     loss: LightLoss = LightLoss()
     deblurring: Deblurring | None = None
-    """The point-spread of this sensor's light, where the calibration knows it."""
+    """The removal of the point spread of this sensor's light; None where the calibration does not determine it."""
 
     def fast(self) -> "CalibratedShape":
-        """The same sensor read without undoing the point-spread: quicker, and three times less exact (docs/accuracy.md)."""
+        """Return the same sensor without deblurring: faster, and three times less accurate (docs/accuracy.md)."""
         return replace(self, deblurring=None)
 
     def depth_reader(self, *references: Frame) -> DepthReader:
-        """Bind the untouched skin of this session, the mean of one or more frames; raises `ReferenceUnusable`."""
+        """Return a depth reader for the reference image of this session, the mean of one or more frames; raises
+        `ReferenceUnusable`.
+        """
         retain_freed_memory()
         return self.reader_against(mean_rectified_image([self.rectify(frame) for frame in references]))
 
     def reader_against(self, reference: Rectified) -> DepthReader:
-        """The same, of untouched skin that is rectified already."""
+        """Return a depth reader for a reference image that is already rectified."""
         return DepthReader(
             self.curve,
             reference,
@@ -57,7 +61,7 @@ class CalibratedShape:
 
 
 def mean_rectified_image(images: list[Rectified]) -> Rectified:
-    """Mean brightness of several images of the same skin."""
+    """Return the mean brightness of several rectified images of the same skin."""
     if not images:
         raise ReferenceUnusable("expected at least one image of the untouched skin, got none; take one first")
     total = np.zeros_like(images[0].grey)
@@ -73,9 +77,9 @@ def mean_rectified_image(images: list[Rectified]) -> Rectified:
 
 
 def retain_freed_memory() -> None:
-    """Let the memory that one frame's results free serve the next frame's, instead of going back to the system.
+    """Make the allocator keep the memory that one frame's results free, so that the next frame's results reuse it.
 
-    The allocator takes the largest block freed so far as the measure of what to keep. Without it, depending on what else
-    the program does, taking fresh memory for every frame costs up to four times what computing the frame does.
+    glibc sets the amount that it keeps by the largest block freed so far. Without this call, and depending on what else the program
+    does, allocating fresh memory for every frame costs up to four times as much as computing the frame.
     """
     np.empty(KEPT_BYTES, np.uint8)

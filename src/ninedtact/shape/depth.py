@@ -1,13 +1,12 @@
-"""The light that the whole image loses when a part of the skin is dark, told from the image itself.
+"""Rectified image → signed height of the skin, by a calibrated depth curve.
 
-Sharpens a brightness field that light has scattered, by the known point-spread (Wiener 1949, docs/references.md).
+Thinner gel is darker and thicker gel is brighter. The brightness signal is either the *difference* in grey levels (the paper's own,
+docs/references.md) or the *ratio* to the reference image, which is uniform over an image even where the light is not. The signal is
+quantised finely and converted to height by one look-up table.
 
-Rectified image → signed height of the skin, by a calibrated depth curve.
-
-Thinner gel is darker, thicker gel is brighter. Two signals say how much: the *difference* in grey levels (the paper's
-own, docs/references.md) and the *ratio* to the untouched image, which is the one that is uniform over an image whose
-light is not. Either is quantised finely and looked up in one table. Where the calibration knows it, the light that
-the whole image loses to what is dark is given back first, and the light that scatters is put back where it came from.
+Where the calibration provides them, two corrections precede the look-up. `LightLoss` estimates, from the image itself, the light
+that the whole image loses when a part of the skin is dark, and adds it back. `Deblurring` sharpens the brightness field by the
+known point spread (Wiener 1949, docs/references.md).
 """
 
 from dataclasses import dataclass
@@ -23,26 +22,29 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import HeightMap, HeightSource, Rectified
 
 TYPICAL_GLOBAL_DIMMING = 0.7
-"""Light lost everywhere per mean darkening of the view: eight real sensors of five labs."""
+"""Relative light lost everywhere per mean darkening of the view, from eight real sensors of five laboratories."""
 TYPICAL_POINT_SPREAD_MM = 0.55
-"""Standard deviation of the point-spread of the same sensors."""
+"""Standard deviation of the point spread of the same eight sensors."""
 LOSS_EVERY_PX = 5
-"""Rows and columns looked at: darkness is smooth."""
+"""Every how many rows and columns the mean darkening is sampled; darkening is smooth enough for that."""
 NOTICED = 0.02
-"""Darkening that counts, relative: three standard deviations of a pixel's noise and a little drift stay below it."""
+"""Relative darkening above which a pixel counts as dark: three standard deviations of a pixel's noise and a little drift stay below
+it.
+"""
 ROUNDS = 4
-"""Of taking the loss off before darkness is counted; each gains a factor of five or more."""
+"""Number of iterations that subtract the loss and average the darkening again; each reduces the error by a factor of five or more.
+"""
 
 
 @dataclass(frozen=True)
 class LightLoss:
-    """c, relative, for an image of which some is dark."""
+    """The model of the relative loss of light c of a whole image, in which a part of the skin is dark."""
 
     global_dimming: float = 0.0
-    """c per mean darkening of the view; zero where the calibration knows of none."""
+    """c per mean darkening of the view; zero where the calibration does not determine it."""
 
     def __call__(self, grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]) -> float:
-        """c of this image, zero or below; exactly zero where nothing is noticeably dark."""
+        """Return c of this image, zero or below; it is exactly zero where nothing is noticeably dark."""
         if self.global_dimming == 0:
             return 0.0
         loss = 0.0
@@ -52,30 +54,31 @@ class LightLoss:
 
 
 def mean_darkening(grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"], loss: float) -> float:
-    """Of the view, relative to untouched skin, the loss taken off."""
+    """Return the mean darkening of the view relative to the reference image, after the loss is subtracted."""
     few = np.s_[::LOSS_EVERY_PX, ::LOSS_EVERY_PX]
     darkening = 1 - grey[few] / (np.maximum(reference[few], 1) * np.float32(1 + loss))
     return float(np.where(darkening > NOTICED, darkening, 0).mean())
 
 
 LEAST_POINTS = 3.0
-"""Of the coarser grid in one standard deviation of the point-spread."""
+"""Smallest number of points of the coarser grid in one standard deviation of the point spread."""
 COARSEST = 3
 
 
 @dataclass(frozen=True)
 class Deblurring:
-    """A Gaussian point-spread to undo, as far as noise allows."""
+    """The removal of a Gaussian point spread, as far as noise allows."""
 
     point_spread_mm: float
-    """Standard deviation of the point-spread."""
+    """Standard deviation of the point spread."""
     floor: float = 0.03
-    """Power of noise relative to signal: what is scattered more than this hides it stays scattered."""
+    """Power of noise relative to signal; detail that scattering has attenuated below this level is not restored."""
 
     def __call__(self, field: Float32[Array, "rows cols"], mm_per_px: float) -> Float32[Array, "rows cols"]:
-        """The field as it was before scattering; beyond its border it is taken as mirrored.
+        """Return the field as it was before scattering; beyond its border the field is taken as mirrored.
 
-        Computed on a coarser grid, of which a point-spread still spans three points or more: what is finer was blurred away.
+        The computation uses a coarser grid, of which a point spread still spans three points or more: finer detail was blurred
+        away.
         """
         coarser = int(np.clip(self.point_spread_mm / mm_per_px / LEAST_POINTS, 1, COARSEST))
         rows, cols = (side // coarser for side in field.shape)
@@ -85,7 +88,7 @@ class Deblurring:
 
 
 def sharpened(field: Float32[Array, "rows cols"], sigma_px: float, floor: float) -> Float32[Array, "rows cols"]:
-    """The same on the field's own grid."""
+    """Return the field deblurred on its own grid."""
     from scipy.fft import irfft2, rfft2
 
     rows, cols = field.shape
@@ -98,7 +101,7 @@ def sharpened(field: Float32[Array, "rows cols"], sigma_px: float, floor: float)
 
 @lru_cache(maxsize=8)
 def sharpening(rows: int, cols: int, sigma_px: float, floor: float) -> tuple[int, int, Float32[Array, "tall half"]]:
-    """Size of the padded field, and what its transform is multiplied by: G/(G² + floor), one for the mean."""
+    """Return the size of the padded field and the factor of its transform, G/(G² + floor), normalised to one for the mean."""
     from scipy.fft import next_fast_len
 
     reach = int(np.ceil(3 * sigma_px))
@@ -113,19 +116,19 @@ BrightnessSignal = Literal["difference", "ratio"]
 TABLE_STEPS: dict[BrightnessSignal, float] = {"difference": 128.0, "ratio": 32768.0}
 """Table steps per grey level, and per unit of the ratio: far finer than the noise of a pixel."""
 TABLE_SIZE = 65536
-"""As far as an index of 16 bits reaches."""
+"""Number of entries of the table, the range of a 16-bit index."""
 OPENCV_TAKES_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
-"""Whether its look-up does, which is twice as fast as NumPy's."""
+"""Whether OpenCV's look-up accepts 16-bit indices; it is then twice as fast as NumPy's."""
 BALANCE: dict[BrightnessSignal, float] = {"difference": 2.0, "ratio": 2 / 160}
 """Brightening up to which noise may cancel darkening: three standard deviations of a pixel."""
 ZERO_INDEX = TABLE_SIZE // 2
-"""Table index of the untouched skin."""
+"""Table index of unchanged brightness."""
 DIMMEST_REFERENCE = 1.0
-"""Grey level below which a ratio means nothing; the reference is not taken darker than this."""
+"""Grey level below which a ratio is meaningless; darker pixels of the reference image are raised to it."""
 
 
 class DepthCurveImpossible(InputError):
-    """A depth curve that is not one."""
+    """The given points are not a valid depth curve."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +140,9 @@ class DepthCurve:
     """Ascending from 0; grey levels for `difference`, a fraction of the untouched brightness for `ratio`."""
     indentation_mm: tuple[float, ...]
     error_mm: tuple[float, ...]
-    """At each knot: scatter of the pixels about the curve, and what one half of the ball says about the other."""
+    """Standard deviation at each knot: the scatter of the pixels about the curve, combined with the cross-validation error between
+    the halves of the ball's disc.
+    """
     brightening: tuple[float, ...] = (0.0,)
     bulge_mm: tuple[float, ...] = (0.0,)
 
@@ -155,7 +160,7 @@ class DepthCurve:
         return self.indentation_mm[-1]
 
     def height_mm(self, signal: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Signed height for a signed signal (negative darker); beyond the range the end value is kept."""
+        """Return the signed height for a signed signal (negative darker); beyond the range the end value is kept."""
         pressed = np.interp(-signal, self.darkening, self.indentation_mm)
         return np.interp(signal, self.brightening, self.bulge_mm) - pressed
 
@@ -167,14 +172,14 @@ class DepthCurve:
 
     @property
     def knows_bulges(self) -> bool:
-        """Whether brighter pixels have a curve too."""
+        """Whether the curve also covers brightening, that is, bulges."""
         return len(self.brightening) > 1
 
     def balance_mm(self, signal: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Continues the first stretch of the curve a little into the bright where no bulge is known.
+        """Return the height for brightening by continuing the first segment of the curve a little, where no bulges are calibrated.
 
-        Else only the dark half of the noise would count, and untouched skin would read as pressed in. It is for the
-        filters alone: after them what is above zero is zero.
+        Otherwise only the dark half of the noise would count, and skin without contact would appear indented. The continuation
+        serves the filters alone: after them, heights above zero are set to zero.
         """
         if self.knows_bulges or len(self.darkening) < 2:
             return np.zeros_like(signal)
@@ -228,7 +233,7 @@ FINE_SMOOTHING = Smoothing(2.5, 2.5)
 
 @dataclass(frozen=True)
 class DepthReader:
-    """A depth curve bound to the untouched image of this session."""
+    """A depth curve bound to the reference image of this session."""
 
     curve: DepthCurve
     reference: Rectified
@@ -238,10 +243,10 @@ class DepthReader:
     camera_distance_mm: float = np.inf
     loss: LightLoss = LightLoss()
     deblurring: Deblurring | None = None
-    """Done where it is given: `fine` reading. Without it, reading is `fast`."""
+    """Given for `fine` reading; without it, reading is `fast`."""
 
     def __call__(self, rectified: Rectified) -> HeightMap:
-        """Signed height of the skin, with what each pixel rests on."""
+        """Return the signed height of the skin, with the `HeightSource` of every pixel."""
         index = self.index(rectified.grey)
         z_mm = self.smoothing(look_up_heights(self.curve.table, index))
         if not self.curve.knows_bulges:
@@ -258,7 +263,7 @@ class DepthReader:
         )
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
-        """Place in the curve's table of every pixel, lost and scattered light put back where the calibration knows how."""
+        """Return the table index of every pixel; lost and scattered light is restored first where the calibration determines them."""
         lost = self.loss(grey, self.reference.grey)
         if self.deblurring is None:
             return self.quantised(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
@@ -268,16 +273,16 @@ class DepthReader:
 
     @cached_property
     def per_reference(self) -> Float32[Array, "rows cols"]:
-        """One over the untouched image, nowhere too dim to divide by."""
+        """The reciprocal of the reference image, whose darkest pixels are raised to `DIMMEST_REFERENCE`."""
         return 1 / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
 
     def error_mm(self, indentation_mm: float) -> float:
-        """Standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""
+        """Return the standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""
         scatter = np.interp(indentation_mm, self.curve.indentation_mm, self.curve.error_mm)
         return float(np.hypot(scatter, self.noise_mm))
 
     def quantised(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
-        """The signed signal as an index into the curve's table, rounded, and kept inside it by saturation."""
+        """Return the signed signal as an index into the curve's table, rounded and saturated at its ends."""
         steps = TABLE_STEPS[self.curve.signal]
         if self.curve.signal == "difference":
             return np.asarray(cv2.addWeighted(grey, steps, self.index_offset, 1, 0, dtype=cv2.CV_16U))
@@ -285,16 +290,18 @@ class DepthReader:
 
     @cached_property
     def index_offset(self) -> Float32[Array, "rows cols"]:
-        """Difference: index = grey · steps + offset."""
+        """The offset for the difference signal: index = grey · steps + offset."""
         return ZERO_INDEX - np.float32(TABLE_STEPS["difference"]) * self.reference.grey
 
     @cached_property
     def index_gain(self) -> Float32[Array, "rows cols"]:
-        """Ratio: index = grey · gain, because the untouched skin has the ratio one and the steps per unit are `ZERO_INDEX`."""
+        """The gain for the ratio signal: index = grey · gain. Unchanged brightness has the ratio one, and one unit has `ZERO_INDEX`
+        steps.
+        """
         return np.float32(TABLE_STEPS["ratio"]) * self.per_reference
 
     def height_source(self, index: UInt16[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
-        """Where a pixel is darker than anything calibrated, its height is an extrapolation."""
+        """Return the `HeightSource` of every pixel; the height of a pixel darker than the calibrated range is extrapolated."""
         beyond = (index < self.curve.darkest_index).view(np.uint8)
         return np.minimum(self.lens_source, np.uint8(HeightSource.MEASURED) - beyond)
 
@@ -305,5 +312,5 @@ class DepthReader:
 
 
 def look_up_heights(table: Float32[Array, " size"], index: UInt16[Array, "rows cols"]) -> Float32[Array, "rows cols"]:
-    """The table's entry for every pixel."""
+    """Return the table's entry for every pixel."""
     return np.asarray(cv2.LUT(index, table) if OPENCV_TAKES_16_BITS else np.take(table, index))

@@ -1,11 +1,11 @@
-"""A height map as a 16-bit grey PNG, one level per micrometre, that says so itself in its text.
+"""Export of a height map to the files that other tools open: .npy, 16-bit .png, .ply, .stl and .obj. All lengths are in mm.
+
+The PNG has one grey level per micrometre and describes itself in its text chunks; `read_height_png` reads it back.
 
     z_mm = (level − 32768) / 1000, level 0 where the camera does not see the skin
 
-The text chunks `mm_per_px`, `noise_mm`, `camera_distance_mm` and `stamp_ns` carry the rest of a `HeightMap`, except
-which of its heights are extrapolated: read back, they are all MEASURED.
-
-Write a shape as the files that other tools open: .npy, 16-bit .png, .ply, .stl, .obj. All lengths in mm.
+The text chunks `mm_per_px`, `noise_mm`, `camera_distance_mm` and `stamp_ns` carry the rest of a `HeightMap`, except which heights
+are extrapolated: when read back, all heights are MEASURED.
 """
 
 import struct
@@ -26,24 +26,24 @@ from ninedtact.shape.surface import point_cloud, surface_mesh, triangulate_view
 
 LEVELS_PER_MM = 1000
 ZERO_LEVEL = 32768
-"""Level of the untouched skin."""
+"""Grey level of height zero."""
 OUT_OF_VIEW_LEVEL = 0
 REACH_MM = 32.767
 """The largest height, up or down, that the levels hold."""
 LEGEND = "height of the skin: z_mm = (level - 32768) / 1000, level 0 = out of view, negative = pressed in"
 SCALES = ("mm_per_px", "noise_mm", "camera_distance_mm")
-"""What of a height map is carried as text."""
+"""The fields of a height map that are stored as text."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 TEXT_PLACE = len(SIGNATURE) + 25
-"""Where a PNG may first carry text: after its header chunk."""
+"""Byte offset at which a PNG may first carry text: after its header chunk."""
 
 
 class HeightNotStorable(OutputError):
-    """A height that 16 bits of micrometres do not hold."""
+    """A height lies outside the range that 16 bits of micrometres can represent."""
 
 
 class HeightImageUnreadable(FileFormatError):
-    """A PNG that is none, or that does not carry heights."""
+    """The file is not a PNG, or it does not contain heights."""
 
 
 def encode_height_png(height: HeightMap) -> bytes:
@@ -55,7 +55,7 @@ def encode_height_png(height: HeightMap) -> bytes:
 
 
 def levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
-    """The image's grey levels."""
+    """Return the grey levels of the PNG."""
     z_mm = np.where(height.in_view, height.z_mm, 0)
     # Written so that a height that is no number is refused too.
     if not (np.abs(z_mm) <= REACH_MM).all():
@@ -76,7 +76,7 @@ def read_height_png(path: Path | str) -> HeightMap:
 
 
 def decode_height_png(png: bytes) -> HeightMap:
-    """The height map in the bytes of a PNG."""
+    """Return the height map in the bytes of a PNG."""
     text = dict(data.decode("latin-1").split("\0", 1) for kind, data in chunks(png) if kind == b"tEXt")
     image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint16 or image.ndim != 2:
@@ -89,7 +89,7 @@ def decode_height_png(png: bytes) -> HeightMap:
 
 
 def chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Kind and content of every chunk; raises `ValueError` or `struct.error` where one is damaged or missing."""
+    """Yield the type and content of every chunk; raises `ValueError` or `struct.error` where one is damaged or missing."""
     if not png.startswith(SIGNATURE):
         raise ValueError("no PNG")
     place, kind = len(SIGNATURE), b""
@@ -103,7 +103,7 @@ def chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def text_chunk(name: str, value: str) -> bytes:
-    """One entry of text as a PNG chunk."""
+    """Return one text entry as a PNG chunk."""
     kind, data = b"tEXt", f"{name}\0{value}".encode("latin-1")
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
@@ -114,11 +114,11 @@ STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("att
 
 
 class FormatUnknown(InputError):
-    """A file name whose ending says nothing that can be written."""
+    """The extension of a file name is not that of a supported format."""
 
 
 def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
-    """Write `height` in the format that the ending of `path` names: .npy, .png (16 bit), .ply, .stl or .obj.
+    """Write `height` in the format given by the extension of `path`: .npy, .png (16 bit), .ply, .stl or .obj.
 
     `every` = 3 keeps each third row and column of a mesh. Raises `FormatUnknown`, `FileNotWritten`.
     """
@@ -140,14 +140,14 @@ def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
 
 
 def write_npy(path: Path | str, height: HeightMap) -> None:
-    """float32 heights in mm, NaN out of view; `numpy.load` reads it."""
+    """Write float32 heights in mm, NaN out of view; `numpy.load` reads the file."""
     buffer = BytesIO()
     np.save(buffer, np.where(height.in_view, height.z_mm, np.float32(np.nan)))
     write_file_atomically(path, buffer.getbuffer())
 
 
 def write_ply(path: Path | str, cloud: PointCloud, faces: Int32[Array, "m 3"] = NO_FACES) -> None:
-    """Binary PLY: points with normals and, if given, triangles between them."""
+    """Write a binary PLY file: points with normals and, if given, triangles between them."""
     vertices = np.hstack([cloud.points_mm, cloud.normals]).astype("<f4")
     triangles = np.empty(len(faces), PLY_FACE)
     triangles["corners"], triangles["faces"] = 3, faces
@@ -155,7 +155,7 @@ def write_ply(path: Path | str, cloud: PointCloud, faces: Int32[Array, "m 3"] = 
 
 
 def ply_header(points: int, faces: int) -> bytes:
-    """Header of a binary PLY; the triangles are left out where there are none."""
+    """Return the header of a binary PLY file; triangles are not declared where there are none."""
     properties = [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
     lines = ["ply", "format binary_little_endian 1.0", "comment lengths in mm", f"element vertex {points}", *properties]
     if faces:
@@ -164,7 +164,7 @@ def ply_header(points: int, faces: int) -> bytes:
 
 
 def write_stl(path: Path | str, mesh: Mesh) -> None:
-    """Binary STL."""
+    """Write a binary STL file."""
     triangles = np.zeros(len(mesh.faces), STL_TRIANGLE)
     triangles["corners"] = mesh.vertices_mm[mesh.faces]
     triangles["normal"] = face_normals(triangles["corners"])
@@ -173,14 +173,14 @@ def write_stl(path: Path | str, mesh: Mesh) -> None:
 
 
 def face_normals(corners: Float32[Array, "m 3 3"]) -> Float32[Array, "m 3"]:
-    """Unit normals of triangles, by the right-hand rule; zero for a triangle without area."""
+    """Return the unit normals of triangles by the right-hand rule; a triangle without area has the normal zero."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(across, axis=1, keepdims=True)
     return np.asarray(across / np.where(length > 0, length, 1), np.float32)
 
 
 def write_obj(path: Path | str, mesh: Mesh) -> None:
-    """Wavefront OBJ, to a tenth of a micrometre."""
+    """Write a Wavefront OBJ file, rounded to a tenth of a micrometre."""
     vertices = "v %.4f %.4f %.4f\n" * len(mesh.vertices_mm) % tuple(mesh.vertices_mm.ravel().tolist())
     faces = "f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
     write_file_atomically(path, b"# lengths in mm\n", vertices.encode(), faces.encode())

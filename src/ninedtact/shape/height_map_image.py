@@ -1,10 +1,8 @@
-"""Colours of heights: blue where the skin is pressed in, red where it bulges, nearly white where it is untouched.
+"""The image of a height map for display: colours of height, contour lines, the edge of the contact, and hatching where heights are
+extrapolated. Blue is indented, red is bulging, and nearly white is undeformed skin.
 
-What the images for people share: a page measured in pixels, its words, and the bar that explains the colours.
-
-matplotlib is slow to import, so it is imported when an image is drawn; its global state is never touched.
-
-The height map as a map: colours, lines of equal height, the edge of the contact, and what not to trust.
+The module also holds what the still images share: a page measured in pixels, its text, and the colour bar. matplotlib is slow to
+import, so it is imported when an image is drawn; its global state is never changed.
 """
 
 import math
@@ -42,19 +40,21 @@ OUT_OF_VIEW = "#8c8c8c"
 
 @dataclass(frozen=True)
 class ColourScale:
-    """Heights at the two ends of the colours; each side has its own, as a bulge is far smaller than what causes it."""
+    """The heights at the two ends of the colour scale. The sides are scaled separately, because a bulge is far smaller than the
+    indentation that causes it.
+    """
 
     pressed_mm: float = 2.0
     bulged_mm: float = 0.5
 
     @cached_property
     def table(self) -> UInt8[Array, "256 3"]:
-        """RGB of 256 equal steps of height; the first stands for out of view."""
+        """RGB of 256 equal steps of height; the first entry stands for out of view."""
         z_mm = np.linspace(-self.pressed_mm, self.bulged_mm, 255)
         return np.asarray(np.vstack([rgb_of_hex(OUT_OF_VIEW), self.colour(z_mm)]), np.uint8)
 
     def colour(self, z_mm: Float[Array, " n"]) -> Float[Array, "n 3"]:
-        """RGB (0 to 255) of some heights."""
+        """Return the RGB (0 to 255) of some heights."""
         pressed, bulged = (np.array([rgb_of_hex(stop) for stop in stops]) for stops in (PRESSED, BULGED))
         stops = np.vstack([pressed[::-1], bulged[1:]])
         places = [*np.linspace(-self.pressed_mm, 0, len(pressed)), *np.linspace(0, self.bulged_mm, len(bulged))[1:]]
@@ -62,14 +62,14 @@ class ColourScale:
 
 
 def fit_colour_scale(height: HeightMap) -> ColourScale:
-    """Ends that hold all of one height map; noise alone stays pale."""
+    """Return a scale that covers one whole height map; noise alone stays pale."""
     faintest = max(0.05, 10 * height.noise_mm)
     pressed = max(max_indentation_mm(height), faintest)
     return ColourScale(pressed, max(max_bulge_mm(height), faintest, pressed / 8))
 
 
 def colourise_heights(height: HeightMap, scale: ColourScale = ColourScale()) -> UInt8[Array, "rows cols 3"]:
-    """Heights as a BGR image for live display; beyond the ends of the scale, the colour of the end."""
+    """Return heights as a BGR image for live display; heights beyond the scale get the colour of its end."""
     steps_per_mm = 254 / (scale.pressed_mm + scale.bulged_mm)
     index = cv2.addWeighted(
         height.z_mm, steps_per_mm, height.z_mm, 0, 1 + scale.pressed_mm * steps_per_mm, dtype=cv2.CV_8U
@@ -80,7 +80,7 @@ def colourise_heights(height: HeightMap, scale: ColourScale = ColourScale()) -> 
 
 
 def rgb_of_hex(colour: str) -> tuple[int, ...]:
-    """Red, green and blue (0 to 255) of #rrggbb."""
+    """Return red, green and blue (0 to 255) of #rrggbb."""
     return tuple(bytes.fromhex(colour[1:]))
 
 
@@ -91,13 +91,13 @@ RIGHT_PX = 175
 BOTTOM_PX = 110
 """Margins: for the axis and its numbers, the headings, the colour bar, the axis and the legend."""
 NARROWEST_PX = 900
-"""What the headings need."""
+"""Smallest width of a page, set by its headings."""
 INK, PALE_INK = "#22262b", "#6b7280"
 EXTRAPOLATED = "#e69f00"
 
 
 def new_figure_page(title: str, subtitle: str, width_px: int, height_px: int) -> "Figure":
-    """A white page with a drawing area of this size between its margins, and headings above it."""
+    """Return a white page with a drawing area of this size between its margins, and headings above it."""
     from matplotlib.figure import Figure
 
     size_px = max(LEFT_PX + width_px + RIGHT_PX, NARROWEST_PX), TOP_PX + height_px + BOTTOM_PX
@@ -115,7 +115,7 @@ def add_text_at(figure: "Figure", x_px: int, y_px: int, words: str, **style: Any
 
 
 def add_axes_at(figure: "Figure", x_px: int, y_px: int, width_px: int, height_px: int) -> "Axes":
-    """Axes whose upper left corner is at a pixel of the page."""
+    """Return axes whose upper left corner is at a pixel of the page."""
     page_width, page_height = figure.get_size_inches() * DPI
     return figure.add_axes(
         (x_px / page_width, 1 - (y_px + height_px) / page_height, width_px / page_width, height_px / page_height)
@@ -123,7 +123,7 @@ def add_axes_at(figure: "Figure", x_px: int, y_px: int, width_px: int, height_px
 
 
 def add_colour_bar(figure: "Figure", scale: ColourScale, x_px: int, height_px: int) -> None:
-    """The colours of all heights, in mm, equally spaced."""
+    """Draw the colours of all heights, in mm, equally spaced."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -135,7 +135,7 @@ def add_colour_bar(figure: "Figure", scale: ColourScale, x_px: int, height_px: i
 
 
 def matplotlib_colour_map(scale: ColourScale) -> "Colormap":
-    """The colours of a scale as matplotlib takes them."""
+    """Return the colours of a scale as a matplotlib colour map."""
     from matplotlib.colors import ListedColormap
 
     z_mm = np.linspace(-scale.pressed_mm, scale.bulged_mm, 2048)
@@ -143,7 +143,7 @@ def matplotlib_colour_map(scale: ColourScale) -> "Colormap":
 
 
 def summary_sentence(summary: ShapeSummary) -> str:
-    """The measures of a height map in one line."""
+    """Return the measures of a height map in one line."""
     if summary.contact_area_mm2 == 0:
         return f"no contact: nowhere pressed in by more than {summary.contact_threshold_mm:.2f} mm"
     return (
@@ -153,33 +153,33 @@ def summary_sentence(summary: ShapeSummary) -> str:
 
 
 def format_signed_number(length_mm: float) -> str:
-    """A number with a true minus sign and no idle zeros."""
+    """Return a number with a true minus sign and no trailing zeros."""
     return f"{length_mm:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def round_up_to_1_2_5(at_least: float) -> float:
-    """The smallest of 1, 2, 5, 10, 20, … that is not below, also below 1."""
+    """Return the smallest number of the series 1, 2, 5, 10, 20, … (also continued below 1) that is not below the given one."""
     power = 10.0 ** math.floor(math.log10(at_least))
     return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= at_least))
 
 
 def figure_to_png(figure: "Figure") -> bytes:
-    """The page as a PNG."""
+    """Return the page as a PNG."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)
     return buffer.getvalue()
 
 
 LONGEST_PX = 840
-"""Width or height of the map, whichever is larger."""
+"""Length of the longer side of the map."""
 LINE_SMOOTHING_PX = 1.5
-"""Standard deviation of the Gaussian that keeps noise out of the lines of equal height; the colours are as measured."""
+"""Standard deviation of the Gaussian that removes noise from the contour lines; the colours are not smoothed."""
 UNSEEN: dict[str, Any] = {"facecolor": OUT_OF_VIEW, "hatch": "////", "edgecolor": "#a8a8a8"}
 BEYOND: dict[str, Any] = {"facecolor": "none", "hatch": "..", "edgecolor": EXTRAPOLATED}
 
 
 def render_height_map(height: HeightMap, title: str = "Height of the skin") -> bytes:
-    """A PNG with the height map as the camera sees it, axes and heights in mm."""
+    """Return a PNG with the height map as the camera sees it, axes and heights in mm."""
     rows, cols = height.z_mm.shape
     width_px, height_px = cols * LONGEST_PX // max(rows, cols), rows * LONGEST_PX // max(rows, cols)
     figure, scale = (
@@ -197,13 +197,13 @@ def render_height_map(height: HeightMap, title: str = "Height of the skin") -> b
 
 
 def where_it_is(height: HeightMap) -> str:
-    """What the two axes mean, and the scale."""
+    """Return what the two axes mean, and the scale."""
     place = "" if np.isinf(height.camera_distance_mm) else ", placed where its lines of sight cross the untouched skin"
     return f"as the camera sees it{place} · 1 pixel = {height.mm_per_px:.4f} mm"
 
 
 def draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
-    """Colours where there is a height, hatching where there is none."""
+    """Draw colours where there is a height, and hatching where there is none."""
     x, y = height.axes_mm
     half = height.mm_per_px / 2
     axes.patch.set(**UNSEEN)
@@ -221,7 +221,7 @@ def draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
 
 
 def draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
-    """Lines of equal height inside the contact, and its edge."""
+    """Draw contour lines inside the contact, and its edge."""
     seen, threshold = height.in_view, ContactRule().threshold_mm(height.noise_mm)
     smooth = cv2.GaussianBlur(np.where(seen, height.z_mm, np.float32(0)), (0, 0), LINE_SMOOTHING_PX)
     z_mm, (x, y) = np.ma.masked_where(~seen, smooth), height.axes_mm
@@ -236,7 +236,7 @@ def draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
 
 
 def draw_range(axes: "Axes", height: HeightMap) -> None:
-    """Dots on what is extrapolated, and the edge of the calibrated range."""
+    """Draw dots on extrapolated heights, and the edge of the calibrated range."""
     beyond = np.ma.masked_where(~height.in_view, height.source == HeightSource.EXTRAPOLATED).astype(float)
     axes.contour(*height.axes_mm, beyond, [0.5], colors=EXTRAPOLATED, linewidths=1.3, linestyles="dashed")
     dots = axes.contourf(*height.axes_mm, beyond, [0.5, 1.5], colors="none", hatches=[BEYOND["hatch"]])
@@ -244,13 +244,13 @@ def draw_range(axes: "Axes", height: HeightMap) -> None:
 
 
 def contour_levels(deepest_mm: float) -> list[float]:
-    """Round depths, lowest first, four at most."""
+    """Return at most four round depths, lowest first."""
     step = round_up_to_1_2_5(deepest_mm / 4)
     return [-step * count for count in range(int(deepest_mm / step), 0, -1)]
 
 
 def draw_legend(axes: "Axes", height: HeightMap, axes_height_px: int) -> None:
-    """Explain the lines and hatchings that occur."""
+    """Draw the legend of the lines and hatchings that occur."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -1,13 +1,12 @@
-"""How a point of the skin's plane appears in the raw image.
+"""Projections from the plane of the skin to the raw image: the lens model, and the paper's map. Points are (x, y): mm on the skin
+(sensor frame), pixels in the image (columns, rows; pixel centres at integers).
 
-The plane is seen through window and gel by a wide-angle lens: a homography (tilt, distance, position) followed by
-radial and tangential terms about a free centre (Brown 1971, as in OpenCV's camera model; docs/references.md). Points
-are (x, y): mm on the skin (sensor frame), pixels in the image (columns, rows; pixel centres at integers).
+`LensModel`, the default: a wide-angle lens sees the plane through window and gel. The model is a homography (tilt, distance,
+position) followed by radial and tangential terms about a free centre (Brown 1971, as in OpenCV's camera model; docs/references.md).
 
-The paper's own projection: five central anchors, an equidistant grid, a cubic radial-basis map through all pins.
-
-docs/references.md: 9DTact, section on camera calibration. It passes exactly through every pin, so it carries every
-pin's error into the map; the lens model is the default, this one is for reproducing the paper.
+`PinMap`, for reproducing the paper: five central anchors, an equidistant grid, and a cubic radial-basis map through all pins
+(docs/references.md: 9DTact, section on camera calibration). It passes exactly through every pin, so every pin's error enters the
+map.
 """
 
 from dataclasses import dataclass, replace
@@ -34,16 +33,16 @@ class PointNotSeen(CalibrationError):
 
 @runtime_checkable
 class Projection(Protocol):
-    """Anything that tells where a point of the skin appears in the raw image."""
+    """A projection from points of the skin to pixels of the raw image."""
 
     def to_px(self, points_mm: Points) -> Points:
-        """Pixels (x, y) at which these skin points appear."""
+        """Return the pixels (x, y) at which these skin points appear."""
         ...
 
 
 @dataclass(frozen=True)
 class LensModel:
-    """Homography, then radial and tangential terms about a free centre."""
+    """A homography, followed by radial and tangential terms about a free centre."""
 
     homography: tuple[float, ...]
     """Eight entries, row by row, the ninth being 1; mm to image units."""
@@ -56,22 +55,22 @@ class LensModel:
 
     @property
     def unit_px(self) -> float:
-        """Pixels in one image unit."""
+        """Number of pixels in one image unit."""
         return max(self.raw_shape) / 2
 
     @property
     def middle_px(self) -> Float[Array, "2"]:
-        """Where image units are zero."""
+        """Pixel at which both image coordinates are zero."""
         rows, cols = self.raw_shape
         return np.array([(cols - 1) / 2, (rows - 1) / 2])
 
     @property
     def parameters(self) -> Float[Array, " k"]:
-        """All numbers in one row: homography, centre, radial, tangential."""
+        """All parameters as one vector: homography, centre, radial terms, tangential terms."""
         return np.array([*self.homography, *self.centre, *self.radial, *self.tangential])
 
     def with_parameters(self, parameters: Float[Array, " k"]) -> "LensModel":
-        """The same kind of model with other numbers."""
+        """Return a model of the same kind with other parameters."""
         homography, centre, radial, tangential = np.split(
             np.asarray(parameters, float), np.cumsum([HOMOGRAPHY_TERMS, CENTRE_TERMS, len(self.radial)])
         )
@@ -84,17 +83,17 @@ class LensModel:
         )
 
     def to_px(self, points_mm: Points) -> Points:
-        """Pixels (x, y) at which skin points (x, y) in mm appear."""
+        """Return the pixels (x, y) at which skin points (x, y) in mm appear."""
         return self.distorted(self.in_plane(np.asarray(points_mm, float))) * self.unit_px + self.middle_px
 
     def in_plane(self, points_mm: Points) -> Points:
-        """The homography: mm to image units before the lens bends them."""
+        """Apply the homography: mm to image units before distortion."""
         matrix = np.append(self.homography, 1.0).reshape(3, 3)
         ahead = np.column_stack([points_mm, np.ones(len(points_mm))]) @ matrix.T
         return ahead[:, :2] / ahead[:, 2:]
 
     def distorted(self, plane: Points) -> Points:
-        """The radial and tangential terms, image units to image units."""
+        """Apply the radial and tangential terms, image units to image units."""
         offset = plane - self.centre
         squared = (offset**2).sum(axis=1, keepdims=True)
         growth = 1 + sum(k * squared ** (n + 1) for n, k in enumerate(self.radial))
@@ -104,11 +103,11 @@ class LensModel:
         return offset * growth + bend + self.centre
 
     def px_per_mm(self, points_mm: Points) -> Float[Array, "n 2 2"]:
-        """Jacobian of `to_px`: rows are pixel axes, columns are mm axes."""
+        """Return the Jacobian of `to_px`: rows are pixel axes, columns are mm axes."""
         return projection_jacobian(self, np.asarray(points_mm, float))
 
     def to_mm(self, points_px: Points) -> Points:
-        """Skin points in mm that appear at these pixels; raises `PointNotSeen` where there is none."""
+        """Return the skin points in mm that appear at these pixels; raises `PointNotSeen` where there is none."""
         target = np.asarray(points_px, float)
         points = self.from_affine(target)
         for _ in range(30):
@@ -124,13 +123,13 @@ class LensModel:
         )
 
     def from_affine(self, points_px: Points) -> Points:
-        """First guess of `to_mm`: the model's tangent at the skin centre."""
+        """Return a first guess of `to_mm`, by the model's tangent at the skin centre."""
         origin = np.zeros((1, 2))
         return (points_px - self.to_px(origin)) @ np.linalg.inv(self.px_per_mm(origin)[0]).T
 
 
 def projection_jacobian(projection: Projection, points_mm: Points, step_mm: float = 1e-3) -> Float[Array, "n 2 2"]:
-    """Central differences of any projection: pixels per mm, rows pixel axes, columns mm axes."""
+    """Return the Jacobian of any projection by central differences: pixels per mm, rows pixel axes, columns mm axes."""
     columns = [
         (projection.to_px(points_mm + step) - projection.to_px(points_mm - step)) / (2 * step_mm)
         for step in np.eye(2) * step_mm
@@ -139,8 +138,9 @@ def projection_jacobian(projection: Projection, points_mm: Points, step_mm: floa
 
 
 def central_mm_per_px(projection: Projection, reach_mm: float) -> float:
-    """mm on the skin per raw pixel around the centre: the mean over four points `reach_mm` away from it (the paper's
-    anchors, with the pitch as reach)."""
+    """Return the mm on the skin per raw pixel around the centre: the mean over four points `reach_mm` away from it (the paper's
+    anchors, where the reach is the pitch).
+    """
     points = np.array([(0, 0), (reach_mm, 0), (-reach_mm, 0), (0, reach_mm), (0, -reach_mm)], float)
     middle, *around = projection.to_px(points)
     return float(reach_mm / np.hypot(*(np.array(around) - middle).T).mean())
@@ -154,10 +154,10 @@ class PinMap:
     points_px: Points
 
     def to_px(self, points_mm: Points) -> Points:
-        """Pixels (x, y) at which skin points appear."""
+        """Return the pixels (x, y) at which skin points appear."""
         return np.asarray(self.interpolator(np.asarray(points_mm, float)))
 
     @cached_property
     def interpolator(self) -> RBFInterpolator:
-        """The map, solved once."""
+        """The interpolator, solved once."""
         return RBFInterpolator(self.points_mm, self.points_px, kernel="cubic")

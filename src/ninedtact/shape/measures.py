@@ -1,4 +1,6 @@
-"""What one height map says in a few numbers: how deep, how large, how much, where."""
+"""Scalar measures of one height map: maximum indentation and bulge, contact area, displaced volume, and the centre of the contact.
+`contact_mask` decides by a `ContactRule` which pixels are in contact.
+"""
 
 from dataclasses import dataclass
 
@@ -13,18 +15,21 @@ from ninedtact.shape.surface import pixel_footprint_mm2, sightline_scale
 
 @dataclass(frozen=True)
 class ContactRule:
-    """Which pixels count as touched: those beyond a threshold, in a region that somewhere goes deep."""
+    """The rule of which pixels are in contact: those beyond a threshold, in a connected region that somewhere is deep enough."""
 
     at_least_mm: float = 0.05
-    """Above what slow drift of the light and of the gel looks like, and one fiftieth of the gel's thickness."""
+    """Smallest threshold. It exceeds the apparent height of slow drift of the light and of the gel, and is one fiftieth of the
+    gel's thickness.
+    """
     noise_factor: float = 5.0
-    """In standard deviations of a pixel: at 5, not one pixel in three million untouched ones passes by chance."""
+    """Threshold in standard deviations of a pixel: at 5, not one pixel in three million without contact exceeds it by chance."""
     share_of_deepest: float = 0.25
-    """Part of the greatest depth that a region must reach. What presses deep takes light away from everywhere, which
-    looks like a shallow press far from it: up to 0.3 mm in the corners of a real image whose ball is 2 mm deep."""
+    """Fraction of the maximum indentation that a region must reach. A deep press takes light away from the whole image, which looks
+    like a shallow press far from it: up to 0.3 mm in the corners of a real image whose ball is 2 mm deep.
+    """
 
     def threshold_mm(self, noise_mm: float) -> float:
-        """The larger of the two."""
+        """Return the larger of the two thresholds."""
         return max(self.at_least_mm, self.noise_factor * noise_mm)
 
 
@@ -35,18 +40,18 @@ class ShapeSummary:
     max_indentation_mm: float
     max_bulge_mm: float
     contact_area_mm2: float
-    """On the untouched plane."""
+    """Area of the contact, projected on the undeformed plane."""
     displaced_volume_mm3: float
-    """Between the contact and the untouched plane."""
+    """Volume between the contact and the undeformed plane."""
     contact_centre_mm: tuple[float, float] | None
-    """x and y of the centre of the displaced volume; None where nothing touches."""
+    """x and y of the centre of the displaced volume; None where there is no contact."""
     contact_threshold_mm: float
     extrapolated_share: float
-    """Part of the contact area that lies beyond what the calibration covered, 0 to 1."""
+    """Fraction of the contact area that lies beyond the calibrated range, 0 to 1."""
 
 
 def summarise_shape(height: HeightMap, rule: ContactRule = ContactRule()) -> ShapeSummary:
-    """Measure one height map; what is out of view does not count."""
+    """Return the measures of one height map; pixels out of view do not count."""
     touched = contact_mask(height, rule)
     # Only inside the contact: rectified noise over the whole image adds up to cubic millimetres.
     area_mm2 = np.where(touched, pixel_footprint_mm2(height), np.float32(0))
@@ -63,7 +68,7 @@ def summarise_shape(height: HeightMap, rule: ContactRule = ContactRule()) -> Sha
 
 
 def contact_mask(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[Array, "rows cols"]:
-    """Where the skin is pressed in by more than drift, noise and loss of light explain."""
+    """Return the pixels at which the skin is indented by more than drift, noise and loss of light explain."""
     beyond = height.in_view & (height.z_mm < -rule.threshold_mm(height.noise_mm))
     deep = beyond & (height.z_mm <= -rule.share_of_deepest * max_indentation_mm(height))
     regions, number = cv2.connectedComponents(beyond.astype(np.uint8), connectivity=8)
@@ -94,5 +99,5 @@ def contact_centre_mm(height: HeightMap, weight: Float32[Array, "rows cols"]) ->
 
 
 def share(part: Bool[Array, "rows cols"], whole: Bool[Array, "rows cols"]) -> float:
-    """How much of `whole` is `part`; 0 of nothing."""
+    """Return the fraction of `whole` that is also in `part`; 0 where `whole` is empty."""
     return float((part & whole).sum()) / max(float(whole.sum()), 1.0)

@@ -24,9 +24,9 @@ Places = Float32[Array, "2 rows cols"]
 """x and y in mm, or column and row, of every point of a grid."""
 
 _BISECTIONS = 16
-"""Of the range of all heights: enough for a tenth of a micrometre."""
+"""Number of bisections of the range of all heights; 16 give a tenth of a micrometre."""
 _GRID_ITERATIONS = 4
-"""Fixed-point iterations on the grid of a network's input; more would help only where the skin is steepest."""
+"""Number of fixed-point iterations on the grid of a network's input; more would help only where the skin is steepest."""
 
 
 @dataclass(frozen=True)

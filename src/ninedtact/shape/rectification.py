@@ -1,4 +1,7 @@
-"""Raw image → grey image on the skin's own square grid."""
+"""Rectification: raw image → grey image on the skin's own square grid, with the lens distortion removed.
+`rectification_of_projection` computes, for every pixel of the grid, the raw pixel that shows it; `Rectification` resamples images
+by that map.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,19 +21,19 @@ Area = tuple[float, float, float, float]
 
 
 class WrongImageSize(FileFormatError):
-    """An image of another size than the one calibrated."""
+    """The image has another size than the calibrated one."""
 
 
 @dataclass(frozen=True)
 class Rectification:
-    """For every pixel of the rectified grid, where in the raw image its brightness comes from."""
+    """The raw pixel from which every pixel of the rectified grid takes its brightness."""
 
     source_px: Float32[Array, "rows cols 2"]
     """Raw pixel (x, y) of every rectified pixel."""
     mm_per_px: float
     raw_shape: tuple[int, int]
     calibrated_area_mm: Area
-    """Where the calibration had evidence; heights outside are marked as extrapolated."""
+    """Area that the calibration covers; heights outside are marked as extrapolated."""
 
     def __call__(self, frame: Frame) -> Rectified:
         """Rectify one frame; raises `WrongImageSize`."""
@@ -39,7 +42,7 @@ class Rectification:
         return Rectified(self.resampled(grey), self.mm_per_px, frame.stamp_ns)
 
     def resampled(self, raw: Float32[Array, "raw_rows raw_cols"]) -> Float32[Array, "rows cols"]:
-        """Any raw grey field on the rectified grid, bilinear, edges repeated outside the image."""
+        """Return any raw grey field on the rectified grid, by bilinear interpolation; edges are repeated outside the image."""
         x, y = self.source_planes
         return np.asarray(cv2.remap(raw, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
@@ -54,12 +57,12 @@ class Rectification:
 
     @cached_property
     def source_planes(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-        """The source pixels' x and y apart, the form by which OpenCV 5 resamples fastest."""
+        """x and y of the source pixels as two arrays, the form in which OpenCV 5 resamples fastest."""
         return np.ascontiguousarray(self.source_px[..., 0]), np.ascontiguousarray(self.source_px[..., 1])
 
     @cached_property
     def height_source(self) -> UInt8[Array, "rows cols"]:
-        """`HeightSource` of every pixel as far as the lens goes, before any depth is known."""
+        """`HeightSource` of every pixel as far as the lens determines it, before any depth is computed."""
         rows, cols = self.raw_shape
         x, y = self.source_px[..., 0], self.source_px[..., 1]
         seen = (x >= -0.5) & (x <= cols - 0.5) & (y >= -0.5) & (y <= rows - 0.5)
@@ -67,7 +70,7 @@ class Rectification:
 
     @property
     def calibrated(self) -> UInt8[Array, "rows cols"]:
-        """MEASURED inside the calibrated area, EXTRAPOLATED outside."""
+        """Return MEASURED inside the calibrated area and EXTRAPOLATED outside."""
         x, y = skin_grid_mm(self.source_px.shape[:2], self.mm_per_px)
         left, right, top, bottom = self.calibrated_area_mm
         inside = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
@@ -81,7 +84,7 @@ def rectification_of_projection(
     raw_shape: tuple[int, int],
     calibrated_area_mm: Area,
 ) -> Rectification:
-    """Lay the rectified grid on the skin and look where each of its pixels appears in the raw image."""
+    """Return the rectification of a grid on the skin, with the raw pixel of every grid pixel found by the projection."""
     shape = (field_of_view.rows, field_of_view.cols)
     points_mm = np.column_stack([axis.ravel() for axis in skin_grid_mm(shape, mm_per_px)]).astype(float)
     source = projection.to_px(points_mm).astype(np.float32).reshape(*shape, 2)
@@ -91,6 +94,6 @@ def rectification_of_projection(
 def skin_grid_mm(
     shape: tuple[int, int], mm_per_px: float
 ) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-    """Coordinates x and y of every pixel of a rectified grid."""
+    """Return the coordinates x and y of every pixel of a rectified grid."""
     x, y = np.meshgrid(centred_axis_mm(shape[1], mm_per_px), centred_axis_mm(shape[0], mm_per_px))
     return x, y

@@ -1,6 +1,5 @@
-"""Numbers in millimetres along the edges of the block in a perspective image.
-
-The skin in perspective, lit from a side: the top of a block of gel with millimetres along its edges.
+"""The relief image: a perspective view of the skin as the top of a block of gel, lit from one side, with millimetres along its
+edges. `render_relief` returns it as a PNG; the block itself is rendered by `relief_renderer`.
 """
 
 from collections.abc import Callable
@@ -37,21 +36,21 @@ if TYPE_CHECKING:
 EdgePoint = tuple[float, float, float]
 
 TICK_LENGTH, NUMBER = 0.010, {"left": 0.018, "center": 0.034, "right": 0.018}
-"""How far tick marks and numbers stand out from the block, in lengths of it."""
+"""Distance of tick marks and numbers from the block, as fractions of its length."""
 CLOSEST, CLOSEST_HEIGHTS = 1 / 8, 0.025
-"""Distance below which numbers would be crowded, along the skin and upwards, in lengths of the block."""
+"""Distance below which numbers would be crowded, along the skin and upwards, as fractions of the block's length."""
 
 
 @dataclass(frozen=True)
 class Edge:
-    """One coordinate along one edge of the block."""
+    """One coordinate axis along one edge of the block."""
 
     name: str
     at: Callable[[float], EdgePoint]
     """The point of the edge at a value of the coordinate."""
     outwards: EdgePoint
     align: Literal["left", "center", "right"]
-    """Which side of its words faces the block, or neither."""
+    """Alignment of the text towards the block, or centred."""
     name_at: float
     """Value beside which the name is written."""
     low: float
@@ -60,13 +59,13 @@ class Edge:
 
     @property
     def values(self) -> list[float]:
-        """The round numbers on it."""
+        """Return the round numbers at which the edge has tick marks."""
         first, last = int(np.ceil(self.low / self.step)), int(np.floor(self.high / self.step))
         return [self.step * count for count in range(first, last + 1)]
 
 
 def number_edges(axes: "Axes", block: Block, view: Viewpoint, times: int) -> None:
-    """Number x along the front, y along the right, and the heights, drawn `times` larger, up the left corner."""
+    """Draw the numbers of x along the front, of y along the right, and of the heights, exaggerated `times`, up the left corner."""
     (left, front, base), (right, back, top) = block.low.tolist(), block.high.tolist()
     length, lowest, highest = 2 * max(right, back), base / times, top / times
     step, step_up = round_up_to_1_2_5(CLOSEST * length), round_up_to_1_2_5(CLOSEST_HEIGHTS * length / times)
@@ -81,7 +80,7 @@ def number_edges(axes: "Axes", block: Block, view: Viewpoint, times: int) -> Non
 
 
 def number_edge(axes: "Axes", edge: Edge, view: Viewpoint, length: float) -> None:
-    """Tick marks, numbers and the name of one edge."""
+    """Draw the tick marks, numbers and name of one edge."""
     out = length * np.array(edge.outwards)
     for value in edge.values:
         tick = np.array(edge.at(value)) + np.outer([0, TICK_LENGTH], out)
@@ -94,22 +93,22 @@ def number_edge(axes: "Axes", edge: Edge, view: Viewpoint, length: float) -> Non
 
 WIDTH_PX, HEIGHT_PX = 860, 570
 NUMBERS_PX = 50
-"""Room around the block for the numbers along its edges."""
+"""Space around the block for the numbers along its edges."""
 FINER = 1.5
-"""The block is computed this much finer than it is shown, against jagged edges."""
+"""Factor by which the block is rendered finer than it is shown, against jagged edges."""
 SMOOTHING_PX = 2.0
-"""Standard deviation of the Gaussian on the heights drawn: light that grazes the skin would show noise above all."""
+"""Standard deviation of the Gaussian on the rendered heights; grazing light would otherwise amplify noise."""
 EXAGGERATIONS = (1, 2, 5, 10, 20)
 FLATTEST = 1 / 8
-"""Heights are exaggerated as long as the relief stays below this part of the skin's longer side."""
+"""Heights are exaggerated as long as the relief stays below this fraction of the skin's longer side."""
 CALM = 60
-"""A relief below this many standard deviations of its noise does not fill that room."""
+"""A relief below this many standard deviations of its noise is not exaggerated to the full height."""
 UNDER_DEEPEST = 1 / 30
-"""Gel drawn under the deepest point, in the same measure."""
+"""Thickness of the gel drawn under the deepest point, as a fraction of the skin's longer side."""
 
 
 def render_relief(height: HeightMap, title: str = "Height of the skin") -> bytes:
-    """A PNG with the skin in perspective, seen from outside; axes and heights in mm, any exaggeration stated."""
+    """Return a PNG with the skin in perspective, seen from outside; axes and heights are in mm, and any exaggeration is stated."""
     figure = new_figure_page(title, summary_sentence(summarise_shape(height)), WIDTH_PX, HEIGHT_PX)
     axes = add_axes_at(figure, LEFT_PX, TOP_PX, WIDTH_PX, HEIGHT_PX)
     straight, times = orthorectify(height), exaggeration(height)
@@ -120,7 +119,7 @@ def render_relief(height: HeightMap, title: str = "Height of the skin") -> bytes
 
 
 def relief_caption(height: HeightMap, times: int) -> str:
-    """What the image shows, in one line."""
+    """Return what the image shows, in one line."""
     words = ["seen from outside", "heights true to scale" if times == 1 else f"heights drawn {times} times larger"]
     words.append("fine lines every millimetre")
     if (height.source == HeightSource.EXTRAPOLATED).any():
@@ -131,14 +130,14 @@ def relief_caption(height: HeightMap, times: int) -> str:
 
 
 def exaggeration(height: HeightMap) -> int:
-    """How many times larger than true the heights are drawn."""
+    """Return the vertical exaggeration."""
     relief_mm = max(max_indentation_mm(height) + max_bulge_mm(height), CALM * height.noise_mm)
     room_mm = FLATTEST * max(height.z_mm.shape) * height.mm_per_px
     return max((times for times in EXAGGERATIONS if times * relief_mm <= room_mm), default=1)
 
 
 def draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
-    """The block and the numbers along its edges, in axes whose coordinates are the pixels of its viewpoint."""
+    """Draw the block and the numbers along its edges, in axes whose coordinates are the pixels of its viewpoint."""
     rows, cols = round(HEIGHT_PX * FINER), round(WIDTH_PX * FINER)
     block, margin = block_under(height, times), NUMBERS_PX * FINER
     view = viewpoint_of(block.corners, (margin, margin), (cols - margin, rows - margin))
@@ -150,7 +149,7 @@ def draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
 
 
 def block_under(height: HeightMap, times: int) -> Block:
-    """The gel under the skin, heights exaggerated; level where the camera does not see it."""
+    """Return the gel under the skin with exaggerated heights; it is level where the camera does not see it."""
     seen_mm = np.where(height.in_view, height.z_mm, np.float32(0))
     skin = cv2.GaussianBlur(seen_mm, (0, 0), SMOOTHING_PX) * np.float32(times)
     under_mm = UNDER_DEEPEST * max(skin.shape) * height.mm_per_px

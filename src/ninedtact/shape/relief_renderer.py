@@ -1,10 +1,6 @@
-"""Where the eye of a perspective image is, and along which line each of its pixels looks.
-
-What each pixel of a perspective image looks at, by following its line of sight to the skin.
-
-What is painted on the skin in a perspective image: colours, graph paper in millimetres, the calibrated range.
-
-Light and colour on what an image's lines of sight meet.
+"""The renderer of the relief image: viewpoint, ray tracing, texture and shading. A `Viewpoint` is a pinhole camera in front of a
+`Block` of gel. `trace_sightlines` follows the line of sight of every pixel to the block, `paint_skin` makes the texture (colours of
+height, a millimetre grid, the calibrated range), and `render_block` shades what the lines of sight meet.
 """
 
 from collections.abc import Callable
@@ -20,14 +16,14 @@ from ninedtact.quantities import HeightMap, HeightSource
 from ninedtact.shape.height_map_image import EXTRAPOLATED, ColourScale, colourise_heights, rgb_of_hex
 
 TOWARDS_EYE = np.array([0.36, -0.80, 0.74]) / np.linalg.norm([0.36, -0.80, 0.74])
-"""From the skin to the eye: outside, in front of the edge of smallest y, a little to the right."""
+"""Direction from the skin to the eye: outside, in front of the edge of smallest y, a little to the right."""
 DISTANCE = 2.6
-"""Of the eye, in diagonals of what it sees; nearer bends the image as a wide-angle lens does."""
+"""Distance of the eye, in diagonals of what it sees; a smaller one distorts the image as a wide-angle lens does."""
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pinhole eye whose image has z upwards."""
+    """A pinhole camera whose image has z upwards."""
 
     eye: Float[Array, "3"]
     axes: Float[Array, "3 3"]
@@ -36,12 +32,12 @@ class Viewpoint:
     centre_px: Float[Array, "2"]
 
     def project(self, points: Float[Array, "n 3"]) -> Float[Array, "n 2"]:
-        """Pixels (x, y) at which points of space appear."""
+        """Return the pixels (x, y) at which points in space appear."""
         right, down, ahead = self.axes @ (points - self.eye).T
         return np.asarray(np.column_stack([right / ahead, down / ahead]) * self.focal_px + self.centre_px)
 
     def rays(self, rows: int, cols: int) -> Float32[Array, "3 rows cols"]:
-        """Direction in which every pixel looks, at one unit ahead."""
+        """Return the viewing direction of every pixel, scaled to unit depth."""
         x, y = np.meshgrid(np.arange(cols) - self.centre_px[0], np.arange(rows) - self.centre_px[1])
         here = np.stack([x / self.focal_px, y / self.focal_px, np.ones_like(x)])
         return np.asarray(np.einsum("ij,irc->jrc", self.axes, here), np.float32)
@@ -50,7 +46,7 @@ class Viewpoint:
 def viewpoint_of(
     corners: Float[Array, "n 3"], top_left_px: tuple[float, float], bottom_right_px: tuple[float, float]
 ) -> Viewpoint:
-    """The eye that sees all `corners` as large as fits between two pixels (x, y)."""
+    """Return the viewpoint from which all `corners` appear as large as fits between two pixels (x, y)."""
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     eye = middle + TOWARDS_EYE * DISTANCE * np.linalg.norm(np.ptp(corners, axis=0))
     right = np.cross([0, 0, 1], TOWARDS_EYE)
@@ -66,16 +62,16 @@ def viewpoint_of(
 PixelField = Float32[Array, "rows cols"]
 
 AT_THE_EDGE = 1e-3
-"""How far, in pixels or mm, rounding may push a point off its wall."""
+"""Tolerance, in pixels or mm, for points that rounding moves off their wall."""
 RAY_STEPS = 28
-"""Along each line of sight through the box around the block; what is thinner than a step may be missed."""
+"""Number of steps along each line of sight through the box around the block; detail thinner than a step may be missed."""
 RAY_HALVINGS = 6
-"""After the step in which the line dives under the skin."""
+"""Number of bisections after the step in which the line of sight enters the skin."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Gel from a flat base up to the skin; heights are as they are to be drawn, exaggeration included."""
+    """Gel from a flat base up to the skin; heights are as drawn, exaggeration included."""
 
     skin: Float32[Array, "skin_rows skin_cols"]
     mm_per_px: float
@@ -83,28 +79,28 @@ class Block:
 
     @property
     def low(self) -> Float32[Array, "3"]:
-        """Corner of the surrounding box with the smallest coordinates."""
+        """Corner of the bounding box with the smallest coordinates."""
         rows, cols = self.skin.shape
         return np.array([-(cols - 1) / 2 * self.mm_per_px, -(rows - 1) / 2 * self.mm_per_px, self.base], np.float32)
 
     @property
     def high(self) -> Float32[Array, "3"]:
-        """Corner of the surrounding box with the largest coordinates."""
+        """Corner of the bounding box with the largest coordinates."""
         return np.array([-self.low[0], -self.low[1], max(float(self.skin.max()), 0.0)], np.float32)
 
     @property
     def corners(self) -> Float32[Array, "8 3"]:
-        """All corners of the surrounding box."""
+        """All corners of the bounding box."""
         return np.array(list(product(*zip(self.low, self.high, strict=True))), np.float32)
 
     def at(self, col: PixelField, row: PixelField) -> PixelField:
-        """Height of the skin between its pixels."""
+        """Return the height of the skin by interpolation between its pixels."""
         return np.asarray(cv2.remap(self.skin, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 @dataclass(frozen=True)
 class SightlineGrid:
-    """What each pixel of an image looks at: a place on the block (columns and rows of the skin, height) or nothing."""
+    """The point that each pixel of an image shows: a place on the block (columns and rows of the skin, height) or nothing."""
 
     col: PixelField
     row: PixelField
@@ -114,7 +110,7 @@ class SightlineGrid:
 
 
 def trace_sightlines(block: Block, view: Viewpoint, rows: int, cols: int) -> SightlineGrid:
-    """Follow every line of sight to the block."""
+    """Return the intersection of every line of sight with the block."""
     rays = view.rays(rows, cols)
     near, far = through_box(block, view, rays)
     origin = (view.eye - block.low).astype(np.float32) / np.float32(block.mm_per_px)
@@ -135,7 +131,9 @@ def trace_sightlines(block: Block, view: Viewpoint, rows: int, cols: int) -> Sig
 
 
 def through_box(block: Block, view: Viewpoint, rays: Float32[Array, "3 rows cols"]) -> tuple[PixelField, PixelField]:
-    """Where each line enters and leaves the box around the block; it misses it where it leaves before it enters."""
+    """Return the distances at which each line enters and leaves the bounding box; a line that leaves before it enters misses the
+    box.
+    """
     eye = view.eye.astype(np.float32)
     with np.errstate(divide="ignore"):
         sides = [(side - eye)[:, None, None] / rays for side in (block.low, block.high)]
@@ -143,7 +141,7 @@ def through_box(block: Block, view: Viewpoint, rays: Float32[Array, "3 rows cols
 
 
 def first_crossing(above: Callable[[PixelField], PixelField], near: PixelField, far: PixelField) -> PixelField:
-    """The first place between `near` and `far` at which `above` is negative; infinite where there is none."""
+    """Return the first distance between `near` and `far` at which `above` is negative; infinite where there is none."""
     step = (far - near) / RAY_STEPS
     after = near + step
     for _ in range(RAY_STEPS - 1):
@@ -157,15 +155,15 @@ def first_crossing(above: Callable[[PixelField], PixelField], near: PixelField, 
 
 
 PAINT_PX_PER_PX = 4
-"""Pixels of paint per pixel of the height map, each way."""
+"""Pixels of texture per pixel of the height map, along each axis."""
 LINE_MM = {1.0: 0.04, 5.0: 0.10}
-"""Width of the graph paper's lines, for each distance between them."""
+"""Width of the grid lines, for each distance between them."""
 LINE_STRENGTH = 0.25
 RANGE_EDGE_WIDTH_PX = 11
 
 
 def paint_skin(height: HeightMap, scale: ColourScale) -> UInt8[Array, "fine_rows fine_cols 3"]:
-    """The paint as RGB."""
+    """Return the texture of the skin as RGB."""
     fine = enlarged(height)
     paint = np.ascontiguousarray(colourise_heights(fine, scale)[..., ::-1])
     lines = graph_paper(fine) & fine.in_view
@@ -175,7 +173,7 @@ def paint_skin(height: HeightMap, scale: ColourScale) -> UInt8[Array, "fine_rows
 
 
 def enlarged(height: HeightMap) -> HeightMap:
-    """The same map on a finer grid."""
+    """Return the same height map on a finer grid."""
     seen, measured = (
         enlarged_mask(height.source >= kind) for kind in (HeightSource.EXTRAPOLATED, HeightSource.MEASURED)
     )
@@ -188,7 +186,7 @@ def enlarged(height: HeightMap) -> HeightMap:
 
 
 def enlarged_mask(mask: Bool[Array, "rows cols"]) -> Bool[Array, "fine_rows fine_cols"]:
-    """A mask on a finer grid, its edge smoothed."""
+    """Return a mask on a finer grid, with its edge smoothed."""
     share = cv2.resize(
         mask.astype(np.float32), None, fx=PAINT_PX_PER_PX, fy=PAINT_PX_PER_PX, interpolation=cv2.INTER_LINEAR
     )
@@ -196,7 +194,7 @@ def enlarged_mask(mask: Bool[Array, "rows cols"]) -> Bool[Array, "fine_rows fine
 
 
 def graph_paper(height: HeightMap) -> Bool[Array, "rows cols"]:
-    """Where the lines of the graph paper run."""
+    """Return the pixels on the lines of the millimetre grid."""
     x, y = height.axes_mm
     paper = np.zeros(height.z_mm.shape, bool)
     for distance_mm, width_mm in LINE_MM.items():
@@ -205,30 +203,30 @@ def graph_paper(height: HeightMap) -> Bool[Array, "rows cols"]:
 
 
 def on_line(axis_mm: Float32[Array, " n"], distance_mm: float, width_mm: float) -> Bool[Array, " n"]:
-    """Which coordinates lie within a line's width of a multiple of the distance."""
+    """Return which coordinates lie within a line's width of a multiple of the distance."""
     return np.asarray(np.abs(axis_mm - distance_mm * np.rint(axis_mm / distance_mm)) < width_mm / 2)
 
 
 def darken_or_lighten(paint: UInt8[Array, "n 3"]) -> UInt8[Array, "n 3"]:
-    """Paint under a line: towards black where it is bright, towards white where it is dark."""
+    """Return the texture under a line: darkened where it is bright, lightened where it is dark."""
     ink = np.where(paint.mean(axis=1, keepdims=True) > 110, 0, 255)
     return np.asarray(paint * (1 - LINE_STRENGTH) + ink * LINE_STRENGTH, np.uint8)
 
 
 def range_edge(height: HeightMap) -> Bool[Array, "rows cols"]:
-    """The extrapolated side of the edge of the calibrated range."""
+    """Return the extrapolated side of the edge of the calibrated range."""
     measured = (height.source == HeightSource.MEASURED).astype(np.uint8)
     touching = cv2.dilate(measured, np.ones((RANGE_EDGE_WIDTH_PX, RANGE_EDGE_WIDTH_PX), np.uint8)).astype(bool)
     return np.asarray(touching & (height.source == HeightSource.EXTRAPOLATED))
 
 
 LIGHT = np.array([-0.70, 0.30, 0.65]) / np.linalg.norm([-0.70, 0.30, 0.65])
-"""Towards the light: from the left and a little from behind, so that slopes show."""
+"""Direction towards the light: from the left and a little from behind, so that slopes are visible."""
 AMBIENT = 0.5
-"""Share of the light that comes from everywhere."""
+"""Fraction of the light that is ambient."""
 WALL = np.array([206, 208, 212], np.float32)
 SIDE_WALL = np.float32(0.87)
-"""Brightness of the wall to the right, against the one in front."""
+"""Brightness of the right wall relative to the front wall."""
 BASE_SHADE = 0.16
 """Brightness that a wall loses from the skin to the base."""
 
@@ -236,7 +234,7 @@ BASE_SHADE = 0.16
 def render_block(
     block: Block, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: SightlineGrid
 ) -> UInt8[Array, "rows cols 3"]:
-    """Colour what is seen, white where nothing is; `colours` lie over the whole skin, at any resolution."""
+    """Return the shaded image, white where no line of sight meets the block; `colours` cover the whole skin, at any resolution."""
     finer, half = np.float32(colours.shape[1] / block.skin.shape[1]), np.float32(0.5)
     # Pixels are areas: the edges of the two grids coincide, not the centres of their first pixels.
     col, row = (sight.col + half) * finer - half, (sight.row + half) * finer - half
@@ -249,14 +247,14 @@ def render_block(
 
 
 def shading(block: Block) -> Float32[Array, "skin_rows skin_cols"]:
-    """How bright the skin is at each pixel, 1 where it is level."""
+    """Return the brightness of the skin at each pixel, 1 where it is level."""
     y, x = np.gradient(block.skin, block.mm_per_px)
     facing = (LIGHT[2] - x * LIGHT[0] - y * LIGHT[1]) / np.sqrt(1 + x * x + y * y)
     return np.asarray(AMBIENT + (1 - AMBIENT) * np.maximum(facing, 0) / LIGHT[2], np.float32)
 
 
 def wall_colours(block: Block, sight: SightlineGrid) -> Float32[Array, "rows cols 3"]:
-    """Grey, darker on the side and towards the base."""
+    """Return the grey of the walls, darker on the side and towards the base."""
     brightness = np.where(sight.row < AT_THE_EDGE, np.float32(1), SIDE_WALL)
     depth = (block.high[2] - sight.z) / (block.high[2] - block.low[2])
     return np.asarray((brightness * (1 - BASE_SHADE * depth))[..., None] * WALL, np.float32)

@@ -1,9 +1,9 @@
 """The skin as a surface in space: slopes, areas, points with normals, and triangles.
 
-Pixels of a height map are lines of sight (`quantities.HeightMap`). The line of sight through (u, v) on the untouched plane meets
+Pixels of a height map are lines of sight (`quantities.HeightMap`). The line of sight through (u, v) on the undeformed plane meets
 skin of height z at (x, y) = (u, v)·k with k = 1 + z/D, where D is the camera's distance. From the two tangents of that surface
 along u and v, the outward normal is along (−dz/du, −dz/dv, n) with n = 1 + (z + u·dz/du + v·dz/dv)/D, and one unit of (u, v) covers
-k·n units of (x, y). With D infinite, k = n = 1.
+k·n units of (x, y). Where D is infinite, k = n = 1.
 """
 
 from functools import lru_cache
@@ -68,7 +68,7 @@ def triangulate_view(in_view: Bool[Array, "rows cols"]) -> Int32[Array, "m 3"]:
 
 
 def surface_slope(height: HeightMap) -> tuple[Grid, Grid]:
-    """Return the slopes dz/dx and dz/dy (mm/mm) by Sobel's differences; heights out of view take no part."""
+    """Return the slopes dz/dx and dz/dy (mm/mm) by Sobel's differences; heights out of view are not used."""
     along_x, along_y = _slope_everywhere(height.z_mm, height.mm_per_px)
     if height.source.min() == HeightSource.OUT_OF_VIEW:
         rows, cols = _edge_of_view(height.in_view)
@@ -77,13 +77,13 @@ def surface_slope(height: HeightMap) -> tuple[Grid, Grid]:
 
 
 def pixel_footprint_mm2(height: HeightMap) -> Grid:
-    """Return the area of the untouched plane above which the skin seen by each pixel lies."""
+    """Return the area of each pixel's skin, projected on the undeformed plane."""
     n = _normal_z_component(height, *surface_slope(height))
     return np.asarray(sightline_scale(height) * n * np.float32(height.mm_per_px**2))
 
 
 def sightline_scale(height: HeightMap) -> Grid:
-    """Return k: how many times farther from the centre than its pixel the skin is."""
+    """Return k: the distance of the skin from the centre, relative to that of its pixel."""
     scale = height.z_mm * np.float32(1 / height.camera_distance_mm)
     scale += 1
     return np.asarray(scale)
