@@ -263,7 +263,7 @@ class DepthReader:
         )
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
-        """Return the table index of every pixel; lost and scattered light is restored first where the calibration determines them."""
+        """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""
         lost = self.loss(grey, self.reference.grey)
         if self.deblurring is None:
             return self.quantised(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))

@@ -1,14 +1,14 @@
-"""One press of a ball of known radius → depth curve.
+"""The depth curve from one press of a ball of known radius. In: the raw reference image and the raw image of the pressed ball. Out:
+`BallFit`, from `fit_ball`, by one of three methods.
 
-`physics`, the default, fits contact mechanics and light to the whole image (ball/physics.py). The older two go by the
-disc: inside it the skin lies on the ball, so the depth that every line of sight meets is known; it is paired with the
-pixel's darkening. The camera is near, so a line of sight meets deep skin farther in than shallow skin: left out, as in
-the paper, it doubles the error of `ratio` on a real press (benchmarks/ball_accuracy.py). The
-rule "the disc's edge is at depth zero" is the paper's: real gel piles up at the rim, which makes it some 0.1–0.2 mm too
-deep (docs/accuracy.md).
+`physics`, the default, fits contact mechanics and light to the whole image (ball/physics_method.py). `ratio` and `table` use the
+contact disc only. Inside it the skin lies on the ball, so the depth at which every line of sight meets the skin is known; it is
+paired with the pixel's darkening. `table` is the paper's mapping list of grey differences, with two corrections; `ratio` pairs
+depth with the brightness factor, which is uniform over the image.
 
-Of these, `table` is the paper's mapping list of grey differences, made right; `ratio` does the same with the brightness
-factor, which holds all over the image.
+The camera is near, so a line of sight meets deep skin farther inwards than shallow skin. Without this correction, as in the paper,
+the error of `ratio` doubles on a real press (benchmarks/ball_accuracy.py). The rule that the disc's edge is at depth zero is the
+paper's; real gel piles up at the rim, so that the rule gives depths some 0.1–0.2 mm too large (docs/accuracy.md).
 """
 
 from collections.abc import Callable
@@ -59,7 +59,7 @@ SIGNAL: dict[DepthMethod, BrightnessSignal] = {"table": "difference", "ratio": "
 
 @dataclass(frozen=True)
 class BallFit:
-    """The depth curve with what it rests on."""
+    """The depth curve, with the press, the errors and the warnings of its fit."""
 
     method: DepthMethod
     curve: DepthCurve
@@ -67,12 +67,12 @@ class BallFit:
     reconstruction_mae_mm: float
     """Mean absolute error of the reconstructed height inside the disc."""
     cross_validation_mae_mm: float
-    """The same on one half of the disc with the curve of the other half, mean over four cuts."""
+    """Mean absolute error of one half of the disc, reconstructed with the curve of the other half; the mean over four cuts."""
     warnings: tuple[str, ...]
     noise_mm: float = 0.0
     """Standard deviation of one pixel's height from image to image, filters included."""
     physical: PhysicsDepthFit | None = None
-    """The fit of mechanics and light, by the method that makes one."""
+    """The fit of mechanics and light; None for the methods `ratio` and `table`."""
 
     @property
     def max_indentation_mm(self) -> float:
@@ -83,26 +83,26 @@ class BallFit:
 
     @property
     def true_mm(self) -> Float[Array, "rows cols"]:
-        """Indentation on every pixel's line of sight, as this method has it."""
+        """Reference indentation on every pixel's line of sight, as determined by this method."""
         return self.press.depth_mm if self.physical is None else self.physical.depth_mm
 
     @property
     def disc(self) -> Bool[Array, "rows cols"]:
-        """Where the ball pressed the skin in."""
+        """The pixels at which the ball indents the skin."""
         return self.press.disc if self.physical is None else self.physical.disc
 
     @property
     def loss(self) -> LightLoss:
-        """The light that the whole image loses, where the method knows it."""
+        """The loss of light of the whole image; none where the method does not determine it."""
         return LightLoss() if self.physical is None else LightLoss(self.physical.fit.light.global_dimming)
 
     @property
     def deblurring(self) -> Deblurring | None:
-        """The point-spread that reading undoes, where the method knows it."""
+        """The removal of the point spread; None where the method does not determine it."""
         return None if self.physical is None else self.physical.deblurring
 
     def reader(self, before: Rectified, source: UInt8[Array, "rows cols"]) -> DepthReader:
-        """How the calibrated sensor reads, against this untouched image."""
+        """Return the depth reader of the calibrated sensor for this reference image."""
         smoothing = self.press.smoothing if self.deblurring is None else FINE_SMOOTHING
         return DepthReader(self.curve, before, source, smoothing, loss=self.loss, deblurring=self.deblurring)
 
@@ -117,9 +117,9 @@ def fit_ball(
     beliefs: tuple[ParameterPrior, ...] = (),
     near: ParameterVector | None = None,
 ) -> BallFit:
-    """Find the disc and fit the curve; raises `BallRefused`, `ImageUnusable`, `WrongImageSize`.
+    """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `ImageUnusable`, `WrongImageSize`.
 
-    reference, press: raw images (rows, cols, 3) of the untouched skin and of the ball pressed on it. beliefs, near: as for
+    reference, press: raw images (rows, cols, 3) of the skin without contact and of the ball pressed on it. beliefs, near: as for
     `fit_twin`.
     """
     require_same_image_size("ball image", reference, press)
@@ -146,7 +146,7 @@ def _fit_by_physics(
     beliefs: tuple[ParameterPrior, ...] = (),
     near: ParameterVector | None = None,
 ) -> BallFit:
-    """Mechanics and light together, and how well the result reads the ball back."""
+    """Fit mechanics and light together, and measure how well the result reconstructs the ball."""
     physical = PhysicsDepthFit(fit_twin(press.before, press.after, press.circle, design, beliefs, near))
     require_explained_by_ball(physical.fit.image_rmse_grey_levels, press.circle)
     curve, cross_validation_mae_mm = physical.curve(physical.disc), physical.cross_validation_mae_mm()
@@ -167,7 +167,7 @@ def _fit_by_physics(
 
 
 def _fit_by_contact_disc(press: BallPress, method: DepthMethod) -> BallFit:
-    """Pair depth with darkening, and measure how well the result reads the ball back."""
+    """Pair depth with darkening, and measure how well the result reconstructs the ball."""
     signal = SIGNAL[method]
     curve = press.curve(signal, press.disc)
     half_errors = [
@@ -186,17 +186,17 @@ def _fit_by_contact_disc(press: BallPress, method: DepthMethod) -> BallFit:
 
 
 def rectified_brightness_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:
-    """Relative change in grey levels of the mean brightness."""
+    """Return the relative change of brightness, times the mean brightness of the reference, in grey levels."""
     return (after.grey / np.maximum(before.grey, 1) - 1) * before.grey.mean()
 
 
 def simulate_height_noise_mm(
     reader: Callable[[Rectified], DepthReader], rectify: Rectification, reference: BgrImage, noise: float, seed: int = 0
 ) -> float:
-    """Scatter of the height when the camera's noise is put on an even press half-way down the range.
+    """Return the standard deviation of the height when camera noise is added to a uniform darkening half-way down the range.
 
-    reader: makes one from an untouched image. noise: standard deviation of one raw pixel, grey levels. Lens and filters
-    are passed through, so what they leave of the noise is what a reading has.
+    reader: builds a depth reader from a reference image. noise: standard deviation of one raw pixel, grey levels. The noise passes
+    through lens and filters, so that the result is the noise of a reconstruction.
     """
     raw = to_grey_float(reference)
     curve = reader(Rectified(rectify.resampled(raw), rectify.mm_per_px)).curve

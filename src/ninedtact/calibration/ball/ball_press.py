@@ -1,12 +1,10 @@
-"""Pairs of darkening and depth → a curve that rises, has no gaps and starts at zero.
+"""A ball pressed on the skin, as two rectified images and the contact disc in them: the pairs of darkening and depth, and the
+monotone depth curve through them.
 
-The depth at which the camera's lines of sight meet a ball that is pressed into the skin.
-
-The camera stands `distance_mm` below the middle of the skin; the line through a point of the untouched plane is followed
-until it meets the sphere that cuts the plane in the contact circle. (The refraction on the way is in the lens model and
-in the distance; what that leaves open is in docs/accuracy.md.)
-
-A ball pressed on the skin, as two rectified images and the disc in them: pairs of depth and darkening.
+The depth of a pixel is that at which its line of sight meets the ball. The camera stands `distance_mm` below the centre of the
+skin; the line through a point of the undeformed plane is followed until it meets the sphere that cuts the plane in the contact
+circle. (Refraction on the way is included in the lens model and in the distance; docs/accuracy.md gives what remains.) The depth
+curve rises, has no gaps and starts at zero.
 """
 
 from dataclasses import dataclass, replace
@@ -25,18 +23,19 @@ from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader, Smo
 from ninedtact.shape.rectification import skin_grid_mm
 
 LEVEL: dict[BrightnessSignal, float] = {"difference": 1.0, "ratio": 1 / 160}
-"""Width of one entry of the list: a grey level, and what a grey level is in an image of usual brightness."""
+"""Width of one bin of darkening: one grey level, and its equivalent in the ratio for an image of usual brightness."""
 FIRST_LEVEL = 4
-"""Below this the curve is a straight line from zero: the edge of the disc is blurred, so its own first levels would
-turn one grey level of drifting light into a tenth of a millimetre."""
+"""Bin below which the curve is a straight line from zero. The edge of the disc is blurred, so the first bins would turn a drift of
+one grey level into a tenth of a millimetre.
+"""
 
 
 def fit_monotone_depth_curve(
     signal: BrightnessSignal, darkening: Float[Array, " n"], depth_mm: Float[Array, " n"]
 ) -> DepthCurve:
-    """Mean depth of every level of darkening, made monotone by isotonic regression (weights: pixels per level).
+    """Return the mean depth of every bin of darkening, made monotone by isotonic regression (weights: pixels per bin).
 
-    Levels that no pixel has are interpolated; brightening pixels near the edge count as level zero.
+    Empty bins are interpolated; brightening pixels near the edge count as bin zero.
     """
     level = np.maximum(np.round(darkening / LEVEL[signal]), 0).astype(int)
     count = np.bincount(level)
@@ -51,7 +50,7 @@ def fit_monotone_depth_curve(
 def anchor_depth_curve_at_zero(
     signal: BrightnessSignal, darkening: Float[Array, " k"], depth_mm: Float[Array, " k"], error_mm: Float[Array, " k"]
 ) -> DepthCurve:
-    """No darkening is no depth."""
+    """Return the depth curve with a first knot of zero depth at zero darkening."""
     above = darkening > 0
     return DepthCurve(
         signal,
@@ -69,7 +68,7 @@ def _visible_ball_depth_mm(
     ball_radius_mm: float,
     camera_distance_mm: float,
 ) -> Float[Array, "rows cols"]:
-    """Depth of the ball's surface on every pixel's line of sight, zero where the line misses the disc."""
+    """Return the depth of the ball's surface on every pixel's line of sight, zero where the line misses the disc."""
     camera = np.array([0.0, 0.0, -camera_distance_mm])
     ball = np.array([*centre_mm, np.sqrt(ball_radius_mm**2 - edge_radius_mm**2)])
     x, y = skin_grid_mm(shape, mm_per_px)
@@ -81,7 +80,7 @@ def _visible_ball_depth_mm(
 def intersect_rays_with_sphere(
     start: Float[Array, "3"], sight: Float[Array, "rows cols 3"], radius: float
 ) -> Float[Array, "rows cols"]:
-    """The smaller t at which start + t·sight lies on the sphere about zero; 1 (the plane) where it never does."""
+    """Return the smaller t at which start + t·sight lies on the sphere about zero; 1 (the plane) where there is no intersection."""
     square, product = (sight**2).sum(axis=-1), sight @ start
     discriminant = product**2 - square * (start @ start - radius**2)
     return np.where(discriminant > 0, (-product - np.sqrt(np.maximum(discriminant, 0))) / square, 1)
@@ -93,7 +92,7 @@ CENTRING_TERMS = 7
 
 @dataclass(frozen=True)
 class BallPress:
-    """The untouched and the pressed image, the disc found in them, and the ball that made it."""
+    """The reference image, the image of the press, the contact disc found in them, and the ball."""
 
     before: Rectified
     after: Rectified
@@ -103,7 +102,7 @@ class BallPress:
     smoothing: Smoothing
 
     def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
-        """The same press with the ball's centre elsewhere."""
+        """Return the same press with the ball's centre at another pixel."""
         return replace(self, circle=replace(self.circle, centre_px=(float(centre_px[0]), float(centre_px[1]))))
 
     @cached_property
@@ -118,7 +117,7 @@ class BallPress:
 
     @cached_property
     def disc(self) -> Bool[Array, "rows cols"]:
-        """Where the ball touches, by the rule that the edge of the disc is at depth zero."""
+        """The pixels at which the ball touches, by the rule that the edge of the disc is at depth zero."""
         return self.circle.distance_px(self.before.grey.shape) < self.circle.radius_px
 
     @property
@@ -127,28 +126,28 @@ class BallPress:
         return self.circle.radius_px * self.before.mm_per_px
 
     def curve(self, signal: BrightnessSignal, where: Bool[Array, "rows cols"]) -> DepthCurve:
-        """The monotone curve through the pixels of a region."""
+        """Return the monotone curve through the pixels of a region."""
         before, after = self.before.grey[where], self.after.grey[where]
         darkening = before - after if signal == "difference" else 1 - after / np.maximum(before, 1)
         return fit_monotone_depth_curve(signal, darkening, self.depth_mm[where])
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
-        """Mean absolute error of the reconstructed height, filters included, over a region."""
+        """Return the mean absolute error of the reconstructed height, filters included, over a region."""
         everywhere = np.full(where.shape, HeightSource.MEASURED, np.uint8)
         height = DepthReader(curve, self.before, everywhere, self.smoothing)(self.after)
         return float(np.abs(height.indentation_mm - self.depth_mm)[where].mean())
 
     def halves(self) -> list[Bool[Array, "rows cols"]]:
-        """Left, right, upper and lower half of the image about the disc's centre."""
+        """Return the left, right, upper and lower half of the image about the disc's centre."""
         rows, cols = np.indices(self.before.grey.shape)
         left, upper = cols < self.circle.centre_px[0], rows < self.circle.centre_px[1]
         return [np.asarray(half) for half in (left, ~left, upper, ~upper)]
 
 
 def refine_ball_centre(press: BallPress) -> BallPress:
-    """The press about the point that makes darkness most nearly a function of depth alone.
+    """Return the press with its centre moved to where darkening is most nearly a function of depth alone.
 
-    The edge gives the disc's size well and its middle only roughly, because the bulge around it is never quite even.
+    The edge determines the disc's size well but its centre only roughly, because the bulge around it is never quite even.
     """
     darkening = smooth_gaussian(1 - press.after.grey / np.maximum(press.before.grey, 1), CENTRING_PX)
 

@@ -1,9 +1,8 @@
-"""Where a ball touched: its dark disc in a rectified image, found by where the skin neither darkens nor brightens.
+"""Detection of the contact circle of a ball in a rectified image, and the checks of whether the press can calibrate depth.
 
-Pressed gel is darker, the rim that bulges around it is brighter; between them the change is zero, and that circle is
-the edge of the disc. It needs no threshold: only the background far away is taken as the zero.
-
-Whether a ball press can calibrate, and what a person should know about it.
+Indented gel is darker, and the rim that bulges around it is brighter; between them the change is zero, and that circle is the edge
+of the disc. No threshold is needed: the background far away defines the zero. A press that is too shallow, not round, cut by the
+border or unlike a ball is refused with `BallPressUnusable`; an asymmetric one gives a warning.
 """
 
 from dataclasses import dataclass
@@ -20,26 +19,27 @@ from ninedtact.errors import CalibrationError
 
 SMOOTHING_PX = 2.0
 EDGE_SMOOTHING_PX = 1.0
-"""Less at the edge, where smoothing moves the zero towards the flatter side."""
+"""Standard deviation of the Gaussian at the edge; it is smaller because smoothing moves the zero towards the flatter side."""
 RAYS = 120
 STEP_PX = 0.25
 FAINTEST_DROP = 3.0
-"""Grey levels: what drifts between two images of untouched skin stays below it (real images: 0.6)."""
+"""Smallest darkening of a contact in grey levels; the drift between two images without contact stays below it (real images: 0.6).
+"""
 SECOND_CONTACT = 0.35
-"""Another spot this deep, relative to the deepest, is another contact."""
+"""A second spot with this fraction of the largest darkening is another contact."""
 LEAST_OF_CIRCLE = 0.6
-"""Part of the rays that must reach the edge."""
+"""Smallest fraction of the rays that must reach the edge."""
 ROUNDNESS = 0.12
-"""Largest scatter of the edge, relative to the radius: a sheared ball press has 0.03, other objects far more."""
+"""Largest scatter of the edge, relative to the radius: a sheared ball press has 0.03, other objects have far more."""
 
 
 class BallPressUnusable(CalibrationError):
-    """The ball image cannot calibrate depth, and why."""
+    """The ball image cannot calibrate depth; the message says why."""
 
 
 @dataclass(frozen=True)
 class ContactCircle:
-    """The disc's edge in rectified pixels, and how even the press was."""
+    """The edge of the contact disc in rectified pixels, and the asymmetry of the press."""
 
     centre_px: tuple[float, float]
     """(x, y)"""
@@ -48,21 +48,22 @@ class ContactCircle:
     drop: float
     """Darkening at the deepest point, grey levels."""
     leaning: tuple[float, float]
-    """Uneven brightness of the bulge around the disc, as a part of the drop: first harmonic, pointing to the brighter side."""
+    """Uneven brightness of the bulge around the disc, as a fraction of the drop: the first harmonic, pointing to the brighter side.
+    """
 
     @property
     def asymmetry(self) -> float:
-        """How uneven the bulge is."""
+        """Magnitude of the uneven brightness of the bulge, as a fraction of the drop."""
         return float(np.hypot(*self.leaning))
 
     def distance_px(self, shape: tuple[int, ...]) -> Float[Array, "rows cols"]:
-        """Distance of every pixel from the disc's centre."""
+        """Return the distance of every pixel from the disc's centre."""
         rows, cols = np.indices(shape)
         return np.hypot(cols - self.centre_px[0], rows - self.centre_px[1])
 
 
 def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
-    """The one round contact in a rectified relative change (grey levels); raises `BallPressUnusable` with the reason."""
+    """Return the one round contact in a rectified relative change (grey levels); raises `BallPressUnusable` with the reason."""
     calm = smooth_gaussian(change, SMOOTHING_PX)
     calm = calm - np.median(calm)
     _require_contact(calm, estimate_pixel_noise(change))
@@ -75,7 +76,7 @@ def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
 
 
 def _require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
-    """Refuse an untouched image and a swapped pair."""
+    """Refuse an image without contact and a swapped pair."""
     drop, rise = -float(calm.min()), float(calm.max())
     needed = max(FAINTEST_DROP, 3 * noise)
     if max(drop, rise) < needed:
@@ -91,7 +92,7 @@ def _require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
 
 
 def _darkest_region(calm: Float32[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
-    """The connected region around the darkest pixel that is darker than half of it."""
+    """Return the connected region around the darkest pixel that is darker than half of it."""
     labels, _ = ndimage.label(calm < calm.min() / 2)
     return np.asarray(labels == labels[np.unravel_index(calm.argmin(), calm.shape)])
 
@@ -112,7 +113,7 @@ def _require_single_contact(calm: Float32[Array, "rows cols"], spot: Bool[Array,
 
 
 def _find_edge_points(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float]) -> Float[Array, "n 2"]:
-    """Along each ray from the centre, the first point that is no darker than untouched skin; (x, y)."""
+    """Return, along each ray from the centre, the first point (x, y) that is no darker than skin without contact."""
     angles = np.arange(RAYS) * (2 * np.pi / RAYS)
     radii = np.arange(STEP_PX, max(calm.shape), STEP_PX)
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -136,7 +137,7 @@ def _require_whole_disc(reached: Bool[Array, " rays"]) -> None:
 
 
 def _fit_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) -> ContactCircle:
-    """Robust least-squares circle through the edge."""
+    """Return the robust least-squares circle through the edge points."""
     middle = edge.mean(axis=0)
     start = [*middle, np.hypot(*(edge - middle).T).mean()]
 
@@ -154,7 +155,7 @@ def _fit_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) ->
 def _require_round_edge(
     shape: tuple[int, ...], centre_px: tuple[float, float], radius_px: float, scatter_px: float
 ) -> None:
-    """Refuse what is not a disc, or not wholly in view."""
+    """Refuse a contact that is not round, or not wholly in view."""
     if scatter_px > ROUNDNESS * radius_px:
         raise BallPressUnusable(
             f"expected a round disc, got an edge that strays {scatter_px / radius_px:.0%} of its radius from a circle; "
@@ -170,7 +171,7 @@ def _require_round_edge(
 def _bulge_first_harmonic(
     calm: Float32[Array, "rows cols"], centre_px: tuple[float, float], radius_px: float
 ) -> tuple[float, float]:
-    """Amplitudes of cos θ and sin θ in the brightness just outside the disc."""
+    """Return the amplitudes of cos θ and sin θ in the brightness just outside the disc."""
     rows, cols = np.indices(calm.shape)
     x, y = np.asarray(cols - centre_px[0]), np.asarray(rows - centre_px[1])
     distance = np.hypot(x, y)
@@ -181,19 +182,21 @@ def _bulge_first_harmonic(
 
 
 WIDEST_BY_PHYSICS = 1.06
-"""Of the ball's radius. Skin dips beside the ball too, the wider the thicker the gel; mechanics know that, the edge's rule not."""
+"""Largest radius of the disc, as a fraction of the ball's radius, for the method `physics`. Skin is also indented beside the ball,
+and more widely in thicker gel; the contact mechanics include that, the rule of the disc's edge does not.
+"""
 SHALLOWEST_MM = 0.4
-"""A press below this covers too little of the range to calibrate it."""
+"""Smallest depth of a press; a shallower one covers too little of the range to calibrate it."""
 MAX_ASYMMETRY = 0.08
 """Asymmetry of the bulge above which a press counts as sheared (straight real press 0.013, sheared one 0.22)."""
 WORST_REST = 0.06
-"""Part of the darkening that may stay unexplained (a straight real press 0.008, a sheared one 0.04, a roller 0.07)."""
+"""Fraction of the darkening that may stay unexplained (a straight real press 0.008, a sheared one 0.04, a roller 0.07)."""
 REFERENCE_DRIFT = 3.0
-"""Grey levels of change between two untouched images that deserve a word."""
+"""Change in grey levels between two reference images above which a warning is given."""
 
 
 def require_usable_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float, widest: float = 1.0) -> None:
-    """Refuse a disc wider than the ball (or than `widest` of it), or too shallow a press."""
+    """Refuse a disc wider than the ball (or than the fraction `widest` of it), and a press that is too shallow."""
     radius_mm = circle.radius_px * mm_per_px
     if radius_mm >= widest * ball.radius_mm:
         raise BallPressUnusable(
@@ -208,7 +211,7 @@ def require_usable_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: floa
 
 
 def require_explained_by_ball(rest_grey: float, circle: ContactCircle) -> None:
-    """Refuse a press that no ball in gel looks like."""
+    """Refuse a press whose image the model of a ball in gel does not explain."""
     if rest_grey > WORST_REST * circle.drop:
         raise BallPressUnusable(
             f"expected a press that a ball explains to {WORST_REST:.0%} of its darkening, got {rest_grey:.1f} of "
@@ -218,12 +221,12 @@ def require_explained_by_ball(rest_grey: float, circle: ContactCircle) -> None:
 
 
 def spherical_cap_height_mm(radius_mm: float, edge_radius_mm: float) -> float:
-    """Height of the cap that a circle cuts off a sphere."""
+    """Return the height of the cap that a circle cuts off a sphere."""
     return float(radius_mm - np.sqrt(radius_mm**2 - edge_radius_mm**2))
 
 
 def asymmetry_warnings(circle: ContactCircle) -> tuple[str, ...]:
-    """What a person should know about this press."""
+    """Return the warnings about a sheared press, in words."""
     if circle.asymmetry <= MAX_ASYMMETRY:
         return ()
     return (
@@ -233,7 +236,7 @@ def asymmetry_warnings(circle: ContactCircle) -> tuple[str, ...]:
 
 
 def reference_drift_warnings(board_reference: BgrImage, ball_reference: BgrImage) -> tuple[str, ...]:
-    """A word when the skin looked different before the two presses."""
+    """Return a warning where the two reference images, before the board and before the ball, differ."""
     if board_reference.shape != ball_reference.shape:
         return ()
     drift = np.abs(board_reference.mean(axis=2) - ball_reference.mean(axis=2)).mean()

@@ -1,7 +1,7 @@
-"""The `physics` method: depth by contact mechanics and light, fitted together to the whole ball image.
+"""The `physics` method: the depth curve from contact mechanics and light, fitted together to the whole ball image.
 
-The curve is the sensor's law of light (`simulation.light`), darker and brighter, so it tells bulges too; it needs no rule
-about where the ball's disc ends.
+The curve is the sensor's brightness model (`simulation.light`) for darkening and brightening, so that it covers bulges too. It
+needs no rule about where the ball's disc ends.
 """
 
 from dataclasses import dataclass, replace
@@ -22,18 +22,18 @@ from ninedtact.simulation.pixel_map import SightlineGrid
 
 KNOTS = 25
 LEAST_OF_KNOT = 30
-"""Pixels that must have a depth before the law is bent there."""
+"""Smallest number of pixels at a depth for which the brightness model is corrected there."""
 SHALLOWEST_OF_DISC_MM = 0.05
-"""Where the skin is less deep than this, the ball's edge is near and the light scattered from it."""
+"""Indentation below which a pixel is left out of the disc: the ball's edge is near, and light is scattered from it."""
 BULGE_MM = 1.0
-"""How far the curve of bulges goes."""
+"""Largest height that the curve of bulges covers."""
 FLOORS = (0.01, 0.03, 0.1)
-"""Of the deblurring, from sharp to calm; the ball itself chooses."""
+"""The noise floors of the deblurring that are tried, from sharp to smooth; the one that reconstructs the ball best is taken."""
 
 
 @dataclass(frozen=True)
 class PhysicsDepthFit:
-    """A fitted ball press, and how its light reads heights."""
+    """A fitted ball press, and the depth curve that follows from its brightness model."""
 
     fit: TwinFit
 
@@ -47,7 +47,7 @@ class PhysicsDepthFit:
 
     @property
     def centre_px(self) -> Float[Array, "2"]:
-        """The fitted middle of the contact, (x, y) in the rectified image."""
+        """The fitted centre of the contact, (x, y) in the rectified image."""
         (rows, cols), mm_per_px = self.seen_mm.shape, self.fit.forward.observed.before.mm_per_px
         place = np.array([self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]])
         return np.asarray(place / mm_per_px + np.array([(cols - 1) / 2, (rows - 1) / 2]))
@@ -59,7 +59,9 @@ class PhysicsDepthFit:
 
     @cached_property
     def disc(self) -> Bool[Array, "rows cols"]:
-        """Where the ball has pressed the skin in, a point-spread away from the edge, where light tells no single depth."""
+        """The indented pixels that are at least a point spread away from the edge, where brightness does not determine a single
+        depth.
+        """
         pressed = (self.seen_mm < -SHALLOWEST_OF_DISC_MM).astype(np.uint8)
         reach = int(np.ceil(self.fit.light.point_spread_mm / self.fit.forward.observed.before.mm_per_px))
         ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
@@ -67,13 +69,15 @@ class PhysicsDepthFit:
 
     @cached_property
     def deblurring(self) -> Deblurring:
-        """The point-spread, undone as far as reads this ball best."""
+        """The removal of the point spread, with the noise floor that reconstructs this ball best."""
         sigma_mm = np.sqrt(max(self.fit.light.point_spread_mm**2 - self.fit.forward.observed.blur_mm**2, 0))
         choices, law = [Deblurring(float(sigma_mm), floor) for floor in FLOORS], self.law(self.fit.light)
         return min(choices, key=lambda choice: self.error_of(law, self.disc, choice))
 
     def curve(self, where: Bool[Array, "rows cols"]) -> DepthCurve:
-        """The law of light, bent to how dark this part of the ball really is: the law's form is an idealisation."""
+        """Return the brightness model as a depth curve, corrected by the measured darkening in this region of the ball, because the
+        form of the model is an idealisation.
+        """
         law = self.law(self.fit.light)
         depth_mm, darkening = np.array(law.indentation_mm), np.array(law.darkening)
         seen_mm, off = (
@@ -90,13 +94,13 @@ class PhysicsDepthFit:
 
     @cached_property
     def darkening(self) -> Float32[Array, "rows cols"]:
-        """Of the ball image, as a reading takes it: lost and scattered light put back."""
+        """Darkening of the ball image after the corrections of a reconstruction: lost and scattered light are restored."""
         reader = self.reader(self.law(self.fit.light), self.deblurring)
         index = reader.index(self.fit.forward.observed.after.grey)
         return FINE_SMOOTHING(1 - index.astype(np.float32) / np.float32(TABLE_STEPS["ratio"]))
 
     def law(self, light: BrightnessModel) -> DepthCurve:
-        """The law of light as a depth curve."""
+        """Return the brightness model as a depth curve."""
         depth_mm = np.linspace(0, min(self.fit.parameters["depth_mm"], 0.95 * light.thickness_mm), KNOTS)
         darkening = np.abs(light.brightness_change(-depth_mm))
         bright = light.brightening_per_mm * BULGE_MM
@@ -104,29 +108,29 @@ class PhysicsDepthFit:
         return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * KNOTS, *bulges)
 
     def honest(self, curve: DepthCurve, cross_validation_mae_mm: float) -> DepthCurve:
-        """With errors: how it reads the ball, one half by the other, and how well the depth of the press is known."""
+        """Return the curve with its errors: cross-validation on the ball, and the uncertainty of the depth of the press."""
         reading = np.hypot(self.error_mm(curve, self.disc), cross_validation_mae_mm)
         known = self.fit.confidence.deviation["depth_mm"] / self.fit.parameters["depth_mm"]
         errors = np.hypot(reading, known * np.array(curve.indentation_mm))
         return replace(curve, error_mm=tuple(errors.tolist()))
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
-        """Mean absolute error of the height read in a region, against the fitted skin."""
+        """Return the mean absolute error of the reconstructed height in a region, against the fitted skin."""
         return self.error_of(curve, where, self.deblurring)
 
     def error_of(self, curve: DepthCurve, where: Bool[Array, "rows cols"], deblurring: Deblurring) -> float:
-        """The same with the point-spread undone in this way."""
+        """Return the mean absolute error of the reconstructed height in a region with this deblurring."""
         read_mm = self.reader(curve, deblurring)(self.fit.forward.observed.after).z_mm
         return float(np.abs(read_mm - self.seen_mm)[where].mean())
 
     def reader(self, curve: DepthCurve, deblurring: Deblurring) -> DepthReader:
-        """How the calibrated sensor reads."""
+        """Return the depth reader of the calibrated sensor."""
         everywhere = np.full(self.seen_mm.shape, HeightSource.MEASURED, np.uint8)
         before, loss = self.fit.forward.observed.before, LightLoss(self.fit.light.global_dimming)
         return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
 
     def cross_validation_mae_mm(self) -> float:
-        """One half of the disc read with the curve of the other half, mean over four cuts."""
+        """Return the error of one half of the disc with the curve of the other half, mean over four cuts."""
         x, y = self.fit.forward.observed.place_mm
         left, upper = x < self.fit.parameters["x_mm"], y < self.fit.parameters["y_mm"]
         halves = [np.asarray(half) for half in (left, ~left, upper, ~upper)]

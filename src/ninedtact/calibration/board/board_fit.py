@@ -1,11 +1,11 @@
-"""One press of the pin board → where every point of the skin appears in the image.
+"""The fit of the pin board: one press of the board → the lens model, that is, where every point of the skin appears in the image.
+In: the raw reference image and the raw image of the press. Out: `BoardFit`, from `fit_board`.
 
     images → relative change → dark spots → lattice → lens → imprint centres on the skin → lens
 
-Nothing here is a threshold that a person tunes: spots compete as lattices, and a lattice counts by how well a lens
-explains it.
-
-The camera calibration as the paper does it, for reproduction and as the yardstick of every certificate.
+No threshold needs tuning by the user: spots compete as lattices, and a lattice is rated by how well a lens explains it.
+`fit_published_pin_map` repeats the paper's camera calibration on the same pins, for reproduction and as the baseline in every
+certificate.
 """
 
 from dataclasses import dataclass
@@ -39,14 +39,14 @@ from ninedtact.errors import InputError
 from ninedtact.shape.lens import LensModel, PinMap, Points, central_mm_per_px
 
 MAX_MISSING_FRACTION = 0.10
-"""Part of the pins that may be predicted instead of seen."""
+"""Largest fraction of the pins that may be predicted instead of detected."""
 REFINEMENTS = 4
 SMOOTHING_PX = 1.0
 
 
 @dataclass(frozen=True)
 class BoardFit:
-    """All pins of the board, and the lens that explains them."""
+    """All pins of the board, and the lens model fitted to them."""
 
     board: PinBoard
     mounting: CameraRotation
@@ -55,14 +55,14 @@ class BoardFit:
     """Lattice node of every pin, (column, row) along the image's axes."""
     points_mm: Points
     points_px: Points
-    """Seen where `found`, predicted by the lens elsewhere."""
+    """Detected position where `found`, predicted by the lens elsewhere."""
     found: Bool[Array, " n"]
     contrast: Float[Array, " n"]
     """Depth of each imprint in grey levels."""
     noise: float
     change: Float32[Array, "rows cols"]
     refined: LensModel | None = None
-    """A lens that the whole image told, not the imprints' centres alone (`calibration.board_press`)."""
+    """A lens that was fitted to the whole image, not to the imprints' centres alone (`calibration.lens_refinement`)."""
 
     @property
     def lens(self) -> LensModel:
@@ -71,16 +71,16 @@ class BoardFit:
 
     @property
     def missing_pins(self) -> list[str]:
-        """Names of the pins that were predicted."""
+        """Return the names of the pins that were predicted."""
         return [f"column {column + 1}, row {row + 1}" for column, row in self.nodes[~self.found].tolist()]
 
 
 def fit_board(
     reference: BgrImage, press: BgrImage, board: PinBoard, mounting: CameraRotation | Literal["auto"] = "auto"
 ) -> BoardFit:
-    """Find the pins at sub-pixel accuracy and fit the lens; raises `BoardNotFound`, `ImageUnusable`.
+    """Find the pins with sub-pixel accuracy and fit the lens; raises `BoardNotFound`, `ImageUnusable`.
 
-    reference, press: raw images (rows, cols, 3) of the untouched and of the pressed skin, of one size.
+    reference, press: raw images (rows, cols, 3) of the skin without contact and of the pressed skin, of one size.
     """
     require_same_image_size("board image", reference, press)
     require_usable_exposure("board reference", reference)
@@ -95,7 +95,7 @@ def fit_board(
 
 
 def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, sighting: BoardCandidate) -> BoardFit:
-    """Find imprint centres and lens in turn, and look again for pins not yet seen where the lens expects them."""
+    """Refine imprint centres and lens in turn, and search for undetected pins where the lens predicts them."""
     cols, rows = lattice_size(board, sighting.mounting)
     nodes = np.array([(column, row) for row in range(rows) for column in range(cols)])
     points_mm = pin_positions_mm(nodes, board, sighting.mounting)
@@ -119,7 +119,7 @@ def _require_enough_pins(
     points_px: Points,
     sighting: BoardCandidate,
 ) -> None:
-    """Refuse a board with too many pins missing, or with a whole side missing, which could then be any row."""
+    """Refuse a board with too many pins missing, or with a whole side missing, which leaves its row or column ambiguous."""
     last = nodes.max(axis=0)
     sides = [found[nodes[:, axis] == end].any() for axis in (0, 1) for end in (0, last[axis])]
     if (~found).sum() > MAX_MISSING_FRACTION * board.count or not all(sides):
@@ -130,11 +130,11 @@ Point = Float[Array, "2"]
 
 
 class CentralPinMissing(InputError):
-    """The paper's way needs a board with a pin in the middle."""
+    """The paper's method needs a board with a pin in the centre."""
 
 
 def fit_published_pin_map(fit: BoardFit) -> tuple[PinMap, float]:
-    """The paper's map through integer pin centres, and its mm per pixel from the five central anchors."""
+    """Return the paper's map through integer pin centres, and its mm per pixel from the five central anchors."""
     if not (fit.board.rows % 2 and fit.board.cols % 2):
         raise CentralPinMissing(
             f"expected a board with a pin in the middle for the paper's way, got {fit.board.cols} x {fit.board.rows} pins; "
@@ -145,25 +145,25 @@ def fit_published_pin_map(fit: BoardFit) -> tuple[PinMap, float]:
 
 
 def _anchor_scales(points_mm: Points, points_px: Points, pitch_mm: float) -> Float[Array, " k"]:
-    """Pitch over the distance in pixels of the central pin from each of its four neighbours."""
+    """Return the pitch divided by the distance in pixels of the central pin from each of its four neighbours."""
     distance_mm = np.hypot(*points_mm.T)
     middle, around = distance_mm < 0.1 * pitch_mm, np.abs(distance_mm - pitch_mm) < 0.1 * pitch_mm
     return np.asarray(pitch_mm / np.hypot(*(points_px[around] - points_px[middle]).T))
 
 
 def _anchored_mm_per_px(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
-    """mm per pixel from the five central anchors: their mean distance."""
+    """Return the mm per pixel from the mean distance of the five central anchors."""
     return float(1 / (1 / _anchor_scales(points_mm, points_px, pitch_mm)).mean())
 
 
 def anchored_mm_per_px_std(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
-    """Standard error of `_anchored_mm_per_px`, from the scatter of the four distances."""
+    """Return the standard error of `_anchored_mm_per_px`, from the scatter of the four distances."""
     scales = _anchor_scales(points_mm, points_px, pitch_mm)
     return float(np.std(scales, ddof=1) / np.sqrt(len(scales)))
 
 
 def integer_pin_centres_px(fit: BoardFit) -> Points:
-    """Centre of each spot's pixels that are darker than half its depth, cut to whole pixels; predicted pins stay."""
+    """Return the centre of each spot's pixels that are darker than half its depth, truncated to integers; predicted pins stay."""
     image = smooth_gaussian(fit.change, 1.5)
     half_step = 0.45 * fit.board.pitch_mm / central_mm_per_px(fit.lens, fit.board.pitch_mm)
     seen = [_integer_spot_centre(image, point, round(half_step)) for point in fit.points_px]
@@ -171,7 +171,7 @@ def integer_pin_centres_px(fit: BoardFit) -> Points:
 
 
 def _integer_spot_centre(image: Float32[Array, "rows cols"], point_px: Point, reach_px: int) -> Point:
-    """Integer centroid of the thresholded spot around one point."""
+    """Return the integer centroid of the thresholded spot around one point."""
     column, row = np.round(point_px).astype(int)
     top, left = max(row - reach_px, 0), max(column - reach_px, 0)
     piece = image[top : row + reach_px + 1, left : column + reach_px + 1]
@@ -182,12 +182,12 @@ def _integer_spot_centre(image: Float32[Array, "rows cols"], point_px: Point, re
 
 
 def published_leave_one_out_errors_mm(points_mm: Points, points_px: Points) -> Points:
-    """Leave-one-out errors of the paper's map, image to skin, each pin predicted by a map through all others."""
+    """Return the leave-one-out errors of the paper's map, image to skin: each pin is predicted by a map through all others."""
     return np.array([_leave_one_out_error_mm(points_mm, points_px, pin) for pin in range(len(points_mm))])
 
 
 def _leave_one_out_error_mm(points_mm: Points, points_px: Points, pin: int) -> Point:
-    """Where the other pins put this one, minus where it is."""
+    """Return the position of this pin as predicted by the other pins, minus its true position."""
     others = np.arange(len(points_mm)) != pin
     backwards = RBFInterpolator(points_px[others], points_mm[others], kernel="cubic")
     return np.asarray(backwards(points_px[pin : pin + 1])[0] - points_mm[pin])

@@ -1,9 +1,7 @@
-"""Is there a lattice in the image that may be the board, and where?
+"""Detection of the pin board: the lattice of dark spots in the image that may be the board, with a first lens.
 
-Lattices are grown from dark spots of every likely size; the one that holds most pins, best explained by a lens, is the
-sighting that a closer look starts from.
-
-No board: said with what was seen, and with what to do about it.
+Lattices are grown from dark spots of every likely size. The one with most pins, best explained by a lens, is the candidate that
+`board_fit` refines. Where no board is found, `BoardNotFound` says what was detected and what to do.
 """
 
 from collections.abc import Iterator
@@ -31,13 +29,15 @@ from ninedtact.errors import CalibrationError
 from ninedtact.shape.lens import Points
 
 SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
-"""Spot sizes tried, as parts of the image's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""
+"""Spot sizes that are tried, as fractions of the image's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""
 FEWEST = 0.5
-"""Part of the pins that a lattice must have to be looked at as the board."""
+"""Smallest fraction of the pins that a lattice must have to be a candidate."""
 CLEAR = 0.08
-"""Left-out error of the first lens, in pitches, under which a complete board needs no second opinion."""
+"""Leave-one-out error of the first lens, in pitches, below which a complete board is accepted without trying other spot sizes."""
 LARGEST = 0.10
-"""Its median over the pins, above which spots are no board: chance lattices lie near 0.2, real boards near 0.04."""
+"""Median leave-one-out error over the pins, in pitches, above which spots are no board: chance lattices lie near 0.2, real boards
+near 0.04.
+"""
 FEWEST_FOR_LENS = 9
 
 
@@ -51,25 +51,25 @@ class BoardCandidate:
 
     @property
     def miss_mm(self) -> float:
-        """Median left-out error: how far from a lens this lattice is."""
+        """Median leave-one-out error: the deviation of this lattice from a lens."""
         return float(np.median(np.hypot(*self.fit.leave_one_out_errors_mm.T)))
 
     @property
     def agreeing_px(self) -> Points:
-        """Spots that lie where the lens through all of them puts them."""
+        """Return the spots that lie where the lens fitted to all of them predicts them."""
         pitch_mm = np.hypot(*(self.fit.points_mm[1] - self.fit.points_mm[0]))
         return self.lattice.points_px[np.hypot(*self.fit.leave_one_out_errors_mm.T) < LARGEST * pitch_mm]
 
     @property
     def rank(self) -> tuple[int, float]:
-        """More pins first, then the better lens."""
+        """Sort key: more pins first, then the better lens."""
         return len(self.lattice), -self.miss_mm
 
 
 def find_board_candidate(
     change: Float32[Array, "rows cols"], board: PinBoard, mounting: CameraRotation | Literal["auto"]
 ) -> BoardCandidate | None:
-    """The most complete, best explained lattice over all spot sizes and ways to lie."""
+    """Return the most complete and best explained lattice over all spot sizes and orientations."""
     best: BoardCandidate | None = None
     for sighting in _generate_board_candidates(change, board, mounting):
         best = sighting if best is None or sighting.rank > best.rank else best
@@ -79,19 +79,19 @@ def find_board_candidate(
 
 
 def is_plausible_board(sighting: BoardCandidate, board: PinBoard) -> bool:
-    """Whether it is worth a closer look."""
+    """Return whether the candidate is worth refining."""
     return sighting.miss_mm < LARGEST * board.pitch_mm and len(sighting.lattice) >= FEWEST * board.count
 
 
 def _is_unambiguous(sighting: BoardCandidate, board: PinBoard) -> bool:
-    """Whether no other sighting could be better."""
+    """Return whether no other candidate could be better."""
     return len(sighting.lattice) == board.count and sighting.fit.leave_one_out_rms_mm < CLEAR * board.pitch_mm
 
 
 def _generate_board_candidates(
     change: Float32[Array, "rows cols"], board: PinBoard, mounting: CameraRotation | Literal["auto"]
 ) -> Iterator[BoardCandidate]:
-    """At each spot size, of all lattices and ways to lie, the board-sized part that gathers most contrast."""
+    """Yield, at each spot size, the board-sized part of all lattices and orientations that has most contrast."""
     middle = np.array(change.shape[::-1]) / 2
     for size in SIZES:
         lattices = find_pin_lattices(detect_dark_spots(change, size * max(change.shape)), middle)
@@ -104,7 +104,7 @@ def _generate_board_candidates(
 
 
 UNTOUCHED = 4.0
-"""Range of a smoothed change, in standard deviations of a pixel, below which nothing happened."""
+"""Range of a smoothed change, in standard deviations of a pixel, below which there is no contact."""
 
 
 class BoardNotFound(CalibrationError):
@@ -126,7 +126,7 @@ class BoardNotFound(CalibrationError):
 def make_board_not_found_error(
     change: Float32[Array, "rows cols"], board: PinBoard, seen_px: Points, sighting: BoardCandidate | None = None
 ) -> BoardNotFound:
-    """The refusal, in words that help: swapped images and no contact at all are told apart."""
+    """Return the error with advice; swapped images are distinguished from an image without contact."""
     if np.ptp(smooth_gaussian(change, 2.0)) < UNTOUCHED * estimate_pixel_noise(change):
         seen_px, advice = seen_px[:0], "nothing touched the skin: press the board while the second image is taken"
     elif _images_look_swapped(change, board, sighting):
@@ -138,7 +138,7 @@ def make_board_not_found_error(
 
 
 def _images_look_swapped(change: Float32[Array, "rows cols"], board: PinBoard, sighting: BoardCandidate | None) -> bool:
-    """Whether a whole board stands out brighter than the reference, more than what there is of a darker one."""
+    """Return whether a whole board stands out brighter than the reference, more than any darker one."""
     inverted = find_board_candidate(-change, board, "auto")
     if inverted is None or not _is_unambiguous(inverted, board):
         return False

@@ -1,15 +1,13 @@
-"""How the camera is turned against the sensor.
+"""Dark spots of an image, and their order as a square lattice that is seen through a lens of unknown pitch, position, tilt and
+distortion.
 
-`CameraRotation` is the angle from the image's column axis to the sensor's x axis, in degrees, clockwise on the screen. The
-sensor's x axis runs along the board's long side, so an image in which that side is upright is one of 90° or 270°;
-which of the two, like 0° or 180°, no board can tell: "auto" takes the first.
+`detect_dark_spots` finds spots of one size with their contrast. A lattice grows from a seed: each next node is sought where the
+steps of its neighbours predict it, so that the step may change across the image as the lens bends it. Lattices in noise stay small;
+the lattice with most contrast wins.
 
-Dark spots of an image, at one size: where, and how much darker than what surrounds them.
-
-Order spots as a square lattice seen through a lens, without knowing pitch, position, tilt or distortion.
-
-A lattice grows from a seed: each next node is sought where its neighbours' own steps say it should be, so that the step
-may change across the image as the lens bends it. Noise does not grow far; the lattice with most contrast wins.
+`CameraRotation` is the angle from the image's column axis to the sensor's x axis, in degrees, clockwise on the screen. The sensor's
+x axis runs along the board's long side, so an image in which that side is upright has 90° or 270°. No board distinguishes these
+two, nor 0° and 180°; "auto" takes the first.
 """
 
 from collections import deque
@@ -37,19 +35,19 @@ CAMERA_ROTATIONS: dict[CameraRotation | Literal["auto"], tuple[CameraRotation, .
 
 
 def lattice_size(board: PinBoard, mounting: CameraRotation) -> tuple[int, int]:
-    """(columns, rows) of the board's lattice along the image's axes."""
+    """Return (columns, rows) of the board's lattice along the image's axes."""
     return (board.cols, board.rows) if mounting in (0, 180) else (board.rows, board.cols)
 
 
 def pin_positions_mm(nodes: Int[Array, "n 2"], board: PinBoard, mounting: CameraRotation) -> Points:
-    """Where lattice nodes (column, row along the image's axes) lie on the skin, sensor frame."""
+    """Return the positions on the skin (sensor frame) of lattice nodes (column, row along the image's axes)."""
     size = np.array(lattice_size(board, mounting))
     along_image = (nodes - (size - 1) / 2) * board.pitch_mm
     return along_image @ _rotation_matrix(mounting)
 
 
 def _rotation_matrix(mounting: CameraRotation) -> Int[Array, "2 2"]:
-    """Rotation by the mounting angle; a row vector times this goes from image axes to sensor axes."""
+    """Return the rotation by the mounting angle; a row vector times this goes from image axes to sensor axes."""
     cosine, sine = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[mounting]
     return np.array([[cosine, -sine], [sine, cosine]])
 
@@ -57,7 +55,7 @@ def _rotation_matrix(mounting: CameraRotation) -> Int[Array, "2 2"]:
 SpotPoints = Float[Array, "n 2"]
 
 STRONGEST = 250
-"""Spots kept: some four times the pins of the largest usual board."""
+"""Number of spots kept: some four times the pins of the largest usual board."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ class DarkSpots:
 
 
 def detect_dark_spots(image: Float32[Array, "rows cols"], size_px: float) -> DarkSpots:
-    """Local maxima of the scale-normalised Laplacian of Gaussian (Lindeberg 1998) at standard deviation `size_px`."""
+    """Return the local maxima of the scale-normalised Laplacian of Gaussian (Lindeberg 1998) at standard deviation `size_px`."""
     response = ndimage.gaussian_laplace(image, size_px, mode="nearest") * size_px**2
     neighbourhood = 2 * round(1.5 * size_px) + 1
     peaks = (response == ndimage.maximum_filter(response, size=neighbourhood)) & (response > 0)
@@ -85,10 +83,10 @@ Node = tuple[int, int]
 SEEDS = 16
 NEIGHBOURS = 8
 REACH = 0.3
-"""A node is taken when it lies within this part of a step from where it is expected."""
+"""Largest distance of a node from its predicted position, as a fraction of a step."""
 LENGTH_RATIO = 1.6
 SQUARENESS = 0.35
-"""Largest |cosine| between the two steps at the seed: a board tilted or turned further is not looked for."""
+"""Largest |cosine| of the angle between the two steps at the seed; boards that are tilted further are not sought."""
 
 
 @dataclass(frozen=True)
@@ -104,21 +102,21 @@ class PinLattice:
 
     @property
     def score(self) -> float:
-        """Contrast gathered; the root keeps a few strong spots from outweighing many."""
+        """Return the summed contrast; the square root keeps a few strong spots from outweighing many."""
         return float(np.sqrt(self.strength).sum())
 
     def window(self, cols: int, rows: int) -> "PinLattice":
-        """The cols × rows part with most contrast, its nodes counted from (0, 0)."""
+        """Return the cols × rows part with most contrast, with its nodes counted from (0, 0)."""
         return max((self.cut(corner, cols, rows) for corner in self.corners(cols, rows)), key=lambda part: part.score)
 
     def cut(self, corner: Node, cols: int, rows: int) -> "PinLattice":
-        """The part from one corner on."""
+        """Return the part that begins at one corner."""
         nodes = self.nodes - corner
         inside = ((nodes >= 0) & (nodes < (cols, rows))).all(axis=1)
         return PinLattice(nodes[inside], self.points_px[inside], self.strength[inside])
 
     def corners(self, cols: int, rows: int) -> Iterator[Node]:
-        """Every corner whose cols × rows window touches the lattice."""
+        """Yield every corner whose cols × rows window overlaps the lattice."""
         (left, top), (right, bottom) = self.nodes.min(axis=0), self.nodes.max(axis=0)
         for column in range(min(left, right - cols + 1), max(left, right - cols + 1) + 1):
             for row in range(min(top, bottom - rows + 1), max(top, bottom - rows + 1) + 1):
@@ -126,13 +124,13 @@ class PinLattice:
 
 
 def find_pin_lattices(blobs: DarkSpots, middle_px: Float[Array, "2"]) -> list[PinLattice]:
-    """The different lattices that grow from spots around the middle."""
+    """Return the different lattices that grow from spots around the middle."""
     grown = (_grow_lattice(blobs, *seed) for seed in _lattice_seeds(blobs, middle_px))
     return list({(len(lattice), lattice.score): lattice for lattice in grown}.values())
 
 
 def _lattice_seeds(blobs: DarkSpots, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Array, Array]]:
-    """A spot near the middle with a step to the right and a step down that could span a square lattice."""
+    """Yield a spot near the middle with a step to the right and a step down that could span a square lattice."""
     nearest_first = np.argsort(np.hypot(*(blobs.points_px - middle_px).T))[:SEEDS]
     for seed in nearest_first:
         steps = blobs.points_px - blobs.points_px[seed]
@@ -143,14 +141,14 @@ def _lattice_seeds(blobs: DarkSpots, middle_px: Float[Array, "2"]) -> Iterator[t
 
 
 def _spans_square_lattice(u: Float[Array, "2"], v: Float[Array, "2"]) -> bool:
-    """Whether two steps are of similar length and nearly at right angles."""
+    """Return whether two steps are of similar length and nearly at right angles."""
     lengths = np.hypot(*u), np.hypot(*v)
     similar = max(lengths) < LENGTH_RATIO * min(lengths)
     return bool(similar and abs(u @ v) < SQUARENESS * lengths[0] * lengths[1])
 
 
 def _grow_lattice(blobs: DarkSpots, seed: int, right: Float[Array, "2"], down: Float[Array, "2"]) -> PinLattice:
-    """Add nodes breadth first, each where its neighbours' steps lead."""
+    """Return the lattice grown breadth first from a seed, each node where its neighbours' steps predict it."""
     taken: dict[Node, int] = {(0, 0): seed}
     steps = {(1, 0): right, (-1, 0): -right, (0, 1): down, (0, -1): -down}
     queue = deque([(0, 0)])
@@ -170,7 +168,7 @@ def _grow_lattice(blobs: DarkSpots, seed: int, right: Float[Array, "2"], down: F
 def _expected_step(
     blobs: DarkSpots, taken: dict[Node, int], node: Node, direction: Node, first_step: Float[Array, "2"]
 ) -> Float[Array, "2"]:
-    """Mean of the parallel steps already taken next to this one, or the seed's."""
+    """Return the mean of the parallel steps already taken next to this one, or the seed's step."""
     around = [(node[0] + a, node[1] + b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
     pairs = [(taken.get(end), taken.get((end[0] - direction[0], end[1] - direction[1]))) for end in around]
     known = [
@@ -182,7 +180,7 @@ def _expected_step(
 def _find_spot_near(
     blobs: DarkSpots, taken: dict[Node, int], expected_px: Float[Array, "2"], step: Float[Array, "2"]
 ) -> int | None:
-    """The free spot nearest to where one is expected, if it is near enough."""
+    """Return the free spot nearest to the predicted position, or None where none is near enough."""
     distance = np.hypot(*(blobs.points_px - expected_px).T)
     nearest = int(distance.argmin())
     near_enough = distance[nearest] < REACH * np.hypot(*step)

@@ -1,4 +1,4 @@
-"""Fit the lens model to pins, and say how well it predicts a pin that it has not seen."""
+"""The fit of the lens model to pins, and its leave-one-out error: how well it predicts a pin that is left out of the fit."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,10 +12,11 @@ from ninedtact.shape.lens import LensModel, Points, central_mm_per_px
 
 RADIAL_TERMS = (1, 2, 3)
 OUTLIER_PX = 1.5
-"""Residuals beyond this count linearly: one wrong spot must not bend the lens."""
+"""Residual above which the loss is linear, so that one wrong spot does not bend the lens."""
 
 MOST_STEPS = 60
-"""Real lenses take 20 to 30 steps; one without distortion has no centre to find and would go on for thousands."""
+"""Largest number of iterations. Real lenses take 20 to 30; one without distortion has no defined centre and would take thousands.
+"""
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,11 @@ class LensFit:
 
     @cached_property
     def leave_one_out_errors_mm(self) -> Points:
-        """For every pin, where the model fitted to all others puts it, minus where it is, in mm on the skin.
+        """Return, for every pin, its position as predicted by the model fitted to all others, minus its true position, in mm on the
+        skin.
 
-        The exact update of the linearised fit (PRESS, Allen 1974): residual / (1 − leverage), a 2×2 block per pin; it
-        equals refitting n times to within two per cent (tests/calibration/test_board.py).
+        The errors follow from the exact update of the linearised fit (PRESS, Allen 1974): residual / (1 − leverage), with a 2×2
+        block per pin. They agree with n refits to within two per cent (tests/calibration/test_board.py).
         """
         blocks = self.derivative.reshape(len(self.points_mm), 2, -1)
         leverage = blocks @ np.linalg.pinv(self.derivative.T @ self.derivative) @ blocks.transpose(0, 2, 1)
@@ -47,11 +49,11 @@ class LensFit:
 
     @property
     def leave_one_out_rms_mm(self) -> float:
-        """Root mean square length of the left-out errors."""
+        """Return the root mean square length of the leave-one-out errors."""
         return rms_vector_length(self.leave_one_out_errors_mm)
 
     def mm_per_px_std(self, reach_mm: float) -> float:
-        """Standard error of `central_mm_per_px`, from the fit's covariance."""
+        """Return the standard error of `central_mm_per_px`, from the fit's covariance."""
         freedom = max(self.residual_px.size - self.derivative.shape[1], 1)
         variance = (self.residual_px**2).sum() / freedom
         gradient = _scale_gradient(self.lens, reach_mm)
@@ -60,7 +62,7 @@ class LensFit:
 
 
 def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
-    """The lens model that best predicts left-out pins, with as many radial terms as pay for themselves.
+    """Return the lens model that best predicts left-out pins; radial terms are added only as long as they reduce that error.
 
     near: a lens to start from.
     """
@@ -72,12 +74,12 @@ def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
 
 
 def fit_lens_with_terms(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensFit:
-    """A lens model with this many radial terms, started from the best affine map."""
+    """Return a lens model with this many radial terms, started from the best affine map."""
     return refine_lens(points_mm, points_px, _fit_affine_lens(points_mm, points_px, raw_shape, terms))
 
 
 def refine_lens(points_mm: Points, points_px: Points, start: LensModel) -> LensFit:
-    """Robust least squares of all parameters of a lens."""
+    """Return the lens with all parameters fitted by robust least squares."""
 
     def residual(parameters: Float[Array, " k"]) -> Float[Array, " m"]:
         return (start.with_parameters(parameters).to_px(points_mm) - points_px).ravel()
@@ -90,12 +92,12 @@ def refine_lens(points_mm: Points, points_px: Points, start: LensModel) -> LensF
 
 
 def with_radial_terms(lens: LensModel, terms: int) -> LensModel:
-    """The same lens with more or fewer radial terms, the new ones zero."""
+    """Return the same lens with more or fewer radial terms; new ones are zero."""
     return replace(lens, radial=(*lens.radial, *(0.0,) * terms)[:terms])
 
 
 def _fit_affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensModel:
-    """A lens without distortion."""
+    """Return the best lens without distortion."""
     blank = LensModel((0.0,) * 8, (0.0, 0.0), (0.0,) * terms, (0.0, 0.0), raw_shape)
     units = (points_px - blank.middle_px) / blank.unit_px
     rows = np.linalg.lstsq(np.column_stack([points_mm, np.ones(len(points_mm))]), units, rcond=None)[0].T
@@ -103,7 +105,7 @@ def _fit_affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int,
 
 
 def lens_parameter_jacobian(lens: LensModel, points_mm: Points, step: float = 1e-6) -> Float[Array, "m k"]:
-    """Central differences of all pixels by all parameters."""
+    """Return the derivative of all pixels by all parameters, by central differences."""
     base = lens.parameters
     return np.column_stack(
         [
@@ -116,7 +118,7 @@ def lens_parameter_jacobian(lens: LensModel, points_mm: Points, step: float = 1e
 
 
 def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Float[Array, " k"]:
-    """How the mm per pixel around the skin centre changes with each parameter."""
+    """Return the derivative of the mm per pixel around the skin centre by each parameter."""
     base = lens.parameters
     return np.array(
         [
@@ -131,5 +133,5 @@ def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Flo
 
 
 def rms_vector_length(vectors: Points) -> float:
-    """Root mean square length of n vectors."""
+    """Return the root mean square length of n vectors."""
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))

@@ -1,9 +1,8 @@
-"""Where exactly a pin touched: the centre of its imprint, found on the skin rather than in the image.
+"""The positions of the pin imprints, located on the skin rather than in the image, and which of the pins are detected.
 
-Each imprint is looked at through the lens model, as it would look from straight above: there it is round, its window
-is a disc, and its centroid is not pulled by the slant. Lens and centres are refined in turn.
-
-Which of the pins are really seen, looked for where a lens expects them.
+Each imprint is resampled through the lens model as seen from straight above. There it is round, its window is a disc, and its
+centroid is not biased by the oblique view. Lens and centres are refined in turn. `measure_pins` searches every pin where a lens
+predicts it.
 """
 
 from dataclasses import dataclass
@@ -18,18 +17,18 @@ from ninedtact.design import PinBoard
 from ninedtact.shape.lens import LensModel, Points, Projection, central_mm_per_px
 
 SAMPLES = 41
-"""Samples across a patch."""
+"""Number of samples across a patch."""
 FLOOR = 0.2
-"""Darkening below this part of an imprint's depth does not count: the skirt belongs to the neighbours too."""
+"""Fraction of an imprint's depth below which darkening is ignored, because the skirts of neighbouring imprints overlap."""
 CENTROID_STEPS = 5
 
 
 @dataclass(frozen=True)
 class _PinPatches:
-    """Square pieces of the skin around n points, seen from straight above."""
+    """Square patches of the skin around n points, seen from straight above."""
 
     darkening: Float[Array, "n samples samples"]
-    """Below the plane through the ring around each piece, 0 and up."""
+    """Darkening below the plane through the ring around each patch, zero and above."""
     x_mm: Float[Array, "samples samples"]
     y_mm: Float[Array, "samples samples"]
 
@@ -40,7 +39,7 @@ class _PinPatches:
 
     @property
     def centroid_mm(self) -> Points:
-        """Centre of what is darker than `FLOOR` of each imprint's depth, relative to the piece's middle."""
+        """Return the centre of what is darker than `FLOOR` of each imprint's depth, relative to the patch's centre."""
         weight = np.maximum(self.darkening - FLOOR * self.depth[:, None, None], 0)
         total = np.maximum(weight.sum(axis=(1, 2)), 1e-12)
         return np.column_stack([(weight * axis).sum(axis=(1, 2)) / total for axis in (self.x_mm, self.y_mm)])
@@ -49,7 +48,7 @@ class _PinPatches:
 def locate_imprints_mm(
     image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float
 ) -> Points:
-    """Centres of the imprints near these points, as this lens places them on the skin."""
+    """Return the centres on the skin of the imprints near these points, through this lens."""
     for _ in range(CENTROID_STEPS):
         points_mm = points_mm + _extract_pin_patches(image, lens, points_mm, radius_mm).centroid_mm
     return points_mm
@@ -58,7 +57,7 @@ def locate_imprints_mm(
 def _extract_pin_patches(
     image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float
 ) -> _PinPatches:
-    """Look at the skin around each point through the lens, within a disc."""
+    """Return the patches of the skin around each point, resampled through the lens within a disc."""
     axis = np.linspace(-radius_mm, radius_mm, SAMPLES)
     x, y = np.meshgrid(axis, axis)
     offsets = np.column_stack([x.ravel(), y.ravel()])
@@ -76,7 +75,7 @@ def _fit_ring_plane(
     x_mm: Float[Array, "samples samples"],
     y_mm: Float[Array, "samples samples"],
 ) -> Float[Array, "n samples samples"]:
-    """The plane through each piece's ring: what the skin would look like without the pin, a glare's slope included."""
+    """Return the plane through each patch's ring: the background without the pin, with any gradient of a glare."""
     ones = np.ones_like(x_mm)
     columns = np.stack([ones, x_mm, y_mm])
     planes = np.linalg.lstsq(columns[:, ring].T, seen[:, ring].T, rcond=None)[0]
@@ -84,7 +83,7 @@ def _fit_ring_plane(
 
 
 def _sample_bilinear(image: Float32[Array, "rows cols"], points_px: Float32[Array, "n 2"]) -> Float32[Array, " n"]:
-    """Bilinear samples; OpenCV wants a map of moderate sides."""
+    """Return bilinear samples; the points are arranged in two dimensions because OpenCV limits the sides of a map."""
     side = int(np.ceil(np.sqrt(len(points_px))))
     padded = np.resize(points_px, (side, side, 2))
     field = cv2.remap(image, padded[..., 0], padded[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -92,21 +91,21 @@ def _sample_bilinear(image: Float32[Array, "rows cols"], points_px: Float32[Arra
 
 
 IMPRINT_RADIUS = 0.52
-"""Disc in which a centre is sought, in pitches: as much as fits without the neighbours."""
+"""Radius of the disc in which a centre is sought, in pitches; it is as large as fits without the neighbours."""
 FAINTEST = 0.12
-"""Contrast of a pin, relative to the median pin, below which it is not seen."""
+"""Contrast, relative to the median pin, below which a pin is not detected."""
 FAINTEST_NOISE = 1.5
-"""The same, in standard deviations of a lightly smoothed pixel."""
+"""Contrast, in standard deviations of a lightly smoothed pixel, below which a pin is not detected."""
 MOST_OFFSET = 0.25
-"""A centre farther than this from where the lens expects it, in pitches, is another thing."""
+"""Largest distance of a centre from its predicted position, in pitches; anything farther away is not the pin."""
 STRAY, STRAY_TIMES = 0.10, 5.0
-"""A pin that the others miss by this many pitches and by this many times the median is not trusted (glare, dirt)."""
+"""A pin is rejected (glare, dirt) where its leave-one-out error exceeds this many pitches and this many times the median."""
 
 
 def measure_pins(
     image: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, noise: float, board: PinBoard
 ) -> tuple[Points, Float[Array, " n"], Bool[Array, " n"]]:
-    """Centre and contrast of the imprint at each pin's place, and whether it is one."""
+    """Return centre and contrast of the imprint at each pin's place, and whether it counts as detected."""
     radius_mm = IMPRINT_RADIUS * board.pitch_mm
     seen_mm = locate_imprints_mm(image, lens, points_mm, radius_mm)
     points_px = lens.to_px(seen_mm)
@@ -118,13 +117,13 @@ def measure_pins(
 
 
 def _is_inside_image(points_px: Points, shape: tuple[int, ...], margin_px: float) -> Bool[Array, " n"]:
-    """Whether a pin's own width around these pixels is inside the image."""
+    """Return whether these pixels are inside the image with a margin of a pin's width."""
     x, y = points_px.T
     rows, cols = shape
     return (x >= margin_px) & (y >= margin_px) & (x <= cols - 1 - margin_px) & (y <= rows - 1 - margin_px)
 
 
 def find_stray_pins(fit: LensFit, board: PinBoard) -> Bool[Array, " n"]:
-    """Pins that all others contradict."""
+    """Return the pins that contradict the fit to all others."""
     miss_mm = np.hypot(*fit.leave_one_out_errors_mm.T)
     return miss_mm > max(STRAY * board.pitch_mm, STRAY_TIMES * float(np.median(miss_mm)))
