@@ -1,4 +1,6 @@
-"""Images as brightness: what a press changed, in grey levels as an image of uniform light would show them."""
+"""Brightness of calibration images: the relative change that a press causes, in grey levels as under uniform light, the noise of a
+pixel, and the checks that refuse unusable images.
+"""
 
 import cv2
 import numpy as np
@@ -12,12 +14,12 @@ from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 BgrImage = UInt8[Array, "_ _ 3"]
 
 MIN_REFERENCE_GREY = 8.0
-"""Grey level of the untouched image below which a relative change is mostly noise."""
+"""Grey level of the reference image below which a relative change is mostly noise."""
 OVEREXPOSED = 250
 
 
 class ImageUnusable(CalibrationError):
-    """An image that no calibration can use."""
+    """The image cannot be used for a calibration."""
 
 
 def to_grey_float(image: BgrImage) -> Float32[Array, "rows cols"]:
@@ -26,23 +28,24 @@ def to_grey_float(image: BgrImage) -> Float32[Array, "rows cols"]:
 
 
 def relative_brightness_change(reference: BgrImage, press: BgrImage) -> Float32[Array, "rows cols"]:
-    """(press − reference) / reference, times the mean grey of the reference: uniform light, in grey levels."""
+    """Return (press − reference) / reference, times the mean grey level of the reference, as under uniform light."""
     before, after = to_grey_float(reference), to_grey_float(press)
     return (after - before) / np.maximum(before, MIN_REFERENCE_GREY) * before.mean()
 
 
 def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:
-    """Standard deviation of one pixel's noise, from second differences, which smooth images do not have.
+    """Return the standard deviation of one pixel's noise, from second differences, to which smooth image content does not
+    contribute.
 
-    The median of absolute values is not moved by edges; 0.6745 turns it into a standard deviation, √6 undoes the
-    second difference of independent pixels (Rousseeuw & Croux 1993 for the first).
+    The median of absolute values is insensitive to edges; 0.6745 converts it to a standard deviation, and √6 accounts for the
+    second difference of independent pixels (Rousseeuw & Croux 1993 for the median).
     """
     second = np.abs(np.diff(change, n=2, axis=1))
     return float(max(np.median(second) / 0.6745 / np.sqrt(6), 0.1))
 
 
 def require_usable_exposure(name: str, image: BgrImage) -> None:
-    """Refuse an image that is black or burnt out."""
+    """Refuse an image that is black or overexposed."""
     grey = to_grey_float(image)
     if grey.mean() < MIN_LIT_GREY_LEVEL:
         raise ImageUnusable(

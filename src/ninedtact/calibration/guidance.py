@@ -1,7 +1,7 @@
-"""What to tell a person who is calibrating, image by image, and when an image is good enough to keep.
+"""Advice during a guided calibration, image by image, and the decision of when an image is good enough to keep.
 
-Four steps: leave the skin alone, press the board, leave it alone, press the ball. A step is done when what it waits for
-has been seen in several images in a row that hardly differ; it then gives their mean.
+There are four steps: reference image, board press, reference image, ball press. A step ends when its condition holds in several
+successive images that hardly differ; the step returns their mean.
 """
 
 from collections import deque
@@ -34,19 +34,19 @@ from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 from ninedtact.shape.rectification import Rectification
 
 AVERAGED = 8
-"""Images that make one: their noise falls to a third."""
+"""Number of images that are averaged, which reduces their noise to a third."""
 STILL_LEVELS = 1.5
 """Largest change of the smoothed image, grey levels, within the images that are averaged."""
 TOUCHED_LEVELS = 2.5
-"""Change from the untouched skin above which something touches it."""
+"""Change from the reference image, in grey levels, above which there is contact."""
 BEST_DEPTH_MM = (1.0, 2.2)
 PATIENCE = 4
-"""Still presses that are passed over in the hope of a better one."""
+"""Number of still presses that are skipped in favour of a better one."""
 
 
 @dataclass(frozen=True)
 class CaptureAdvice:
-    """What to say about the image just seen, and the image to keep once the step is done."""
+    """Advice about the latest image, and the image to keep once the step is done."""
 
     sentence: str
     image: BgrImage | None = None
@@ -54,12 +54,12 @@ class CaptureAdvice:
 
 @dataclass
 class _StillFrameAverager:
-    """Collects images that hardly differ; starts over when something moves."""
+    """Collects images that hardly differ, and starts over when something moves."""
 
     images: deque[BgrImage] = field(default_factory=lambda: deque(maxlen=AVERAGED))
 
     def add(self, image: BgrImage) -> BgrImage | None:
-        """The mean once enough images in a row are alike."""
+        """Add an image; return the mean once enough successive images are alike."""
         if self.images and _has_moved(self.images[0], image):
             self.images.clear()
         self.images.append(image)
@@ -72,7 +72,7 @@ class _StillFrameAverager:
 
 
 def _has_moved(before: BgrImage, after: BgrImage) -> bool:
-    """Whether two images differ by more than noise."""
+    """Return whether two images differ by more than noise."""
     return bool(np.abs(smooth_gaussian(to_grey_float(after) - to_grey_float(before), 3.0)).max() > STILL_LEVELS)
 
 
@@ -81,16 +81,16 @@ ImageWatcher = Callable[[BgrImage], CaptureAdvice]
 
 @dataclass(frozen=True)
 class CaptureStep:
-    """One of the four images: what to do, and who watches for it."""
+    """One of the four images: its instruction, and the watcher that evaluates frames."""
 
     name: Literal["board_reference", "board", "ball_reference", "ball"]
     instruction: str
     watch: Callable[[dict[str, BgrImage]], ImageWatcher]
-    """Given the images taken so far."""
+    """Builds the watcher from the images taken so far."""
 
 
 def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[CaptureStep]:
-    """The four steps in order."""
+    """Yield the four steps in order."""
     yield CaptureStep("board_reference", "Leave the skin untouched.", lambda taken: _watch_reference(None))
     yield CaptureStep(
         "board",
@@ -110,7 +110,7 @@ def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) ->
 
 
 def _watch_reference(like: BgrImage | None) -> ImageWatcher:
-    """Waits for still, well-lit skin that looks as it did before, if it is known how."""
+    """Return a watcher for still, well-lit skin that resembles `like`, where given."""
     still = _StillFrameAverager()
 
     def watch(image: BgrImage) -> CaptureAdvice:
@@ -129,7 +129,7 @@ def _watch_reference(like: BgrImage | None) -> ImageWatcher:
 
 
 def _exposure_advice(image: BgrImage) -> str:
-    """What to do about the light, if anything."""
+    """Return advice about the exposure, or an empty text."""
     grey = to_grey_float(image)
     if grey.mean() < 4 * MIN_LIT_GREY_LEVEL:
         return f"too dark (mean {grey.mean():.0f} of 255): switch the light on, raise the exposure"
@@ -139,14 +139,14 @@ def _exposure_advice(image: BgrImage) -> str:
 
 
 def _max_brightness_change(reference: BgrImage, image: BgrImage) -> float:
-    """Largest change of brightness that is wider than a few pixels, grey levels."""
+    """Return the largest change of brightness that is wider than a few pixels, in grey levels."""
     change = smooth_gaussian(relative_brightness_change(reference, image), 4.0)
     return float(np.abs(change - np.median(change)).max())
 
 
 @dataclass
 class _BoardPressWatcher:
-    """Counts pins; content with all of them, or after some patience with as many as a lens needs."""
+    """Counts pins; accepts a press with all pins, or after several still presses one with as many as a lens needs."""
 
     reference: BgrImage
     design: SensorDesign
@@ -156,7 +156,7 @@ class _BoardPressWatcher:
     count: str = ""
 
     def __call__(self, image: BgrImage) -> CaptureAdvice:
-        """Look at one image."""
+        """Evaluate one image."""
         if _max_brightness_change(self.reference, image) < TOUCHED_LEVELS:
             self.still.images.clear()
             return CaptureAdvice("nothing touches the skin yet")
@@ -168,7 +168,7 @@ class _BoardPressWatcher:
         )
 
     def _judge_press(self, mean: BgrImage) -> CaptureAdvice:
-        """Whether a still press is good enough."""
+        """Return the advice about a still press, and the image where it is good enough."""
         expected = self.design.pin_board.count
         try:
             fit = fit_board(self.reference, mean, self.design.pin_board, self.settings.camera_rotation_deg)
@@ -188,7 +188,7 @@ class _BoardPressWatcher:
 
 @dataclass
 class _BallPressWatcher:
-    """Measures the disc; content with a still, even press of useful depth, or after some patience with any."""
+    """Measures the disc; accepts a still, even press of useful depth, or after several still presses any."""
 
     reference: BgrImage
     rectify: Rectification
@@ -197,7 +197,7 @@ class _BallPressWatcher:
     patience: int = PATIENCE
 
     def __call__(self, image: BgrImage) -> CaptureAdvice:
-        """Look at one image."""
+        """Evaluate one image."""
         try:
             circle = find_contact_circle(
                 rectified_brightness_change(*(self.rectify(Frame(one)) for one in (self.reference, image)))
@@ -214,14 +214,14 @@ class _BallPressWatcher:
         return CaptureAdvice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
 
     def waits(self) -> bool:
-        """Whether a better press is still hoped for."""
+        """Whether a better press is still awaited."""
         self.still.images.clear()
         self.patience -= 1
         return self.patience > 0
 
 
 def _ball_press_advice(depth_mm: float, asymmetry: float) -> str:
-    """What would make this ball press better."""
+    """Return advice that would improve this ball press."""
     least_mm, most_mm = BEST_DEPTH_MM
     if depth_mm < least_mm:
         return "press deeper"
@@ -233,6 +233,6 @@ def _ball_press_advice(depth_mm: float, asymmetry: float) -> str:
 def _rectification_from_board(
     taken: dict[str, BgrImage], design: SensorDesign, settings: CalibrationSettings
 ) -> Rectification:
-    """The rectification that the board just taken gives."""
+    """Return the rectification from the board image just taken."""
     board = fit_board(taken["board_reference"], taken["board"], design.pin_board, settings.camera_rotation_deg)
     return build_rectification(board, design, settings.lens)

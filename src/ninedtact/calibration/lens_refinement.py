@@ -1,14 +1,14 @@
-"""How deep the imprints are, from how near they are seen, and the lens that takes both into account.
+"""Refinement of the lens with the digital twin: the depth of the board's imprints, the viewing distance and the lens are fitted
+together to the image of the pressed board.
 
-A pin presses the skin towards the camera, so that lines of sight that converge show its imprint farther out than the pin is: a
-lens fitted to pins alone takes that for magnification. Here the twin that the ball told draws the whole board, and is fitted to the
-board's image: its depth and tilt, the nearness of the eye, and the lens with them. What tells nearness from magnification is
-the imprint's form: its bottom is displaced more than its rim. Gauss–Newton; the lens by the gradient of what was drawn.
+A pin presses the skin towards the camera, and lines of sight converge, so that its imprint appears farther out than the pin is. A
+lens fitted to pins alone takes that for magnification. Here the twin, fitted to the ball image, predicts the whole board image. The
+fit by Gauss–Newton covers the board's depth and tilt, the inverse viewing distance and the lens; the derivative by the lens follows
+from the gradient of the predicted image. The shape of an imprint separates viewing distance from magnification, because its bottom
+is displaced more than its rim.
 
-Board and ball explained by one twin: each in turn with what the other told.
-
-The ball's image tells light and gel, through a lens; the board's image, drawn in that light, tells how deep its imprints are
-and from how near they are seen, and so the lens; the ball is fitted again through it.
+`refine_board_and_ball` alternates the two fits. The ball image gives light and gel for the board's prediction; the board image
+gives the depth of its imprints, the viewing distance and so the lens; the ball is then fitted again through that lens.
 """
 
 from collections.abc import Callable
@@ -36,56 +36,60 @@ from ninedtact.shape.lens import LensModel, PointNotSeen, Points
 from ninedtact.shape.rectification import Rectification
 
 WORST_REST = 0.06
-"""Part of the imprints' contrast that may stay unexplained, as of a ball's darkening (ball/judgement.py): boards whose pins are
-unlike the design's, or unlike each other, tell nothing (real boards so far 0.045 and 0.06, drawn ones 0.01 to 0.045)."""
+"""Fraction of the imprints' contrast that may stay unexplained, as for a ball's darkening (ball/contact_circle.py). Above it, the
+pins differ from the design or from each other, and the fit is not used (real boards so far 0.045 and 0.06, simulated ones 0.01 to
+0.045).
+"""
 MOST_UNLIKE = 0.2
-"""Relative difference of the scattering under pins and under the ball (real boards so far 0.5, drawn ones up to 0.1)."""
+"""Largest relative difference of the scattering under pins and under the ball (real boards so far 0.5, simulated ones
+up to 0.1).
+"""
 LENS_TERMS = 3
-"""Radial terms: a whole image affords what 63 pins may not."""
+"""Number of radial terms; a whole image determines more of them than 63 pins do."""
 START = BoardPressParameters(0.8, 0.0, 0.0, 0.495, 0.03, 0.5)
 LEAST = BoardPressParameters(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
 MOST_THICKNESS = 0.9
-"""Of the gel, to which a board can be pressed."""
+"""Largest depth of a board, as a fraction of the gel's thickness."""
 MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM = 0.1, 0.5, 0.1, 1.5
 STEPS = {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02, "depth_mm": 0.02, "poisson_ratio": -0.003}
 """Of difference quotients, those first for which the skin need not be solved; the tilt's follow from that of the depth."""
 LARGEST = np.array([0.2, 0.02, 0.02, 0.01, 0.03, 0.2])
-"""Of one round's change."""
+"""Largest change of each parameter in one iteration."""
 SETTLED = np.array([2e-3, 2e-4, 2e-4, 2e-4, 2e-4, 2e-3])
 ROUNDS, NEWTON = 12, 2
 FEWER = 7
-"""Of the observed points, for the lens that moves them as asked."""
+"""Every how many observed points one is used to fit the lens to the displaced points."""
 GRADIENT_MM = 0.05
 UNIT_MM, LIGHT_TERMS = 10.0, 3
-"""For the light's slopes over the image."""
+"""Unit of length and number of terms of the light's level and slopes over the image."""
 
 
 @dataclass(frozen=True)
 class BoardPressFit:
-    """What the board's image told."""
+    """The result of the fit to the board image."""
 
     press: BoardPressParameters
     deviation: BoardPressParameters
     lens: LensModel
     points: float
-    """Observations that speak independently."""
+    """Effective number of independent observations."""
     rest_grey: float
-    """Root mean square of what is left unexplained."""
+    """Root mean square residual."""
     contrast_grey_levels: float
-    """Of the imprints."""
+    """Contrast of the imprints."""
     ball_scattering_mm: float
-    """As the ball's image had it."""
+    """Scattering as fitted to the ball image."""
     settled: bool
 
     @property
     def accepted(self) -> bool:
-        """Whether the board looks as the twin draws it, so that what it says is taken."""
+        """Whether the board image agrees with the twin's prediction, so that the fit is used."""
         like_ball = abs(self.press.point_spread_mm / self.ball_scattering_mm - 1) <= MOST_UNLIKE
         return self.settled and like_ball and self.rest_grey <= WORST_REST * self.contrast_grey_levels
 
     @property
     def beliefs(self) -> tuple[ParameterPrior, ...]:
-        """For the fit of the ball."""
+        """Return the prior terms for the fit of the ball."""
         told = ParameterPrior(
             "inverse_distance_per_mm", self.press.inverse_distance_per_mm, self.deviation.inverse_distance_per_mm
         )
@@ -94,25 +98,25 @@ class BoardPressFit:
 
 @dataclass(frozen=True)
 class _LinearisedProblem:
-    """One round: where it stands, and what moves it."""
+    """The residual and Jacobian of one iteration."""
 
     rest: Float[Array, " n"]
-    """Grey levels."""
+    """Residual in grey levels."""
     slopes: Float[Array, "n parameters"]
-    """By the press (as its fields), by the lens, by level and slopes of the light."""
+    """Derivative by the press (in the order of its fields), by the lens, and by level and slopes of the light."""
 
 
 @dataclass(frozen=True)
 class _BoardPressSolver:
-    """A board's image and the twin that draws it."""
+    """The solver for a board image, with the twin that predicts it."""
 
     observed: ObservedBoardPress
     forward: BoardPressModel
     lens: LensModel
-    """Through which the image was rectified."""
+    """Lens through which the image was rectified."""
 
     def solve(self, press: BoardPressParameters) -> BoardPressFit:
-        """Solve from a start by Gauss–Newton; the result says whether it settled."""
+        """Solve from a start by Gauss–Newton; the result states whether it converged."""
         lens, at_mm, settled = self.lens, self.observed.points_mm, False
         pixels = lens.to_px(at_mm)
         for _ in range(ROUNDS):
@@ -136,7 +140,7 @@ class _BoardPressSolver:
     def summarise(
         self, press: BoardPressParameters, lens: LensModel, step: "_LinearisedProblem", settled: bool
     ) -> BoardPressFit:
-        """What the last round says of itself."""
+        """Return the result of the last iteration."""
         points = effective_observation_count(self.observed.image(step.rest))
         variance = np.sum(step.rest**2) / max(points - step.slopes.shape[1], 1.0)
         covariance = np.linalg.pinv(step.slopes.T @ step.slopes, hermitian=True) * variance
@@ -146,7 +150,7 @@ class _BoardPressSolver:
         return BoardPressFit(press, told, lens, points, rest, contrast, like_mm, settled)
 
     def step(self, press: BoardPressParameters, at_mm: Points, moves: Float[Array, "n 2 k"]) -> _LinearisedProblem:
-        """Rest and slopes for one press, pixels seeing these places, which the lens moves like this."""
+        """Return residual and Jacobian for one press; at_mm: places that the pixels see, moves: their derivative by the lens."""
         drawn = self.forward.predict_image(press)
         here = drawn.at(at_mm)
         by_nearness, by_scattering, by_depth, by_poisson = (
@@ -164,14 +168,14 @@ class _BoardPressSolver:
         return _LinearisedProblem(rest * self.observed.mean_grey, slopes * self.observed.mean_grey)
 
     def clip_to_bounds(self, press: BoardPressParameters, by: Float[Array, "6"]) -> BoardPressParameters:
-        """The press moved, within what can be."""
+        """Return the press moved by a step, within its bounds."""
         deepest = MOST_THICKNESS * self.forward.fit.parameters["thickness_mm"]
         most = [deepest, MOST_TILT, MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM]
         return BoardPressParameters(*np.clip(_to_vector(press) + by, _to_vector(LEAST), most).tolist())
 
 
 def _lens_displacement_modes(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
-    """How the places that pixels see move with a lens, mm; ways that are independent, each by a millimetre (RMS)."""
+    """Return how the places that pixels see move with a lens, in mm: independent modes, each scaled to a millimetre (RMS)."""
     in_image = lens_parameter_jacobian(lens, at_mm).reshape(len(at_mm), 2, -1)
     moves = np.linalg.solve(lens.px_per_mm(at_mm), in_image)
     ways, _, _ = np.linalg.svd(moves.reshape(2 * len(at_mm), -1), full_matrices=False)
@@ -179,7 +183,9 @@ def _lens_displacement_modes(lens: LensModel, at_mm: Points) -> Float[Array, "n 
 
 
 def _invert_lens_projection(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
-    """Places that pixels see, from places near them (Newton); raises `PointNotSeen` where the lens folds the image over."""
+    """Return the places that pixels see, from places near them (Newton); raises `PointNotSeen` where the lens folds the
+    image over.
+    """
     for _ in range(NEWTON):
         slope = lens.px_per_mm(near_mm)
         if not (np.linalg.det(slope) > 0).all():
@@ -191,21 +197,22 @@ def _invert_lens_projection(lens: LensModel, pixels: Points, near_mm: Points) ->
 
 
 def fit_board_press(observed: ObservedBoardPress, fit: TwinFit, start: BoardPressParameters = START) -> BoardPressFit:
-    """Fit the board's image, rectified through its lens, with the twin that the ball told."""
+    """Fit the board image, rectified through its lens, with the twin from the ball press."""
     board = observed.board
     lens = with_radial_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
     return _BoardPressSolver(observed, BoardPressModel(fit, board.board), lens).solve(start)
 
 
 def _brightness_gradient(drawn: PredictedBoardImage, at_mm: Points) -> Float[Array, "n 2"]:
-    """Of what was drawn, per mm along x and y."""
+    """Return the gradient of the predicted image, per mm along x and y."""
     steps = np.eye(2) * GRADIENT_MM
     return np.column_stack([(drawn.at(at_mm + by) - drawn.at(at_mm - by)) / (2 * GRADIENT_MM) for by in steps])
 
 
 def _replace_lens(observed: ObservedBoardPress, fit: TwinFit, told: BoardPressFit) -> BoardFit:
-    """The board with the lens that was found. Its pins are fitted again, at the places of the untouched plane where their
-    imprints are seen: they tell how well a pin is predicted that was left out."""
+    """Return the board with the refined lens. Its pins are fitted again, at the places of the undeformed plane where their imprints
+    are seen, which gives the leave-one-out errors.
+    """
     board, forward = observed.board, BoardPressModel(fit, observed.board.board)
     drawn = forward.predict_image(told.press)
     seen_mm = forward.imprints_mm(drawn, board.points_mm[board.found])
@@ -213,12 +220,14 @@ def _replace_lens(observed: ObservedBoardPress, fit: TwinFit, told: BoardPressFi
 
 
 def _to_vector(press: BoardPressParameters) -> Float[Array, "6"]:
-    """Its numbers."""
+    """Return the parameters of the press as a vector."""
     return np.array(list(vars(press).values()))
 
 
 TURNS = 2
-"""The first begins with a light that a wrong lens and nearness told; the second mends what followed from that."""
+"""Number of alternations. The first starts from the light of a preliminary lens and viewing distance; the second corrects the
+effect of that.
+"""
 
 RectificationBuilder = Callable[[BoardFit], Rectification]
 BallFitter = Callable[[Rectification, tuple[ParameterPrior, ...], ParameterVector | None], BallFit]
@@ -226,18 +235,20 @@ BallFitter = Callable[[Rectification, tuple[ParameterPrior, ...], ParameterVecto
 
 @dataclass(frozen=True)
 class JointCalibration:
-    """Board, lens and ball as they explain each other."""
+    """Board, lens and ball, fitted jointly."""
 
     board: BoardFit
     rectify: Rectification
     ball: BallFit
     told: BoardPressFit | None = None
-    """By the board's image; None where no physics was fitted to the ball's."""
+    """The fit to the board image; None where no physics was fitted to the ball image."""
 
     def next(
         self, images: tuple[BgrImage, BgrImage], lens_on_grid: RectificationBuilder, fit_of_ball: BallFitter
     ) -> "JointCalibration":
-        """After one more turn; where the board is not as the twin draws it, the same, and what it told beside it."""
+        """Return the result of one more alternation. Where the board disagrees with the twin's prediction, only the board's fit is
+        added.
+        """
         if self.ball.physical is None:
             return self
         fit, before, after = self.ball.physical.fit, *(self.rectify(Frame(image)) for image in images)
@@ -256,7 +267,7 @@ def refine_board_and_ball(
     lens_on_grid: RectificationBuilder,
     fit_of_ball: BallFitter,
 ) -> JointCalibration:
-    """From board and ball each for itself. images: raw, before and under the board."""
+    """Return the joint calibration, starting from separate fits of board and ball. images: raw, before and under the board."""
     found = first
     for _ in range(TURNS):
         try:

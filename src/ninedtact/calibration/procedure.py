@@ -1,6 +1,5 @@
-"""Four images → one sensor: the whole calibration, top-down.
-
-A sensor's folder → the calibration that its own images give, by any method.
+"""The calibration procedure: four images → one calibrated sensor. `calibrate` runs the steps from top to bottom (board, lens, ball,
+refinement, certificate); `repeat_calibration` runs them on the images stored in a sensor folder, by any method.
 """
 
 from dataclasses import dataclass, replace
@@ -63,7 +62,7 @@ class CalibrationImages:
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How to calibrate; the defaults suit every sensor seen so far."""
+    """Settings of a calibration; the defaults suit every sensor seen so far."""
 
     lens: LensKind = "model"
     """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
@@ -77,7 +76,7 @@ class CalibrationSettings:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated sensor with all that it was made from."""
+    """A calibrated sensor, with the images and fits from which it was made."""
 
     images: CalibrationImages
     board: BoardFit
@@ -92,7 +91,7 @@ def calibrate(
     settings: CalibrationSettings = CalibrationSettings(),
     sensor_id: str = "9dtact",
 ) -> Calibration:
-    """Calibrate a sensor; raises `BoardNotFound`, `BallRefused`, `ImageUnusable`, each saying what to do."""
+    """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do."""
     board = fit_board(images.board_reference, images.board, design.pin_board, settings.camera_rotation_deg)
     found = _fit_board_and_ball(images, board, design, settings)
     board, rectify, ball = found.board, found.rectify, found.ball
@@ -114,7 +113,7 @@ def calibrate(
 def _fit_board_and_ball(
     images: CalibrationImages, board: BoardFit, design: SensorDesign, settings: CalibrationSettings
 ) -> JointCalibration:
-    """Lens and depth; by physics, board and ball together."""
+    """Fit lens and depth; by the method `physics`, board and ball are fitted together."""
 
     def lens(board: BoardFit) -> Rectification:
         return build_rectification(board, design, settings.lens)
@@ -133,7 +132,7 @@ def _fit_board_and_ball(
 
 
 def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
-    """The rectified grid that the design asks for, seen through the lens that the board gave."""
+    """Return the rectification of the design's grid through the lens fitted to the board."""
     projection, raw_mm_per_px = _choose_projection(board, kind)
     rows, cols = board.change.shape
     mm_per_px = raw_mm_per_px * max(rows, cols) / design.field_of_view.raw_long_side_px
@@ -143,14 +142,14 @@ def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -
 
 
 def _choose_projection(board: BoardFit, kind: LensKind) -> tuple[Projection, float]:
-    """The projection and its mm per raw pixel around the centre."""
+    """Return the projection and its mm per raw pixel around the centre."""
     if kind == "paper":
         return fit_published_pin_map(board)
     return board.lens, central_mm_per_px(board.lens, board.board.pitch_mm)
 
 
 def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
-    """The chosen lens as the sensor's file holds it."""
+    """Return the chosen lens as a table of `sensor.toml`."""
     if kind == "paper":
         points_px = integer_pin_centres_px(board)
         return PinMapTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
@@ -159,12 +158,12 @@ def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable
 
 
 def _depth_table(ball: BallFit, settings: CalibrationSettings) -> DepthTable:
-    """The chosen depth reading as the sensor's file holds it."""
+    """Return the chosen depth curve as a table of `sensor.toml`."""
     return DepthTable(settings.method, ball.noise_mm, settings.smoothing, ball.curve, ball.loss, ball.deblurring)
 
 
 def _twin_table(physical: PhysicsDepthFit, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
-    """The twin that the ball press told, and the board where it was like what it draws."""
+    """Return the twin from the ball press, and from the board where its image agrees with the prediction."""
     fit = physical.fit
     gel = replace(fit.forward.design.gel, thickness_mm=fit.parameters["thickness_mm"])
     return TwinTable(
@@ -177,7 +176,7 @@ def _twin_table(physical: PhysicsDepthFit, noise_grey_levels: float, told: Board
 
 
 def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
-    """How the twin was found, and how well it explains the press."""
+    """Return how the twin was fitted, and how well it explains the press."""
     sure = fit.confidence
     return TwinFitQuality(
         radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
@@ -194,7 +193,9 @@ def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
 
 
 def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
-    """What the board's image told of its imprints; their depth is as uncertain as the ball's, by which light tells depth."""
+    """Return the fit to the board image. The depth of the imprints is as uncertain as that of the ball, on which the brightness
+    model rests.
+    """
     depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.parameters["depth_mm"]
     return BoardPressTable(
         accepted=told.accepted,
@@ -209,12 +210,12 @@ def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
 
 
 def _strongest_correlation(sure: ParameterUncertainty, name: str) -> tuple[str | None, float | None]:
-    """What a searched parameter is hardest to tell from, and their correlation."""
+    """Return the parameter with which a searched parameter is most correlated, and their correlation."""
     return sure.closest(name) if name in sure.deviation else (None, None)
 
 
 def calibrated_area_mm(design: SensorDesign) -> Area:
-    """One pitch beyond the outermost pins: as far as leaving out an outermost pin tests the lens."""
+    """Return the area up to one pitch beyond the outermost pins: leaving out an outermost pin tests the lens that far."""
     board = design.pin_board
     x, y = (board.cols + 1) / 2 * board.pitch_mm, (board.rows + 1) / 2 * board.pitch_mm
     return -x, x, -y, y
@@ -223,7 +224,7 @@ def calibrated_area_mm(design: SensorDesign) -> Area:
 def _make_certificate(
     images: CalibrationImages, board: BoardFit, ball: BallFit, rectify: Rectification, settings: CalibrationSettings
 ) -> Certificate:
-    """All figures, and what a person should know in words."""
+    """Return the quality figures of both calibrations, and warnings in words."""
     return Certificate(
         _board_quality(board, rectify, settings.lens),
         _ball_quality(images, ball),
@@ -236,7 +237,7 @@ def _make_certificate(
 
 
 def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardQuality:
-    """How good the camera calibration is."""
+    """Return the quality of the camera calibration."""
     seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
     original_mm = published_leave_one_out_errors_mm(seen_mm, centres_px)
     leave_one_out_errors_mm = original_mm if lens == "paper" else board.lens_fit.leave_one_out_errors_mm
@@ -257,7 +258,7 @@ def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> B
 
 
 def _relative_scale_std(board: BoardFit, lens: LensKind) -> float:
-    """Standard error of mm per pixel, relative."""
+    """Return the relative standard error of mm per pixel."""
     pitch_mm = board.board.pitch_mm
     if lens == "paper":
         _, scale = fit_published_pin_map(board)
@@ -266,7 +267,7 @@ def _relative_scale_std(board: BoardFit, lens: LensKind) -> float:
 
 
 def _ball_quality(images: CalibrationImages, ball: BallFit) -> BallQuality:
-    """How good the depth calibration is."""
+    """Return the quality of the depth calibration."""
     circle = ball.press.circle
     return BallQuality(
         method=ball.method,
@@ -285,7 +286,7 @@ def _ball_quality(images: CalibrationImages, ball: BallFit) -> BallQuality:
 
 
 def _board_warnings(board: BoardFit) -> list[str]:
-    """What a person should know about the board press."""
+    """Return the warnings about the board press."""
     found = []
     if board.missing_pins:
         found.append(

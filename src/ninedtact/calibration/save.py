@@ -1,4 +1,4 @@
-"""Writing a sensor folder: `sensor.toml`, the four images and the certificate, all or nothing."""
+"""Saving a sensor folder: `sensor.toml`, the four calibration images and the certificate, either completely or not at all."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

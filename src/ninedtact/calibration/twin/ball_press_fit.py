@@ -1,10 +1,10 @@
-"""How certain fitted parameters are, when what they leave unexplained is smooth.
+"""The fit of the digital twin to one ball press: the pose of the press, the thickness of the gel and the brightness model that
+explain the whole image, with their uncertainties. In: the rectified images before and after the press, and the contact circle in
+them. Out: `TwinFit`, from `fit_twin`.
 
-The twin of a sensor from its ball press: what the press was, what the gel is, how light follows height.
-
-The unexplained rest is not noise but what model and sensor differ in, smooth over millimetres. So the number of points
-that speak independently is estimated from the rest itself, and with so few, what the design says of the gel's thickness is
-taken as one more observation. With a rest of plain noise it weighs nothing.
+The residual is not noise but a model error, smooth over millimetres. The number of independent observations is therefore estimated
+from the residual itself, and the design's gel thickness is added as one more observation. Where the residual is plain noise, that
+observation has no weight.
 """
 
 from dataclasses import dataclass
@@ -39,12 +39,12 @@ class ParameterUncertainty:
     """Standard deviations and correlations of the searched parameters."""
 
     points: float
-    """Observations that speak independently."""
+    """Effective number of independent observations."""
     deviation: dict[str, float]
     correlation: Float[Array, "parameters parameters"]
 
     def closest(self, name: str) -> tuple[str, float]:
-        """The parameter that this one is hardest to tell from, and their correlation."""
+        """Return the parameter with which this one is most correlated, and their correlation."""
         row = self.correlation[PARAMETER_NAMES.index(name)].copy()
         row[PARAMETER_NAMES.index(name)] = 0
         other = int(np.abs(row).argmax())
@@ -54,7 +54,7 @@ class ParameterUncertainty:
 def _estimate_uncertainty(
     slopes: Float[Array, "rows parameters"], rest: Float[Array, " n"], points: float
 ) -> ParameterUncertainty:
-    """From the Jacobian and the rest, as of `points` independent observations (Gauss–Markov)."""
+    """Return the uncertainty from the Jacobian and the residual, as of `points` independent observations (Gauss–Markov)."""
     variance = np.sum(rest**2) / max(points - slopes.shape[1], 1.0)
     covariance = np.linalg.pinv(slopes.T @ slopes, hermitian=True) * variance
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
@@ -65,9 +65,9 @@ def _estimate_uncertainty(
 
 
 def effective_observation_count(rest: Float[Array, "rows cols"]) -> float:
-    """How many observations speak independently: their number over the sum of their mutual correlations.
+    """Return the effective number of independent observations: their number divided by the sum of their mutual correlations.
 
-    rest: what a fit leaves, as an image; not-a-number where nothing was observed.
+    rest: the residual of a fit as an image; not-a-number where nothing was observed.
     """
     seen = np.isfinite(rest)
     known, values = seen.astype(float), rest[seen]
@@ -83,33 +83,35 @@ def effective_observation_count(rest: Float[Array, "rows cols"]) -> float:
 
 
 def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
-    """Autocorrelation sums at all lags, lag zero in the middle."""
+    """Return the autocorrelation sums at all lags, with lag zero in the middle."""
     from scipy.signal import fftconvolve
 
     return np.asarray(fftconvolve(field, field[::-1, ::-1]))
 
 
 THICKNESS_SPREAD = 0.1
-"""Standard deviation of a moulded gel's thickness, relative."""
+"""Relative standard deviation of a moulded gel's thickness."""
 START = {"thickness_mm": 2.0, "point_spread_mm": 0.45, "saturation": 0.4, "inverse_distance_per_mm": 0.04}
 RULE_BIAS_MM = 0.1
-"""By how much the rule of the disc's edge is usually too deep."""
+"""Usual excess of the depth that the rule of the disc's edge gives."""
 WIDEST_GUESS = 0.95
-"""Of the ball's radius, where the disc is wider than the ball, as in thick gel, and tells no depth."""
+"""Radius of the disc for the initial guess, as a fraction of the ball's radius, where the disc is wider than the ball (as in thick
+gel) and does not determine the depth.
+"""
 DRAG_PER_ASYMMETRY_MM = 3.0
-"""Usual drag of a press with this unevenness of its bulge; only to start from."""
+"""Usual drag of a press per asymmetry of its bulge; used for the initial guess only."""
 TRIES = 40
 
 
 @dataclass(frozen=True)
 class TwinFit:
-    """The best parameters, what they leave unexplained, and how certain they are."""
+    """The best parameters, their residual and their uncertainties."""
 
     forward: BallPressModel
     vector: ParameterVector
     slopes: Float[Array, "3"]
     rest_grey: Float[Array, " n"]
-    """Observed minus predicted, grey levels, at the observed points."""
+    """Residual, observed minus predicted, in grey levels at the observed points."""
     confidence: ParameterUncertainty
     seconds: float
     evaluations: int
@@ -123,27 +125,27 @@ class TwinFit:
 
     @property
     def drag_mm(self) -> tuple[float, float]:
-        """How far the ball was dragged after the press."""
+        """Displacement of the ball along the skin after the press."""
         return self.parameters["drag_x_mm"], self.parameters["drag_y_mm"]
 
     @property
     def contact(self) -> Contact:
-        """The skin under the ball, pressures in shear moduli."""
+        """The solved contact of the skin under the ball, with pressures in shear moduli."""
         return self.forward.contact(ball_press_of(self.parameters))
 
     @property
     def image_rmse_grey_levels(self) -> float:
-        """Root mean square of the rest over all observed points."""
+        """Root mean square residual over all observed points."""
         return float(np.sqrt(np.mean(self.rest_grey**2)))
 
     @cached_property
     def radial_rmse_grey_levels(self) -> float:
-        """The same of the radial profile, 0.1 to 8 mm from the contact's middle."""
+        """Root mean square residual of the radial profile, 0.1 to 8 mm from the contact's centre."""
         return float(np.sqrt(np.mean(self.radial_rest[1] ** 2)))
 
     @cached_property
     def radial_rest(self) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
-        """Radius and mean rest of rings of 0.05 mm."""
+        """Return radius and mean residual of rings of 0.05 mm."""
         x, y = (
             axis.ravel() - self.parameters[name]
             for axis, name in zip(self.forward.observed.points_mm, PARAMETER_NAMES, strict=False)
@@ -172,14 +174,14 @@ class TwinFit:
 
     @cached_property
     def mean_darkening(self) -> float:
-        """Of the whole view: what the loss is counted per."""
+        """Mean darkening of the whole view, to which the loss of light is proportional."""
         observed = self.forward.observed
         return mean_darkening(observed.after.grey, observed.before.grey, self.parameters["loss"])
 
 
 @dataclass(frozen=True)
 class ParameterPrior:
-    """What is known of a parameter beside the image."""
+    """Prior knowledge of a parameter, from other sources than the image."""
 
     name: str
     value: float
@@ -188,14 +190,14 @@ class ParameterPrior:
 
 @dataclass(frozen=True)
 class _PriorTerms:
-    """Beliefs as observations beside those of the image."""
+    """Prior terms as observations beside those of the image."""
 
     beliefs: tuple[ParameterPrior, ...] = ()
     deviation_grey: float = 0.0
-    """Grey levels that one standard deviation of a belief counts as: what an independent point is off."""
+    """Grey levels that correspond to one standard deviation of a prior: the residual of an independent observation."""
 
     def miss(self, vector: ParameterVector) -> Float[Array, " beliefs"]:
-        """How far the vector is from what is believed, grey levels."""
+        """Return the deviation of the vector from the priors, in grey levels."""
         off = [(vector[PARAMETER_NAMES.index(one.name)] - one.value) / one.deviation for one in self.beliefs]
         return self.deviation_grey * np.array(off, float)
 
@@ -216,7 +218,7 @@ def fit_twin(
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball, found at `circle`.
 
-    beliefs: what other images told. near: parameters to start from, where they are about known.
+    beliefs: prior terms from other images. near: initial parameters, where approximate values are known.
     """
     began = perf_counter()
     middle_mm = _pixel_to_skin_mm(before, circle.centre_px)
@@ -233,7 +235,9 @@ def fit_twin(
 
 
 def _initial_guess(forward: BallPressModel, circle: ContactCircle) -> ParameterVector:
-    """From the disc: its middle, the depth by the rule of its edge, the drag by its uneven bulge."""
+    """Return the initial guess from the disc: its centre, the depth by the rule of its edge, the drag by the asymmetry
+    of its bulge.
+    """
     radius_mm, ball_mm = circle.radius_px * forward.observed.before.mm_per_px, forward.design.ball.radius_mm
     radius_mm = radius_mm if radius_mm < ball_mm else WIDEST_GUESS * ball_mm
     depth_mm = ball_mm - np.sqrt(ball_mm**2 - radius_mm**2) - RULE_BIAS_MM
@@ -248,7 +252,7 @@ def _initial_guess(forward: BallPressModel, circle: ContactCircle) -> ParameterV
 def _fit_least_squares(
     forward: BallPressModel, start: ParameterVector, prior: _PriorTerms
 ) -> tuple[ParameterVector, int]:
-    """Least squares from a start; and how many images that took."""
+    """Return the least-squares parameters from a start, and the number of predicted images that this took."""
 
     def miss(vector: ParameterVector) -> Float[Array, " n"]:
         return np.append(forward.fit_linear_terms(vector)[1], prior.miss(vector))
@@ -265,7 +269,7 @@ def _fit_least_squares(
 def _make_prior_terms(
     forward: BallPressModel, vector: ParameterVector, points: float, beliefs: tuple[ParameterPrior, ...]
 ) -> _PriorTerms:
-    """The design's thickness and other beliefs, each an observation among this many independent points."""
+    """Return the design's thickness and other priors, each as one observation among this many independent ones."""
     rest, design_mm = forward.fit_linear_terms(vector)[1], forward.design.gel.thickness_mm
     mould = ParameterPrior("thickness_mm", design_mm, THICKNESS_SPREAD * design_mm)
     return _PriorTerms((mould, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
@@ -274,12 +278,12 @@ def _make_prior_terms(
 def _residual_jacobian(
     forward: BallPressModel, vector: ParameterVector, prior: _PriorTerms
 ) -> Float[Array, "n parameters"]:
-    """The Jacobian, with a row for every belief."""
+    """Return the Jacobian of the residual, with one row for every prior."""
     return np.vstack([_image_jacobian(forward, vector), prior.slope])
 
 
 def _image_jacobian(forward: BallPressModel, vector: ParameterVector) -> Float[Array, "n parameters"]:
-    """How the rest changes with each searched parameter, level and slopes following."""
+    """Return the derivative of the residual by each searched parameter, with level and slopes refitted."""
     here = forward.fit_linear_terms(vector)[1]
     columns = []
     for index in range(len(PARAMETER_NAMES)):
@@ -289,6 +293,6 @@ def _image_jacobian(forward: BallPressModel, vector: ParameterVector) -> Float[A
 
 
 def _pixel_to_skin_mm(image: Rectified, px: tuple[float, float]) -> tuple[float, float]:
-    """A place of a rectified image, (x, y) in pixels, in mm on the skin."""
+    """Return the position on the skin in mm of a pixel (x, y) of a rectified image."""
     rows, cols = image.grey.shape
     return (px[0] - (cols - 1) / 2) * image.mm_per_px, (px[1] - (rows - 1) / 2) * image.mm_per_px

@@ -1,8 +1,7 @@
-"""What is fitted: names, bounds, and how far to step when asking what a parameter does.
+"""The forward model of a ball press: parameters → the predicted image, by contact mechanics, then light, then lines of sight.
 
-A ball press as numbers to fit: brightness relative to untouched skin at points around the contact.
-
-Parameters → the image that they predict: contact mechanics, then light, then lines of sight.
+The module defines the fitted parameters with their bounds and difference steps, the observation (brightness relative to the
+reference image at points around the contact), and the model that predicts it. `ball_press_fit` fits the parameters.
 """
 
 from dataclasses import dataclass, replace
@@ -36,13 +35,13 @@ from ninedtact.simulation.pixel_map import (
 
 @dataclass(frozen=True)
 class _FitParameter:
-    """One number to be found."""
+    """One parameter of the fit."""
 
     name: str
     least: float
     most: float
     step: float
-    """For the difference quotient: small against what matters, large against the solver's tolerance."""
+    """Step of the difference quotient: small against the relevant scale, large against the solver's tolerance."""
     scale: float = 1.0
 
 
@@ -57,25 +56,26 @@ FIT_PARAMETERS = (
     _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
     _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
 )
-"""Those that the image depends on in no simple way. Given them, three more are a linear problem: the level 1 + c, and
-(1 + c) times the slopes of dark and bright."""
+"""The parameters on which the image depends nonlinearly. Given them, three more are a linear problem: the level 1 + c, and (1 + c)
+times the slopes of darkening and brightening.
+"""
 PARAMETER_NAMES = tuple(parameter.name for parameter in FIT_PARAMETERS)
 
 ParameterVector = Float[Array, " parameters"]
 
 
 def parameter_bounds() -> tuple[ParameterVector, ParameterVector]:
-    """Lower and upper bounds of what is searched."""
+    """Return the lower and upper bounds of the searched parameters."""
     return np.array([p.least for p in FIT_PARAMETERS], float), np.array([p.most for p in FIT_PARAMETERS], float)
 
 
 def parameter_scales() -> ParameterVector:
-    """Of how much of each parameter matters."""
+    """Return the relevant scale of each parameter."""
     return np.array([p.scale for p in FIT_PARAMETERS])
 
 
 def step_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVector, float]:
-    """The vector with one parameter moved, inside its bounds, and by how much."""
+    """Return the vector with one parameter moved inside its bounds, and the step."""
     parameter = FIT_PARAMETERS[index]
     step = parameter.step if vector[index] + parameter.step < parameter.most else -parameter.step
     moved = vector.copy()
@@ -87,22 +87,22 @@ REACH_MM = 8.0
 """Radius around the contact within which the image is fitted."""
 SMOOTHING_PX = 1.5
 EVERY_PX = 2
-"""Of rows and columns; smoothing has made neighbours alike."""
+"""Every how many rows and columns a pixel is fitted; smoothing has correlated neighbouring pixels."""
 DIMMEST = 1.0
 
 
 @dataclass(frozen=True)
 class ObservedBallPress:
-    """Two rectified images, before and after, around the contact."""
+    """Two rectified images around the contact, before and after the press."""
 
     before: Rectified
     after: Rectified
     middle_mm: tuple[float, float]
-    """Roughly of the contact."""
+    """Approximate centre of the contact."""
 
     @cached_property
     def ratio(self) -> Float32[Array, "rows cols"]:
-        """Brightness relative to untouched skin, calmed."""
+        """Smoothed brightness relative to the reference image."""
         return smooth_gaussian(self.after.grey / np.maximum(self.before.grey, DIMMEST), SMOOTHING_PX)
 
     @cached_property
@@ -132,25 +132,25 @@ class ObservedBallPress:
 
     @property
     def blur_mm(self) -> float:
-        """Standard deviation of the calming, which is part of the point-spread that is fitted."""
+        """Standard deviation of the smoothing, which is part of the fitted point spread."""
         return SMOOTHING_PX * self.before.mm_per_px
 
     @property
     def mean_grey(self) -> float:
-        """Of the untouched image: what turns relative brightness into grey levels."""
+        """Mean brightness of the reference image, which converts relative brightness to grey levels."""
         return float(self.before.grey.mean())
 
     def image(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
-        """Values of the chosen pixels as a coarse image, not-a-number elsewhere."""
+        """Return values of the chosen pixels as a coarse image, not-a-number elsewhere."""
         whole = np.full(self.chosen.shape, np.nan)
         whole[self.chosen] = values
         return whole[::EVERY_PX, ::EVERY_PX]
 
 
 PATCH = PeriodicGrid(128, 128, 0.2)
-"""25.6 mm square around the contact: what is beyond is too faint to matter."""
+"""Square of 25.6 mm around the contact; the deformation beyond is negligible."""
 FRICTION = 1.0
-"""Silicone on anything clean; between 0.5 and 1 the fit hardly changes."""
+"""Coefficient of friction of silicone on a clean surface; between 0.5 and 1 the fit hardly changes."""
 PRESS_STEP_MM, DRAG_STEP_MM = 0.5, 0.35
 EFFORT = SolverSettings(tolerance=2e-3, must_converge=False)
 KEPT_CONTACTS = 64
@@ -158,14 +158,14 @@ KEPT_CONTACTS = 64
 
 @dataclass(frozen=True)
 class _BallPress:
-    """A ball pressed into gel and dragged; the unit of pressure is the gel's shear modulus."""
+    """A ball pressed into gel and dragged; pressures are in units of the gel's shear modulus."""
 
     depth_mm: float
     drag_mm: tuple[float, float]
     thickness_mm: float
 
     def poses(self) -> list[Pose]:
-        """Down in steps, then along in steps, ending at the origin."""
+        """Return the poses of the ball: down in steps, then along in steps, ending at the origin."""
         x, y = self.drag_mm
         down, along = (int(np.ceil(way)) for way in (self.depth_mm / PRESS_STEP_MM, np.hypot(x, y) / DRAG_STEP_MM))
         presses = [Pose(-x, -y, self.depth_mm * (n + 1) / down) for n in range(down)]
@@ -175,7 +175,7 @@ class _BallPress:
 
 @dataclass(frozen=True)
 class BallPressModel:
-    """The prediction for one observed press under a design."""
+    """The predicted image of one observed press under a design."""
 
     observed: ObservedBallPress
     design: SensorDesign
@@ -186,7 +186,7 @@ class BallPressModel:
         return {}
 
     def contact(self, press: _BallPress) -> Contact:
-        """The skin under this press."""
+        """Return the solved contact of the skin under this press."""
         if press not in self.contacts:
             if len(self.contacts) >= KEPT_CONTACTS:
                 self.contacts.pop(next(iter(self.contacts)))
@@ -197,7 +197,7 @@ class BallPressModel:
         return self.contacts[press]
 
     def columns(self, vector: ParameterVector) -> Float[Array, "n 3"]:
-        """What level, dark and bright slope are multiplied by to give the brightness at each observed point."""
+        """Return the coefficients of level, dark slope and bright slope in the brightness at each observed point."""
         named = dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True))
         seen = self.seen_mm(named)
         diffuse = blur_and_refine_fields(PATCH, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
@@ -206,7 +206,7 @@ class BallPressModel:
         return np.column_stack([np.ones(dark.size), dark.ravel(), bright.ravel()])
 
     def seen_mm(self, named: dict[str, float]) -> Float32[Array, "rows cols"]:
-        """Height of the skin as the plane shows it, on a grid around the middle of the observed press."""
+        """Return the height of the skin on every line of sight, on a grid around the centre of the observed press."""
         height = np.asarray(self.contact(ball_press_of(named)).height_mm, np.float32)
         x, y = (
             np.ascontiguousarray(axis + middle, np.float32)
@@ -219,13 +219,13 @@ class BallPressModel:
     def laws(
         self, height_mm: Float32[Array, "rows cols"], saturation: float
     ) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-        """Brightness by indentation and by bulge, for slopes of one."""
+        """Return the brightness by indentation and by bulge, for slopes of one."""
         thickness = self.design.gel.thickness_mm
         dark = saturating_response_mm(np.clip(height_mm, -thickness, 0), saturation, thickness)
         return dark.astype(np.float32), np.maximum(height_mm, 0)
 
     def fit_linear_terms(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
-        """The best level and slopes for these parameters, and what they leave unexplained, in grey levels."""
+        """Return the best level and slopes for these parameters, and their residual in grey levels."""
         columns, seen = self.columns(vector), self.observed.relative_brightness
         slopes = np.linalg.solve(columns.T @ columns, columns.T @ seen)
         return slopes, (seen - columns @ slopes) * self.observed.mean_grey
@@ -238,7 +238,7 @@ def ball_press_of(named: dict[str, float]) -> _BallPress:
 
 @lru_cache(maxsize=64)
 def _gel_of_unit_modulus(thickness_mm: float, poisson_ratio: float) -> Skin:
-    """Gel of this thickness with a shear modulus of one."""
+    """Return gel of this thickness with a shear modulus of one."""
     from ninedtact.design import Gel
 
     gel = replace(Gel(), thickness_mm=thickness_mm, shear_modulus_mpa=1.0, poisson_ratio=poisson_ratio)

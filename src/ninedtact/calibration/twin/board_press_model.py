@@ -1,6 +1,8 @@
-"""The board's image as numbers to fit: brightness relative to untouched skin at points among the pins.
+"""The forward model of a board press: the depth of the board and how it is seen → the image that a twin predicts, on the skin's
+undeformed plane.
 
-How deep the board is pressed, and how it is seen → the image that a twin predicts, on the skin's untouched plane.
+`ObservedBoardPress` holds the observation, brightness relative to the reference image at points among the pins. `BoardPressModel`
+predicts it; `calibration.lens_refinement` fits the two.
 """
 
 from dataclasses import dataclass, replace
@@ -36,11 +38,13 @@ from ninedtact.simulation.pixel_map import (
 )
 
 AROUND = 0.6
-"""How far around a pin the image is fitted, in pitches: up to half-way to the next one, and a little over."""
+"""Radius around a pin within which the image is fitted, in pitches: a little more than half-way to the next pin."""
 EVERY_PX = 3
-"""Of rows and columns."""
+"""Every how many rows and columns a pixel is fitted."""
 LEAST_SPREAD = 0.1
-"""Of the middle's pixels per square millimetre: a lens fitted to pins may fold the image over beyond the outermost."""
+"""Smallest density of pixels per square millimetre, relative to the centre: a lens fitted to pins may fold the image over beyond
+the outermost ones.
+"""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class ObservedBoardPress:
 
     @cached_property
     def chosen(self) -> Bool[Array, "rows cols"]:
-        """The pixels that are fitted: among the pins, and away from those that were not seen."""
+        """The pixels that are fitted: among the pins, and away from undetected pins."""
         x, y = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
         design, away = self.board.board, AROUND * self.board.board.pitch_mm
         half_x, half_y = ((count - 1) / 2 * design.pitch_mm + away for count in (design.cols, design.rows))
@@ -67,14 +71,16 @@ class ObservedBoardPress:
         return np.asarray(among)
 
     def pixel_density(self, points_mm: Points) -> Float[Array, " n"]:
-        """Pixels of the raw image per square millimetre there, over that in the middle; below zero where it is folded over."""
+        """Return the pixels of the raw image per square millimetre at these points, relative to the centre; negative where the
+        image is folded over.
+        """
         lens = self.board.lens
         here, middle = (np.linalg.det(lens.px_per_mm(points)) for points in (points_mm, np.zeros((1, 2))))
         return np.asarray(here / middle)
 
     @cached_property
     def points_mm(self) -> Points:
-        """Of the chosen pixels, as the lens has them that the images were rectified with."""
+        """Positions of the chosen pixels, by the lens with which the images were rectified."""
         axes = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
         return np.column_stack([axis[self.chosen] for axis in axes]).astype(float)
 
@@ -88,18 +94,18 @@ class ObservedBoardPress:
 
     @property
     def mean_grey(self) -> float:
-        """Of the untouched image: what turns relative brightness into grey levels."""
+        """Mean brightness of the reference image, which converts relative brightness to grey levels."""
         return float(self.before.grey.mean())
 
     def image(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
-        """Values of the chosen pixels as a coarse image, not-a-number elsewhere."""
+        """Return values of the chosen pixels as a coarse image, not-a-number elsewhere."""
         whole = np.full(self.chosen.shape, np.nan)
         whole[self.chosen] = values
         return whole[::EVERY_PX, ::EVERY_PX]
 
 
 MARGIN_MM = 5.0
-"""Skin beyond the outermost pins."""
+"""Width of the skin beyond the outermost pins."""
 EFFORT = SolverSettings(tolerance=5e-3, must_converge=False)
 
 Field = Float32[Array, "rows cols"]
@@ -107,16 +113,20 @@ Field = Float32[Array, "rows cols"]
 
 @dataclass(frozen=True)
 class BoardPressParameters:
-    """One press of the board, and from how near it is seen."""
+    """One press of the board, and the distance from which it is seen."""
 
     depth_mm: float
     tilt_x_rad: float
     tilt_y_rad: float
     poisson_ratio: float
-    """A board loads all the gel at once, so the little by which it yields in volume shows, as it does not under a ball."""
+    """Poisson's ratio of the gel. A board loads all the gel at once, so that its small compressibility matters, unlike
+    under a ball.
+    """
     inverse_distance_per_mm: float
     point_spread_mm: float
-    """Standard deviation of the point-spread. The ball's image has told it: another one says that the board is not as drawn."""
+    """Standard deviation of the point spread. The ball image determines it already; a different value means that the board differs
+    from the model.
+    """
 
 
 @dataclass(frozen=True)
@@ -127,19 +137,19 @@ class PredictedBoardImage:
     field: Float32[Array, "fine_rows fine_cols"]
 
     def at(self, points_mm: Points) -> Float[Array, " n"]:
-        """At places of the plane, linearly."""
+        """Return the field at places of the plane, by linear interpolation."""
         x, y = (np.ascontiguousarray(axis[None], np.float32) for axis in points_mm.T)
         return sample_periodic(self.field, *grid_coordinates(self.patch, (0.0, 0.0), x, y, REFINEMENT))[0].astype(float)
 
     def to_px(self, points_mm: Points) -> Points:
-        """Column and row of the field: a projection without a lens."""
+        """Return column and row of the field, a projection without a lens."""
         x, y = points_mm.T
         return np.column_stack(grid_coordinates(self.patch, (0.0, 0.0), x, y, REFINEMENT))
 
 
 @dataclass(frozen=True)
 class BoardPressModel:
-    """The prediction for one board under a twin."""
+    """The predicted image of one board under a twin."""
 
     fit: TwinFit
     board: PinBoard
@@ -151,18 +161,18 @@ class BoardPressModel:
 
     @cached_property
     def patch(self) -> PeriodicGrid:
-        """Pins, the floor around them, and skin beyond."""
+        """The modelled area: the pins, the floor around them, and skin beyond."""
         pitch_mm = self.board.pitch_mm
         width_mm, height_mm = (count * pitch_mm for count in (self.board.cols, self.board.rows))
         return padded_grid(width_mm, height_mm, pitch_mm / GRID_POINTS_PER_PIN_PITCH, MARGIN_MM)
 
     @cached_property
     def heights(self) -> dict[BoardPressParameters, Field]:
-        """The one solved last: how it is seen changes more often than how it is pressed."""
+        """The last solved height, cached because viewing parameters change more often than the pose of the press."""
         return {}
 
     def height_mm(self, press: BoardPressParameters) -> Field:
-        """Of the skin under the board."""
+        """Return the height of the skin under the board, from the cache where possible."""
         unseen = replace(press, inverse_distance_per_mm=0.0, point_spread_mm=0.0)
         if unseen not in self.heights:
             self.heights.clear()
@@ -170,7 +180,7 @@ class BoardPressModel:
         return self.heights[unseen]
 
     def solved_mm(self, press: BoardPressParameters) -> Field:
-        """The same, not yet solved."""
+        """Solve the contact and return the height of the skin under the board."""
         gel = replace(
             self.fit.forward.design.gel,
             thickness_mm=self.fit.parameters["thickness_mm"],
@@ -183,7 +193,7 @@ class BoardPressModel:
         return np.asarray(model.step(model.initial_contact(), self.relief, pose).height_mm, np.float32)
 
     def predict_image(self, press: BoardPressParameters) -> PredictedBoardImage:
-        """The skin as the plane shows it, in the twin's light."""
+        """Return the brightness of the skin on the undeformed plane, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.positions_mm)
         seen = SightlineGrid(x, y, press.inverse_distance_per_mm).height_mm(
             self.patch, (0.0, 0.0), self.height_mm(press)
@@ -194,5 +204,5 @@ class BoardPressModel:
         return PredictedBoardImage(self.patch, field)
 
     def imprints_mm(self, drawn: PredictedBoardImage, pins_mm: Points) -> Points:
-        """Where on the plane the imprints of these pins are seen, found as in an image."""
+        """Return the positions on the plane at which the imprints of these pins are seen, located as in a real image."""
         return locate_imprints_mm(drawn.field, drawn, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)

@@ -1,4 +1,6 @@
-"""A calibrated sensor → its twin: the gel, light, lens, image and noise that its own four images told."""
+"""The digital twin of a calibrated sensor: gel, light, lens, reference image and noise from its own calibration images. In: a
+sensor folder. Out: a `Twin` for simulation, from `build_sensor_twin`.
+"""
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -15,15 +17,15 @@ from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import Twin
 
 EVERY_PX = 23
-"""Of the rectified grid, to read it backwards: lenses are smooth."""
+"""Every how many rows and columns of the rectified grid the inverse is sampled; lenses are smooth."""
 
 
 class TwinMissing(CalibrationError):
-    """A sensor that has no twin yet."""
+    """The sensor's calibration contains no twin."""
 
 
 def build_sensor_twin(folder: SensorFolder) -> Twin:
-    """The twin in a sensor's folder; raises `TwinMissing`, and `SensorFolderDamaged` where its images are gone."""
+    """Return the twin of a sensor folder; raises `TwinMissing`, and `SensorFolderDamaged` where its images are missing."""
     table = folder.record.twin
     if table is None:
         raise TwinMissing(
@@ -36,7 +38,7 @@ def build_sensor_twin(folder: SensorFolder) -> Twin:
 def build_twin(
     name: str, gel: Gel, light: BrightnessModel, rectify: Rectification, untouched: BgrImage, noise_grey_levels: float
 ) -> Twin:
-    """The twin of a sensor, on the untouched image that it was calibrated from."""
+    """Return the twin of a sensor, based on the reference image from its calibration."""
     noise = CameraNoise(noise_grey_levels, rectify.raw_shape)
     renderer = Renderer(_invert_rectification(rectify), untouched.astype(np.float32), light, noise)
     return Twin(
@@ -48,7 +50,7 @@ def build_twin(
 
 
 def _invert_rectification(rectify: Rectification) -> PixelMap:
-    """The rectification read backwards: where each raw pixel looks, continued smoothly beyond the rectified grid."""
+    """Return the inverse of the rectification: the point on the skin of each raw pixel, extrapolated smoothly beyond the grid."""
     shape, every = rectify.source_px.shape[:2], np.s_[::EVERY_PX, ::EVERY_PX]
     place = np.column_stack([axis[every].ravel() for axis in skin_grid_mm(shape, rectify.mm_per_px)])
     source = rectify.source_px[every].reshape(-1, 2).astype(float)
