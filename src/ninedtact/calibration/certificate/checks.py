@@ -1,6 +1,8 @@
-"""The figures of a certificate → lines in words: what was measured, what is expected, and what to do about it.
+"""The checks of a calibration certificate: each figure with its level (pass, warn or fail), what was expected, and advice. In: a
+`Certificate`. Out: one `CheckResult` per figure, the overall level and a headline.
 
-The limits say what a user of the sensor needs, not what sensors usually reach; each stands here with its reason.
+The limits follow from what a user of the sensor needs, not from what sensors usually reach; the docstring of each limit states the
+reason.
 """
 
 from collections.abc import Sequence
@@ -18,7 +20,7 @@ CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One line of the verdict."""
+    """The result of one check."""
 
     level: CheckLevel
     text: str
@@ -26,13 +28,15 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class CheckLimit:
-    """Up to `good` a figure passes, up to `usable` it is warned of; where `good` is the larger, more is better."""
+    """Limits of a figure: up to `good` it passes, up to `usable` it gives a warning; where `good` is the larger, larger figures are
+    better.
+    """
 
     good: float
     usable: float
 
     def level(self, value: float) -> CheckLevel:
-        """Where a value stands; one that is not a number fails."""
+        """Return the level of a value; not-a-number fails."""
         sign = 1 if self.good < self.usable else -1
         if sign * value <= sign * self.good:
             return "pass"
@@ -40,44 +44,50 @@ class CheckLimit:
 
 
 MISSING = CheckLimit(0.0, MAX_MISSING_FRACTION)
-"""Part of the pins. A complete board leaves no corner of the view to extrapolation; the board's own limit ends it."""
+"""Fraction of the pins that are missing. A complete board leaves no corner of the view to extrapolation; the upper limit is that of
+the board fit.
+"""
 LEAVE_ONE_OUT_RMS_MM = CheckLimit(0.06, 0.1)
-"""About one rectified pixel; beyond two, the map is visibly worse than the image that it makes."""
+"""The lower limit is about one rectified pixel; beyond two, the map is visibly worse than the resolution of its image."""
 LEAVE_ONE_OUT_MAX_MM = CheckLimit(0.18, 0.3)
-"""Three times the limits of the RMS: the largest of some sixty random errors is about twice their RMS, so more than
-that is one pin gone wrong."""
+"""Three times the limits of the RMS. The largest of some sixty random errors is about twice their RMS, so a larger one is a single
+wrong pin.
+"""
 SCALE_ERROR = CheckLimit(0.005, 0.01)
-"""Part of the scale: 0.05 mm, then 0.1 mm on an object of 10 mm, the size that a fingertip holds."""
+"""Relative error of the scale: 0.05 mm, then 0.1 mm on an object of 10 mm, the size of a typical object at a fingertip."""
 CONTRAST_TO_NOISE = CheckLimit(10.0, 0.0)
-"""Below, noise moves the centre of a pin by more than a tenth of its width. It shows in the left-out error, which does
-the failing; this line names the cause."""
+"""Below the limit, noise moves the centre of a pin by more than a tenth of its width. That raises the leave-one-out error, which
+fails; this check names the cause.
+"""
 OVEREXPOSED = CheckLimit(0.01, 0.05)
-"""Part of the image. Overexposed skin cannot brighten and darkens late: there, heights are wrong in silence."""
+"""Fraction of the image. Overexposed skin cannot brighten and darkens late, so heights there are wrong without any sign of it."""
 UNEVEN_BULGE = CheckLimit(MAX_ASYMMETRY, float("inf"))
-"""Part of the drop. What a sheared press does to depth, the halves of the disc measure, and they do the failing."""
+"""Fraction of the drop. The effect of a sheared press on depth is measured by the halves of the disc, whose check fails."""
 RANGE_MM = CheckLimit(1.0, 0.5)
-"""A firm grasp presses soft gel by about a millimetre; beyond the range, depth is not known."""
+"""A firm grasp presses soft gel by about a millimetre; beyond the range, depth is not calibrated."""
 CROSS_VALIDATION_MAE_MM = CheckLimit(0.03, 0.15)
-"""The published sensor measures balls that it has not seen to 0.046 mm (docs/references.md): the calibration must leave
-room for everything else. Beyond a seventh of a millimetre, more than a sheared press costs, it is no measurement."""
+"""The published sensor measures balls outside its calibration to 0.046 mm (docs/references.md), and the calibration must leave a
+margin for all other errors. An error above a seventh of a millimetre, more than a sheared press causes, makes depths unusable.
+"""
 NOISE_MM = CheckLimit(0.01, 0.03)
-"""Five times the noise is the smallest contact that is noticed: up to 0.01 mm noise does not move that from 0.05 mm
-(`shape.measures.ContactRule`); at 0.03 mm light touches of 0.15 mm go unseen."""
+"""The smallest detectable contact is five times the noise. Noise up to 0.01 mm leaves it at 0.05 mm (`shape.measures.ContactRule`);
+at 0.03 mm light touches of 0.15 mm are not detected.
+"""
 
 
 def check_certificate(certificate: Certificate) -> list[CheckResult]:
-    """Every check, the board's first."""
+    """Return every check, beginning with the board's."""
     return [*_check_board(certificate.board), *_check_ball(certificate.ball)]
 
 
 def overall_check_level(certificate: Certificate) -> CheckLevel:
-    """The level of the whole: that of its worst line, and never a pass where there are warnings."""
+    """Return the overall level: that of the worst check, and never a pass where there are warnings."""
     levels = [line.level for line in check_certificate(certificate)] + ["warn" for _ in certificate.warnings]
     return max(levels, key=CHECK_LEVELS.index)
 
 
 def certificate_headline(certificate: Certificate) -> str:
-    """The whole verdict in a sentence or two."""
+    """Return the overall result in a sentence or two."""
     lines, level = check_certificate(certificate), overall_check_level(certificate)
     if level == "pass":
         return f"This sensor is ready to measure. All {len(lines)} checks passed."
@@ -91,14 +101,14 @@ def certificate_headline(certificate: Certificate) -> str:
 
 
 def _count_in_words(lines: Sequence[CheckResult], level: CheckLevel) -> str:
-    """How many lines have a level."""
+    """Return how many checks have a level, in words."""
     number = sum(line.level == level for line in lines)
     outcome = "failed" if level == "fail" else "warned"
     return f"{number} of {len(lines)} checks {outcome}"
 
 
 def _check_board(board: BoardQuality) -> list[CheckResult]:
-    """How good the camera calibration is."""
+    """Return the checks of the camera calibration."""
     scale_error, contrast = (
         board.mm_per_px_std / board.mm_per_px,
         board.contrast_grey_levels / board.noise_grey_levels,
@@ -136,7 +146,7 @@ def _check_board(board: BoardQuality) -> list[CheckResult]:
 
 
 def _check_ball(ball: BallQuality) -> list[CheckResult]:
-    """How good the depth calibration is."""
+    """Return the checks of the depth calibration."""
     return [
         _make_check_result(
             OVEREXPOSED.level(ball.overexposed_fraction),
@@ -171,10 +181,10 @@ def _check_ball(ball: BallQuality) -> list[CheckResult]:
 
 
 def _make_check_result(level: CheckLevel, fact: str, advice: str) -> CheckResult:
-    """The fact alone where it passes, with the advice where not."""
+    """Return a check with the fact alone where it passes, and with the advice otherwise."""
     return CheckResult(level, f"{fact}." if level == "pass" else f"{fact}. To do: {advice}, and calibrate again.")
 
 
 def _missing_pins_in_words(board: BoardQuality) -> str:
-    """The names of the missing pins, where there are any."""
+    """Return the names of the missing pins, or an empty text."""
     return f"; predicted from the others: {'; '.join(board.missing_pins)}" if board.missing_pins else ""

@@ -1,4 +1,6 @@
-"""A calibration → one page that a person reads: how good the sensor is, from what that is known, and what to do."""
+"""The certificate as one HTML page: the quality of the calibration, the images and figures that it rests on, and advice.
+`render_certificate_html` takes a `Calibration` and returns the page.
+"""
 
 from base64 import b64encode
 
@@ -36,7 +38,7 @@ Rows = list[tuple[str, str]]
 
 
 def render_certificate_html(calibration: Calibration) -> str:
-    """The page as one HTML document that needs nothing else: images are inside it, it loads and runs nothing."""
+    """Return the page as one self-contained HTML document: images are embedded, and nothing is loaded or executed."""
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -64,7 +66,7 @@ def render_certificate_html(calibration: Calibration) -> str:
 
 
 def _plot_certificate_images(calibration: Calibration) -> dict[str, bytes]:
-    """Every image of the page as PNG; those of the twin where there is one."""
+    """Return every image of the page as PNG; those of the twin where there is one."""
     images = {name: draw(calibration) for name, draw in IMAGES.items()}
     physical = calibration.ball.physical
     if physical is not None:
@@ -73,7 +75,7 @@ def _plot_certificate_images(calibration: Calibration) -> dict[str, bytes]:
 
 
 def _board_table_rows(board: BoardQuality) -> Rows:
-    """The camera calibration's figures, named and with their units."""
+    """Return the figures of the camera calibration, named and with their units."""
     return [
         ("pins found", f"{board.pins_found} of {board.pins_expected}"),
         ("left-out error, RMS", f"{board.leave_one_out_rms_mm:.3f} mm"),
@@ -88,7 +90,7 @@ def _board_table_rows(board: BoardQuality) -> Rows:
 
 
 def _published_error_in_words(board: BoardQuality) -> str:
-    """The original's error on the same images, and how this lens compares."""
+    """Return the error of the original method on the same images, compared with that of this lens."""
     words = f"{board.published_method_rms_mm:.3f} mm"
     if board.lens == "paper":
         return words
@@ -97,7 +99,7 @@ def _published_error_in_words(board: BoardQuality) -> str:
 
 
 def _view_table_rows(record: SensorRecord) -> Rows:
-    """What a reading shows, and of what."""
+    """Return the scale and extent of the view."""
     view, grid = record.design.field_of_view, record.grid
     return [
         (
@@ -110,7 +112,7 @@ def _view_table_rows(record: SensorRecord) -> Rows:
 
 
 def _ball_table_rows(ball: BallQuality) -> Rows:
-    """The depth calibration's figures, named and with their units."""
+    """Return the figures of the depth calibration, named and with their units."""
     return [
         ("range", f"0 to {ball.range_mm:.2f} mm"),
         ("ball read back, mean absolute error", f"{ball.reconstruction_mae_mm:.3f} mm"),
@@ -128,7 +130,7 @@ def _ball_table_rows(ball: BallQuality) -> Rows:
 
 
 def _design_table_rows(design: SensorDesign) -> Rows:
-    """Every dimension of the design, part by part."""
+    """Return every dimension of the design, part by part."""
     return [
         (
             part.replace("_", " "),
@@ -139,7 +141,7 @@ def _design_table_rows(design: SensorDesign) -> Rows:
 
 
 def _dimension_in_words(name: str, value: float | tuple[float, ...]) -> str:
-    """A field whose name ends in its unit, as a person writes it."""
+    """Return the value of a field whose name ends in its unit, formatted with that unit."""
     *words, unit = name.split("_")
     number = f"({', '.join(f'{part:g}' for part in value)})" if isinstance(value, tuple) else f"{value:g}"
     return f"{' '.join(words)} {number} {unit}" if unit in UNITS else f"{name.replace('_', ' ')} {number}"

@@ -1,6 +1,5 @@
-"""The ball press drawn for a person: the disc, the curve through its pixels, the ball as it is read back.
-
-The fit of mechanics and light, drawn for a person: what it leaves unexplained, and the press from the middle outwards.
+"""Plots of the ball press for the certificate: the contact disc, the depth curve through its pixels, and the reconstructed ball;
+for the twin, the residual of the fit of mechanics and light, and the radial profile of the press. Each plot is returned as a PNG.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -36,22 +35,22 @@ DARKENING: dict[BrightnessSignal, str] = {
     "ratio": "1 \N{MINUS SIGN} I/I₀ (fraction of the untouched brightness)",
     "difference": "I₀ \N{MINUS SIGN} I (grey levels)",
 }
-"""What the two methods read, in words."""
+"""Names of the signals that the two methods use."""
 PALEST = 0.3
-"""Pixels in a spot of the scatter that would be white: a single one is still seen."""
+"""Darkness of a spot of the scatter plot with a single pixel, so that it remains visible."""
 LEAST_ERROR_SCALE_MM = 0.1
-"""End of the residual map's colours at least, so that good calibrations look alike and calm."""
+"""Smallest end of the residual map's colours, so that plots of good calibrations are comparable and pale."""
 
 
 def _image_extent_mm(calibration: Calibration) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of the rectified image in mm, y downwards."""
+    """Return left, right, bottom and top of the rectified image in mm, y downwards."""
     before = calibration.ball.press.before
     (rows, cols), mm_per_px = before.grey.shape, before.mm_per_px
     return -cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px
 
 
 def plot_contact_disc(calibration: Calibration) -> bytes:
-    """PNG of the rectified ball image with the contact circle and its centre."""
+    """Return a PNG of the rectified ball image with the contact circle and its centre."""
     figure, press = new_certificate_figure(), calibration.ball.press
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.84), "x (mm)", "y (mm)")
     axes.imshow(stretch_contrast(press.after.grey), cmap="gray", vmin=0, vmax=255, extent=_image_extent_mm(calibration))
@@ -61,20 +60,20 @@ def plot_contact_disc(calibration: Calibration) -> bytes:
 
 
 def _plot_contact_circle(axes: "Axes", press: BallPress, colour: str) -> None:
-    """The contact circle."""
+    """Draw the contact circle."""
     from matplotlib.patches import Circle
 
     axes.add_patch(Circle(_disc_centre_mm(press), press.edge_radius_mm, fill=False, edgecolor=colour, linewidth=1.4))
 
 
 def _disc_centre_mm(press: BallPress) -> tuple[float, float]:
-    """Centre of the disc on the skin."""
+    """Return the centre of the disc on the skin."""
     (rows, cols), (x, y) = press.before.grey.shape, press.circle.centre_px
     return (x - (cols - 1) / 2) * press.before.mm_per_px, (y - (rows - 1) / 2) * press.before.mm_per_px
 
 
 def plot_depth_curve(calibration: Calibration) -> bytes:
-    """PNG of the depth curve over all pixels of the disc, with the band of their scatter."""
+    """Return a PNG of the depth curve over all pixels of the disc, with the band of their scatter."""
     from matplotlib.colors import LogNorm
 
     curve, press = calibration.ball.curve, calibration.ball.press
@@ -97,14 +96,14 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
 
 
 def _disc_darkening(ball: BallFit, signal: BrightnessSignal) -> Float[Array, " n"]:
-    """How much every pixel of the disc darkened, as a curve of this signal counts it."""
+    """Return the darkening of every pixel of the disc, in the unit of a curve of this signal."""
     before, after = ball.press.before.grey[ball.disc], ball.press.after.grey[ball.disc]
     after = after / np.float32(1 + ball.loss(ball.press.after.grey, ball.press.before.grey))
     return np.asarray(before - after if signal == "difference" else 1 - after / np.maximum(before, 1))
 
 
 def _plot_curve_with_band(axes: "Axes", curve: DepthCurve) -> None:
-    """The curve, the band of its scatter, and the end of its range."""
+    """Draw the curve, the band of its scatter, and the end of its range."""
     at, depth_mm, error_mm = (np.array(values) for values in (curve.darkening, curve.indentation_mm, curve.error_mm))
     band: dict[str, Any] = {
         "color": CURVE,
@@ -120,7 +119,7 @@ def _plot_curve_with_band(axes: "Axes", curve: DepthCurve) -> None:
 
 
 def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: float) -> "SecondaryAxis":
-    """On top, the other method's signal, as it is where the untouched skin has the disc's mean brightness."""
+    """Add an axis at the top for the other method's signal, where the reference image has the disc's mean brightness."""
     other: BrightnessSignal = "ratio" if signal == "difference" else "difference"
     factor = mean_grey if signal == "ratio" else 1 / mean_grey
     top = axes.secondary_xaxis("top", functions=(lambda at: np.multiply(at, factor), lambda at: np.divide(at, factor)))
@@ -129,7 +128,7 @@ def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: fl
 
 
 def plot_ball_residual(calibration: Calibration) -> bytes:
-    """PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
+    """Return a PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
     ball, press = calibration.ball, calibration.ball.press
     error_mm = np.where(ball.disc, _reconstruct_ball_mm(calibration) - ball.true_mm, np.nan)
     figure, end = new_certificate_figure(), max(LEAST_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
@@ -143,13 +142,13 @@ def plot_ball_residual(calibration: Calibration) -> bytes:
 
 
 def _reconstruct_ball_mm(calibration: Calibration) -> Float32[Array, "rows cols"]:
-    """Depth of the ball as the calibrated sensor reads it, filters included."""
+    """Return the depth of the ball as reconstructed by the calibrated sensor, filters included."""
     fit = calibration.ball
     return fit.reader(fit.press.before, calibration.rectify.height_source)(fit.press.after).indentation_mm
 
 
 def plot_ball_cross_sections(calibration: Calibration) -> bytes:
-    """PNG of two cuts through the middle of the ball, as pressed and as read back."""
+    """Return a PNG of two sections through the centre of the ball, as pressed and as reconstructed."""
     press, read_mm = calibration.ball.press, _reconstruct_ball_mm(calibration)
     figure, column, row = new_certificate_figure(), *np.rint(press.circle.centre_px).astype(int)
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.84), "distance from the ball's centre (mm)", "depth (mm)")
@@ -168,13 +167,13 @@ def plot_ball_cross_sections(calibration: Calibration) -> bytes:
 
 
 LEAST_SCALE_GREY = 3.0
-"""End of the colours at least, so that good fits look calm."""
+"""Smallest end of the colours, so that plots of good fits are pale."""
 OBSERVED, PREDICTED = "#2563eb", "#c2410c"
 RING_MM = 0.1
 
 
 def plot_twin_residual(fit: TwinFit) -> bytes:
-    """PNG of observed minus predicted brightness in grey levels, around the contact."""
+    """Return a PNG of observed minus predicted brightness in grey levels, around the contact."""
     observed, named = fit.forward.observed, fit.parameters
     rest = observed.image(fit.rest_grey)
     (rows, cols), mm_per_px = observed.before.grey.shape, observed.before.mm_per_px
@@ -188,14 +187,14 @@ def plot_twin_residual(fit: TwinFit) -> bytes:
 
 
 def _plot_drag_arrow(axes: "Axes", middle_mm: tuple[float, float], drag_mm: tuple[float, float]) -> None:
-    """An arrow from where the ball touched to where it was dragged."""
+    """Draw an arrow from where the ball touched to where it was dragged."""
     end, start = middle_mm, (middle_mm[0] - drag_mm[0], middle_mm[1] - drag_mm[1])
     style: dict[str, Any] = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", end, start, arrowprops=style)
 
 
 def plot_radial_profile(fit: TwinFit) -> bytes:
-    """PNG of the radial profile, as seen and as predicted, over the height of the fitted skin."""
+    """Return a PNG of the radial profile, observed and predicted, above the height of the fitted skin."""
     figure = new_certificate_figure()
     upper = add_labelled_axes(figure, (0.13, 0.5, 0.85, 0.475), "", "brightness (grey levels)")
     lower = add_labelled_axes(
@@ -213,7 +212,7 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
 
 
 def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
-    """Mean of values at the observed points by their distance from the contact's middle."""
+    """Return the mean of values at the observed points by their distance from the contact's centre."""
     x, y = fit.forward.observed.points_mm
     ring = (np.hypot(x - fit.parameters["x_mm"], y - fit.parameters["y_mm"]).ravel() / RING_MM).astype(int)
     count = np.bincount(ring)
@@ -222,7 +221,7 @@ def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array,
 
 
 def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Height of the fitted skin along x, from the contact's middle."""
+    """Return the height of the fitted skin along x, from the contact's centre."""
     contact = fit.contact
     row = contact.skin.grid.rows // 2
     along, height = contact.skin.grid.positions_mm[0][row], np.asarray(contact.height_mm[row], float)
@@ -230,7 +229,7 @@ def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, 
 
 
 def twin_table_rows(twin: TwinTable) -> list[tuple[str, str]]:
-    """Every parameter with its standard deviation, and what it is hardest to tell from."""
+    """Return every parameter with its standard deviation, and the parameter with which it is most correlated."""
     fit = twin.fit
     rows = [
         ("unexplained, whole image", f"{fit.image_rmse_grey_levels:.2f} grey levels"),
@@ -248,7 +247,7 @@ def twin_table_rows(twin: TwinTable) -> list[tuple[str, str]]:
 
 
 def _board_press_table_rows(told: BoardPressTable) -> list[tuple[str, str]]:
-    """What the board's image told, and whether it was taken."""
+    """Return the figures of the fit to the board image, and whether it was accepted."""
     taken = "taken into the lens" if told.accepted else "not taken: the board is not as drawn"
     return [
         ("board: imprints' depth", f"{told.depth_mm:.2f} mm ± {told.depth_std_mm:.2f}, {taken}"),

@@ -1,4 +1,6 @@
-"""The board press drawn for a person: what was found, and how well each pin is predicted by the others."""
+"""Plots of the board press for the certificate: the detected pins, and the leave-one-out error of each pin. Each plot is returned
+as a PNG.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +41,9 @@ MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 
 
 def plot_pin_detection(calibration: Calibration) -> bytes:
-    """PNG of what the board changed: found pins, missing pins, the sensor's axes, the view's outline."""
+    """Return a PNG of the change that the board caused, with found pins, missing pins, the sensor's axes and the
+    outline of the view.
+    """
     board, grey = calibration.board, stretch_contrast(smooth_gaussian(calibration.board.change, SMOOTHING_PX))
     rows, cols = grey.shape
     figure = new_certificate_figure(rows / cols)
@@ -55,12 +59,12 @@ def plot_pin_detection(calibration: Calibration) -> bytes:
 
 
 def _grid_outline(grid: Float[Array, "rows cols 2"]) -> Float[Array, "n 2"]:
-    """The border of a grid of points, once around."""
+    """Return the border of a grid of points as a closed line."""
     return np.vstack([grid[0], grid[:, -1], grid[-1, ::-1], grid[::-1, 0]])
 
 
 def _plot_missing_pins(axes: "Axes", board: BoardFit) -> None:
-    """Circles where missing pins are predicted, their names in the gap towards the middle of the image."""
+    """Draw circles where missing pins are predicted, with their names in the gap towards the middle of the image."""
     missing_px, (rows, cols) = board.points_px[~board.found], board.change.shape
     axes.plot(*missing_px.T, "o", color=MISSING, markerfacecolor="none", markersize=10, markeredgewidth=1.6)
     ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
@@ -72,7 +76,7 @@ def _plot_missing_pins(axes: "Axes", board: BoardFit) -> None:
 
 
 def _plot_sensor_axes(axes: "Axes", board: BoardFit) -> None:
-    """The sensor's x and y axes, from the centre of the skin, each named between two pins."""
+    """Draw the sensor's x and y axes from the centre of the skin, each labelled between two pins."""
     length_mm = 1.3 * board.board.pitch_mm
     middle, *tips = board.lens.to_px(np.array([(0, 0), (length_mm, 0), (0, length_mm)], float))
     for (name, colour), tip in zip(AXIS_COLOURS.items(), tips, strict=True):
@@ -83,7 +87,7 @@ def _plot_sensor_axes(axes: "Axes", board: BoardFit) -> None:
 
 
 def plot_leave_one_out_errors(calibration: Calibration) -> bytes:
-    """PNG of the error of every pin predicted from all others: arrows magnified, coloured by length, in mm."""
+    """Return a PNG of the error of every pin predicted from all others: arrows magnified, coloured by length, in mm."""
     figure, board = new_certificate_figure(), calibration.board
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.69, 0.785), "x (mm)", "y (mm)")
     seen_mm, error_mm = board.points_mm[board.found], _leave_one_out_errors_mm(calibration)
@@ -99,7 +103,7 @@ def plot_leave_one_out_errors(calibration: Calibration) -> bytes:
 
 
 def _plot_error_arrows(figure: "Figure", axes: "Axes", at_mm: Points, error_mm: Points, times: int) -> None:
-    """Arrows from each pin towards where the others put it, with the scale of their length and of their colour."""
+    """Draw arrows from each pin towards its predicted position, with the scales of their length and of their colour."""
     lengths = np.hypot(*error_mm.T)
     arrows = axes.quiver(
         *at_mm.T,
@@ -119,7 +123,7 @@ def _plot_error_arrows(figure: "Figure", axes: "Axes", at_mm: Points, error_mm: 
 
 
 def _leave_one_out_errors_mm(calibration: Calibration) -> Points:
-    """The left-out errors of the lens that the sensor was given."""
+    """Return the leave-one-out errors of the lens that the calibration uses."""
     board = calibration.board
     if not isinstance(calibration.record.lens, PinMapTable):
         return board.lens_fit.leave_one_out_errors_mm
@@ -128,6 +132,6 @@ def _leave_one_out_errors_mm(calibration: Calibration) -> Points:
 
 
 def arrow_magnification(error_mm: Points, pitch_mm: float) -> int:
-    """The largest round factor at which arrows still reach hardly beyond the next pin."""
+    """Return the largest round factor at which arrows still hardly reach beyond the next pin."""
     longest_mm = float(np.hypot(*error_mm.T).max())
     return max((factor for factor in MAGNIFICATIONS if factor * longest_mm <= 1.5 * pitch_mm), default=1)

@@ -1,7 +1,7 @@
-"""What the drawings of a calibration share, and the image of a board that was refused.
+"""Shared figure style of the certificate, and the image of a board that was not found.
 
-The refusal is drawn with OpenCV, at once; the certificate's figures with matplotlib, which is slow to import, so it is
-imported when a figure is drawn, and its global state is never touched.
+The image of the board is drawn with OpenCV, which is immediate. The figures of the certificate are drawn with matplotlib, which is
+slow to import, so it is imported when a figure is drawn; its global state is never changed.
 """
 
 from io import BytesIO
@@ -21,30 +21,30 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Box = tuple[float, float, float, float]
-"""Left, bottom, width, height, as parts of a figure."""
+"""Left, bottom, width and height, as fractions of a figure."""
 
 LEAST_SPAN = 12.0
-"""Grey levels from black to white at least: an image with nothing in it stays calm, its noise is not blown up."""
+"""Smallest range in grey levels from black to white, so that the noise of an image without content is not amplified."""
 TAILS_PERCENT = 0.5
-"""Part of the pixels, at either end, that may burn out."""
+"""Percentage of the pixels at either end of the range that may be clipped."""
 SPOT_BGR = (0, 160, 255)
 FRACTION_BITS = 4
-"""OpenCV draws at sub-pixel positions given as integers with this many binary places."""
+"""OpenCV draws at sub-pixel positions that are given as integers with this many binary places."""
 
 WIDTH_IN, DPI = 4.5, 220
-"""Half a page of A4 shows a figure at about three quarters of this width, sharp in print."""
+"""On half a page of A4, a figure has about three quarters of this width and is sharp in print."""
 INK, PALE_INK = "#22262b", "#6b7280"
 
 
 def stretch_contrast(image: Float32[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
-    """The image from black to white."""
+    """Return the image with its range stretched from black to white."""
     low, high = np.percentile(image, [TAILS_PERCENT, 100 - TAILS_PERCENT])
     span = max(high - low, LEAST_SPAN)
     return np.asarray(np.clip((image - (low + high) / 2) * (255 / span) + 127.5, 0, 255), np.uint8)
 
 
 def draw_board_not_found(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:
-    """What the press changed, from black to white, with the spots taken for pins circled and counted; BGR."""
+    """Return the change that the press caused, from black to white, with the detected spots circled and counted; BGR."""
     canvas = cv2.cvtColor(stretch_contrast(error.change), cv2.COLOR_GRAY2BGR)
     rows, cols = error.change.shape
     long_side = max(rows, cols)
@@ -58,7 +58,7 @@ def draw_board_not_found(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:
 
 
 def _write_caption(canvas: UInt8[Array, "rows cols 3"], words: str, size: float) -> None:
-    """Words in the lower left corner, on a dark strip."""
+    """Draw text in the lower left corner, on a dark strip."""
     font, margin, bottom = cv2.FONT_HERSHEY_SIMPLEX, round(10 * size), canvas.shape[0]
     (width, height), below = cv2.getTextSize(words, font, size, 1)
     cv2.rectangle(
@@ -68,14 +68,14 @@ def _write_caption(canvas: UInt8[Array, "rows cols 3"], words: str, size: float)
 
 
 def new_certificate_figure(height_per_width: float = 0.75) -> "Figure":
-    """An empty white figure of the certificate's width."""
+    """Return an empty white figure of the certificate's width."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(WIDTH_IN, WIDTH_IN * height_per_width), dpi=DPI, facecolor="white")
 
 
 def add_labelled_axes(figure: "Figure", box: Box, x_label: str, y_label: str) -> "Axes":
-    """Axes in a box of the figure, labelled."""
+    """Return labelled axes in a box of the figure."""
     axes = figure.add_axes(box)
     for axis, words in ((axes.xaxis, x_label), (axes.yaxis, y_label)):
         _label_axis(axis, words)
@@ -84,7 +84,7 @@ def add_labelled_axes(figure: "Figure", box: Box, x_label: str, y_label: str) ->
 
 
 def _label_axis(axis: "Axis", words: str) -> None:
-    """Round numbers, and what they are."""
+    """Set round tick values and the label of an axis."""
     from matplotlib.ticker import MaxNLocator
 
     axis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
@@ -93,14 +93,14 @@ def _label_axis(axis: "Axis", words: str) -> None:
 
 
 def add_colour_bar(figure: "Figure", shown: "ScalarMappable", box: Box, words: str) -> None:
-    """What the colours of a figure mean, in a box of it."""
+    """Draw the colour bar of a figure in a box of it."""
     bar = figure.colorbar(shown, cax=figure.add_axes(box))
     _label_axis(bar.ax.yaxis, words)
     bar.outline.set_visible(False)
 
 
 def figure_to_png(figure: "Figure") -> bytes:
-    """The figure as a PNG."""
+    """Return the figure as a PNG."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)
     return buffer.getvalue()

@@ -1,8 +1,8 @@
-"""What has changed between two rectified images of untouched skin, taken apart: light, and local marks.
+"""The change of brightness between two rectified reference images of the skin, separated into light and local marks.
 
     brightness today / brightness then  =  gain · smooth field (light) · residue (marks on the skin, or a contact)
 
-All changes are parts of the brightness (0.01 is 1 %), as logarithms where they are small.
+All changes are fractions of the brightness (0.01 is 1 %), as logarithms where they are small.
 """
 
 from dataclasses import dataclass
@@ -19,65 +19,67 @@ from ninedtact.quantities import Rectified, centred_axis_mm
 Field = Float32[Array, "rows cols"]
 
 SMOOTHING_MM = 0.15
-"""Marks smaller than this do not outlast the filters after the depth curve either."""
+"""Standard deviation of the smoothing; smaller marks do not pass the filters after the depth curve either."""
 FIELD_DEGREE = 4
-"""Polynomial degree of the light's field: one of eight LEDs that fails bends it, a mark of millimetres does not."""
+"""Polynomial degree of the light's field: the failure of one of eight LEDs bends it, a mark of millimetres does not."""
 FIELD_STRIDE = 6
 ROUNDS = 8
 TUKEY = 4.685
 FAINTEST_MARK = 0.012
-"""Two grey levels: untouched skin of real sensors differs by at most half of it between two sessions (contours of the
-camera's shading correction move with the light), and by 0.001 from image to image."""
+"""Two grey levels. The skin of real sensors without contact differs by at most half of it between two sessions (contours of the
+camera's shading correction move with the light), and by 0.001 from image to image.
+"""
 MARK_TIMES_NOISE = 5.0
 SMALLEST_MARK_MM2 = 0.1
 MAX_UNEVENNESS = 0.05
-"""Change of the light across the view that deserves a word; real sensors have up to 0.021 between two sessions."""
+"""Change of the light across the view above which it is reported; real sensors have up to 0.021 between two sessions."""
 DARKEST_UNTOUCHED = 0.025
 BULGE_REACH_MM = 2.0
 BULGE_SHARE = 0.1
-"""Pressed gel piles up around the contact and brightens: there is at least this much of the darkness, as brightness,
-beside a contact (real presses 0.2 to 0.6), and none beside a stain."""
+"""Brightening beside a dark place, as a fraction of its darkening, from which the place counts as a contact. Pressed gel piles up
+around a contact and brightens (real presses 0.2 to 0.6); beside a stain nothing brightens.
+"""
 
 
 @dataclass(frozen=True)
 class SkinMark:
-    """A place on the skin that looks different, about its centre of change."""
+    """A place on the skin whose appearance has changed, with the centre of the change."""
 
     x_mm: float
     y_mm: float
     area_mm2: float
     change: float
-    """Largest relative change of brightness in it; negative darker."""
+    """Largest relative change of brightness in the place; negative is darker."""
 
 
 @dataclass(frozen=True)
 class BrightnessChange:
-    """Today's brightness over the calibrated one's, in parts."""
+    """Today's brightness divided by that of the calibration, separated into gain, field and residue."""
 
     gain: float
     """Factor of the whole image, the median."""
     field: Field
-    """Smooth relative change beside the gain."""
+    """Smooth relative change in addition to the gain."""
     residue: Field
-    """What is left, smoothed; zero where the skin is not seen."""
+    """Remaining change, smoothed; zero where the skin is not in view."""
     seen: Bool[Array, "rows cols"]
     noise: float
-    """Standard deviation of the residue by camera noise."""
+    """Standard deviation of the residue due to camera noise."""
     mm_per_px: float
 
     @property
     def unevenness(self) -> float:
-        """Largest change of the light against its median."""
+        """Largest change of the light relative to its median."""
         return float(np.abs(self.field[self.seen]).max())
 
     @property
     def level(self) -> float:
-        """Change of brightness that is neither noise nor the camera's."""
+        """Change of brightness above which neither noise nor the camera explains it."""
         return max(FAINTEST_MARK, MARK_TIMES_NOISE * self.noise)
 
     @property
     def mark_level(self) -> float:
-        """Change above which a place is marked; uneven light leaves steep borders that are no marks."""
+        """Change above which a place is marked; it also allows for the steep borders that uneven light leaves."""
         return max(self.level, self.unevenness if self.unevenness > MAX_UNEVENNESS else 0.0)
 
     @cached_property
@@ -87,7 +89,7 @@ class BrightnessChange:
         return tuple(sorted(found, key=lambda mark: -mark.area_mm2))
 
     def marks_of(self, sign: int) -> list[SkinMark]:
-        """Changed places of one direction."""
+        """Return the places with a change of one sign."""
         count, labels, boxes, _ = cv2.connectedComponentsWithStats(
             (sign * self.residue > self.mark_level).astype(np.uint8)
         )
@@ -95,7 +97,7 @@ class BrightnessChange:
         return [self.mark(labels == label) for label in range(1, count) if large[label]]
 
     def mark(self, where: Bool[Array, "rows cols"]) -> SkinMark:
-        """The figures of one place."""
+        """Return the figures of one changed place."""
         rows, cols = np.nonzero(where)
         y, x = (centred_axis_mm(size, self.mm_per_px) for size in where.shape)
         values = self.residue[where]
@@ -114,7 +116,7 @@ class BrightnessChange:
 
     @cached_property
     def contact(self) -> SkinMark | None:
-        """All dark places together, if they look pressed: clearly darker, with brighter gel beside them."""
+        """Return all dark places as one mark where they look pressed: clearly darker, with brighter gel beside them."""
         dark = self.residue < -self.level
         if self.residue.min() > -DARKEST_UNTOUCHED:
             return None
@@ -127,14 +129,14 @@ class BrightnessChange:
 
     @property
     def changed_share(self) -> float:
-        """Part of the view whose change is neither light nor noise."""
+        """Fraction of the view whose change is neither light nor noise."""
         return float((np.abs(self.residue[self.seen]) > self.level).mean())
 
 
 def separate_brightness_change(
     then: Rectified, today: Rectified, seen: Bool[Array, "rows cols"], noise: float
 ) -> BrightnessChange:
-    """Take the change apart; noise: standard deviation of one pixel, part of the brightness."""
+    """Separate the change into its parts; noise: standard deviation of one pixel, as a fraction of the brightness."""
     ratio = np.log(np.maximum(today.grey, MIN_REFERENCE_GREY) / np.maximum(then.grey, MIN_REFERENCE_GREY))
     sigma_px = SMOOTHING_MM / then.mm_per_px
     smooth = np.asarray(cv2.GaussianBlur(ratio, (0, 0), sigma_px))
@@ -153,7 +155,7 @@ def separate_brightness_change(
 
 
 def _fit_polynomial_background(change: Field, seen: Bool[Array, "rows cols"]) -> Field:
-    """A polynomial through what most of the skin did; a contact or a mark is no part of it (Tukey's weights)."""
+    """Return a polynomial through the change of most of the skin; contacts and marks are excluded by Tukey's weights."""
     coarse = np.s_[::FIELD_STRIDE, ::FIELD_STRIDE]
     values, terms = change[coarse][seen[coarse]], _legendre_basis(change.shape)[coarse][seen[coarse]]
     weight = np.ones_like(values)
@@ -168,7 +170,7 @@ def _fit_polynomial_background(change: Field, seen: Bool[Array, "rows cols"]) ->
 
 @cache
 def _legendre_basis(shape: tuple[int, int]) -> Float32[Array, "rows cols terms"]:
-    """All products of Legendre polynomials of row and column up to the degree together."""
+    """Return all products of Legendre polynomials of row and column up to the total degree."""
     y, x = (np.polynomial.legendre.legvander(np.linspace(-1, 1, size), FIELD_DEGREE) for size in shape)
     degrees = range(FIELD_DEGREE + 1)
     products = [y[:, None, i] * x[None, :, j] for i in degrees for j in degrees if i + j <= FIELD_DEGREE]

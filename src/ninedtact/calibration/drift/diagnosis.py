@@ -1,6 +1,7 @@
-"""What a drift means, in words: each finding with its figure, what it would do to the height, and what to do.
+"""Diagnosis of drift in words: each finding with its figure, the height error that it would cause, and advice. In: a
+`DriftMeasurement`. Out: a list of `DriftFinding`, from `diagnose_drift`.
 
-Limits are wide enough that untouched images of real sensors, taken before the board and before the ball, pass.
+The limits are wide enough that reference images of real sensors, taken before the board and before the ball, give no finding.
 """
 
 from dataclasses import dataclass
@@ -25,32 +26,32 @@ DriftVerdict = Literal[
 ]
 
 PRESSED_ALL_OVER = 0.2
-"""Part of the view changed above which an unknown skin is a pressed one: others differ on at most 0.11."""
+"""Changed fraction of the view above which an unrecognised skin counts as pressed; other skins differ on at most 0.11."""
 FARTHEST_PX = 0.6
-"""0.03 mm on the skin. Real skins lie up to 0.45 px elsewhere after the board has been pressed on them."""
+"""Largest shift, 0.03 mm on the skin. Real skins are displaced by up to 0.45 px after the board has been pressed on them."""
 FARTHEST_TURN_DEG = 0.3
-"""1.7 px at the image's border; real skins turn by up to 0.1°."""
+"""Largest rotation, 1.7 px at the image's border; real skins rotate by up to 0.1°."""
 CERTAIN = 2.0
-"""Standard errors taken off a motion before it is judged."""
+"""Number of standard errors that are subtracted from a motion before it is compared with its limit."""
 DIMMEST_LIGHT = 0.03
-"""Change of the whole brightness; 0.011 between two sessions of a real sensor."""
+"""Largest change of the whole brightness; 0.011 between two sessions of a real sensor."""
 OTHER_COLOUR = 0.03
-"""Change of one colour beside the others; 0.004 between two sessions."""
+"""Largest change of one colour relative to the others; 0.004 between two sessions."""
 NAMED_MARKS = 3
 
 
 @dataclass(frozen=True)
 class DriftFinding:
-    """One thing that has changed."""
+    """One change of the sensor since its calibration."""
 
     verdict: DriftVerdict
     sentence: str
     height_mm: float | None
-    """Error of the height that it would cause with the calibration's reference image; none where it causes none."""
+    """Height error that it would cause with the calibration's reference image; None where it causes none."""
 
 
 def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
-    """All findings, the gravest first; a pressed, unknown or mirrored skin says nothing about light and gel."""
+    """Return all findings, most serious first; on a pressed, unknown or mirrored skin, light and gel are not diagnosed."""
     for grave in (_find_contact(drift), _find_unknown_skin(drift), _find_mirrored_image(drift)):
         if grave is not None:
             return [grave]
@@ -65,7 +66,7 @@ def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
 
 
 def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
-    """Pressed gel."""
+    """Return a finding where the gel is pressed."""
     place, known_skin = drift.change.contact, drift.nearest.is_same_skin or not drift.nearest.observable
     if place is None or drift.flipped or not (known_skin or drift.change.changed_share > PRESSED_ALL_OVER):
         return None
@@ -79,7 +80,7 @@ def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
 
 
 def _find_unknown_skin(drift: DriftMeasurement) -> DriftFinding | None:
-    """Another sensor, another gel."""
+    """Return a finding where the image shows another sensor or another gel."""
     skin = drift.nearest
     different = drift.change.marks or drift.change.unevenness > MAX_UNEVENNESS
     if skin.is_same_skin or not skin.observable or drift.flipped or not different:
@@ -93,7 +94,7 @@ def _find_unknown_skin(drift: DriftMeasurement) -> DriftFinding | None:
 
 
 def _find_mirrored_image(drift: DriftMeasurement) -> DriftFinding | None:
-    """The camera, or its driver, turned round."""
+    """Return a finding where the camera or its driver rotates or mirrors the image."""
     if drift.flipped is None:
         return None
     sentence = f"the image is the calibrated one {drift.flipped}; set the camera's rotation and mirroring as before"
@@ -101,7 +102,7 @@ def _find_mirrored_image(drift: DriftMeasurement) -> DriftFinding | None:
 
 
 def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
-    """The camera sits elsewhere."""
+    """Return a finding where the camera has moved."""
     skin = drift.moved
     far_px = float(np.hypot(*skin.shift_px))
     shifted = far_px - CERTAIN * skin.shift_error_px > FARTHEST_PX
@@ -118,7 +119,7 @@ def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
 
 
 def _find_uneven_light(drift: DriftMeasurement) -> DriftFinding | None:
-    """Light that comes from elsewhere."""
+    """Return a finding where the distribution of the light has changed."""
     change = drift.change
     if change.unevenness <= MAX_UNEVENNESS:
         return None
@@ -134,7 +135,7 @@ def _find_uneven_light(drift: DriftMeasurement) -> DriftFinding | None:
 
 
 def _find_gel_marks(drift: DriftMeasurement) -> DriftFinding | None:
-    """Local marks."""
+    """Return a finding where there are local marks on the gel."""
     marks = drift.change.marks
     if not marks:
         return None
@@ -152,7 +153,7 @@ def _find_gel_marks(drift: DriftMeasurement) -> DriftFinding | None:
 
 
 def _find_brightness_change(drift: DriftMeasurement) -> DriftFinding | None:
-    """More or less light."""
+    """Return a finding where the light has become stronger or weaker."""
     change = drift.change.gain - 1
     if abs(change) <= DIMMEST_LIGHT:
         return None
@@ -165,7 +166,7 @@ def _find_brightness_change(drift: DriftMeasurement) -> DriftFinding | None:
 
 
 def _find_colour_change(drift: DriftMeasurement) -> DriftFinding | None:
-    """White balance, or an LED of another kind."""
+    """Return a finding where the colour has changed: white balance, or an LED of another kind."""
     if max(map(abs, drift.colour)) <= OTHER_COLOUR:
         return None
     parts = ", ".join(f"{name} {part:+.1%}" for name, part in zip(("blue", "green", "red"), drift.colour, strict=True))
@@ -177,16 +178,16 @@ def _find_colour_change(drift: DriftMeasurement) -> DriftFinding | None:
 
 
 def _equivalent_height_mm(drift: DriftMeasurement, change: float) -> float:
-    """Depth that a relative change passes for at the image's mean brightness."""
+    """Return the depth that corresponds to a relative change at the image's mean brightness."""
     grey = float(drift.known.rectified_reference.grey.mean())
     return float(drift.known.height_mm(np.array(change), np.array(grey)))
 
 
 def _change_in_words(change: float) -> str:
-    """A relative change in words."""
+    """Return a relative change in words."""
     return f"{abs(change):.1%} {'dimmer' if change < 0 else 'brighter'}"
 
 
 def _position_in_words(mark: SkinMark) -> str:
-    """Where a mark is."""
+    """Return the position of a mark in words."""
     return f"({mark.x_mm:.1f}, {mark.y_mm:.1f}) mm"

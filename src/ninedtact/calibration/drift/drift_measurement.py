@@ -1,6 +1,7 @@
-"""Today's untouched skin against the one that the sensor was calibrated with: what has changed, and what to do.
+"""Measurement of drift: a reference image of today compared with the reference images of the calibration. In:
+`CalibratedReference`, loaded from a sensor folder, and a raw image. Out: `DriftMeasurement`, which `diagnosis` interprets.
 
-images → motion of the skin → motion undone → light (gain, field, colour) → marks or a contact → findings
+    images → motion of the skin → motion undone → light (gain, field, colour) → marks or a contact → findings
 """
 
 from dataclasses import dataclass
@@ -27,23 +28,24 @@ from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification
 
 FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
-"""Ways in which a camera's driver turns images, by OpenCV's number."""
+"""Ways in which a camera's driver may flip images, with OpenCV's flip code."""
 FAR_PX = 5.0
-"""A skin that seems to be farther off than this, or not there, may be the same one turned or mirrored: a board's old
-imprints look alike from both sides."""
+"""Shift above which a skin may be the same one rotated or mirrored, because old imprints of the board look alike from both sides;
+unrecognised skins are tested for that too.
+"""
 WORST_SHARE = 99
-"""Percentile of the view that stands for the worst of it, so that single pixels do not."""
+"""Percentile of the view that represents its worst error, so that single pixels do not."""
 NEIGHBOURHOOD_PX = 20
 
 
 @dataclass(frozen=True)
 class CalibratedReference:
-    """How a sensor saw its untouched skin when it was calibrated."""
+    """The reference images of a sensor's calibration."""
 
     lens_image: BgrImage
-    """Taken before the board: the lens was calibrated for a skin lying so."""
+    """Reference image before the board; the lens was calibrated for the skin in this position."""
     depth_image: BgrImage
-    """Taken before the ball: the depth curve was calibrated in this light."""
+    """Reference image before the ball; the depth curve was calibrated in this light."""
     rectify: Rectification
     curve: DepthCurve
 
@@ -54,7 +56,7 @@ class CalibratedReference:
 
     @property
     def view_mask(self) -> Bool[Array, "rows cols"]:
-        """Where the camera sees the skin."""
+        """The pixels at which the camera sees the skin."""
         return self.rectify.height_source != HeightSource.OUT_OF_VIEW
 
     @property
@@ -68,12 +70,14 @@ class CalibratedReference:
         return float(2 * reach * self.rectify.mm_per_px / raw_px)
 
     def height_mm(self, change: Float[Array, "*shape"], grey: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Depth that a relative change of brightness passes for; brighter counts as what it would hide."""
+        """Return the depth that corresponds to a relative change of brightness; brightening counts as the depth that it
+        would hide.
+        """
         signal = np.abs(change) * (grey if self.curve.signal == "difference" else 1.0)
         return np.asarray(np.interp(signal, self.curve.darkening, self.curve.indentation_mm))
 
     def worst_height_mm(self, other: BgrImage) -> float:
-        """Height error, at the worst of the view, of reading one image against this one as its reference."""
+        """Return the height error, at the worst of the view, of measuring one image with this one as its reference."""
         then, now = self.rectified_reference.grey, self.rectify(Frame(other)).grey
         ratio = cv2.GaussianBlur(now / np.maximum(then, 1.0), (0, 0), 3.0) - 1
         return float(np.percentile(self.height_mm(ratio, then)[self.view_mask], WORST_SHARE))
@@ -81,33 +85,33 @@ class CalibratedReference:
 
 @dataclass(frozen=True)
 class DriftMeasurement:
-    """All that was measured of one image."""
+    """All measurements on one image."""
 
     known: CalibratedReference
     moved: SkinMotion
-    """Since the board."""
+    """Motion since the board press."""
     nearest: SkinMotion
-    """Since the ball."""
+    """Motion since the ball press."""
     flipped: str | None
-    """How the image lies if it is the known one turned or mirrored."""
+    """How the image is flipped relative to the calibration's; None where it is not."""
     change: BrightnessChange
     colour: tuple[float, float, float]
-    """Relative change of blue, green and red beside the whole."""
+    """Relative change of blue, green and red, relative to their mean."""
     height_mm: float
-    """Error of the height, at the worst of the view, if the calibration's reference image were kept."""
+    """Height error, at the worst of the view, if the calibration's reference image were kept."""
 
 
 def load_calibrated_reference(sensor: SensorFolder) -> CalibratedReference:
-    """What to compare with; raises `SensorFolderDamaged`, also for an imported sensor, which has no images."""
+    """Load the reference images; raises `SensorFolderDamaged`, also for an imported sensor, which has no images."""
     lens_image = sensor.stored_image("board_reference").image
     depth_image = sensor.stored_image("ball_reference").image
     return CalibratedReference(lens_image, depth_image, sensor.rectification, sensor.record.depth.curve)
 
 
 def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasurement:
-    """Measure what has changed; raises `ImageUnusable` for a dark or burnt out image, `ImageSizeWrong`.
+    """Measure what has changed; raises `ImageUnusable` for a dark or overexposed image, `ImageSizeWrong`.
 
-    today: raw image (rows, cols, 3) of what should be the untouched skin.
+    today: raw image (rows, cols, 3) of the skin, which should be without contact.
     """
     require_image_size(today, *known.rectify.raw_shape, "today's image")
     require_usable_exposure("reference image", today)
@@ -125,7 +129,7 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
 
 
 def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | None:
-    """The way in which today's image is turned or mirrored, if it is."""
+    """Return how today's image is flipped, or None."""
     if motion.likeness > HIGH_SIMILARITY and np.hypot(*motion.shift_px) < FAR_PX:
         return None
     ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in FLIPS.items()}
@@ -134,7 +138,7 @@ def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | 
 
 
 def _measure_brightness_change(known: CalibratedReference, today: BgrImage, motion: SkinMotion) -> BrightnessChange:
-    """The change of the skin's brightness with its motion undone, where both images show it."""
+    """Return the change of the skin's brightness with its motion undone, where both images show it."""
     grey = float(to_grey_float(known.depth_image).mean())
     noise = estimate_pixel_noise(relative_brightness_change(known.depth_image, today)) / grey
     seen = known.view_mask & (known.rectify.resampled(motion.valid_mask(today.shape)) > 0)
@@ -144,7 +148,7 @@ def _measure_brightness_change(known: CalibratedReference, today: BgrImage, moti
 
 
 def _measure_colour_change(known: BgrImage, today: BgrImage) -> tuple[float, float, float]:
-    """Change of each channel's brightness, as the median over the image, beside their mean."""
+    """Return the change of each channel's brightness, the median over the image, relative to the mean of the channels."""
     gains = np.median(today.astype(np.float32) / np.maximum(known, 1), axis=(0, 1))
     blue, green, red = (gains / gains.mean() - 1).tolist()
     return blue, green, red

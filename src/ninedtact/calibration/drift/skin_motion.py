@@ -1,14 +1,13 @@
-"""How far one faintly structured image is shifted and turned against another, with an error that can be believed.
+"""Motion of the skin in the raw image between two reference images, from its fine structure: specks, bubbles, old imprints. In: two
+raw images without contact. Out: `SkinMotion`, shift and rotation with standard errors.
 
-Least squares after Lucas & Kanade (1981) with a turn as third unknown, over the whole image; errors by leaving out
-one tile at a time (docs/references.md). A motion is (shift x, shift y, turn), the turn as the way it moves the middle
-of the right border, all in pixels; turns are positive clockwise on the screen.
+The method is least squares after Lucas & Kanade (1981) over the whole image, with the rotation as a third unknown; errors follow
+from leaving out one tile at a time (docs/references.md). A motion vector is (shift x, shift y, turn) in pixels, where the turn is
+the displacement of the middle of the right border; turns are positive clockwise on the screen.
 
-Where the untouched skin has moved in the raw image, from its fine structure: specks, bubbles, old imprints.
-
-The structure is faint (a thousandth of the brightness) and yet tells a tenth of a pixel, because the whole image
-votes. A change of scale is not sought: contours of the camera's own shading correction widen and narrow with the light
-and would pass for one.
+The structure is faint (a thousandth of the brightness), yet it determines the motion to a tenth of a pixel, because the whole image
+contributes. A change of scale is not fitted: contours of the camera's own shading correction widen and narrow with the light and
+would appear as one.
 """
 
 from dataclasses import dataclass
@@ -24,20 +23,20 @@ Field = Float32[Array, "down across"]
 Motion = Float[Array, "3"]
 
 MARGIN_PX = 12
-"""The frame of the image shows housing and glare instead of skin."""
+"""Width of the margin that is cut off, because it shows housing and glare instead of skin."""
 TILES = (6, 8)
 HIGH_SIMILARITY = 0.5
-"""Likeness above which the motion found from rest needs no second first guess."""
+"""Similarity above which the motion found from a start at rest is accepted without a second first guess."""
 ROUNDS = 10
 SETTLED_PX = 0.003
 ROBUST = 2.0
-"""Differences of so many standard deviations count half."""
+"""Number of standard deviations at which a difference has half weight."""
 OUTLIER = 6.0
 
 
 @dataclass(frozen=True)
 class _Registration:
-    """A motion, its standard errors, and how alike the images are once it is undone."""
+    """A motion, its standard errors, and the similarity of the images once it is undone."""
 
     motion: Motion
     error: Motion
@@ -45,7 +44,7 @@ class _Registration:
 
 
 def _register_images(earlier: Field, later: Field) -> _Registration:
-    """The motion from the earlier image to the later."""
+    """Return the motion from the earlier image to the later one."""
     found = _fit_motion(earlier, later, np.zeros(3))
     if found.likeness > HIGH_SIMILARITY:
         return found
@@ -55,7 +54,7 @@ def _register_images(earlier: Field, later: Field) -> _Registration:
 
 
 def _fit_motion(earlier: Field, later: Field, motion: Motion) -> _Registration:
-    """Least squares from a first guess, repeated until it settles."""
+    """Return the least-squares motion from a first guess, iterated until it converges."""
     for _ in range(ROUNDS):
         normal, right = _normal_equations(earlier, _undo_motion(later, motion))
         step = np.linalg.pinv(normal.sum(axis=0)) @ right.sum(axis=0)
@@ -68,7 +67,7 @@ def _fit_motion(earlier: Field, later: Field, motion: Motion) -> _Registration:
 
 
 def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles 3 3"], Float[Array, "tiles 3"]]:
-    """Normal equations of every tile: gradient times motion is what the later image lacks."""
+    """Return the normal equations of every tile: gradient times motion equals the difference of the images."""
     down, right = np.gradient((earlier + later) / 2)
     y, x = (np.indices(earlier.shape) - (np.array(earlier.shape)[:, None, None] - 1) / 2) / (earlier.shape[1] / 2)
     columns = np.stack([right, down, x * down - y * right], axis=-1)
@@ -82,13 +81,13 @@ def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles
 
 
 def _jackknife_error(normal: Float[Array, "tiles 3 3"], right: Float[Array, "tiles 3"]) -> Motion:
-    """Standard error by the jackknife over tiles, which also sees errors that neighbouring pixels share."""
+    """Return the standard error by the jackknife over tiles, which includes errors that neighbouring pixels share."""
     without = (np.linalg.pinv(normal.sum(axis=0) - normal) @ (right.sum(axis=0) - right)[..., None])[..., 0]
     return np.asarray(np.sqrt((len(normal) - 1) * without.var(axis=0)))
 
 
 def _phase_correlation_shift(earlier: Field, later: Field) -> Motion:
-    """A first guess of a large shift, by phase correlation."""
+    """Return a first guess of a large shift, by phase correlation."""
     parts = [_crop_margin(field) for field in (earlier, later)]
     first, second = (np.clip(part / (np.median(np.abs(part)) + 1e-9), -OUTLIER, OUTLIER) for part in parts)
     (x, y), _ = cv2.phaseCorrelate(first, second, cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F))
@@ -96,20 +95,20 @@ def _phase_correlation_shift(earlier: Field, later: Field) -> Motion:
 
 
 def _structure_similarity(earlier: Field, later: Field) -> float:
-    """Median correlation of tiles; a press or a new mark spoils only the tiles that it lies in."""
+    """Return the median correlation of tiles; a press or a new mark affects only the tiles that contain it."""
     pairs = zip(_split_into_tiles(earlier), _split_into_tiles(later), strict=True)
     return float(np.median([_pearson_correlation(first, second) for first, second in pairs]))
 
 
 def _pearson_correlation(first: Field, second: Field) -> float:
-    """Pearson's, zero where one side is flat."""
+    """Return Pearson's correlation, zero where one image is constant."""
     first, second = first - first.mean(), second - second.mean()
     scale = np.sqrt((first**2).sum() * (second**2).sum())
     return float((first * second).sum() / scale) if scale > 0 else 0.0
 
 
 def _undo_motion(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICATE) -> Array:
-    """An image of any type with a motion undone; OpenCV's name for what lies beyond its border."""
+    """Return an image of any type with a motion undone; border: OpenCV's border mode."""
     rows, cols = image.shape[:2]
     middle, angle = np.array([(cols - 1) / 2, (rows - 1) / 2]), motion[2] / (cols / 2)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -119,71 +118,72 @@ def _undo_motion(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICAT
 
 
 def _crop_margin(image: Array) -> Array:
-    """Without the frame."""
+    """Return the image without its margin."""
     return image[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
 
 
 def _split_into_tiles(image: Array) -> list[Array]:
-    """The inside in equal pieces, more along the longer side."""
+    """Return the inside of the image in equal tiles, with more along the longer side."""
     down, across = TILES if image.shape[0] <= image.shape[1] else TILES[::-1]
     return [tile for band in np.array_split(_crop_margin(image), down) for tile in np.array_split(band, across, axis=1)]
 
 
 LONG_SIDE_PX = 320
-"""Images are compared at this size, at which the structure is still well sampled."""
+"""Size at which images are compared; the structure is still well sampled."""
 FINE_PX, COARSE_PX = 1.5, 6.0
-"""Structure between these sizes: finer is camera noise and compression, coarser is light."""
+"""Band of the structure: finer detail is camera noise and compression, coarser detail is light."""
 BAND_NOISE = 0.171
-"""What this band leaves of white noise: √(1/4πa² + 1/4πb² - 1/π(a² + b²)) for Gaussians a and b."""
+"""Standard deviation that this band leaves of white noise: √(1/4πa² + 1/4πb² - 1/π(a² + b²)) for Gaussians a and b."""
 RECOGNISED = 0.3
-"""Likeness above which two images show one skin: at least 0.4 for one skin (compressed, noisy, or at half the light
-too), at most 0.25 for different ones."""
+"""Similarity above which two images show the same skin: at least 0.4 for one skin (also compressed, noisy, or at half the light),
+at most 0.25 for different ones.
+"""
 FAINTEST_STRUCTURE = 7e-4
-"""Contrast below which a skin is too even to be recognised: real ones have at least 1.0e-3, a rendered one 5e-4."""
+"""Contrast below which a skin is too uniform to be recognised: real ones have at least 1.0e-3, a rendered one 5e-4."""
 
 
 @dataclass(frozen=True)
 class SkinMotion:
-    """How the skin lies in one image against another: pixels (x, y) of the raw image."""
+    """Motion of the skin from one image to another, in pixels (x, y) of the raw image."""
 
     shift_px: tuple[float, float]
-    """Of the middle of the image."""
+    """Shift of the middle of the image."""
     turn_deg: float
-    """Clockwise on the screen."""
+    """Rotation, clockwise on the screen."""
     shift_error_px: float
-    """Standard error, of the worse axis."""
+    """Standard error of the shift, of the worse axis."""
     turn_error_deg: float
     likeness: float
     """Correlation of the fine structure, once the motion is undone."""
     contrast: float
-    """Standard deviation of the structure in the earlier image, part of the brightness, noise taken off."""
+    """Standard deviation of the structure in the earlier image, as a fraction of the brightness, corrected for noise."""
 
     @property
     def observable(self) -> bool:
-        """Whether the skin has enough structure to be recognised by."""
+        """Whether the skin has enough structure to be recognised."""
         return self.contrast >= FAINTEST_STRUCTURE
 
     @property
     def is_same_skin(self) -> bool:
-        """Whether the two images show the same skin, so that the motion means something."""
+        """Whether the two images show the same skin; only then is the motion meaningful."""
         return self.observable and self.likeness >= RECOGNISED
 
     def undone(self, image: BgrImage) -> BgrImage:
-        """The later image as it would be without the motion, borders repeated."""
+        """Return the later image with the motion undone, borders repeated."""
         return _undo_motion(image, self.vector(image.shape))
 
     def valid_mask(self, shape: tuple[int, ...]) -> Field:
-        """Above zero where the image without the motion shows what the camera saw."""
+        """Return a mask above zero where the image with the motion undone shows what the camera saw."""
         return _undo_motion(np.ones(shape[:2], np.float32), self.vector(shape), cv2.BORDER_CONSTANT)
 
     def vector(self, shape: tuple[int, ...]) -> Motion:
-        """As `registration` has it; none where the skin was not recognised."""
+        """Return the motion vector in pixels; zero where the skin was not recognised."""
         turn_px = np.deg2rad(self.turn_deg) * shape[1] / 2
         return np.array([*self.shift_px, turn_px]) * self.is_same_skin
 
 
 def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:
-    """The motion from one untouched image to another of the same size."""
+    """Return the motion between two reference images of the same size."""
     earlier, later = _log_brightness(before), _log_brightness(after)
     found = _register_images(_fine_structure(earlier), _fine_structure(later))
     scale, half_width = max(before.shape) / LONG_SIDE_PX, earlier.shape[1] / 2
@@ -199,7 +199,7 @@ def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:
 
 
 def _log_brightness(image: BgrImage) -> Field:
-    """Logarithm of the brightness, at the size of comparison."""
+    """Return the logarithm of the brightness, at the size of comparison."""
     grey = np.log(np.maximum(to_grey_float(image), MIN_REFERENCE_GREY))
     factor = LONG_SIDE_PX / max(grey.shape)
     return (
@@ -208,12 +208,12 @@ def _log_brightness(image: BgrImage) -> Field:
 
 
 def _fine_structure(image: Field) -> Field:
-    """What lies between two sizes of detail."""
+    """Return the detail between the two sizes of the band."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), FINE_PX) - cv2.GaussianBlur(image, (0, 0), COARSE_PX))
 
 
 def _structure_contrast(earlier: Field, later: Field) -> float:
-    """Strength of the earlier image's structure in the middle one of its tiles, without what noise adds."""
+    """Return the contrast of the earlier image's structure, the median over its tiles, corrected for noise."""
     second = np.abs(np.diff(later - earlier, n=2, axis=1))
     # 0.6745 and √6 as in `brightness.noise_levels`; √2 because two images' noise is in their difference.
     noise = BAND_NOISE * float(np.median(second)) / 0.6745 / np.sqrt(6) / np.sqrt(2)

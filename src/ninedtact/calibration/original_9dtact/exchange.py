@@ -1,14 +1,13 @@
-"""The original project's `Pixel_to_Depth` list (depth in mm for every grey level of darkening), to and fro.
+"""Import and export of calibrations of the original 9DTact project (docs/references.md for its code): its index maps become a
+sensor's rectification, its `Pixel_to_Depth` list (depth in mm for every grey level of darkening) becomes a depth curve, and the
+reverse. Exported maps have the raw image's size and take the nearest pixel.
 
-A sensor's rectification as the original project's index maps: of the raw image's size, nearest pixel.
+An import followed by an export preserves exactly both index maps, position and scale, and every depth of the list that rises. The
+list's first entry becomes 0 (the original leaves an artefact there), levels without pixels (entries of 0) are interpolated, and
+entries that fall are replaced by the nearest list that does not.
 
-Calibrations of the original 9DTact project, to and fro (docs/references.md for its code).
-
-What an import and an export after it preserve exactly: both index maps everywhere, position and scale, and every depth
-of the list that rises. The list's first entry becomes 0 (the original leaves an artefact there), levels that no pixel
-had (entries of 0) are interpolated, and entries that dip are replaced by the nearest list that does not.
-
-The original shows list[level] - list[2] (`lighting_threshold`), some 0.05 mm less than its list says; we show the list.
+The original displays list[level] - list[2] (`lighting_threshold`), some 0.05 mm less than its list gives; this package displays the
+list itself.
 """
 
 import shutil
@@ -61,12 +60,12 @@ from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
 from ninedtact.shape.rectification import Area, Rectification
 
 PUBLISHED_SCATTER_MM = 0.0304
-"""The scatter about the list is not in the folder; this is the standard deviation that the paper found on balls."""
+"""Standard deviation of the scatter about the list. The folder does not contain it; this is the paper's value on balls."""
 LAST_LEVEL = 255
 
 
 def _curve_from_depth_list(pixel_to_depth_mm: Float[Array, " levels"]) -> DepthCurve:
-    """The list as a curve: zero at zero, rising, levels without a depth interpolated."""
+    """Return the list as a curve: zero at zero, rising, with levels without a depth interpolated."""
     known = np.flatnonzero(pixel_to_depth_mm > 0)
     known = known[known > 0]
     rising = np.asarray(isotonic_regression(pixel_to_depth_mm[known]).x)
@@ -76,10 +75,10 @@ def _curve_from_depth_list(pixel_to_depth_mm: Float[Array, " levels"]) -> DepthC
 
 
 def _depth_list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
-    """Depth for every whole grey level up to the end of the sensor's curve.
+    """Return the depth for every whole grey level up to the end of the sensor's curve.
 
-    A ratio becomes grey levels at the mean brightness of the sensor's own untouched image; where the image is
-    brighter or darker than that, the list's depths are off as they are with the original's own lists.
+    A ratio is converted to grey levels at the mean brightness of the sensor's own reference image. Where the image is brighter or
+    darker than that, the list's depths are wrong in the same way as those of the original's own lists.
     """
     curve = sensor.record.depth.curve
     brightness = 1.0 if curve.signal == "difference" else _mean_reference_grey(sensor)
@@ -88,7 +87,7 @@ def _depth_list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
 
 
 def _mean_reference_grey(sensor: SensorFolder) -> float:
-    """Mean grey level of the untouched skin before the ball; raises `SensorFolderDamaged`."""
+    """Return the mean grey level of the reference image before the ball; raises `SensorFolderDamaged`."""
     rectify = sensor.rectification
     rectified = rectify(sensor.stored_image("ball_reference"))
     return float(rectified.grey[rectify.height_source != HeightSource.OUT_OF_VIEW].mean())
@@ -98,11 +97,11 @@ Index = Int32[Array, "raw_rows raw_cols"]
 
 
 class OriginalExportImpossible(OutputError):
-    """A sensor that the original project's layout has no room for, or a place where it may not be written."""
+    """The original project's layout cannot represent the sensor, or the destination may not be written."""
 
 
 def _build_index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, int]]:
-    """Row and column of the raw pixel, (0, 0) where the camera sees nothing, and the row and column of the centre."""
+    """Return row and column of the raw pixel, (0, 0) where the camera sees nothing, and the row and column of the centre."""
     rectify, lens = sensor.rectification, sensor.record.lens
     _require_grid_fits(rectify)
     start = _grid_start(rectify)
@@ -116,7 +115,7 @@ def _build_index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, in
 
 
 def _require_grid_fits(rectify: Rectification) -> None:
-    """Refuse a grid larger than the raw image, whose size the maps have."""
+    """Refuse a grid larger than the raw image, which has the size of the maps."""
     (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
     if rows > raw_rows or cols > raw_cols:
         raise OriginalExportImpossible(
@@ -126,7 +125,7 @@ def _require_grid_fits(rectify: Rectification) -> None:
 
 
 def _grid_start(rectify: Rectification) -> tuple[int, int]:
-    """First row and column of the grid in the maps: where its middle lies as in the raw image, if there is room."""
+    """Return the first row and column of the grid in the maps: its centre stays at its raw pixel if there is room."""
     (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
     x, y = rectify.source_px[rows // 2, cols // 2]
     top = np.clip(round(float(y)) - rows // 2, 0, raw_rows - rows)
@@ -137,7 +136,7 @@ def _grid_start(rectify: Rectification) -> tuple[int, int]:
 def _extend_source_px(
     rectify: Rectification, lens: LensModelTable | PinMapTable | PixelMapTable, start: tuple[int, int]
 ) -> Float[Array, "raw_rows raw_cols 2"]:
-    """Source pixels of the grid, and around it those of the lens; nothing around a grid given pixel by pixel."""
+    """Return the source pixels of the grid, and around it those of the lens; none around a grid given pixel by pixel."""
     (top, left), (rows, cols) = start, rectify.source_px.shape[:2]
     extended = np.full((*rectify.raw_shape, 2), OUT_OF_VIEW_PX)
     if not isinstance(lens, PixelMapTable):
@@ -149,7 +148,7 @@ def _extend_source_px(
 
 
 CAMERA_NOISE = 0.5
-"""Grey levels of one pixel; no image came with the folder, and the cameras seen so far have 0.42."""
+"""Noise of one pixel in grey levels. The folder contains no image; the cameras seen so far have 0.42."""
 USUAL_GREY = 160
 
 
@@ -158,9 +157,9 @@ def import_original_calibration(
 ) -> SensorFolder:
     """Write a sensor folder from `sensor_N`, or from a folder that holds one; pixels are rectified exactly as there.
 
-    The crop is the design's field of view. There is no certificate, and no image to compare today's skin with; the
-    noise is that of a usual camera through this sensor's list. An older sensor folder at `out` is replaced.
-    Raises `OriginalFolderDamaged`, `SensorFolderRefused`, `FileNotWritten`, `OSError`.
+    The crop is the design's field of view. There is no certificate, and no reference image to detect drift; the noise is that of a
+    usual camera through this sensor's list. An older sensor folder at `out` is replaced. Raises `OriginalFolderDamaged`,
+    `SensorFolderNotReplaceable`, `FileNotWritten`, `OSError`.
     """
     source = find_original_sensor_folder(folder, ORIGINAL_FILES)
     calibration = read_original_calibration(source, design.field_of_view)
@@ -178,7 +177,7 @@ def import_original_calibration(
 def _make_imported_record(
     calibration: OriginalCalibration, design: SensorDesign, sensor_id: str, digest: str
 ) -> SensorRecord:
-    """Everything that `sensor.toml` can say of an imported sensor."""
+    """Return the record of an imported sensor."""
     area, (rows, cols) = _calibrated_area_mm(calibration, design), calibration.row_index.shape
     rectify = Rectification(calibration.source_px(design.field_of_view), calibration.mm_per_px, (rows, cols), area)
     curve = _curve_from_depth_list(calibration.pixel_to_depth_mm)
@@ -195,7 +194,7 @@ def _make_imported_record(
 
 
 def _typical_noise_mm(curve: DepthCurve, rectify: Rectification) -> float:
-    """What the noise of a usual camera does to the height."""
+    """Return the noise of the height that the noise of a usual camera causes."""
     even = np.full((*rectify.raw_shape, 3), USUAL_GREY, np.uint8)
     return simulate_height_noise_mm(
         partial(DepthReader, curve, lens_source=rectify.height_source), rectify, even, CAMERA_NOISE
@@ -203,7 +202,7 @@ def _typical_noise_mm(curve: DepthCurve, rectify: Rectification) -> float:
 
 
 def _calibrated_area_mm(calibration: OriginalCalibration, design: SensorDesign) -> Area:
-    """Where the pins were; the original's crop lies up to a pixel beside its central pin."""
+    """Return the area of the pins; the original's crop is up to a pixel off its central pin."""
     view = design.field_of_view
     start, half = np.array(calibration.start(view)), (np.array([view.rows, view.cols]) - 1) / 2
     y, x = (calibration.position_scale[:2] - start - half) * calibration.mm_per_px
@@ -227,7 +226,7 @@ def export_original_calibration(sensor: SensorFolder, out: Path) -> None:
 
 
 def _maps_to_export(sensor: SensorFolder) -> OriginalCalibration:
-    """The maps that were imported, or maps made from the sensor's lens."""
+    """Return the maps that were imported, or maps made from the sensor's lens."""
     view, kept = sensor.record.design.field_of_view, sensor.path / ORIGINAL_FOLDER
     if not (isinstance(sensor.record.lens, PixelMapTable) and kept.is_dir()):
         row_index, col_index, centre = _build_index_maps(sensor)

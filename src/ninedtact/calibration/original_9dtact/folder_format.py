@@ -1,14 +1,13 @@
-"""Arrays of the original project's folders, read with suspicion and written whole.
-
-The calibration folder of the original 9DTact project, as its files stand on the disk (docs/references.md).
+"""Files of the calibration folder of the original 9DTact project (docs/references.md): reading with checks of every array, and
+writing.
 
     sensor_N/camera_calibration/row_index.npy, col_index.npy    raw pixel that each pixel of the rectified image shows
     sensor_N/camera_calibration/position_scale.npy              row and column of the central pin, mm per pixel
     sensor_N/depth_calibration/Pixel_to_Depth.npy               depth in mm for every grey level of darkening
 
-The rectified image has the raw image's size. What lies outside the raw image shows pixel (0, 0). The size of the
-crop about the central pin is not in the folder but in the user's `shape_config.yaml` (`crop_size`, rows first); it
-starts at int(centre - size / 2).
+The rectified image has the raw image's size. Pixels outside the raw image have the index (0, 0). The size of the crop about the
+central pin is not in the folder but in the user's `shape_config.yaml` (`crop_size`, rows first); it starts at int(centre - size /
+2).
 """
 
 import re
@@ -34,7 +33,7 @@ class OriginalFolderDamaged(FileFormatError):
 
 
 def find_original_sensor_folder(folder: Path, files: Sequence[str]) -> Path:
-    """The folder itself where it holds one of the files, or the only `sensor_N` in it."""
+    """Return the folder itself where it contains one of the files, or the only `sensor_N` in it."""
     if any((folder / file).exists() for file in files):
         return folder
     inside = sorted(path for path in folder.glob("sensor_*") if path.is_dir() and NAME.fullmatch(path.name))
@@ -48,7 +47,7 @@ def find_original_sensor_folder(folder: Path, files: Sequence[str]) -> Path:
 
 
 def read_finite_npy(path: Path, dimensions: int) -> Float[Array, "..."]:
-    """The finite numbers of a .npy file with so many dimensions; raises `OriginalFolderDamaged`."""
+    """Return the finite numbers of a .npy file with this many dimensions; raises `OriginalFolderDamaged`."""
     array = _load_npy(path)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iuf":
         raise _make_damaged_file_error(path, "an array of numbers", f"{getattr(array, 'dtype', 'an archive')}")
@@ -63,7 +62,7 @@ def read_finite_npy(path: Path, dimensions: int) -> Float[Array, "..."]:
 
 
 def _load_npy(path: Path) -> object:
-    """Whatever numpy finds in a file, mapped and not loaded, so that a damaged header cannot ask for all the memory."""
+    """Return the content of a .npy file, memory-mapped, so that a damaged header cannot cause an excessive allocation."""
     if not path.is_file():
         raise OriginalFolderDamaged(
             f"expected {path}, got no such file; copy the whole sensor_N folder of the original project"
@@ -91,12 +90,12 @@ def write_npy(path: Path, numbers: Shaped[Array, "..."]) -> None:
 
 
 def _first_line(trouble: Exception) -> str:
-    """What numpy said, short."""
+    """Return the first line of an exception's message."""
     return (str(trouble).splitlines() or [type(trouble).__name__])[0]
 
 
 def _make_damaged_file_error(path: Path, expected: str, got: str) -> OriginalFolderDamaged:
-    """The refusal of one file."""
+    """Return the error for one damaged file."""
     return OriginalFolderDamaged(f"expected {expected} in {path}, got {got}; copy the file again or calibrate again")
 
 
@@ -108,14 +107,14 @@ ORIGINAL_FILES = (ROW_INDEX, COL_INDEX, POSITION_SCALE, PIXEL_TO_DEPTH)
 
 GREY_LEVELS = 256
 OUT_OF_VIEW_PX = -1.0
-"""Source of a pixel that shows nothing, in our maps."""
+"""Source coordinate of a pixel out of view, in this package's maps."""
 COARSEST_MM_PER_PX = 1.0
-"""Beyond it the scale is pixels per mm, which the original's own variable name says it is."""
+"""Scale above which the value is pixels per mm, as the original's variable name says."""
 
 
 @dataclass(frozen=True)
 class OriginalCalibration:
-    """The numbers of one folder."""
+    """The content of one calibration folder."""
 
     row_index: Int32[Array, "rows cols"]
     col_index: Int32[Array, "rows cols"]
@@ -128,12 +127,12 @@ class OriginalCalibration:
         return float(self.position_scale[2])
 
     def start(self, view: FieldOfView) -> tuple[int, int]:
-        """First row and column of the crop, cut to whole pixels as the original does."""
+        """Return the first row and column of the crop, truncated to whole pixels as in the original."""
         row, col = self.position_scale[:2]
         return int(row - view.rows / 2), int(col - view.cols / 2)
 
     def source_px(self, view: FieldOfView) -> Float32[Array, "view_rows view_cols 2"]:
-        """Raw pixel (x, y) of every pixel of the crop, outside the image where there is none."""
+        """Return the raw pixel (x, y) of every pixel of the crop; `OUT_OF_VIEW_PX` where there is none."""
         row, col = self.start(view)
         crop = np.s_[row : row + view.rows, col : col + view.cols]
         source = np.stack([self.col_index[crop], self.row_index[crop]], axis=-1).astype(np.float32)
@@ -165,7 +164,7 @@ def write_original_calibration(folder: Path, calibration: OriginalCalibration) -
 
 
 def _read_index_map(path: Path, axis: int) -> Int32[Array, "rows cols"]:
-    """An index map that stays inside the raw image, which has the map's own size."""
+    """Return an index map, checked to stay inside the raw image, which has the map's own size."""
     index = read_finite_npy(path, 2)
     _require_whole_numbers(path, index)
     size = index.shape[axis]
@@ -178,7 +177,7 @@ def _read_index_map(path: Path, axis: int) -> Int32[Array, "rows cols"]:
 
 
 def _read_position_scale(path: Path) -> Float[Array, "3"]:
-    """Centre row, centre column, and a scale that can be one."""
+    """Return the centre row, the centre column and a plausible scale."""
     numbers = read_finite_npy(path, 1)
     if numbers.size != 3:
         raise OriginalFolderDamaged(
@@ -193,7 +192,7 @@ def _read_position_scale(path: Path) -> Float[Array, "3"]:
 
 
 def _read_depth_list(path: Path) -> Float[Array, " levels"]:
-    """A list that knows a depth for at least one grey level."""
+    """Return a depth list, checked to contain a depth for at least one grey level."""
     depth_mm = read_finite_npy(path, 1)
     if depth_mm.size > GREY_LEVELS or not (depth_mm[1:] > 0).any():
         raise OriginalFolderDamaged(
@@ -204,7 +203,7 @@ def _read_depth_list(path: Path) -> Float[Array, " levels"]:
 
 
 def _require_equal_shapes(folder: Path, shape: tuple[int, ...], other: tuple[int, ...]) -> None:
-    """Refuse maps that do not belong together."""
+    """Refuse maps of different shapes."""
     if shape != other:
         raise OriginalFolderDamaged(
             f"expected index maps of one size in {folder}, got {shape} and {other}; calibrate the camera again"
