@@ -1,6 +1,7 @@
-"""Scores of the published network on its own sensor, for comparison (docs/references.md).
+"""Evaluation of wrench predictions: scores by axis, load, object and sensor, and the coverage of claimed intervals.
 
-Evaluation of wrench predictions: scores by axis, by load, by object and by sensor, and the coverage of claimed intervals.
+`evaluate_predictions` computes a `WrenchEvaluation` from `WrenchPredictions`. `PUBLISHED_SCORES` are the scores of the published
+network on its own sensor, for comparison (docs/references.md).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +20,7 @@ _SixNumbers = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True)
 class PublishedScores:
-    """Scores of one network, N and N·m, named as in `AxisScores`, and what they are of."""
+    """Scores of one published network, N and N·m, named as in `AxisScores`, with a description of its data."""
 
     what: str
     mae: _SixNumbers
@@ -39,7 +40,7 @@ PUBLISHED_SCORES = PublishedScores(
     slope=(0.758, 0.774, 1.003, 0.900, 0.917, 0.872),
     skill=(0.475, 0.484, 0.862, 0.691, 0.718, 0.636),
 )
-"""Computed by this program from the published predictions; torques about the paper's point."""
+"""Scores that this package computed from the published predictions, with torques about the paper's point."""
 PUBLISHED_SCORES_AT_SKIN = replace(
     PUBLISHED_SCORES,
     what="published: DenseNet-169, 10,000 pairs of its own sensor, standard split; torques moved up by 35 mm to the skin",
@@ -50,10 +51,10 @@ PUBLISHED_SCORES_AT_SKIN = replace(
     slope=(*PUBLISHED_SCORES.slope[:3], 0.925, 0.965, 0.872),
     skill=(*PUBLISHED_SCORES.skill[:3], 0.677, 0.797, 0.636),
 )
-"""The same predictions with their torques about the skin's centre, the force/torque sensor taken to be 35 mm below it."""
+"""Scores of the same predictions with torques about the skin's centre; the force/torque sensor is taken to be 35 mm below it."""
 PAPER_OBJECT_SPLIT_MAE = ("0.35", "0.40", "0.41", "11", "10", "2")
 PAPER_OBJECT_SPLIT_STD = ("0.31", "0.36", "0.44", "15", "14", "3")
-"""N and N·mm as the paper prints them for held-out objects; its single predictions of those were not published."""
+"""Scores for held-out objects as printed in the paper, N and N·mm; the individual predictions were not published."""
 
 
 def published_scores_about(point_mm: tuple[float, float, float] | None) -> PublishedScores:
@@ -80,13 +81,13 @@ class AxisScores:
     median_mae: Six
     """Mean absolute error of always predicting the median of these truths."""
     skill: Six
-    """1 − mae / median_mae: 0 is no better than the median, 1 is perfect. It compares fairly across ranges of force."""
+    """1 − mae / median_mae: 0 is no better than the median, 1 is perfect. It is comparable between different force ranges."""
     r2: Six
     """1 − squared errors / squared deviations of the truth from its mean."""
     slope: Six
-    """Least squares of predicted = slope · true, through the origin: below 1, forces are estimated too small."""
+    """Slope of the least-squares line predicted = slope · true; below 1, forces are underestimated."""
     slope_with_offset: Six
-    """Least squares of predicted = slope · true + offset: also lowered by predictions that stay near the mean."""
+    """Slope of the least-squares line predicted = slope · true + offset; predictions that stay near the mean lower it, too."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class NoContactScores:
 
 @dataclass(frozen=True)
 class IntervalCoverage:
-    """How often the truth lies in the intervals that should hold it in `share` of all pairs."""
+    """Observed coverage of the intervals that should contain the truth in a fraction `share` of all pairs."""
 
     share: float
     covered: Six
@@ -264,7 +265,7 @@ def _interval_coverage(predictions: WrenchPredictions) -> tuple[IntervalCoverage
 def covered_fraction(predictions: WrenchPredictions, share: float) -> Six:
     """Return the part of the pairs whose truth lies in the central interval of this share, by axis.
 
-    Pairs without contact for which exactly zero is predicted are left out: they are right by design and would only flatter.
+    Pairs without contact for which exactly zero is predicted are left out, because they are always covered.
     """
     assert predictions.std is not None
     counts = predictions.truth.any(1) | predictions.predicted.any(1)
@@ -284,5 +285,5 @@ def _groups_to_json(groups: Iterable[GroupScores]) -> dict[str, Any]:
 
 
 def _six_to_json(six: Six) -> list[float | None]:
-    """Return six numbers as a list with None for NaN, which JSON does not know."""
+    """Return six numbers as a list with None for NaN, which JSON cannot represent."""
     return [None if np.isnan(value) else float(value) for value in six]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _DPI = 130
 _INK, _PALE_INK, _RULE = "#22262b", "#6b7280", "#c2410c"
 _COLOURS = ("#0072b2", "#d55e00", "#009e73")
-"""x, y and z; colour-blind readers can tell them apart."""
+"""Colours of x, y and z, which colour-blind readers can distinguish."""
 _MILLI = 1e3
 _SHARES = np.linspace(0.05, 0.95, 19)
 _MAX_NAMED = 30

@@ -1,4 +1,4 @@
-"""True wrenches with the wrenches predicted for them, their claimed standard deviations, and a check of their units."""
+"""Wrench predictions: true wrenches with the predicted ones and their claimed standard deviations, and a check of their units."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,12 +17,12 @@ UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
 FORCES, TORQUES = slice(0, 3), slice(3, 6)
 _FEWEST_PAIRS = 2
 _LARGEST_FORCE_N = 200.0
-"""The sensor is used to 12 N."""
+"""Largest plausible force; the sensor is used up to 12 N."""
 _LONGEST_ARM_M = 0.3
-"""Torque per force; the paper's arm is 0.035 m."""
+"""Largest plausible ratio of torque to force; the paper's arm is 0.035 m."""
 _SMALLEST_FORCE_N = 0.02
 _SIZE_PERCENTILE = 95
-"""Percentile that stands for the size of a column, so that a few outliers are not taken for a wrong unit."""
+"""Percentile of the magnitudes that is compared with the limits, so that a few outliers are not taken for a wrong unit."""
 _MIN_FORCE_REACH_N = -1.0
 """True forces below this show that predictions between 0 and 1 cannot be in N."""
 
@@ -152,7 +152,7 @@ def require_si_units(predictions: WrenchPredictions) -> None:
 
 
 def _unit_suspicions(predictions: WrenchPredictions) -> Iterator[str]:
-    """Yield what looks wrong and what to do about it."""
+    """Yield a text for each sign of wrong units: what is suspicious, and what to do about it."""
     true, predicted = predictions.truth, predictions.predicted
     if _is_normalised(predicted) and true[:, 2].min() < _MIN_FORCE_REACH_N:
         yield (

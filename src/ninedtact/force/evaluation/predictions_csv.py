@@ -1,9 +1,9 @@
-"""Wrench predictions as a CSV file.
+"""Reading and writing of wrench predictions as CSV files.
 
     object,sensor,Fx_N,…,Fz_N,Tx_Nm,…,Tz_Nm,pFx,…,pTz,eFx,…,eTz
 
-Six true numbers, six predicted (`p…`) and, where claimed, the six standard deviations of these (`e…`), N and N·m. `object` and
-`sensor` are optional. Other columns are ignored, and the order is free.
+Each row holds the six true numbers, the six predicted ones (`p…`) and, optionally, the six claimed standard deviations of the
+predictions (`e…`), in N and N·m. `object` and `sensor` are optional. Other columns are ignored, and the order is free.
 """
 
 import csv
@@ -37,7 +37,7 @@ def read_predictions(
 ) -> WrenchPredictions:
     """Read and check a file; raises `PredictionsUnusable` with the line and column of what is wrong.
 
-    distribution: of the claimed errors. about_mm: the point of the torques. A file holds neither.
+    distribution: the distribution of the claimed errors. about_mm: the point of the torques. The file contains neither.
     """
     header, rows = _read_csv_rows(path)
     _require_columns(path, header)

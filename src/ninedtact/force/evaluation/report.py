@@ -44,7 +44,7 @@ _SCORE_ROWS: dict[str, tuple[str, _ScoreKind]] = {
 _HEADINGS = (*AXES, "mean F", "mean T")
 _UNDEFINED = "–"
 _WORST_OBJECTS = 10
-"""Objects whose scores stand in the page; the JSON file has all."""
+"""Number of objects whose scores are shown on the page; the JSON file has all of them."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def write_evaluation_report(out: Path, evaluation: WrenchEvaluation) -> Iterator
 
 
 def _render_html(evaluation: WrenchEvaluation, figures: dict[str, bytes]) -> str:
-    """Return one HTML document with the images inside it, which loads and runs nothing."""
+    """Return one HTML document with the images embedded, which loads no other files and runs no scripts."""
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -115,7 +115,7 @@ def _render_html(evaluation: WrenchEvaluation, figures: dict[str, bytes]) -> str
 
 
 def _score_rows(evaluation: WrenchEvaluation) -> Iterator[_ReportRow]:
-    """Yield all scores, each followed by the published network's where that is known."""
+    """Yield all scores, each followed by the published network's score where it is known."""
     published = published_scores_about(evaluation.predictions.about_mm)
     for name, (field, kind) in _SCORE_ROWS.items():
         yield _ReportRow(name, _format_cells(getattr(evaluation.scores, field), kind))

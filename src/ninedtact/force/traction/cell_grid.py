@@ -1,7 +1,7 @@
 """The grid that tractions are inverted on: square cells of about half a millimetre over the image and some skin around it.
 
-Fields of the view are (rows, cols). Fields of the skin are larger and periodic: the view is their first rows and columns, what
-follows is skin below (right of) the view, then, wrapped around, skin above (left of) it.
+Fields of the view have the shape (rows, cols). Fields of the skin are larger and periodic: their first rows and columns are the
+view, the next ones are skin below (right of) it, and the last ones, wrapped around, are skin above (left of) it.
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,15 @@ from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.quantities import centred_axis_mm
 
 MARGIN_CELLS = 1
-"""Cells on every side beyond the image where pressure may be, too: near its border, skin that is pressed in is seen displaced
-outwards, out of the image."""
+"""Cells beyond each side of the image where pressure may also act: near the border, pressed-in skin appears displaced outwards, out
+of the image."""
 
 _LARGEST_PITCH_MM = 0.7
-"""Contacts have parts that are hardly wider; light scatters as far, so finer cells would resolve no more."""
+"""Largest pitch of the cells. Features of contacts are hardly narrower, and finer cells would resolve no more, because light
+scatters over about this distance."""
 _SURROUNDINGS_MM = 3.3
-"""Skin beyond the view that scatters light into it, and that keeps periodic images of the contact away."""
+"""Width of the skin beyond the view that is modelled, because it scatters light into the view and separates the contact from its
+periodic images."""
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
     reading ──observation──▶ signal on cells ──contact region──▶ inversion ──▶ tractions ──sum──▶ wrench and its uncertainty
 
-An incompressible gel that is bonded below rises in front of a dragged object and sinks behind it; how much determines the shear
-that the object applies. Nothing here was trained; the prior knowledge of presses is a few numbers (`linearisation.TractionPrior`).
+An incompressible gel that is bonded below rises in front of a dragged object and sinks behind it. The amount determines the shear
+that the object applies. Nothing is trained: the prior has only a few parameters (`linearisation.TractionPrior`).
 """
 
 from dataclasses import dataclass, field
@@ -35,11 +35,12 @@ if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 NO_CONTACT_STD = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
-"""Standard deviation of the wrench where no contact is detected: half of all contacts of 0.05 N are (docs/force_physics.md)."""
+"""Standard deviation of the wrench where no contact is detected; half of all contacts of 0.05 N are detected
+(docs/force_physics.md)."""
 
 _LINEAR_GEL_FRACTION = 0.7
-"""Indentation over the gel's thickness up to which the linear gel holds: gel that stiffens as it gets thin bears a quarter more
-than is estimated there (docs/force_physics.md)."""
+"""Indentation over the gel's thickness up to which the linear gel model holds. At this indentation a gel that stiffens as it thins
+bears a quarter more than the estimate (docs/force_physics.md)."""
 
 
 @dataclass
@@ -48,9 +49,9 @@ class TractionForce(ForceEstimator):
 
     observation_model: ObservationModel
     gel: Gel
-    """Thickness as the calibration found it; the shear modulus scales all forces."""
+    """The gel, with the thickness that the calibration found; its shear modulus scales all forces."""
     base: Gel | None = None
-    """What the gel lies on, its shear modulus over that of the gel; None is rigid."""
+    """Compliant base below the gel, with its shear modulus relative to that of the gel; None for a rigid base."""
     prior: TractionPrior = TractionPrior()
     contact_region: ContactRegionSettings = ContactRegionSettings()
     solver: SolverSettings = SolverSettings()
@@ -58,11 +59,11 @@ class TractionForce(ForceEstimator):
     name: str = "force by physics"
     last: InversionResult | None = field(default=None, init=False, repr=False)
     _inversions: dict[CellGrid, TractionInversion] = field(default_factory=dict, init=False, repr=False)
-    """One for each size of image."""
+    """The inversion for each image size."""
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench about the skin's centre; raises `TractionImpossible` for a reading that cannot be used."""
-        with _blas_controller().limit(limits=1, user_api="blas"):  # matrices this small are slower on several threads
+        with _blas_controller().limit(limits=1, user_api="blas"):  # small matrices are slower on several threads
             return self._invert(reading)
 
     def forget(self) -> None:
@@ -132,7 +133,7 @@ class TractionForce(ForceEstimator):
 
 
 def build_traction_force(calibrated: CalibratedShape, gel: Gel | None) -> TractionForce:
-    """Return the estimator of a calibrated sensor; raises `TractionImpossible` where its calibration knows no light or no gel."""
+    """Return the estimator of a calibrated sensor; raises `TractionImpossible` without a gel or a light calibration."""
     substrate = identify_substrate(build_brightness_observation_model(calibrated))
     if gel is None:
         raise TractionImpossible(
@@ -143,8 +144,8 @@ def build_traction_force(calibrated: CalibratedShape, gel: Gel | None) -> Tracti
 
 @cache
 def _blas_controller() -> "ThreadpoolController":
-    """Return the loaded linear algebra; looking for it takes longer than an estimate, so it is done once."""
-    import scipy.linalg  # noqa: F401  (SciPy brings its own, which is not found before it is loaded)
+    """Return the controller of the BLAS threads, cached because the search for the libraries takes longer than an estimate."""
+    import scipy.linalg  # noqa: F401  (SciPy has a BLAS of its own, which is found only once it is loaded)
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

@@ -1,14 +1,14 @@
 """The forward model: tractions → heights of the skin by the gel's compliance → light that scatters into the view.
 
-Tractions are in units of the shear modulus, so that everything here depends on the gel's shape alone. `ForwardModel` computes whole
-fields by Fourier transforms; `InfluenceKernels` gives what single cells do, from which the inversion builds its matrices.
+Tractions are in units of the shear modulus, so that everything here depends on the gel's geometry alone. `ForwardModel` computes
+whole fields by Fourier transforms; `InfluenceKernels` gives the response to single cells, from which the inversion builds its
+matrices.
 
-The substrate of the gel: a rigid base, or a compliant one, identified from its effect on the calibration.
-
-A ball that is pressed in above a compliant base raises less gel around it. The calibration, which assumes a rigid base, then
-explains a faint bright ring by skin that hardly brightens: by half the true slope. Dents are not affected; and in real sensors
-bulges brighten 2.2 times as steeply as dents darken on average. A ratio far below that therefore identifies a compliant base, and
-the light parameters that it spoilt are replaced by typical ones (docs/force_physics.md).
+`identify_substrate` decides from the calibration whether the gel lies on a rigid or on a compliant base. A ball that is pressed in
+above a compliant base raises less gel around it. The calibration, which assumes a rigid base, therefore attributes a faint bright
+ring to a brightening slope of half the true value. Dents are not affected. In real sensors bulges brighten on average 2.2 times as
+steeply as dents darken, so a ratio far below that identifies a compliant base, and the light parameters that it biases are replaced
+by typical ones (docs/force_physics.md).
 """
 
 from dataclasses import dataclass, replace
@@ -30,16 +30,16 @@ from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_M
 View = Float32[Array, "rows cols"]
 SkinField = Float32[Array, "skin_rows skin_cols"]
 Tractions = Float32[Array, "3 rows cols"]
-"""Pressure, and shear along x and y, over the shear modulus."""
+"""Pressure, and shear along x and along y, over the shear modulus."""
 Indices = Int[Array, " n"]
 
 _SCATTERING_REACH = 3.0
-"""Standard deviations of the point-spread from which light still comes into the view."""
+"""Distance, in standard deviations of the point-spread, from which scattered light still reaches the view."""
 
 
 @dataclass(frozen=True)
 class ForwardModel:
-    """Linear in the tractions up to the heights; the brightness law comes between `heights` and `scatter`."""
+    """Heights as a linear function of tractions, and scattering of light; the brightness law is applied between the two."""
 
     cells: CellGrid
     thickness_mm: float
@@ -47,7 +47,7 @@ class ForwardModel:
     point_spread_mm: float
     """Standard deviation of the point-spread; zero where heights are observed."""
     base: Gel | None = None
-    """What the gel lies on, its shear modulus over that of the gel; None is rigid."""
+    """Compliant base below the gel, with its shear modulus relative to that of the gel; None for a rigid base."""
 
     @cached_property
     def compliance(self) -> Complex64[Array, "3 skin_rows half"]:
@@ -71,21 +71,20 @@ class ForwardModel:
         return inverse_transform((waves * self.compliance).sum(axis=0), shape, shape)
 
     def scatter(self, change: SkinField) -> View:
-        """Return what the camera sees of a change of brightness all over the skin."""
+        """Return the change of brightness that the camera observes, after scattering, for a change on all skin."""
         down, across = self.point_spread
         return down @ change @ across
 
 
 @dataclass(frozen=True)
 class InfluenceKernels:
-    """What the traction on one cell of the view does to the skin that scatters light into the view: the view, and some around
-    it."""
+    """Heights due to the traction on single cells, on the view and the skin around it that scatters light into the view."""
 
     forward: ForwardModel
 
     @cached_property
     def around(self) -> tuple[int, int]:
-        """Cells of that skin above (left of) the view."""
+        """Numbers of cells of that skin above the view and left of it."""
         cells = self.forward.cells
         wanted = int(np.ceil(_SCATTERING_REACH * self.forward.point_spread_mm / cells.pitch_mm))
         down, across = (
@@ -95,7 +94,7 @@ class InfluenceKernels:
 
     @cached_property
     def skin_indices(self) -> tuple[Int[Array, " rows"], Int[Array, " cols"]]:
-        """Rows and columns of that skin in the periodic skin, in the order of space."""
+        """Row and column indices of that skin in the periodic skin, in spatial order."""
         cells = self.forward.cells
         down, across = (
             np.arange(-beyond, view + beyond) % skin
@@ -109,7 +108,7 @@ class InfluenceKernels:
         return len(self.skin_indices[0]), len(self.skin_indices[1])
 
     def heights_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n skin_rows skin_cols"]]:
-        """Return the height of that skin by unit pressure, shear along x and shear along y on each of these cells."""
+        """Return the height of that skin under unit pressure, unit shear along x and unit shear along y on each of these cells."""
         at = window_indices(self.forward.cells, row, col)
         return [windows[at] for windows in self._height_windows]
 
@@ -120,7 +119,7 @@ class InfluenceKernels:
         return np.ascontiguousarray(down[:, rows]), np.ascontiguousarray(across[cols])
 
     def crop_to_skin(self, values: Float32[Array, "a b"]) -> Float32[Array, "skin_rows skin_cols"]:
-        """Return a field of the periodic skin on that skin, in the order of space."""
+        """Return a field of the periodic skin on that skin, in spatial order."""
         return values[np.ix_(*self.skin_indices)]
 
     @cached_property
@@ -129,7 +128,10 @@ class InfluenceKernels:
 
 
 def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Array:
-    """Return a transfer function in space as windows into one array; window `window_indices` is what one cell of the view does."""
+    """Return a transfer function in space as windows into one array.
+
+    The window at `window_indices` is the response to one cell of the view.
+    """
     skin, view = cells.patch.shape, cells.shape
     kernel = np.fft.irfft2(transfer, s=skin).astype(np.float32)
     down, across = (np.arange(1 - side - beyond, side + beyond) for side, beyond in zip(view, around, strict=True))
@@ -153,21 +155,21 @@ def _gaussian_weights(cells: CellGrid, axis: int, sigma_mm: float) -> Float32[Ar
 
 
 TYPICAL_SLOPE_RATIO = 2.2
-"""Slope of bulges over the mean slope of dents: eight real sensors of five labs, 1.8 to 2.9, geometric mean."""
+"""Slope of bulges over the mean slope of dents: geometric mean of eight real sensors of five labs, which range from 1.8 to 2.9."""
 COMPLIANT_BASE = Gel(6.0, 10.0)
-"""A transparent layer of Shore A 45 as it is moulded under gel of Shore A 5; its modulus is over that of the gel."""
+"""Transparent layer of Shore A 45 that is moulded under a gel of Shore A 5; its modulus is relative to that of the gel."""
 
 _MIN_RIGID_SLOPE_RATIO = 1.4
-"""Three standard deviations of its logarithm (0.15) below."""
+"""Smallest ratio for a rigid base: `TYPICAL_SLOPE_RATIO` less three standard deviations of its logarithm (0.15)."""
 
 
 @dataclass(frozen=True)
 class Substrate:
-    """What the gel lies on, and the observation model that holds above it."""
+    """The base that the gel lies on, and the observation model that is valid above it."""
 
     observation_model: BrightnessObservationModel
     base: Gel | None = None
-    """None is rigid; its shear modulus is over that of the gel."""
+    """Compliant base with its shear modulus relative to that of the gel; None for a rigid base."""
 
 
 def identify_substrate(observation_model: BrightnessObservationModel) -> Substrate:

@@ -1,11 +1,12 @@
-"""The inversion: tractions that explain an observation best, by Gauss–Newton iteration on the brightness law.
+"""The inversion: the tractions that explain an observation best, by Gauss–Newton iteration on the brightness law.
 
-Minimised: ‖(observed − predicted)/σ‖² + ‖pressure‖² + ‖shear modes‖², the last two in the measure of the prior, with pressure
-nowhere negative, and both zero outside the contact region. Each linearised quadratic programme is solved exactly
-(`nonnegative_qp`). σ is not chosen: it is the noise of this image and the error of this sensor's calibration, or the residual of
-the best explanation, where that is larger (discrepancy principle; docs/force_physics.md has the sources).
+The objective is ‖(observed − predicted)/σ‖² + ‖pressure‖² + ‖shear modes‖², with the last two norms those of the prior. Pressure is
+nowhere negative, and both are zero outside the contact region. Each linearised quadratic programme is solved exactly
+(`nonnegative_qp`). σ is not a setting: it is the noise of this image and the error of this sensor's calibration, or the residual of
+the best fit, where that is larger (discrepancy principle; docs/force_physics.md has the sources).
 
-The uncertainty of the wrench: what the image leaves open, and what is uncertain about the sensor.
+`UncertaintyModel` computes the standard deviation of the wrench from the posterior covariance of the tractions and from the
+relative errors of the sensor's parameters.
 """
 
 from dataclasses import dataclass
@@ -22,32 +23,32 @@ from ninedtact.force.traction.nonnegative_qp import QPSolution, solve_nonnegativ
 from ninedtact.force.traction.observation import BrightnessLaw, Observation
 
 _WINKLER_PER_MM = 3.9
-"""Pressure over indentation in the middle of presses: the initial guess."""
+"""Pressure (over the shear modulus) per mm of indentation in the middle of presses, used for the initial guess."""
 _MIN_PRIOR_DEPTH_MM = 0.02
-"""Indentation below which the prior of pressure is not narrowed any more."""
+"""Smallest indentation by which the prior of pressure is scaled."""
 _LEVEL_STD = 0.003
-"""Standard deviation of the brightness that the whole image has more or less than it should, relative."""
+"""Standard deviation of the relative brightness offset that all cells share."""
 
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """When the iteration ends."""
+    """Limits of the iteration, and its convergence criteria."""
 
     max_iterations: int = 4
-    """Linearisations from a cold start."""
+    """Largest number of linearisations without a previous result."""
     max_warm_iterations: int = 1
-    """The same where the result of the previous image is the initial guess."""
+    """Largest number of linearisations that start from the result of the previous image."""
     max_qp_solves: int = 30
-    """Solutions of each quadratic programme."""
+    """Largest number of linear solves for each quadratic programme."""
     target_decrement: float = 1.0
     """Newton decrement, in standard deviations of any sum of the unknowns, at which the iteration ends."""
     max_trusted_decrement: float = 5.0
-    """Newton decrement above which the result is not converged."""
+    """Newton decrement above which the result counts as not converged."""
 
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """Where the iteration starts."""
+    """The tractions and skin heights from which the iteration starts."""
 
     tractions: Tractions
     skin_mm: SkinField
@@ -57,11 +58,11 @@ class InitialGuess:
 
 @dataclass(frozen=True)
 class InversionResult:
-    """The tractions over the shear modulus, and what uncertainty and the next inversion need."""
+    """The tractions over the shear modulus, with the data that the uncertainty and the next inversion need."""
 
     tractions: Tractions
     skin_mm: SkinField
-    """Height of all skin under them."""
+    """Height of all skin under these tractions."""
     problem: LinearisedProblem
     """The last linearisation."""
     solution: QPSolution
@@ -84,7 +85,7 @@ class TractionInversion:
     def invert(self, observation: Observation, region: View, last: InversionResult | None = None) -> InversionResult:
         """Return the tractions in a contact region; the previous image's result, given as `last`, saves iterations.
 
-        A previous contact without pressure in the region is no guess: the iteration starts from the heights then.
+        Where the previous result has no pressure in the region, the iteration starts from the observed heights instead.
         """
         follows = last is not None and bool((last.tractions[0] * region).any())
         if last is not None and follows:
@@ -100,7 +101,7 @@ class TractionInversion:
     def _iterate(
         self, observation: Observation, region: View, guess: InitialGuess | InversionResult
     ) -> InversionResult:
-        """One Gauss–Newton iteration: linearise, solve, and measure what the curvature of the law leaves unexplained."""
+        """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem = self._linearise(observation, region, guess)
         offset = self.law(guess.skin_mm) - problem.slope * guess.skin_mm
         programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
@@ -125,7 +126,7 @@ class TractionInversion:
         return LinearisedProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, depth_mm)
 
     def _guess_from_heights(self, observation: Observation, region: View) -> InitialGuess:
-        """Return pressure in proportion to the indentation as it was read, and no shear."""
+        """Return an initial guess with pressure in proportion to the observed indentation, and no shear."""
         tractions = np.zeros((3, *region.shape), np.float32)
         tractions[0] = np.maximum(-observation.z_mm, 0) * region * np.float32(_WINKLER_PER_MM)
         return InitialGuess(tractions, self._extend_to_skin(observation.z_mm))
@@ -137,7 +138,7 @@ class TractionInversion:
         return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
 
     def _extend_to_skin(self, z_mm: View) -> SkinField:
-        """Return heights of the view and, beyond it, those of its border."""
+        """Extend heights of the view to all skin by repeating those of its border."""
         cells = self.forward.cells
         row, col = (np.clip(cells.offsets(axis), 0, side - 1).astype(int) for axis, side in enumerate(cells.shape))
         return z_mm[np.ix_(row, col)]
@@ -152,13 +153,14 @@ class TractionInversion:
 
 
 def _build_whitener(observation: Observation, misfit: float) -> Whitener:
-    """Return the inverse covariance of noise and the calibration's error together, scaled to the misfit."""
+    """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
     error = np.sqrt(observation.error**2 + np.float32(observation.noise**2)) * np.float32(misfit)
     return Whitener(observation.in_view / error, _LEVEL_STD)
 
 
 _THICKNESS_EXPONENT = 1.0
-"""Power of the assumed thickness with which forces fall, shear more and load less: the table of docs/force_physics.md."""
+"""Exponent with which forces fall with the assumed thickness: an average, larger for shear and smaller for load (table in
+docs/force_physics.md)."""
 
 
 @dataclass(frozen=True)
@@ -166,14 +168,14 @@ class UncertaintyModel:
     """Relative standard deviations that cannot be estimated from a single image."""
 
     modulus: float = 0.05
-    """Of the gel's shear modulus, when it is calibrated with a known load."""
+    """Relative error of the gel's shear modulus after a calibration with a known load."""
     thickness: float = 0.02
-    """Of the gel's thickness, as fitted to the ball press."""
+    """Relative error of the gel's thickness, as fitted to the ball press."""
     model: float = 0.08
-    """Of what the cells and the linear gel leave out, found on twins."""
+    """Relative error due to the discretisation and the linear gel model, found on simulated sensors."""
     correlation: float = 2.0
-    """How many times more the image leaves open than if its cells erred independently: errors of the calibration are the same all
-    around a contact. Found on twins."""
+    """Factor on the posterior standard deviation for correlated errors of the cells: calibration errors are alike all around a
+    contact. Found on simulated sensors."""
 
     @property
     def relative_std(self) -> float:
@@ -193,7 +195,7 @@ def _wrench_covariance(result: InversionResult) -> Float64[Array, "6 6"]:
 
 
 def _wrench_operator(problem: LinearisedProblem) -> Float64[Array, "6 unknowns"]:
-    """Return S: force and torque of one of each unknown, N and N·m per MPa."""
+    """Return S: the force and torque due to a unit of each unknown, N and N·m per MPa."""
     cells, carried = problem.kernels.forward.cells, problem.carried_shear
     x, y = (coordinate[problem.contact_cells].astype(float) for coordinate in cells.coordinates_mm)
     none, one = np.zeros((1, carried.shape[1])), np.ones_like(x)

@@ -1,9 +1,9 @@
 """One Gauss–Newton iteration: the brightness law linearised about a guess, which leaves a quadratic programme in the tractions.
 
-The prior (`TractionPrior`) is statistics of presses, in units of the shear modulus (docs/force_physics.md has the figures).
-Pressure is correlated as exp(−r/ℓ), ℓ = 1.9 mm, and in proportion to the indentation. Shear is pressure times a smooth ratio, one
-part of which is the same all over the contact (the pull of the hand: 0.12 on each axis) while another changes over some two
-millimetres (the gel spreads sideways, and friction holds it: 0.15).
+The prior (`TractionPrior`) has the statistics of simulated presses, in units of the shear modulus (docs/force_physics.md has the
+figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, and a standard deviation in proportion to the indentation. Shear is
+pressure times a smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.12 on each axis); the
+other varies over about two millimetres (friction against the sideways spreading of the gel: 0.15).
 """
 
 from dataclasses import dataclass
@@ -26,23 +26,23 @@ from ninedtact.force.traction.forward_model import (
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, QPSolution
 
 _MIN_MODE_POWER = 0.01
-"""Of the strongest mode's; weaker modes of shear are left out."""
+"""Fraction of the strongest shear mode's power below which a mode is left out."""
 _CELLS_PER_BATCH = 64
-"""Cells whose fields are computed together, so few that they stay in the processor's cache."""
+"""Number of cells whose fields are computed together, small enough for the processor's cache."""
 
 
 @dataclass(frozen=True)
 class TractionPrior:
-    """Statistics of presses that were simulated with other objects on other sensors."""
+    """Statistics of the tractions in presses that were simulated separately, with other objects on other sensors."""
 
     pressure_per_mm: float = 7.0
-    """Standard deviation of the pressure over the root mean square of the indentation, 1/mm; half as much again as was found,
-    since pressure has edges and a Gaussian has not."""
+    """Standard deviation of the pressure over the root mean square of the indentation, 1/mm; 1.5 times the value found, because
+    pressure has sharp edges, unlike a Gaussian field."""
     correlation_mm: float = 1.9
     pull: float = 0.12
-    """Standard deviation of shear over pressure, the part that is common to the contact."""
+    """Standard deviation of the part of shear over pressure that is constant over the contact."""
     spread: float = 0.15
-    """The same of the part that changes over the contact."""
+    """Standard deviation of the part of shear over pressure that varies over the contact."""
     spread_mm: float = 2.0
     smooth_mm: float = 0.4
     """Standard deviation of the Gaussian that smooths pressure before it carries shear."""
@@ -111,9 +111,9 @@ class Whitener:
 
 @dataclass(frozen=True)
 class LinearisedProblem:
-    """½ xᵀHx − bᵀx about a guess of the skin.
+    """The quadratic programme ½ xᵀHx − bᵀx that results from linearising about guessed heights of the skin.
 
-    Unknowns x: pressure on each cell of the contact region, then weights of the modes of shear along x, then along y.
+    The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y.
     """
 
     kernels: InfluenceKernels
@@ -121,7 +121,7 @@ class LinearisedProblem:
     region: View
     """One where pressure may act."""
     carries: View
-    """Smoothed pressure: shear is in proportion to it."""
+    """Smoothed pressure, to which shear is proportional."""
     slope: SkinField
     """Derivative of the brightness law at the guess."""
     whitener: Whitener
@@ -136,7 +136,7 @@ class LinearisedProblem:
 
     @cached_property
     def carried_shear(self) -> Float32[Array, "n modes"]:
-        """Shear on each of these cells by each mode that matters here."""
+        """Shear on each of these cells by each mode that is not negligible on them."""
         row, col = self.contact_cells
         carried = self.prior.shear_modes[row * self.region.shape[1] + col] * self.carries[row, col][:, None]
         power = (carried**2).sum(axis=0)
@@ -144,7 +144,7 @@ class LinearisedProblem:
 
     @cached_property
     def jacobian(self) -> Float32[Array, "unknowns pixels"]:
-        """What each unknown does to the observed signal, over its standard deviation."""
+        """J: the derivative of the observed signal by each unknown, over the signal's standard deviation."""
         count, modes = self.carried_shear.shape
         jacobian = np.empty((count + 2 * modes, self.region.size), np.float32)
         sheared = np.zeros((2, modes, self.kernels.skin_shape[0] * self.kernels.skin_shape[1]), np.float32)
@@ -158,7 +158,7 @@ class LinearisedProblem:
 
     @cached_property
     def curvature(self) -> Float64[Array, "unknowns unknowns"]:
-        """H: of the misfit and of the prior."""
+        """H: the curvature of the misfit plus that of the prior."""
         row, col = self.contact_cells
         count, curvature = len(row), self.whitener.gram(self.jacobian).astype(float)
         for batch in self._batches:
@@ -190,8 +190,10 @@ class LinearisedProblem:
         return tractions
 
     def newton_decrement(self, solution: QPSolution, residual: View) -> float:
-        """Return how far the solution would move to explain this residual, too: no sum of the unknowns moves by more of its own
-        standard deviations (by Cauchy and Schwarz)."""
+        """Return how far the solution would move to explain this residual as well.
+
+        By the Cauchy–Schwarz inequality no linear combination of the unknowns moves by more of its own standard deviations.
+        """
         return float(np.linalg.norm(solution.whiten_rows(self.negative_gradient(residual)[None])))
 
     @property
@@ -215,8 +217,10 @@ class LinearisedProblem:
 def pressure_precision_spectrum(
     wave: Float[Array, "rows half"], prior: TractionPrior, pitch_mm: float
 ) -> Float32[Array, "rows half"]:
-    """Return one over the power of pressure at every wave number (1/mm), for an indentation of 1 mm: of exp(−r/ℓ) in two
-    dimensions."""
+    """Return the inverse power spectrum of pressure at every wave number (1/mm), for an indentation of 1 mm.
+
+    The spectrum is that of the correlation exp(−r/ℓ) in two dimensions.
+    """
     length = prior.correlation_mm
     power = 2 * np.pi * (prior.pressure_per_mm * length / pitch_mm) ** 2
     return ((1 + (wave * length) ** 2) ** 1.5 / power).astype(np.float32)

@@ -1,8 +1,8 @@
-"""Quadratic programmes of which some unknowns must not be negative, solved exactly by block principal pivoting.
+"""Solver of quadratic programmes some of whose unknowns must not be negative, exact, by block principal pivoting.
 
-Those unknowns are free, or held at zero. The free ones are solved for; all that come out negative are held, all held ones that
-would rise are freed, and so on until none is on the wrong side. Should exchanging all of them fail to lessen their number, they are
-exchanged one by one, which always ends (Júdice and Pires 1994; docs/force_physics.md).
+Each bounded unknown is free, or held at zero. The free unknowns are solved for; then those that are negative are held, and held
+ones that would rise are freed, until none is on the wrong side. Where exchanging all of them repeatedly fails to reduce their
+number, they are exchanged one at a time, which always terminates (Júdice and Pires 1994; docs/force_physics.md).
 """
 
 from dataclasses import dataclass, replace
@@ -12,23 +12,23 @@ from jaxtyping import Bool, Float64
 from numpy import ndarray as Array
 
 _WRONG_SIDE_STDS = 0.05
-"""Own standard deviations by which an unknown must be on the wrong side to count."""
+"""Distance beyond the bound, in an unknown's own standard deviations, from which it counts as on the wrong side."""
 _MAX_FAILED_EXCHANGES = 3
-"""Exchanges of all in a row that may fail to lessen the number of wrong ones."""
+"""Number of consecutive block exchanges that may fail to reduce the number of unknowns on the wrong side."""
 
 
 @dataclass(frozen=True)
 class NonNegativeQP:
-    """½ xᵀHx − bᵀx, the first `bounded` unknowns not negative."""
+    """The problem of minimising ½ xᵀHx − bᵀx where the first `bounded` unknowns are not negative."""
 
     curvature: Float64[Array, "n n"]
-    """H"""
+    """H: symmetric and positive definite."""
     negative_gradient: Float64[Array, " n"]
-    """b: of the objective at zero."""
+    """b: the negative gradient of the objective at zero."""
     bounded: int
 
     def precision_root(self) -> Float64[Array, " n"]:
-        """Return one over the standard deviation of each unknown, the others known."""
+        """Return one over the standard deviation of each unknown, given the others."""
         return np.sqrt(np.diag(self.curvature))
 
     def solve_free(self, free: Bool[Array, " n"], solve_count: int = 1) -> "QPSolution":
@@ -42,11 +42,11 @@ class NonNegativeQP:
         return QPSolution(x, free, factor, solve_count)
 
     def clip(self, x: Float64[Array, " n"]) -> Float64[Array, " n"]:
-        """Return unknowns of which the bounded ones are cut off at zero."""
+        """Return the unknowns with the bounded ones clipped at zero."""
         return np.concatenate([np.maximum(x[: self.bounded], 0), x[self.bounded :]])
 
     def wrong_side(self, solution: "QPSolution", precision_root: Float64[Array, " n"]) -> Bool[Array, " n"]:
-        """Return which free unknowns are negative, and which held ones would rise."""
+        """Return a mask of the unknowns on the wrong side: free ones that are negative, and held ones that would rise."""
         held = ~solution.free
         rising = held & (self.negative_gradient - self.curvature @ solution.x > _WRONG_SIDE_STDS * precision_root)
         negative = solution.free & (solution.x * precision_root < -_WRONG_SIDE_STDS)
@@ -73,7 +73,7 @@ class QPSolution:
 
 
 def solve_nonnegative_qp(problem: NonNegativeQP, free: Bool[Array, " n"], max_solves: int) -> QPSolution:
-    """Return the minimum, with a first guess of the free unknowns; after `max_solves` the last iterate is cut off at zero."""
+    """Return the minimum, starting from a guess of the free unknowns, or the last iterate after `max_solves`, clipped at zero."""
     precision_root = problem.precision_root()
     solution = problem.solve_free(free)
     wrong, fewest, chances = problem.wrong_side(solution, precision_root), len(free) + 1, _MAX_FAILED_EXCHANGES

@@ -1,8 +1,9 @@
-"""What a reading shows of the skin, on the grid of cells: the change of brightness or, where no light is known, the height itself.
+"""Observation models: from a reading to the signal that is inverted, on the grid of cells.
 
-Brightness carries more. A height map is light that was deblurred as far as noise allowed, and then looked up in the depth curve;
-parts of a contact that are narrower than light scatters come out blurred, and what is dark there and what is bright do not cancel
-as heights do. The inversion predicts the scattered light instead, so that nothing has to be deblurred.
+The signal is the change of brightness or, without a light calibration, the height itself. Brightness carries more information. A
+height map is an image that was deblurred as far as noise allowed and then mapped by the depth curve. Features of a contact that are
+narrower than the scattering of light remain blurred in it, and their dark and bright parts do not cancel as the heights themselves
+do. The inversion predicts the scattered light instead, so that nothing has to be deblurred.
 """
 
 from abc import ABC, abstractmethod
@@ -25,15 +26,15 @@ from ninedtact.shape.orthorectification import find_sightline_pixels, sample_fie
 View = Float32[Array, "rows cols"]
 
 _EXTENSION_FACTOR = 2.0
-"""Times the calibrated range to which the depth curve is continued along its last segment."""
+"""Multiple of the calibrated range up to which the depth curve is extrapolated along its last segment."""
 _SIGHTLINE_ITERATIONS = 5
 _MIN_BRIGHTNESS_NOISE = 2e-4
-"""Of a cell's relative brightness: a tenth of a grey level's step, averaged over a cell."""
+"""Smallest noise of a cell's relative brightness: a tenth of a grey level's step, averaged over a cell."""
 _MIN_HEIGHT_NOISE_MM = 0.002
 
 
 class TractionImpossible(ForceError):
-    """A sensor or a reading from which no traction can be estimated."""
+    """No traction can be estimated from this sensor or this reading."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class BrightnessLaw:
 
 
 def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
-    """Return the brightness law of a ratio curve, both ends continued; raises `TractionImpossible` where it has no bulges."""
+    """Return the brightness law of a ratio curve, extrapolated at both ends; raises `TractionImpossible` where it has no bulges."""
     if not curve.knows_bulges or curve.signal != "ratio":
         raise TractionImpossible(
             "expected a depth curve that knows bulges, got one for indentation alone; calibrate with the method 'physics'"
@@ -71,12 +72,12 @@ def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
 
 
 _HEIGHT_AS_SIGNAL = BrightnessLaw(np.array([-20.0, 20.0]), np.array([-20.0, 20.0]))
-"""Where the observed signal is the height itself: one per mm."""
+"""Law for an observed signal that is the height itself: its slope is one per mm."""
 
 
 @dataclass(frozen=True)
 class Observation:
-    """Fields on the cells, orthorectified."""
+    """The observed signal and its errors as orthorectified fields on the cells."""
 
     change: View
     """Relative change of brightness; mm where heights are observed."""
@@ -85,7 +86,7 @@ class Observation:
     error: View
     """Standard deviation of the change due to the calibration."""
     z_mm: View
-    """Height from the depth reader: the initial guess, and where contact may be."""
+    """Height from the depth reader, used for the initial guess and the contact region."""
     in_view: View
     """One where a cell is seen, zero where not."""
     beyond: View
@@ -112,7 +113,7 @@ class BrightnessObservationModel(ObservationModel):
     loss: LightLoss
     point_spread_mm: float
     _reference: list[tuple[Rectified, View]] = field(default_factory=list, init=False, repr=False, compare=False)
-    """The last reference, averaged over the cells: it changes once a session."""
+    """The last reference averaged over the cells, cached because it changes only once a session."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "law", brightness_law_of_curve(self.curve))
@@ -130,7 +131,7 @@ class BrightnessObservationModel(ObservationModel):
         return Observation(change, noise, error, below.z_mm, below.in_view.astype(np.float32), beyond)
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
-        """Return the relative change of brightness of every cell, with the light lost everywhere given back."""
+        """Return the relative change of brightness of every cell, corrected for the global loss of light."""
         if not self._reference or self._reference[0][0] is not reference or self._reference[0][1].shape != cells.shape:
             self._reference[:] = [(reference, np.maximum(cells.average(reference.grey), np.float32(1)))]
         lost = self.loss(image.grey, reference.grey)
@@ -138,14 +139,14 @@ class BrightnessObservationModel(ObservationModel):
 
     @property
     def curve_error(self) -> float:
-        """The depth curve's error as brightness, its mean over the curve: errors of the curve are alike all around a contact."""
+        """Mean error of the depth curve in relative brightness; errors of the curve are alike all around a contact."""
         steps = np.diff(self.curve.darkening) / np.maximum(np.diff(self.curve.indentation_mm), 1e-9)
         return float(np.mean(steps * np.array(self.curve.error_mm)[1:]))
 
 
 @dataclass(frozen=True)
 class HeightObservationModel(ObservationModel):
-    """Observes the height map alone, where nothing is known of light."""
+    """Observes the height map alone, for sensors without a light calibration."""
 
     error_mm: float = 0.01
     law: BrightnessLaw = _HEIGHT_AS_SIGNAL
@@ -172,8 +173,10 @@ def build_brightness_observation_model(calibrated: CalibratedShape) -> Brightnes
 def _orthorectify_onto_cells(
     height: HeightMap, cells: CellGrid
 ) -> tuple[HeightMap, Float32[Array, "2 rows cols"], View]:
-    """Return the map at the places of the cells, column and row of the coarse lines of sight that see them, and the fraction of
-    each cell that is extrapolated; raises `TractionImpossible` where nothing is in view."""
+    """Return the height map on the cells, the column and row of the line of sight of each, and each cell's extrapolated fraction.
+
+    Columns and rows are those of the averaged map. Raises `TractionImpossible` where nothing is in view.
+    """
     if not height.in_view.any():
         raise TractionImpossible(
             "expected a height map with pixels in view, got one that is out of view everywhere; calibrate the board again"
@@ -190,12 +193,12 @@ def _orthorectify_onto_cells(
 
 
 def _fraction_of_cells(where: Bool[Array, "a b"], cells: CellGrid) -> View:
-    """Return the fraction of every cell in which a mask holds; mostly it holds in all cells, or in none."""
+    """Return the fraction of every cell in which a mask holds, quickly where it holds everywhere or nowhere."""
     if where.all() or not where.any():
         return np.full(cells.shape, where.flat[0], np.float32)
     return cells.average(where.astype(np.float32))
 
 
 def _at_pixels(values: View, pixel: Float32[Array, "2 rows cols"]) -> View:
-    """Return a field of lines of sight at the places that they meet."""
+    """Interpolate a field of lines of sight at the given columns and rows."""
     return np.asarray(sample_field(values, pixel, cv2.INTER_LINEAR), np.float32)
