@@ -115,7 +115,7 @@ def _make_missing_parts(
 
 @dataclass(frozen=True)
 class _PartFiles:
-    """The files of one part; they are kept until the data set is finished."""
+    """The files of one part, which are kept until the data set is finished."""
 
     folder: Path
     number: int
@@ -179,7 +179,7 @@ def _make_part(part: SourcePart, files: _PartFiles, settings: CheckSettings) -> 
 
 
 def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int, settings: BuildSettings) -> None:
-    """Check across parts and make one data set of them; raises `NoUsablePairs`, `FileNotWritten`."""
+    """Check across parts and combine them into one data set; raises `NoUsablePairs`, `FileNotWritten`."""
     files = [_PartFiles(folder.parts, number) for number in range(count)]
     checks = [file.read_check() for file in files]
     report = combine_file_checks(checks, [file.pairs.name for file in files], settings.drop)

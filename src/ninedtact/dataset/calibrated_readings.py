@@ -25,7 +25,7 @@ READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
 
 
 class SensorCalibrationMissing(CalibrationError):
-    """Images of a sensor whose calibration was not given, or was made with images of another size."""
+    """Raised for images of a sensor whose calibration was not given, or was made with images of another size."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class CalibratedSensor:
     shape: CalibratedShape
     gel: Gel
     digest: str
-    """Differs between any two calibrations."""
+    """A digest that differs between any two calibrations."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ _FRAME = (
 
 
 class LicenceImpossible(InputError):
-    """Something that is not the name of a licence."""
+    """Raised for text that is not the name of a licence."""
 
 
 def require_licence(licence: str | None) -> None:

@@ -29,7 +29,7 @@ _CHECKED_COLUMNS = ("id", "image", "reference_id", "wrench", "wrench_delay_ms")
 
 
 class CheckSettingsImpossible(InputError):
-    """Limits that no pair could meet."""
+    """Raised for limits that no pair could meet."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class FileCheck(msgspec.Struct):
 
     ids: list[str]
     image_digests: list[str]
-    """Empty where the image cannot be read."""
+    """Digest of every image; empty where the image cannot be read."""
     findings: list[PairFinding]
 
 

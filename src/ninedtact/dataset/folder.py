@@ -27,11 +27,11 @@ _FILE_COUNT = re.compile(r"-of-(\d+)\.parquet$")
 
 
 class DatasetUnfinished(DatasetDamaged):
-    """A data set some of whose files are still missing."""
+    """Raised for a data set of which some files are still missing."""
 
 
 class DatasetFolderTaken(OutputError):
-    """A folder that holds something else, or a data set that was begun with other settings."""
+    """Raised for a folder that holds something else, or a data set that was begun with other settings."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class DatasetFolder:
 
     @property
     def is_finished(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether all files are complete."""
         return self.card.is_file()
 
     def pair_file(self, number: int, count: int) -> Path:

@@ -37,9 +37,9 @@ class HeightPairs:
 
     ids: Shaped[Array, " n"]
     z_mm: Float16[Array, "n rows cols"]
-    """Negative where the skin is pressed in."""
+    """Heights in mm, negative where the skin is pressed in."""
     wrenches: Float32[Array, "n 6"]
-    """N and N·m about the skin's centre."""
+    """Wrenches, N and N·m about the skin's centre."""
     objects: Shaped[Array, " n"]
     sensors: Shaped[Array, " n"]
 
@@ -111,7 +111,7 @@ def _compute_missing_files(
 
 
 def _select_sensors(file: Path, sensors: Mapping[str, CalibratedSensor]) -> dict[str, CalibratedSensor]:
-    """Return the calibrations of the sensors in one file: a process is sent no others."""
+    """Return the calibrations of the sensors in one file, so that a process receives no others."""
     names = {row["sensor"] or "" for row in iterate_rows(file, ["sensor"])}
     return {name: sensors[name] for name in names if name in sensors}
 

@@ -38,11 +38,11 @@ _SMALLEST_PX = 8
 
 
 class ImageSizeImpossible(InputError):
-    """Images of a size that no network takes."""
+    """Raised for an image size that no network takes."""
 
 
 class _KnownFile(msgspec.Struct, frozen=True):
-    """A Parquet file as it was when it was read last."""
+    """A Parquet file as it was when it was last read."""
 
     size: int
     mtime_ns: int
@@ -189,7 +189,7 @@ class _ImageArrayFile:
 
 @contextmanager
 def _new_cache_folder(final: Path) -> Iterator[Path]:
-    """Yield a folder to fill, which is renamed to `final` when the block ends well; raises `FileNotWritten`."""
+    """Yield a folder to fill, which is renamed to `final` when the block ends without an error; raises `FileNotWritten`."""
     make_cache_folder(final.parent)
     _remove_abandoned(final.parent)
     partial = final.parent / f".{final.name}.{socket.gethostname()}.{os.getpid()}.making"
@@ -209,7 +209,7 @@ def _new_cache_folder(final: Path) -> Iterator[Path]:
 
 
 def _remove_abandoned(cache: Path) -> None:
-    """Remove what killed processes of this machine left unfinished."""
+    """Remove unfinished files and folders that killed processes of this machine left."""
     for folder in cache.glob(f".*.{socket.gethostname()}.*.making"):
         if not _is_process_alive(int(folder.suffixes[-2][1:])):
             shutil.rmtree(folder, ignore_errors=True)

@@ -32,16 +32,16 @@ from ninedtact.dataset.schema import (
 from ninedtact.errors import FileFormatError, InputError
 
 _ROWS_PER_GROUP = 100
-"""Rows in memory at once, and the smallest unit that a reader can pick."""
+"""Number of rows in memory at once, which is the smallest unit that a reader can read."""
 _NO_WRENCH = [float("nan")] * 6
 
 
 class DatasetDamaged(FileFormatError):
-    """A folder that is not a data set, or a file of it that is not whole."""
+    """Raised for a folder that is not a data set, or a file of it that is incomplete."""
 
 
 class DatasetFormatUnknown(DatasetDamaged):
-    """A data set whose format is not the one that this version reads."""
+    """Raised for a data set whose format this version does not read."""
 
 
 def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
@@ -104,7 +104,7 @@ def read_columns(paths: Sequence[Path], columns: Sequence[str]) -> Any:
 
 
 def wrench_array(table: Any) -> Float32[Array, "n 6"]:
-    """Return the column `wrench` of an Arrow table; not a number where a wrench is missing."""
+    """Return the column `wrench` of an Arrow table, with NaN where a wrench is missing."""
     column = table["wrench"].combine_chunks()
     if column.null_count == 0:
         values = column.flatten().to_numpy(zero_copy_only=False)
@@ -114,7 +114,7 @@ def wrench_array(table: Any) -> Float32[Array, "n 6"]:
 
 
 def wrench_vector(value: Any) -> Float32[Array, "6"]:
-    """Return the wrench of one row; not a number where it is missing."""
+    """Return the wrench of one row, NaN where it is missing."""
     numbers = [float("nan") if number is None else number for number in (value or _NO_WRENCH)]
     return np.asarray(numbers, np.float32)
 
@@ -128,7 +128,7 @@ def open_parquet_file(path: Path) -> Any:
 
 
 def require_pair_columns(path: Path) -> None:
-    """Refuse a file that is not one of pairs in the current format; raises `DatasetDamaged`, `DatasetFormatUnknown`."""
+    """Refuse a file that does not hold pairs in the current format; raises `DatasetDamaged`, `DatasetFormatUnknown`."""
     schema = open_parquet_file(path).schema_arrow
     found = (schema.metadata or {}).get(FORMAT_KEY)
     if found != str(DATASET_FORMAT).encode():
@@ -153,7 +153,7 @@ Result = TypeVar("Result")
 
 
 class WorkersImpossible(InputError):
-    """Fewer than one worker process."""
+    """Raised for fewer than one worker process."""
 
 
 def run_in_processes(

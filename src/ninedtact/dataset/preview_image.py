@@ -27,12 +27,12 @@ _CAPTION_PX, _MARGIN_PX = 34, 4
 _TILES_PER_ROW = 6
 _ARROW_PX_PER_N = 20.0
 _CONTRAST = 2
-"""Over that of the live page: the tiles are small and looked at for a moment."""
+"""Contrast relative to that of the live page: the tiles are small and viewed only briefly."""
 _GREY, _WHITE = (170, 170, 170), (255, 255, 255)
 
 
 class NothingToPreview(InputError):
-    """A data set without a pair that can be drawn."""
+    """Raised for a data set without a pair that can be drawn."""
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from ninedtact.errors import DatasetError
 
 
 class NoUsablePairs(DatasetError):
-    """Not one pair of the data set can be trained with."""
+    """Raised for a data set without a single pair that can be used for training."""
 
 
 class FaultsFound(DatasetError):
-    """The checks found faults where none are accepted."""
+    """Raised where the checks found faults and none are accepted."""
 
 
 class PairFault(StrEnum):
@@ -59,7 +59,7 @@ FAULT_MEANINGS = {
 """What each fault means, for the report and README.md."""
 
 _UNUSABLE_FAULTS = frozenset({PairFault.UNREADABLE, PairFault.NO_REFERENCE, PairFault.NOT_FINITE})
-"""A pair with one of these cannot be trained with; with the others it may be a good one."""
+"""Faults that make a pair unusable for training; a pair with one of the others may be a good one."""
 
 
 class PairFinding(msgspec.Struct, frozen=True):
@@ -80,7 +80,7 @@ class QualityReport(msgspec.Struct, frozen=True):
     """Number of pairs that were checked."""
     without_fault: int
     usable: int
-    """Number of pairs in the data set that can be trained with."""
+    """Number of pairs in the data set that can be used for training."""
     counts: dict[str, int]
     """Number of findings by fault."""
     dropped: bool
@@ -120,7 +120,7 @@ def read_quality_report(path: Path) -> QualityReport:
 
 
 def require_usable_pairs(report: QualityReport, report_path: Path) -> None:
-    """Raise `NoUsablePairs` if not one pair can be trained with."""
+    """Raise `NoUsablePairs` if no pair can be used for training."""
     if report.usable < 1:
         counted = sorted(report.counts.items(), key=lambda item: -item[1])
         reasons = ", ".join(f"{count} {fault}" for fault, count in counted) or "the sources are empty"

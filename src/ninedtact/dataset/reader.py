@@ -49,7 +49,7 @@ class PairBatch:
     references: UInt8[Array, "b rows cols"]
     """The reference image (no contact) of every pair."""
     wrenches: Float32[Array, "b 6"]
-    """N and N·m about the skin's centre."""
+    """Wrenches, N and N·m about the skin's centre."""
     indices: Int64[Array, " b"]
     """Indices of the pairs in the data set."""
 
@@ -66,7 +66,7 @@ class TactileDataset:
     """Columns and rows of the images."""
     ids: Shaped[Array, " n"]
     wrenches: Float32[Array, "n 6"]
-    """N and N·m about the skin's centre."""
+    """Wrenches, N and N·m about the skin's centre."""
     objects: LabelColumn
     contacts: LabelColumn
     sensors: LabelColumn
@@ -77,7 +77,7 @@ class TactileDataset:
     times_ns: Int64[Array, " n"]
     """Time of every image; −1 if unknown."""
     mm_per_px: Float64[Array, " n"]
-    """Scale of the images at this size along their columns; not a number if unknown."""
+    """Scale of the images at this size along their columns; NaN if unknown."""
     rows: Int64[Array, " n"]
     """Row of every pair in `decoded.images`."""
     decoded: DecodedImages

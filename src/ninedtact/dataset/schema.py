@@ -76,10 +76,10 @@ class DatasetRow:
 
     id: str
     image: bytes
-    """Grey PNG file."""
+    """The image as a grey PNG file."""
     reference_id: str | None
     wrench: Float32[Array, "6"]
-    """N and N·m about the skin's centre."""
+    """The wrench, N and N·m about the skin's centre."""
     object: str
     contact_id: str
     step: int
@@ -99,13 +99,13 @@ class ReferenceImage:
 
     id: str
     image: bytes
-    """Grey PNG file."""
+    """The image as a grey PNG file."""
     sensor: str
 
 
 @dataclass(frozen=True)
 class RejectedItem:
-    """Something in a source that cannot become a pair."""
+    """An item of a source that cannot become a pair."""
 
     fault: PairFault
     id: str
@@ -113,7 +113,7 @@ class RejectedItem:
 
 
 SourceItem = DatasetRow | ReferenceImage | RejectedItem
-"""What a source yields; a reference image comes before the rows that name it."""
+"""An item that a source yields; a reference image comes before the rows that name it."""
 
 
 def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:

@@ -104,7 +104,7 @@ def wrench_percentiles(wrenches: _Wrenches) -> _Percentiles:
 
 
 def move_to_force_sensor(wrenches: _Wrenches) -> _Wrenches:
-    """Return wrenches about the skin's centre as wrenches about the place of the paper's force/torque sensor."""
+    """Return wrenches about the skin's centre as wrenches about the position of the paper's force/torque sensor."""
     arm_m = np.array([0.0, 0.0, FORCE_TORQUE_BELOW_SKIN_MM / 1e3])
     return np.concatenate([wrenches[:, :3], wrenches[:, 3:] + np.cross(arm_m, wrenches[:, :3])], axis=1)
 

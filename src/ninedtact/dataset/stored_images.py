@@ -16,12 +16,12 @@ from ninedtact.errors import FileFormatError
 
 GreyImage = UInt8[Array, "rows cols"]
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
-"""Noise does not compress: a higher level would save 4 % and take three times as long."""
+"""PNG compression level. Noise does not compress: a higher level would save 4 % and take three times as long."""
 _MOST_DECODED = 32
 
 
 class StoredImageUnreadable(FileFormatError):
-    """Stored bytes that are not an 8-bit image."""
+    """Raised for stored bytes that are not an 8-bit image."""
 
 
 def encode_png(image: GreyImage) -> bytes:

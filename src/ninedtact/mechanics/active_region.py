@@ -109,7 +109,7 @@ class MaskedRegions(ActiveRegion):
     inside: PointMask
     """The points of every contact's rectangle, (batch, rows, cols)."""
     operators: DisplacementOperators
-    """With `inside` as numbers."""
+    """The operators whose mask is `inside` as numbers."""
 
     @property
     def whole_grid_operators(self) -> DisplacementOperators:

@@ -22,9 +22,9 @@ class SolverSettings:
     min_tolerance_mm: float = 1e-5
     """The tolerance for an object that just touches."""
     max_rounds: int = 20
-    """Of pressure and shear in turn."""
+    """Largest number of rounds, each of which solves pressure and then shear."""
     max_iterations: int = 200
-    """Of each of the two solvers in one round."""
+    """Largest number of iterations of each of the two solvers in one round."""
     must_converge: bool = True
     """Whether a result that misses its tolerance is refused; if not, its residual says how far off it is."""
 
@@ -35,7 +35,7 @@ class SolverSettings:
 
 @dataclass(frozen=True)
 class AlternationState:
-    """Pressure and shear after a round, with what each displaces."""
+    """Pressure and shear after a round, with the displacements that each of them causes."""
 
     pressure: PressureSolution
     shear: ShearSolution
@@ -51,7 +51,7 @@ class AlternationState:
 
     @property
     def iterations(self) -> PerContact:
-        """Iterations of both solvers in this round; zero where pressure and shear fitted each other before."""
+        """Iterations of both solvers in this round; zero where pressure and shear were consistent already."""
         return self.pressure.iterations + self.shear.iterations
 
 
@@ -101,7 +101,7 @@ class AlternatingSolver:
         return AlternationResult(state, residual, iterations)
 
     def _next_state(self, last: AlternationState) -> AlternationState:
-        """Return the state after one round: pressure, then shear. What is within the tolerance already is kept."""
+        """Return the state after one round: pressure, then shear. A field within the tolerance is kept unchanged."""
         operators, max_iterations = self.operators, self.settings.max_iterations
         tolerance = self.settings.tolerance_mm(self.depth_mm + last.pressure.depth_increase_mm)
         overlap = self.overlap_mm + last.bulge_mm

@@ -20,9 +20,9 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
 
 PerContact = Float[Any, "... 1 1"]
-"""One number for each contact."""
+"""A number for each contact, shaped to combine with fields."""
 ContactFlags = Bool[Any, "... 1 1"]
-"""One truth value for each contact."""
+"""A truth value for each contact, shaped to combine with fields."""
 ScalarPerContact = float | Float[Any, "batch"]
 """The number of a single contact, or one for each contact of a batch, without the grid's axes."""
 CountPerContact = int | Int[Any, "batch"]
@@ -83,7 +83,7 @@ def unconverged_half(unconverged: ContactFlags) -> ContactIndices | None:
 
 
 def take_contacts(values: Any, indices: ContactIndices) -> Any:
-    """Return the values of these contacts; what has no batch axis is the same for all contacts and is returned as it is."""
+    """Return the values of these contacts; a value without a batch axis is the same for all contacts and is returned unchanged."""
     if getattr(values, "ndim", 0) < 3:
         return values
     xp = array_namespace_of(values)

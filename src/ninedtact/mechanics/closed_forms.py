@@ -60,10 +60,10 @@ def mindlin_shear_force_n(gel: Gel, pressed: BallContactSolution, friction: floa
 
 
 def thin_layer_contact(gel: Gel, ball_radius_mm: float, depth_mm: float) -> BallContactSolution:
-    """Return the contact of a ball with a layer much thinner than the contact is wide.
+    """Return the contact of a ball with a layer that is much thinner than the contact is wide.
 
-    Compressible gel yields where it is pressed, like independent springs. Incompressible gel must flow out from under the ball,
-    and the pressure falls off like that of a squeezed film: −h³/(3G) ∇²p is the depth, p and its slope vanish at the edge.
+    Compressible gel yields where it is pressed, like independent springs. Incompressible gel must flow out from under the ball, and
+    the pressure falls off like that of a squeezed film: −h³/(3G) ∇²p is the depth; p and its slope vanish at the edge.
     """
     stiff, h = gel.shear_modulus_mpa, gel.thickness_mm
     if gel.poisson_ratio < 0.5:

@@ -44,16 +44,16 @@ class Contact:
     pose: Pose
     pressure_mpa: ScalarField
     shear_mpa: VectorField
-    """(q_x, q_y), what the object applies to the skin."""
+    """The shear traction (q_x, q_y) that the object applies to the skin."""
     height_mm: ScalarField
-    """u_z: negative where pressed in."""
+    """The displacement u_z, negative where the skin is pressed in."""
     tangential_mm: VectorField
-    """(u_x, u_y) of the skin that is there now."""
+    """The displacement (u_x, u_y) of the skin that is there now."""
     friction: float | PerContact
     residual_mm: ScalarPerContact = 0.0
     """The largest violation of the contact's conditions: gap under pressure, overlap, or missed stick."""
     iterations: CountPerContact = 0
-    """Of both solvers, over all rounds."""
+    """Iterations of both solvers, over all rounds."""
 
     @property
     def centre_mm(self) -> tuple[ScalarPerContact, ScalarPerContact]:
@@ -67,7 +67,7 @@ class Contact:
 
     @property
     def stick_mask(self) -> PointMask:
-        """The points where the skin moves with the object; what is under pressure and does not stick slips."""
+        """The points where the skin moves with the object; a point under pressure that does not stick slips."""
         return (self.pressure_mpa > 0) & ~slip_mask(self.shear_mpa, self.friction * self.pressure_mpa)
 
     def wrench(self, about_mm: Float64[Array, "3"] | None = None) -> Wrench:
@@ -140,7 +140,7 @@ class Contact:
 
 
 def periodic_image_error_mm(contact: Contact, times: int = 3) -> Float64[Array, "rows cols"]:
-    """Return how much higher the skin under one contact stands than the same tractions alone would have it.
+    """Return how much higher the periodic images make the skin under one contact than the same tractions alone would.
 
     The contact alone is approximated by a grid `times` (odd) as long and as wide, whose periodic images are far away.
     """

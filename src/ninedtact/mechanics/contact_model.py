@@ -51,7 +51,7 @@ MAX_FITTED_DEPTH_OVER_THICKNESS = 0.76
 def finite_strain_load_factor(depth_over_thickness: Float[Any, "*any"]) -> Float[Any, "*any"]:
     """Return the ratio of the load of a ball to its linear load at a depth: exp(0.81 s²), s = depth / thickness.
 
-    Within 1.3 % for the ball of the fit and 2 % for the two others; the factor grows from 1 to 1.59.
+    The error is within 1.3 % for the ball of the fit and 2 % for the two others; the factor grows from 1 to 1.59.
     """
     return array_namespace_of(depth_over_thickness).exp(LOAD_STIFFENING * depth_over_thickness**2)
 
@@ -59,7 +59,8 @@ def finite_strain_load_factor(depth_over_thickness: Float[Any, "*any"]) -> Float
 def finite_strain_traction_mpa(pressure_mpa: ScalarField, height_mm: ScalarField, thickness_mm: float) -> ScalarField:
     """Return the linear pressure (or shear) times 1 + 2 (height / thickness)² where the skin is pressed in.
 
-    For any shape of object. For balls its sum is the load within 1.5 % (fit) and 3.4 % (validation).
+    The correction applies to any shape of object. For balls the sum of the corrected pressure is the load within 1.5 % (fit) and
+    3.4 % (validation).
     """
     sunk = array_namespace_of(height_mm).where(height_mm < 0, height_mm, 0.0) / thickness_mm
     return pressure_mpa * (1 + PRESSURE_STIFFENING * sunk**2)
@@ -68,7 +69,7 @@ def finite_strain_traction_mpa(pressure_mpa: ScalarField, height_mm: ScalarField
 def finite_strain_height_mm(height_mm: ScalarField, thickness_mm: float) -> ScalarField:
     """Return the linear height times 1 + 1.15 height / thickness where it is above zero.
 
-    Removes two fifths of the error of the shape: 3.1 instead of 5.6 µm RMS within 8 mm of the middle, mean of all depths.
+    This removes two fifths of the error of the shape: 3.1 instead of 5.6 µm RMS within 8 mm of the middle, mean of all depths.
     """
     risen = array_namespace_of(height_mm).where(height_mm > 0, height_mm, 0.0)
     return height_mm + BULGE_GROWTH * risen**2 / thickness_mm
@@ -94,7 +95,7 @@ class ContactProblem:
 
     @property
     def max_overlap_mm(self) -> float:
-        """The largest overlap, of a batch that of all objects."""
+        """The largest overlap; for a batch, the largest of all objects."""
         return float(array_namespace_of(self.overlap_mm).max(self.overlap_mm))
 
     def solve(self, region: ActiveRegion, settings: SolverSettings) -> tuple[Contact, PointMask]:
@@ -129,7 +130,7 @@ class ContactProblem:
         return contact, contact.height_mm + self.overlap_mm > level
 
     def _over_batch(self, field: Any, axes: int) -> Any:
-        """Return one field for every pose of the batch, also where there is one for all."""
+        """Return one field for every pose of the batch, including fields that are the same for all poses."""
         return _broadcast_to_batch(self.pose, field, axes)
 
 
@@ -212,7 +213,7 @@ class ContactModel:
 
 
 def _broadcast_to_batch(pose: Pose, field: Any, axes: int) -> Any:
-    """Return one field, with this many axes of its own, for every pose of a batch, also where there is one for all."""
+    """Return one field, with this many axes of its own, for every pose of a batch, including a field that is the same for all."""
     return array_namespace_of(field).broadcast_to(field, (*pose.batch_shape, *field.shape[-axes:]))
 
 
@@ -232,7 +233,7 @@ def _carried_mm(last: Contact, pose: Pose) -> VectorField:
 
 
 def _shift_periodic_field(skin: Skin, field: Any, by_mm: tuple[Any, Any]) -> Any:
-    """Return a periodic field as it is this much farther along x and y, by the phase of its waves."""
+    """Return a periodic field shifted by this much along x and y, by the phase of its waves."""
     (k_x, k_y), shape, xp = skin.shift_wave_numbers, skin.grid.shape, array_namespace_of(field)
     phase = xp.exp(1j * k_x * expand_over_grid(by_mm[0], k_x)) * xp.exp(1j * k_y * expand_over_grid(by_mm[1], k_y))
     return inverse_transform(forward_transform(field, shape) * phase[..., None, :, :], shape, shape)

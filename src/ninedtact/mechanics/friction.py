@@ -22,9 +22,9 @@ from ninedtact.mechanics.batching import (
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, VectorField
 
 _SLIP_FROM = 0.99999
-"""Part of μp from which a point counts as slipping."""
+"""Fraction of μp from which a point counts as slipping."""
 _ROUNDING_MARGIN = 1.00003
-"""A squared shear above this many times the squared limit is beyond it, whatever rounding did."""
+"""A squared shear above this many times the squared limit exceeds it by more than rounding."""
 _SMALLEST_MPA = 1e-30
 """Added to divisors that may be zero."""
 
@@ -46,7 +46,7 @@ class ShearSolution:
 
 @dataclass(frozen=True)
 class FrictionLimit:
-    """The shear that friction can hold: up to μp, and none where there is no pressure."""
+    """The largest shear that friction can hold: μp, which is zero where there is no pressure."""
 
     max_shear_mpa: ScalarField
 
@@ -97,9 +97,9 @@ class _ShearIterate:
 
     shear_mpa: VectorField
     miss_mm: VectorField
-    """From where the object carries the skin to where the shear does: the gradient (g)."""
+    """The displacement by the shear minus the displacement by which the object carries the skin: the gradient (g)."""
     step_length: PerContact
-    """Of the next step (α), MPa per mm of miss, (…, 1, 1, 1)."""
+    """Length of the next step (α), MPa per mm of miss, (…, 1, 1, 1)."""
 
     def select(self, indices: ContactIndices) -> "_ShearIterate":
         """Return the iterate of these contacts of a batch."""
@@ -107,7 +107,7 @@ class _ShearIterate:
         return _ShearIterate(*(take_contacts(value, indices) for value in values))
 
     def merge(self, indices: ContactIndices, part: "_ShearIterate") -> "_ShearIterate":
-        """Return the iterate of all contacts after these were iterated further by themselves."""
+        """Return the iterate of all contacts, with these contacts replaced after they were iterated separately."""
         shear, miss = (
             put_contacts(self.shear_mpa, indices, part.shear_mpa),
             put_contacts(self.miss_mm, indices, part.miss_mm),
@@ -157,7 +157,7 @@ def _iterate_shear(
 ) -> tuple[_ShearIterate, PerContact, PerContact]:
     """Return the iterate at half the tolerance, its residual and its iterations, numbered by `counts`.
 
-    As soon as half of a batch has converged, the other half is iterated by itself.
+    As soon as half of a batch has converged, the other half is iterated separately.
     """
     iterations = 0 * problem.tolerance_mm
     for count in counts:
@@ -181,7 +181,7 @@ def _iterate_shear(
 
 
 def _first_iterate(problem: _ShearProblem, start: ShearSolution) -> _ShearIterate:
-    """Return the first guess, as far as friction can hold it; its step length is 4 over the largest compliance."""
+    """Return the first guess, limited to what friction can hold; its step length is 4 over the largest compliance."""
     shear, displacement = start.shear_mpa, start.displacement_mm
     if problem.limit.is_exceeded_by(shear):
         shear = problem.limit.project(shear)
@@ -193,7 +193,7 @@ def _first_iterate(problem: _ShearProblem, start: ShearSolution) -> _ShearIterat
 def _projected_gradient_step(
     last: _ShearIterate, problem: _ShearProblem, unconverged: ContactFlags, long: bool
 ) -> _ShearIterate:
-    """Return the next iterate; its step length (α) is by turns the longer and the shorter one of Barzilai and Borwein.
+    """Return the next iterate; its step length (α) alternates between the longer and the shorter one of Barzilai and Borwein.
 
     With s the change of the shear and y that of the miss, α = s·s / s·y (long) or s·y / y·y (short).
     """

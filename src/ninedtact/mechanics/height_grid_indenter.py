@@ -23,7 +23,7 @@ from ninedtact.mechanics.batching import expand_over_grid
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter
 
 _MAX_STORED_GRIDS = 512
-"""Height grids kept on a device; when there are more, all are dropped."""
+"""Largest number of height grids kept on a device; when there are more, all are dropped."""
 
 
 class InvalidUnderside(InputError):
@@ -36,7 +36,7 @@ class HeightGridIndenter(Indenter):
 
     name: str
     heights_mm: Float[Array, "rows cols"]
-    """Heights from zero, which is reached, to `NO_OBJECT_MM`."""
+    """Heights above the lowest point, from zero, which occurs, to `NO_OBJECT_MM`."""
     pitch_mm: float
 
     def __post_init__(self) -> None:

@@ -26,7 +26,7 @@ NO_OBJECT_MM = 50.0
 MAX_TILT_RAD = 1.0
 """The largest sum of the two tilts."""
 _TILT_REACH_MM = 8.0
-"""What of a tilted underside is higher than this over its own plane counts as no object: no skin yields so far."""
+"""Parts of a tilted underside that are higher than this over its own plane count as no object, because no skin bulges so far."""
 _TILT_DRIFT_MM = 0.3
 """How far a vertical line may move sideways in the frame of a tilted object between two search heights."""
 _TILT_HALVINGS = 3
@@ -35,7 +35,7 @@ for walls."""
 
 
 class TiltTooSteep(InputError):
-    """Raised for a tilt at which an underside can no longer be told from a side."""
+    """Raised for a tilt at which the underside cannot be distinguished from a side."""
 
 
 class Indenter(ABC):

@@ -29,13 +29,13 @@ from ninedtact.mechanics.array_namespace import array_namespace_of
 WaveNumbers = Float[Any, "*waves"]
 
 _HALF_SPACE_FROM = 40.0
-"""k·h from which the layer is a half-space to the last digit; cosh of more would overflow."""
+"""The value of k·h from which the layer equals a half-space in all digits; cosh of larger values would overflow."""
 _SERIES_BELOW = 0.02
-"""k·h below which N is taken from its series: the closed form subtracts nearly equal numbers."""
+"""The value of k·h below which N is computed from its series: the closed form subtracts nearly equal numbers."""
 
 _Waves = Float64[Array, " waves"]
 _States = Float64[Array, "waves 4 4"]
-"""Rows: state; columns: unknowns of a layer."""
+"""A matrix whose rows are the components of the state and whose columns are the unknowns of a layer."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Compliance:
     """The compliance of the skin at some wave numbers, in mm per MPa."""
 
     normal: WaveNumbers
-    """N: inward displacement by pressure."""
+    """N: inward displacement by pressure, in mm/MPa."""
     along: WaveNumbers
     """L: displacement by shear along the wave vector."""
     across: WaveNumbers
@@ -53,7 +53,7 @@ class Compliance:
 
 
 ComplianceFunction = Callable[[WaveNumbers], Compliance]
-"""From wave numbers (1/mm, zero included) to the compliance there."""
+"""A function from wave numbers (1/mm, zero included) to the compliance there."""
 
 
 def bonded_layer_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
@@ -71,7 +71,7 @@ def bonded_layer_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
 
 
 def half_space_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
-    """Return the compliance of gel without a bottom. Its mean displacement has no bound and is taken as zero.
+    """Return the compliance of gel of infinite thickness. Its mean displacement has no bound and is set to zero.
 
     Johnson, Contact Mechanics (1985), §3; docs/references.md.
     """
@@ -144,7 +144,7 @@ def _stack_compliance(wave_number: WaveNumbers, layers: tuple[Gel, ...]) -> Comp
 
 
 def _compliance_across_wave(k: _Waves, layers: tuple[Gel, ...]) -> _Waves:
-    """Return S of a stack: each layer adds to what is below it as a transmission line does."""
+    """Return S of a stack: each layer adds to the layers below it as a transmission line does."""
     below = np.zeros_like(k)
     for layer in reversed(layers):
         stiffness, fade = layer.shear_modulus_mpa * k, np.tanh(k * layer.thickness_mm)
@@ -170,7 +170,10 @@ def _layer_amplitudes(k: _Waves, layers: tuple[Gel, ...]) -> Float64[Array, "wav
 
 
 def _layer_states(k: _Waves, layer: Gel, z_mm: float) -> _States:
-    """Return the state at a height in a layer for each unknown: amplitude and slope of what fades downwards, then upwards."""
+    """Return the state at a height in a layer for each unknown.
+
+    The unknowns are amplitude and slope of the wave that fades downwards, then of the one that fades upwards.
+    """
     columns = []
     for sign, fade in ((1, np.exp(k * (z_mm - layer.thickness_mm))), (-1, np.exp(-k * z_mm))):
         amplitude, slope = _wave_states(k * z_mm, sign, layer)

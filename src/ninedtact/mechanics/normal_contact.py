@@ -33,7 +33,7 @@ class PressureSolution:
     indentation_mm: ScalarField
     """Inward displacement by the pressure."""
     depth_increase_mm: PerContact
-    """How much deeper the object is than its overlap says; zero where the depth is given."""
+    """Depth of the object beyond the one for which the overlap was computed; zero where the depth is given."""
     residual_mm: PerContact
     """The largest gap under pressure, or the largest overlap without pressure."""
     initial_residual_mm: PerContact
@@ -51,10 +51,10 @@ class ContactConstraint:
     by_load: ContactFlags | None = None
     """The contacts of a batch whose load is given; the depth of all others is. None: all loads are given."""
     region: Any = True
-    """One where a contact may be, zero elsewhere; True: everywhere."""
+    """One where contact is possible, zero elsewhere; True: everywhere."""
 
     def gap_level_mm(self, gap_mm: ScalarField, points: PointMask) -> Any:
-        """Return what gaps are measured from: the mean gap of these points where the load is given, else zero."""
+        """Return the level from which gaps are measured: the mean gap of these points where the load is given, else zero."""
         if self.pressure_sum_mpa is None:
             return 0.0
         mean = sum_over_grid(gap_mm * points) / nonzero_divisor(sum_over_grid(points))
@@ -79,7 +79,7 @@ class _PressureIterate:
 
     pressure_mpa: ScalarField
     gap_mm: ScalarField
-    """Between skin and object, from the given level."""
+    """The gap between skin and object, from the given level."""
     depth_increase_mm: Any
     direction: ScalarField
     """The last search direction (d)."""
@@ -98,7 +98,7 @@ class _PressureIterate:
         return _PressureIterate(**{one.name: take_contacts(getattr(self, one.name), indices) for one in fields(self)})
 
     def merge(self, indices: ContactIndices, part: "_PressureIterate") -> "_PressureIterate":
-        """Return the iterate of all contacts after these were iterated further by themselves."""
+        """Return the iterate of all contacts, with these contacts replaced after they were iterated separately."""
         pressure = put_contacts(self.pressure_mpa, indices, part.pressure_mpa)
         gap = put_contacts(self.gap_mm, indices, part.gap_mm)
         deeper = put_contacts(self.depth_increase_mm + 0 * self.squared_residual, indices, part.depth_increase_mm)
@@ -153,7 +153,7 @@ def _iterate_pressure(
 ) -> tuple[_PressureIterate, PerContact, PerContact]:
     """Return the iterate at half the tolerance, its residual and its iterations, of which there are at most `left`.
 
-    As soon as half of a batch has converged, the other half is iterated by itself.
+    As soon as half of a batch has converged, the other half is iterated separately.
     """
     iterations = 0 * problem.tolerance_mm
     while bool(unconverged.any()) and left:
@@ -179,7 +179,8 @@ def _conjugate_gradient_step(
 ) -> _PressureIterate:
     """Return the next iterate of the contacts that have not converged; negative pressure is projected to zero.
 
-    Names beside the symbols of Polonsky and Keer: residual (r), search direction (d), its displacement (q = K d), step length (α).
+    The names correspond to the symbols of Polonsky and Keer: residual (r), search direction (d), its displacement (q = K d), step
+    length (α).
     """
     operators, constraint, gap = problem.operators, problem.constraint, last.gap_mm
     xp = operators.xp

@@ -68,7 +68,7 @@ class PeriodicGrid:
     def wave_directions(self) -> tuple[Float[Array, "rows half"], Float[Array, "rows half"]]:
         """The unit vector (k_x, k_y) / |k| of every entry of the transform.
 
-        The highest wave of an even grid has no direction along its axis. Zero there keeps fields real, and makes even and
+        The highest wave of an even grid has no direction along its axis. A zero there keeps fields real, and makes even and
         odd grids agree.
         """
         kx, ky = (wave.copy() for wave in self.wave_vectors)

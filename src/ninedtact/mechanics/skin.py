@@ -36,15 +36,15 @@ class DisplacementOperators:
     """
 
     normal: Any
-    """N: pressure → inward displacement."""
+    """N: from pressure to inward displacement."""
     bulge: Any
-    """−i M e (2 entries): shear → outward displacement, and pressure → tangential displacement."""
+    """−i M e (2 entries): from shear to outward displacement, and from pressure to tangential displacement."""
     tangential: tuple[Any, Any]
-    """L e eᵀ + S (1 − e eᵀ): xx and yy (2 entries), and xy."""
+    """L e eᵀ + S (1 − e eᵀ): its entries xx and yy (2 entries), and xy."""
     shape: tuple[int, int]
-    """Of the transform."""
+    """The (rows, cols) of the transform."""
     field_shape: tuple[int, int]
-    """Of the fields."""
+    """The (rows, cols) of the fields."""
     max_shear_compliance_mm_per_mpa: Any
     """The largest compliance to shear; for a batch of skins one for each, (batch, 1, 1, 1)."""
     inside: Any = None
@@ -100,7 +100,7 @@ class DisplacementOperators:
         return forward_transform(field, self.shape)
 
     def _to_space(self, wave: Any) -> Any:
-        """Return the field of a transform without padding, zero where it is not wanted."""
+        """Return the field of a transform without padding; it is zero outside `inside`."""
         field = inverse_transform(wave, self.shape, self.field_shape)
         if self.inside is None:
             return field
@@ -115,7 +115,7 @@ class Skin:
     compliance_of: ComplianceFunction
     like: Any = field(default_factory=lambda: np.zeros((), np.float32), compare=False)
     thickness_mm: float = np.inf
-    """Of all layers above the rigid base; no object is pressed as deep. Infinite where no base is modelled."""
+    """Thickness of all layers above the rigid base, which limits the depth of an object. Infinite where no base is modelled."""
 
     def asarray(self, values: Array) -> Any:
         """Return the values as an array in the library, precision and device of this skin."""

@@ -6,27 +6,27 @@ from ninedtact.errors import DatasetError, FileFormatError, InputError, MissingL
 
 
 class RecordingUnreadable(FileFormatError):
-    """Not a recording of this program, or one whose content is damaged."""
+    """Raised for a file that is not a recording of this program, or whose content is damaged."""
 
 
 class RecordingRefused(OutputError):
-    """A recording cannot be started with these options or at this path."""
+    """Raised where a recording cannot be started with these options or at this path."""
 
 
 class RecordingStopped(DatasetError):
-    """Nothing more can be written; what was written is kept."""
+    """Raised where nothing more can be written; everything written before is kept."""
 
 
 class RecordingLibrariesMissing(MissingLibraryError):
-    """The libraries that read and write recordings are not installed."""
+    """Raised where the libraries that read and write recordings are not installed."""
 
 
 class SourcesMismatched(InputError):
-    """A camera and a force/torque sensor that cannot belong together."""
+    """Raised for a camera and a force/torque sensor that cannot belong together."""
 
 
 class SensorUnnamed(InputError):
-    """Neither a sensor folder was named nor a recording that carries one."""
+    """Raised where neither a sensor folder nor a recording that carries one was given."""
 
 
 def require_recording_libraries() -> None:

@@ -22,7 +22,7 @@ _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 class ExportRefused(OutputError):
-    """The folder to export to holds other files."""
+    """Raised where the folder to export to holds other files."""
 
 
 def export_recording(recording: Recording, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:

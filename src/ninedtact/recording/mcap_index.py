@@ -23,9 +23,9 @@ from numpy import ndarray as Array
 from ninedtact.recording.errors import RecordingUnreadable
 
 RECORD_PREFIX_BYTES = 9
-"""Opcode and length, before the content of a record."""
+"""Length of opcode and length field before the content of a record."""
 _KNOWN_RECORDS = (Opcode.HEADER, Opcode.METADATA, Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
-"""Records that the writer of this package puts before the end of the data."""
+"""Opcodes of the records that the writer of this package puts before the end of the data."""
 _INDEX_ENTRY = np.dtype([("stamp_ns", "<u8"), ("offset", "<u8")])
 _MESSAGE_HEADER = struct.Struct("<HIQQ")
 """Channel, sequence number, log time and publish time."""
@@ -183,7 +183,7 @@ def read_chunk(file: BinaryIO, span: RecordSpan, name: str) -> Chunk:
 
 
 def damage_error(name: str, at: int) -> RecordingUnreadable:
-    """Return the error for content that is not what was written."""
+    """Return the error for content that differs from what was written."""
     return RecordingUnreadable(
         f"expected {name} as it was recorded, got damaged data at byte {at}; restore the file from a copy"
     )

@@ -31,11 +31,11 @@ from ninedtact.recording.reader import Recording
 
 _FOOTER_BYTES = 20
 _CHUNK_HEADER_BYTES = 64
-"""More than the fields before the data of a chunk."""
+"""An upper limit of the length of the fields before the data of a chunk."""
 
 
 def repair_recording(path: Path) -> bool:
-    """Finish the file if it was cut short, and return whether it was.
+    """Complete the file if it was truncated, and return whether it was.
 
     Raises what `Recording` raises, and `OSError` on a full disk.
     """
@@ -56,7 +56,7 @@ def repair_recording(path: Path) -> bool:
 
 
 def _write_all(file: FileIO, content: bytes) -> None:
-    """Write all bytes, however many a single write takes."""
+    """Write all bytes, even if single writes take only some of them."""
     left = memoryview(content)
     while left:
         left = left[file.write(left) :]

@@ -17,7 +17,7 @@ from ninedtact.capture.wrench_source import WrenchSampleRejected, WrenchSource
 from ninedtact.quantities import Frame, Wrench
 
 _READ_AHEAD_NS = 300_000_000
-"""Samples are read this far ahead of the newest frame before the next frame is read."""
+"""Time by which samples are read ahead of the newest frame before the next frame is read."""
 _BUFFERED_IMAGES, _BUFFERED_SAMPLES = 128, 100_000
 _WAIT_S = 0.02
 
@@ -37,18 +37,18 @@ class _Source(Protocol[Item]):
 
 @dataclass(frozen=True)
 class Arrival(Generic[Item]):
-    """What a source delivered, and when it did."""
+    """An item that a source delivered, with the time of its arrival."""
 
     item: Item
     at_ns: int
 
 
 MergedArrival = Arrival[Frame | Wrench | WrenchSampleRejected] | None
-"""None: nothing arrived for a moment."""
+"""An arrival, or None where nothing arrived for a moment."""
 
 
 class BackgroundReader(Generic[Item]):
-    """Reads a source continuously in a thread while it is open (`with`); items that nobody took in time are lost and counted."""
+    """Reads a source continuously in a thread while it is open (`with`); items that were not taken in time are lost and counted."""
 
     def __init__(self, source: _Source[Item], capacity: int, *delivered_errors: type[Exception]) -> None:
         """capacity: items that wait to be taken. delivered_errors: errors that are delivered like items; reading continues."""
@@ -137,7 +137,7 @@ def merge_recorded_streams(camera: FrameSource, force_torque: WrenchSource) -> G
 
 
 def _read_sample(force_torque: WrenchSource) -> Wrench | WrenchSampleRejected:
-    """Return the next sample, or why it was rejected."""
+    """Return the next sample, or the reason for its rejection."""
     try:
         return force_torque.read()
     except WrenchSampleRejected as reason:

@@ -15,7 +15,7 @@ from ninedtact.recording.errors import RecordingUnreadable
 METADATA_RECORD = "ninedtact"
 """Name of the metadata record."""
 RECORDING_FORMAT = 2
-"""A recording of another format is refused. 2: topics per sensor, heights in metres, log times of the monotonic clock."""
+"""Format number; recordings of other formats are refused. 2: topics per sensor, heights in metres, monotonic log times."""
 
 
 def wall_minus_monotonic_ns() -> int:
@@ -29,7 +29,7 @@ def _new_recording_id() -> str:
 
 @dataclass(frozen=True)
 class RecordingMetadata:
-    """What holds for a whole recording: one run of one program with one sensor."""
+    """The data that apply to a whole recording: one run of one program with one sensor."""
 
     sensor: str
     """Name of the tactile sensor, as in its sensor.toml."""

@@ -51,7 +51,7 @@ from ninedtact.recording.ros_messages import (
 SENSOR_FOLDER = "sensor"
 """First part of the names of the attachments that hold the sensor folder."""
 _GAP_FACTOR = 2.5
-"""From this many times the usual distance of two messages, something is missing between them."""
+"""Ratio of an interval between two messages to the usual one from which messages count as missing in between."""
 _PERIODIC_TOPICS = (Topic.IMAGES, Topic.MEASURED, Topic.ESTIMATED, Topic.HEIGHTS)
 """Topics that arrive at a rate, unless their messages were selected one by one."""
 _DEFAULT_HZ = 30.0
@@ -65,7 +65,7 @@ class TopicSummary:
     type: str
     messages: int
     rate_hz: float | None = None
-    """Usual rate; None where messages are not periodic."""
+    """The usual rate; None where messages are not periodic."""
     longest_gap_ms: float | None = None
     gaps: int | None = None
     """How often something is missing between two messages."""
@@ -73,7 +73,7 @@ class TopicSummary:
 
 @dataclass(frozen=True)
 class RecordingSummary:
-    """What is in a recording, as `ninedtact info` prints it."""
+    """A summary of the content of a recording, as `ninedtact info` prints it."""
 
     sensor: str
     source: str
@@ -81,7 +81,7 @@ class RecordingSummary:
     purpose: str
     id: str
     began: str
-    """UTC."""
+    """The start of the recording in UTC."""
     seconds: float
     finished: bool
     """Whether the file was closed properly; if not, its last half second may be missing."""
@@ -231,7 +231,7 @@ class Recording:
         return [label for label in self.labels() if label.contact not in undone]
 
     def events(self) -> list[RecordingEvent]:
-        """Return what happened beside images and wrenches."""
+        """Return all events: everything that happened besides images and wrenches."""
         return [decode_event(message.data, message.stamp_ns) for message in self.messages(Topic.EVENTS)]
 
     def attachments(self) -> Iterator[Attachment]:

@@ -42,9 +42,9 @@ class GenerationResult:
     folder: Path
     statistics: DatasetStatistics
     new_files: int
-    """Number of files that this run made; the others were there."""
+    """Number of files that this run made; the others existed already."""
     device: str
-    """The kind of device that all files were made on."""
+    """The kind of device on which all files were made."""
 
 
 def generate_dataset(
@@ -150,7 +150,7 @@ class _BatchedGeneration:
     threads: int
     notify: Callable[[str], None]
     executor: BatchExecutor | None = field(default=None, init=False)
-    """That of the batch before."""
+    """The executor of the batch before; None before the first."""
 
     def make_files(self, missing: Sequence[int]) -> Iterator[int]:
         """Make the missing files; yield numbers of new pairs from time to time."""

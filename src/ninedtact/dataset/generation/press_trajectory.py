@@ -23,14 +23,14 @@ from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 _Pair = tuple[float, float]
 _PUBLISHED_AREA_MM = SensingArea().size_mm
 _CONTACT_LOST = (PoseOutOfView, InvalidLoad, ContactLeavesGrid, ObjectTooLarge)
-"""Errors of a step where no contact is possible: the press ends."""
+"""Errors of a step where no contact is possible; they end the press."""
 _MAX_SIDEWAYS_STEP_MM = 0.5
 _CONTACT_REACH_MM = 1.0
 """Parts of the underside that are lower than this are expected to touch."""
 _EDGE_MARGIN_MM = 0.5
 """Smallest distance between a contact and the edge of the sensing area."""
 _RESIDUAL_PART, _RESIDUAL_MM = 0.03, 0.002
-"""Part of the maximum indentation, and mm: a contact that is solved less accurately ends the press."""
+"""Largest residual as a fraction of the maximum indentation, and in mm; a contact that is solved less accurately ends the press."""
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,17 @@ _STEP_NS = 100_000_000
 """Time between two steps of a press: ten a second."""
 _LIGHTEST_N = 0.02
 _MAX_FRUITLESS_PRESSES = 30
-"""Presses in a row without a pair, after which the session is given up."""
+"""Number of consecutive presses without a pair after which the session is abandoned."""
 _OBJECT_SHIFT = 7
 """Shift of each session's first object in the shuffled list: about as many presses as a session makes."""
 
 
 @dataclass
 class GenerationSession:
-    """Session `number` of a data set. Its pairs do not depend on which other sessions are made, or on who answers its requests."""
+    """Session `number` of a data set.
+
+    Its pairs depend neither on which other sessions are made nor on which executor computes its requests.
+    """
 
     number: int
     settings: GenerationSettings
@@ -138,7 +141,7 @@ def load_object(name: str, seed: int) -> Indenter:
 
 
 def _session_objects(settings: GenerationSettings, session: int) -> Iterator[str]:
-    """Yield names of objects for one session without end, such that over all sessions all objects come equally often."""
+    """Yield names of objects for one session without end; over all sessions all objects come equally often."""
     names = settings.selected_objects
     order = np.random.default_rng([settings.seed, 2]).permutation(len(names))
     at = session * _OBJECT_SHIFT

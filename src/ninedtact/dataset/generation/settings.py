@@ -15,7 +15,7 @@ _SMALLEST_PX = 16
 
 
 class GenerationImpossible(InputError):
-    """A data set that cannot be generated."""
+    """Raised for a data set that cannot be generated."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class _FilePart(SourcePart):
     file: Path
     references: Path
     several: bool
-    """Whether ids need the name of the source in front."""
+    """Whether the name of the source must precede the ids, because there are several sources."""
     objects_seed: int
     """Seed of the generated objects: a name and a seed are one shape."""
 
@@ -41,7 +41,7 @@ class _FilePart(SourcePart):
             yield self._read_row(row)
 
     def _read_row(self, row: dict[str, Any]) -> DatasetRow | RejectedItem:
-        """Return one pair as it is."""
+        """Return one pair unchanged."""
         row_id, content, reference_id = (
             self._make_unique(row["id"]),
             stored_image_bytes(row["image"]),
@@ -73,7 +73,7 @@ class _FilePart(SourcePart):
         return f"{self.source}/{own}" if self.several else own
 
     def _object_name(self, name: str) -> str:
-        """Return a name that stands for one shape."""
+        """Return a name that identifies one shape."""
         return name if name == NO_OBJECT or not self.objects_seed else f"{name}@{self.objects_seed}"
 
 

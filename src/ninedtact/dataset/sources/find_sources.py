@@ -46,7 +46,7 @@ def _contains_suffix(path: Path, suffix: str) -> bool:
 
 
 def _give_different_names(arguments: Sequence[str]) -> Iterator[tuple[str, Path]]:
-    """Yield paths with different names; raises `SourceUnknown` if a person gave the same name twice."""
+    """Yield paths with different names; raises `SourceUnknown` if one name was given twice."""
     given = [_split_argument(argument) for argument in arguments]
     given_names = [name for name, _ in given if name]
     repeated = [name for name, count in Counter(given_names).items() if count > 1]

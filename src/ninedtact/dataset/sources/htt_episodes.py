@@ -30,7 +30,7 @@ _IMAGES, _FORCES, _REFERENCE, _OLDER_REFERENCE, _TARE = "tactile_img", "6d_force
 _LIGHT_BELOW_N = 0.3
 _USUAL_ORIGIN_MM = (0.0, 0.0, 0.0)
 _LARGEST_SHORT_ARRAY = 1 << 27
-"""Bytes of any array but the images."""
+"""Largest size in bytes of any array except the images."""
 _READ_ERRORS = (
     BadZipFile,
     ZlibError,
@@ -46,11 +46,11 @@ _READ_ERRORS = (
     KeyError,
     OSError,
 )
-"""What the libraries raise for a damaged archive."""
+"""Exceptions that the libraries raise for a damaged archive."""
 
 
 class EpisodeDamaged(FileFormatError):
-    """An .npz file that is not a force episode, or not a whole one."""
+    """Raised for an .npz file that is not a force episode or is incomplete."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class _EpisodePart(SourcePart):
 
     file: Path
     name: str
-    """Its path below the source, without suffix."""
+    """The path of the episode below the source, without suffix."""
     conventions: SourceConventions
 
     def items(self) -> Iterator[SourceItem]:

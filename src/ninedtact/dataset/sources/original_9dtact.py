@@ -43,7 +43,7 @@ _Faults = list[tuple[PairFault, str]]
 
 
 class WrenchUnreadable(FileFormatError):
-    """A file that does not hold six numbers."""
+    """Raised for a file that does not hold six numbers."""
 
 
 def find_original_dataset(path: Path) -> Path | None:
@@ -192,7 +192,7 @@ class _PairsPart(SourcePart):
 
 @dataclass(frozen=True)
 class _StrayFilesPart(SourcePart):
-    """Files that are where pairs are expected, but belong to none."""
+    """Files in the folders of pairs that belong to no pair."""
 
     files: tuple[str, ...]
 
@@ -239,7 +239,7 @@ class OriginalDatasetSource(Source):
 
     @property
     def root(self) -> Path:
-        """The folder that the three folders are in."""
+        """The folder that contains the three folders."""
         return find_original_dataset(self.path) or self.path
 
 

@@ -31,7 +31,7 @@ class _RecordingPart(SourcePart):
     file: Path
     name: str
     sensor_folder: Path | None
-    """Used in place of the attached one."""
+    """Sensor folder that replaces the attached one."""
 
     def items(self) -> Iterator[SourceItem]:
         """Yield the saved pairs and, before each stretch of them, their reference image."""
@@ -41,7 +41,7 @@ class _RecordingPart(SourcePart):
             yield RejectedItem(PairFault.UNREADABLE, f"{self.source}/{self.name}", str(error))
 
     def _pairs(self) -> Iterator[SourceItem]:
-        """Yield the same; raises what reading raises."""
+        """Yield the saved pairs and their reference images; raises what reading raises."""
         from ninedtact.recording.saved_pairs import read_saved_pairs
 
         rectify = self._load_rectification()
@@ -55,7 +55,7 @@ class _RecordingPart(SourcePart):
             steps[pair.contact] += 1
 
     def _load_rectification(self) -> Rectification:
-        """Return that of the given or the attached sensor folder; raises `RecordingUnreadable`, `SensorFolderDamaged`."""
+        """Return the rectification of the given or attached sensor folder; raises `RecordingUnreadable`, `SensorFolderDamaged`."""
         from ninedtact.recording.reader import restore_sensor_folder
 
         if self.sensor_folder is not None:

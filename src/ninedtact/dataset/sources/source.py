@@ -23,7 +23,7 @@ _AS_MEASURED: _Axes = ("+x", "+y", "+z")
 
 
 class SourceUnknown(InputError):
-    """A path without pairs of any known kind, or a statement about a source that cannot be true."""
+    """Raised for a path without pairs of any known kind, or for a statement about a source that cannot be true."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class SourceConventions:
     def wrench_about_skin(self, measured: Float64[Array, "6"], usual_origin_mm: Point) -> Float32[Array, "6"]:
         """Return a measured wrench in the sensor's axes, with its torque about the centre of the skin.
 
-        Axes that mirror mean that the label is the wrench of the skin on the object: force and torque are reactions both.
+        Axes that mirror mean that the label is the wrench of the skin on the object: force and torque are both reactions.
         """
         order = ["xyz".index(axis[1]) for axis in self.axes]
         signs = np.array([-1.0 if axis[0] == "-" else 1.0 for axis in self.axes])
@@ -99,7 +99,7 @@ class SourcePart(ABC):
 
     @abstractmethod
     def items(self) -> Iterator[SourceItem]:
-        """Yield everything in it, a reference image before the rows that name it."""
+        """Yield all items of the part, a reference image before the rows that name it."""
 
 
 @dataclass(frozen=True)

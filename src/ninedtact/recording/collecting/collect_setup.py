@@ -45,24 +45,24 @@ _PAUSE_S = 0.3
 _LOADS_N = (3.5, 10.0)
 _IMAGE_HZ, _SAMPLE_HZ = 20.0, 200.0
 _SPEED = 1.5
-"""Times the speed of a calm hand."""
+"""Speed of the scripted presses relative to that of a calm hand."""
 _OFFSET_MM, _DRAG_MM, _TWIST_DEG, _TILT_DEG = 3.0, 0.9, 15.0, 4.0
 
 
 @dataclass(frozen=True)
 class CollectSetup:
-    """A camera and a force/torque sensor that belong together, not yet opened."""
+    """The camera and the force/torque sensor of one collection, not yet opened."""
 
     camera: FrameSource
     force_torque: WrenchSource
-    """Rejects unusable samples; its tare is not taken off."""
+    """Source of the wrench samples; it rejects unusable samples and does not subtract a tare."""
     is_live: bool = True
     object_at: Callable[[Frame], str] | None = None
-    """The object in an image, where it is known without a key press."""
+    """A function that returns the object in an image, where it is known without a key press."""
     was_away: Event = field(default_factory=Event)
-    """Set when a force/torque sensor that was lost is back."""
+    """Set when a lost force/torque sensor is back."""
     wall_minus_monotonic_ns: int | None = None
-    """Of the stamps of a recording."""
+    """Difference of wall clock and monotonic clock for the stamps of a recording."""
 
     def arrivals(self) -> Generator[MergedArrival, None, None]:
         """Open both sources and yield their images and samples in one stream."""

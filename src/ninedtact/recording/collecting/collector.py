@@ -33,7 +33,7 @@ from ninedtact.recording.writer import RecordingWriter
 COLLECTED_TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)
 _HISTORY_NS = 5_000_000_000
 _LONGEST_WAIT_NS = 1_000_000_000
-"""After this time an image no longer waits for samples."""
+"""Longest time for which an image waits for samples."""
 
 
 class _WrenchHistory:
@@ -54,7 +54,7 @@ class _WrenchHistory:
         return self.samples[-1].stamp_ns if self.samples else 0
 
     def distance_ns(self, at_ns: int) -> float:
-        """Return the distance of the farther of the two neighbouring samples; infinite where one is missing."""
+        """Return the time to the farther of the two neighbouring samples; infinite where one is missing."""
         before, after = self._neighbours(at_ns)
         if before is None or after is None:
             return np.inf
@@ -170,7 +170,7 @@ class Collector:
         return f"undone: the last contact with its {pairs} pairs"
 
     def finish(self) -> None:
-        """Decide the images that still wait, because no more samples arrive."""
+        """Decide on the images that still wait, because no more samples will arrive."""
         while self._pending:
             self._decide(*self._pending.popleft())
 

@@ -13,7 +13,7 @@ from ninedtact.recording.saved_pairs import PairKind
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 AXIS_UNITS = ("N", "N", "N", "N·mm", "N·mm", "N·mm")
 AXIS_SCALES = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
-"""From N and N·m to what is shown to a person."""
+"""Factors from N and N·m to the units that are displayed."""
 _BINS = 12
 _SCARCE_FRACTION = 0.02
 """Fraction of the pairs below which a bin counts as missing."""
@@ -21,7 +21,7 @@ _SCARCE_FRACTION = 0.02
 
 @dataclass(frozen=True)
 class CountedPair:
-    """What is remembered of a saved pair."""
+    """The data of a saved pair that the counts need."""
 
     kind: PairKind
     object: str
@@ -38,7 +38,7 @@ class PairCounts:
     kinds: Counter[str] = field(default_factory=Counter)
     objects: Counter[str] = field(default_factory=Counter)
     counts: Array = field(default_factory=lambda: np.zeros((6, _BINS), int))
-    """Pairs in each of the twelve bins of each axis; what is beyond the range counts in the last bin."""
+    """Pairs in each of the twelve bins of each axis; values beyond the range count in the last bin."""
 
     def add(self, pair: CountedPair) -> None:
         """Count one more saved pair."""
@@ -74,7 +74,7 @@ class PairCounts:
         return next((pair.contact for pair in reversed(self.pairs) if pair.kind != "no_contact"), None)
 
     def missing_ranges(self) -> list[str]:
-        """Return the ranges with hardly a pair, as text."""
+        """Return the ranges that hold hardly any pairs, as text."""
         return [text for axis in range(6) for text in self._missing_ranges_of(axis)]
 
     def _missing_ranges_of(self, axis: int) -> list[str]:

@@ -70,41 +70,41 @@ class CollectSettings:
 
 
 _REST_TIMEOUT_NS = 2_000_000_000
-"""A load without visible contact is accepted for this long: a broad flat object is felt before it is visible."""
+"""Time for which a load without visible contact is accepted: a broad flat object is measurable before it is visible."""
 _MIN_INTERVAL_NS = {"light_touch": 200_000_000, "no_contact": 1_000_000_000}
 """Smallest time between two pairs of a kind that the sampling rule does not select."""
 
 
 @dataclass(frozen=True)
 class PairCandidate:
-    """An image and the wrench at its time, before it is decided whether to save them."""
+    """An image and the wrench at its time, before the decision whether to save them."""
 
     frame: Frame
     wrench: Wrench
-    """About the skin centre, tare taken off."""
+    """The wrench about the skin centre, minus the tare."""
     change_levels: float
     """Grey levels by which the image differs from the reference."""
 
     def looks_untouched(self, settings: CollectSettings) -> bool:
-        """Return whether the image shows no contact; between this and contact it shows neither."""
+        """Return whether the image shows no contact. Between this limit and that of a contact, it shows neither."""
         return self.change_levels < settings.contact_levels / 2
 
     def is_at_rest(self, settings: CollectSettings) -> bool:
-        """Return whether the force/torque sensor reads nothing."""
+        """Return whether the force/torque sensor reads no load."""
         return bool((np.abs(self.wrench.six) <= settings.rest).all())
 
 
 @dataclass
 class ZeroDriftMonitor:
-    """Whether the force/torque sensor reads a load while the image shows no contact, which means that its zero has drifted."""
+    """Detects a drifted zero: the force/torque sensor reads a load while the image shows no contact."""
 
     settings: CollectSettings
     has_drifted: bool = field(default=False, init=False)
-    """Set until the sensor is at rest without visible contact."""
+    """Whether the zero has drifted; it stays set until the sensor is at rest without visible contact."""
     load_since_ns: int | None = field(default=None, init=False)
 
     def check(self, candidate: PairCandidate) -> bool:
-        """Take a moment into account; return whether it is one of rest without contact."""
+        """Process one moment; return whether it is at rest without contact."""
         if not candidate.looks_untouched(self.settings):
             self.load_since_ns = None
             return False
@@ -116,23 +116,23 @@ class ZeroDriftMonitor:
         return False
 
     def reset(self) -> None:
-        """Take the present zero as right."""
+        """Accept the present zero as correct."""
         self.load_since_ns, self.has_drifted = None, False
 
 
 @dataclass
 class PairSelector:
-    """Selects the moments to save, given every moment in turn."""
+    """Selects the moments to save from all moments in their order."""
 
     settings: CollectSettings
     rule: SamplingRule
     contact: int = field(default=0, init=False)
-    """Number of the contact, or of the time between two."""
+    """Number of the contact, or of the interval between two contacts."""
     touching: bool = field(default=False, init=False)
     last_ns: dict[PairKind, int] = field(default_factory=dict, init=False)
 
     def select(self, candidate: PairCandidate, counts: PairCounts) -> PairKind | None:
-        """Return why to save a moment, or None."""
+        """Return the reason to save a moment, or None."""
         kept = self.rule.keeps(candidate.wrench)
         self._update_contact(candidate)
         if kept:
@@ -141,7 +141,7 @@ class PairSelector:
         return kind if self._is_of_kind(kind, candidate) and self._is_wanted(kind, candidate, counts) else None
 
     def begin_contact(self) -> None:
-        """Start another contact, even if nothing was lifted."""
+        """Start another contact, even if the object was not lifted."""
         self.contact += 1
         self.rule.end_contact()
 
@@ -158,7 +158,7 @@ class PairSelector:
         return candidate.looks_untouched(self.settings) and candidate.is_at_rest(self.settings)
 
     def _is_wanted(self, kind: PairKind, candidate: PairCandidate, counts: PairCounts) -> bool:
-        """Return whether there are too few pairs of a kind, and the last one is some time ago."""
+        """Return whether there are too few pairs of a kind, and the last one was saved long enough ago."""
         fraction = self.settings.light_touch if kind == "light_touch" else self.settings.no_contact
         is_soon = candidate.frame.stamp_ns - self.last_ns.get(kind, 0) < _MIN_INTERVAL_NS[kind]
         if is_soon or counts.kinds[kind] >= fraction * (len(counts.pairs) + 1):

@@ -15,11 +15,11 @@ from ninedtact.quantities import Wrench
 
 _REMEMBERED_INTERVALS = 64
 _DELAY_WINDOW_NS = 1_000_000_000
-"""Time over which the smallest delay of a source is taken: delays vary, the smallest one does not."""
+"""Time over which the smallest delay of a source is taken: delays vary, but their minimum does not."""
 
 
 class SampleFault(StrEnum):
-    """Why a moment is not saved, as a sentence for a person."""
+    """The reason why a moment is not saved, as a sentence."""
 
     FROZEN = "the force/torque sensor repeats one sample"
     JUMPED = "the force/torque sensor jumped"
@@ -41,21 +41,21 @@ REJECTION_FAULTS = {
 
 @dataclass
 class SampleFaultTracker:
-    """Receives every sample and every rejection, and knows at which times something was wrong."""
+    """Receives every sample and every rejection, and stores the times at which a fault existed."""
 
     frozen_ns: int
     """How long a sensor may have been frozen when its samples are rejected."""
     intervals: deque[tuple[int, int, SampleFault]] = field(
         default_factory=lambda: deque(maxlen=_REMEMBERED_INTERVALS), init=False
     )
-    """Begin, end and fault."""
+    """Begin, end and fault of each interval."""
     rejection: tuple[int, SampleFault] | None = field(default=None, init=False)
-    """Since when samples are rejected and why, until one is accepted."""
+    """Start and reason of the current rejection, until a sample is accepted."""
     zero_uncertain_since_ns: int | None = field(default=None, init=False)
     last_ns: int = field(default=0, init=False)
 
     def accept(self, wrench: Wrench) -> bool:
-        """Note a sample that was not rejected; return whether its stamp follows the others."""
+        """Record an accepted sample; return whether its stamp follows the others."""
         if wrench.stamp_ns <= self.last_ns:
             self.intervals.append((wrench.stamp_ns, self.last_ns, SampleFault.CLOCK))
             return False
@@ -66,7 +66,7 @@ class SampleFaultTracker:
         return True
 
     def reject(self, reason: WrenchSampleRejected) -> None:
-        """Note that a sample was rejected."""
+        """Record a rejected sample."""
         fault = REJECTION_FAULTS.get(type(reason), SampleFault.FAULTY)
         since_ns = self.last_ns - (self.frozen_ns if fault is SampleFault.FROZEN else 0)
         self.rejection = self.rejection or (since_ns, fault)
@@ -74,15 +74,15 @@ class SampleFaultTracker:
             self.mark_zero_uncertain()
 
     def mark_zero_uncertain(self) -> None:
-        """Note that the reading without contact may have changed."""
+        """Record that the reading without contact may have changed."""
         self.zero_uncertain_since_ns = self.zero_uncertain_since_ns or self.last_ns
 
     def confirm_zero(self) -> None:
-        """Note that the sensor reads nothing without contact: whatever happened, the zero is right again."""
+        """Record that the sensor reads no load without contact, so that its zero is correct whatever happened before."""
         self.zero_uncertain_since_ns = None
 
     def fault_between(self, from_ns: int, to_ns: int) -> SampleFault | None:
-        """Return a fault in this time, or None."""
+        """Return a fault in this interval, or None."""
         intervals = list(self.intervals)
         if self.rejection is not None:
             intervals.append((self.rejection[0], to_ns, self.rejection[1]))
@@ -95,7 +95,7 @@ class SampleFaultTracker:
 
 @dataclass
 class ClockDriftMonitor:
-    """Whether the stamps of a source keep their distance to the clock of this machine."""
+    """Checks whether the stamps of a source keep a constant offset to the clock of this machine."""
 
     tolerance_ms: float
     first_delay_ns: float | None = field(default=None, init=False)
@@ -105,7 +105,7 @@ class ClockDriftMonitor:
     window_ends_ns: int = field(default=0, init=False)
 
     def add_arrival(self, stamp_ns: int, arrived_ns: int) -> None:
-        """Note the stamp and the arrival of an image or sample."""
+        """Record the stamp and the arrival of an image or sample."""
         self.window_ends_ns = self.window_ends_ns or arrived_ns + _DELAY_WINDOW_NS
         self.smallest_delay_ns = min(self.smallest_delay_ns, arrived_ns - stamp_ns)
         if arrived_ns < self.window_ends_ns:

@@ -22,7 +22,7 @@ _NO_SAMPLES = "no samples from the force/torque sensor yet"
 
 
 class ContactImageDetector:
-    """How far an image is from the reference images."""
+    """Measures how much an image differs from the reference images."""
 
     def __init__(self, references: Sequence[UInt8[Array, "rows cols 3"]]) -> None:
         self._reference = np.mean([_block_means(image) for image in references], axis=0)
@@ -51,7 +51,7 @@ class TareReference:
     number: int
     frames: tuple[Frame, ...]
     zero: Float64[Array, "6"]
-    """Reading without contact, N and N·m about the skin centre."""
+    """The reading without contact, N and N·m about the skin centre."""
     detector: ContactImageDetector
 
     def remove_zero(self, wrench: Wrench) -> Wrench:
@@ -62,19 +62,19 @@ class TareReference:
 
 @dataclass
 class TareInProgress:
-    """Gathers images and samples until there are enough and nothing moves; starts over when something does."""
+    """Collects images and samples until there are enough of them at rest; it starts over when something moves."""
 
     number: int
     settings: CollectSettings
     last: TareReference | None = None
-    """The tare before."""
+    """The previous tare."""
     frames: list[Frame] = field(default_factory=list)
     wrenches: list[Wrench] = field(default_factory=list)
     advice: str = _KEEP_OFF
-    """What a person should do meanwhile."""
+    """What a person should do during the tare."""
 
     def add_frame(self, frame: Frame) -> None:
-        """Add an image; only as many as the settings ask for are kept."""
+        """Add an image; at most as many as the settings require are kept."""
         self.frames.append(frame)
         del self.frames[: -self.settings.reference_images]
         if not self.wrenches:
@@ -87,7 +87,7 @@ class TareInProgress:
             self.advice = _KEEP_OFF
 
     def finish(self) -> TareReference | None:
-        """Return the tare when there is enough and nothing moved; None otherwise, and then start over if something moved."""
+        """Return the tare when there are enough samples at rest, else None; start over if something moved."""
         if not self._has_enough:
             return None
         try:
@@ -113,7 +113,7 @@ class TareInProgress:
         return TareReference(self.number, tuple(self.frames), zero, detector)
 
     def _objection(self, tare: TareReference) -> str:
-        """Return why this cannot be a tare without contact; empty when it can."""
+        """Return why this cannot be a tare without contact; empty if it can."""
         limit = self.settings.contact_levels
         if any(tare.detector.change_levels(frame.image) > limit for frame in tare.frames):
             return f"{_KEEP_OFF}: it moves"
