@@ -1,4 +1,8 @@
-"""Evaluation of an estimator on a data set: every image is read by its own sensor's calibration and compared with the truth."""
+"""Evaluation of a force estimator on a data set: its wrenches beside the true ones, and the tables of a model card.
+
+`predict_dataset` estimates the wrench of every image with the calibration of the image's own sensor. `evaluate_by_mechanics` scores
+a model on simulated sensors by the mechanics of their gels.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -22,10 +26,10 @@ _MECHANICS_LABELS = {
     "finite_strain": "rigid substrate, finite-strain (neo-Hookean) gel",
     "compliant_base": "compliant substrate",
 }
-"""Mechanics of simulated sensors, in words."""
+"""Descriptions of the mechanics of simulated sensors, as in the model card."""
 _FUSED_LABEL = ", network and physics fused"
 _KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor", "axes", "units")
-"""Parts of an evaluation that a card does not hold."""
+"""Keys of an evaluation that are not stored in a card."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class DatasetEvaluationSettings:
     force: str = PHYSICS
     """The estimator, as after `--force`."""
     sensors: Path | None = None
-    """Folder with a sensor folder for each sensor of the data, by name; simulated sensors are calibrated without it."""
+    """Folder with a sensor folder for each sensor of the data, by name; where None, simulated sensors are calibrated."""
     modulus: Literal["true", "design", "calibrated"] = "true"
     """Shear modulus assumed for simulated gels: the true one, the design's, or by force calibration with five simulated loads."""
     every: int = 1

@@ -1,4 +1,8 @@
-"""The calibrations by which a data set's heights are computed: given sensor folders, or calibrations of its simulated sensors."""
+"""Calibrations of a data set's sensors: read from given sensor folders, or computed for its simulated sensors.
+
+`load_dataset_sensors` returns the calibration of every sensor by name, and the reason for each simulated sensor that could not be
+calibrated. Heights and wrenches of the data set are computed with these calibrations.
+"""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -31,7 +35,7 @@ class DatasetSensors:
 
     by_name: dict[str, CalibratedSensor]
     refused: dict[str, str]
-    """Simulated sensors that could not be calibrated, each with the reason: their pairs are left out."""
+    """Reason for each simulated sensor that could not be calibrated, by name; the pairs of these sensors are left out."""
 
     def exclusion_notices(self) -> Iterator[str]:
         """Yield a sentence about each sensor whose pairs are left out."""
@@ -50,8 +54,8 @@ def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
 def load_dataset_sensors(data: Path, given: Path | None, workers: int, progress: bool) -> DatasetSensors:
     """Read the calibration of every sensor of a data set.
 
-    given: a folder that holds a sensor folder for each sensor, by name; without it the data set's simulated sensors are calibrated.
-    workers: processes that calibrate. Raises `SensorCalibrationMissing`, `SensorFolderDamaged`.
+    given: a folder with a sensor folder for each sensor, by name; where None, the data set's simulated sensors are calibrated.
+    workers: number of processes that calibrate. Raises `SensorCalibrationMissing`, `SensorFolderDamaged`.
     """
     refused: dict[str, str] = {}
     if given is None:

@@ -1,4 +1,7 @@
-"""Training of a force model on a data set: its images or heights become training examples, and some of them are held out."""
+"""Training of a force model on a data set: reading of its examples, the split into training and held-out pairs, and the training.
+
+A data set, training settings and a fraction to hold out go in; the folder of `train_network` with the model comes out.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,12 +24,12 @@ from ninedtact.workflows.dataset_sensors import load_dataset_sensors, load_simul
 
 @dataclass(frozen=True)
 class HeldOutSettings:
-    """Which pairs are held out of the training, to choose the best epoch by."""
+    """Which pairs are held out of the training; the best epoch is chosen by them."""
 
     kind: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
-    """None: objects and sensors, or objects alone where there is one sensor."""
+    """Kind of the split; None: by objects and sensors, or by objects alone where there is one sensor."""
     fraction: float = 0.1
-    """Part of the objects, of the sensors or of the pairs."""
+    """Fraction of the objects, of the sensors or of the pairs that is held out."""
     split: Path | None = None
     """Split file whose training part is divided; its test part is not used at all."""
     seed: int = 0
@@ -64,8 +67,8 @@ def train_on_dataset(
 ) -> TrainingResult | None:
     """Train a force model on a data set and write it to `out`; None in all processes of a training but the first.
 
-    sensors: a folder with a sensor folder for each sensor of the data, by name; simulated sensors are calibrated without it.
-    workers: processes that read images. notify: receives a sentence about each sensor whose pairs are left out.
+    sensors: a folder with a sensor folder for each sensor of the data, by name; where None, simulated sensors are calibrated.
+    workers: number of processes that read images. notify: receives a sentence about each sensor whose pairs are left out.
     Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
     """
     examples, ids = _read_training_examples(data, settings.input, sensors, workers, progress, notify)
@@ -97,7 +100,7 @@ def _read_height_examples(
     progress: bool,
     notify: Callable[[str], None],
 ) -> tuple[TrainingExamples, Sequence[str]]:
-    """Read heights by the calibration of each sensor."""
+    """Read heights, computed with the calibration of each sensor."""
     known = load_dataset_sensors(data, sensors, workers, progress)
     for notice in known.exclusion_notices():
         notify(notice)

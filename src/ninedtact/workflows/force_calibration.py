@@ -30,14 +30,14 @@ from ninedtact.simulation.sensor_population import SampledSensor
 _BALL_RADIUS_MM, _START_DEPTH_MM = 5.0, 0.8
 """Radius of the simulated ball, and the depth at which the search for a load begins."""
 _SIMULATED_PRESSES = ((0.0, 0.0, 1.0), (2.5, 1.5, 1.0), (0.0, 0.0, 2.5), (-2.5, -1.5, 5.0), (2.0, -1.5, 5.0))
-"""x and y in mm, and newtons: 100 to 500 g."""
+"""Position x and y in mm and load in N of each simulated press; the loads are about 100 to 500 g."""
 _PITCH_MM = 0.3
-"""Pitch of the grid on which simulated presses are solved: a ball is smooth."""
+"""Pitch of the grid on which simulated presses are solved; a coarse one is enough, because a ball is smooth."""
 _REFERENCE_FRAMES = 8
 
 
 class NothingToCalibrate(InputError):
-    """No estimator was named whose force could be calibrated."""
+    """The named estimator has no force that could be calibrated."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class ForceCalibration:
     fit: ForceScaleFit
     presses: list[KnownLoadPress]
     file: Path | None
-    """Where the scale is kept; None where it was not saved."""
+    """File that the scale was saved in; None where it was not saved."""
 
 
 def calibrate_force(
@@ -99,7 +99,7 @@ def calibrate_on_simulated_loads(
 ) -> ForceEstimator:
     """Return the estimator with the force scale from five simulated presses of a ball with known loads.
 
-    Where the estimator takes one of the presses for no contact, it is returned without a scale.
+    Where the estimator detects no contact in one of the presses, it is returned without a scale.
     """
     presses = []
     try:

@@ -1,4 +1,8 @@
-"""A force model from nothing: simulate sensors and contacts, train, validate on unseen sensors and objects, and demonstrate."""
+"""Pipeline that makes a force model from simulation alone: data generation, training, validation and a demonstration.
+
+A `ForceModelRecipe` with numbers of pairs, sensors and epochs goes in; a folder with the model, its model card and the sensor
+folder of the demonstration comes out (`make_force_model`). Validation uses sensors and objects that were not trained on.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -39,21 +43,21 @@ _HELD_OUT_FAMILIES = frozenset(
         *("letter", "puzzle", "molar", "blob", "ball", "caltrop", "cylinder", "dots", "spiral"),
     )
 )
-"""18 families of objects, sampled once. No training uses any of them, so that validation objects differ from training ones."""
+"""18 families of objects, sampled once. They are never used for training, so that validation objects differ from training ones."""
 _TRAINING_SEED, _VALIDATION_SEED, _DEMONSTRATION_SEED = 0, 2, 3
-"""Seeds of the sensors: no two data sets share one."""
+"""Seeds of the sampled sensors, different for each data set."""
 TRAINING_DATA_FOLDER, VALIDATION_DATA_FOLDER, _TRAINING_FOLDER = "training_data", "validation_data", "training"
 SENSOR_FOLDER, _MODEL_FILE, _CARD_FILE = "sensor", "model.onnx", "model_card.md"
 
 _OBJECT, _DEPTH_MM, _DRAG_MM, _TWIST_DEG = "ball:5", 1.1, (0.8, 0.3), 8.0
 _MAX_DEPTH_FRACTION = 0.5
-"""Largest depth of the demonstration, as a part of the gel's thickness."""
+"""Largest depth of the demonstration, as a fraction of the gel's thickness."""
 _RATE_HZ, _EVERY, _REFERENCE_FRAMES = 20.0, 8, 10
 
 
 @dataclass(frozen=True)
 class ForceModelRecipe:
-    """How many pairs, sensors and epochs a model is made with."""
+    """Numbers of pairs, sensors and epochs with which a model is made."""
 
     pairs: int
     sensors: int
@@ -61,7 +65,7 @@ class ForceModelRecipe:
     validation_pairs: int
     validation_sensors: int
     held_out: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
-    """What the best epoch is chosen by; None: sensors and objects that are not trained on."""
+    """Kind of held-out pairs by which the best epoch is chosen; None: sensors and objects that are not trained on."""
     precision: str = "32-true"
     pitch_mm: float = 0.3
     validation_pitch_mm: float = 0.2
@@ -83,7 +87,7 @@ class ForceModelRecipe:
 
     @property
     def validation_data(self) -> GenerationSettings:
-        """Settings of the validation data: other sensors, most with the mechanics that estimators assume, and held-out objects."""
+        """Settings of the validation data: held-out objects on other sensors, most with the mechanics that estimators assume."""
         return GenerationSettings(
             self.validation_pairs,
             sensors=self.validation_sensors,
@@ -109,7 +113,7 @@ RECIPES = {
         pairs=40_000, sensors=120, epochs=20, validation_pairs=14_000, validation_sensors=48, precision="bf16-mixed"
     ),
 }
-"""small: minutes, to see that it works and how; shipped: the model of the package, an evening on two cores."""
+"""Recipes by name. small demonstrates the pipeline in minutes; shipped makes the package's model in an evening on two cores."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,7 @@ class DemonstrationSample:
 
 @dataclass(frozen=True)
 class ForceModelResult:
-    """A model that was made from nothing, its card, and a demonstration on one more simulated sensor."""
+    """A model that was made from simulation alone, its card, and a demonstration on one more simulated sensor."""
 
     model: Path
     card_file: Path
@@ -142,9 +146,10 @@ def make_force_model(
     progress: bool = False,
     notify: Callable[[str], None] = lambda _: None,
 ) -> ForceModelResult:
-    """Make a force model in `out` by a recipe. Called again after a stop, it continues where it was.
+    """Make a force model in `out` by a recipe. Called again after an interruption, it continues.
 
-    workers: processes that simulate and calibrate. notify: receives a sentence about each step and each sensor that is left out.
+    workers: number of processes that simulate and calibrate. notify: receives a sentence about each step and each sensor that is left
+    out.
     """
     out.mkdir(parents=True, exist_ok=True)
     notify(f"1 of 4: simulate {recipe.pairs} pairs for training and {recipe.validation_pairs} for validation")
@@ -201,7 +206,7 @@ def _demonstrate_force_model(
 
 
 def _simulate_press(twin: Twin, depth_mm: float) -> PressSimulation:
-    """Return a simulation of one press, drag and twist of a ball, of which no step is skipped."""
+    """Return a simulation of one press, drag and twist of a ball, in which no step is skipped."""
     motion = press_trajectory(Pose(depth_mm=depth_mm), drag_mm=_DRAG_MM, twist_rad=radians(_TWIST_DEG))
     return PressSimulation(
         twin, [ObjectTrajectory(indenter_from_name(_OBJECT), motion)], hz=_RATE_HZ, real_time=False, rounds=1

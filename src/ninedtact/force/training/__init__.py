@@ -9,6 +9,6 @@ lightning_compat.py  checkpoints, metrics, progress bar and interrupts, adapted 
 trained_network.py   the scale of errors calibrated, the evaluation on held-out pairs, and the model card
 onnx_export.py       the network with its card as one ONNX file
 
-The package is built on Lightning: accelerator, devices, nodes and precision are its own flags (`settings.ComputeSettings`).
+The package is built on Lightning: accelerator, devices, nodes and precision are Lightning's flags (`settings.ComputeSettings`).
 Importing a module of this package loads torch, so this file exports nothing.
 """

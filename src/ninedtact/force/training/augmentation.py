@@ -1,14 +1,14 @@
-"""Random changes of training examples that keep their labels right.
+"""Augmentation of training examples: random geometric transforms of image and wrench, and random perturbations of the image.
 
-Geometric augmentation mirrors, rotates, shifts and scales: image and wrench alike. A point X of the skin goes to s·R·M·X + t: M
-mirrors, R rotates about the skin's centre, t shifts, s scales. A force goes to R·M·F. A torque rotates as a force does and changes
-its sign with every mirror, because it is an axial vector; a shifted force has another arm, T + t × F. The scale s stands for an
-error of the calibration, so it changes the image alone.
+Geometric augmentation transforms image and wrench together. A point X of the skin is mapped to s·R·M·X + t: M mirrors, R rotates
+about the skin's centre, t shifts, s scales. A force becomes R·M·F. A torque rotates as a force does and changes its sign with every
+mirror, because it is an axial vector; the shift adds t × F to it. The scale s stands for an error of the calibration, so it changes
+the image alone.
 
-Perturbations change the image alone: errors of a height map, or of light and camera.
+Perturbations change the image alone: they simulate errors of a height map, or of light and camera.
 
-Everything works on batches on their own device, before the network's channels are computed, and takes its random numbers from
-the generator that it is given.
+All functions work on batches on their own device, before the network's channels are computed, and take their random numbers from
+the generator that is passed to them.
 """
 
 from dataclasses import dataclass, replace
@@ -23,10 +23,10 @@ from ninedtact.force.training.examples import TrainingBatch
 
 @dataclass(frozen=True)
 class GeometricAugmentation:
-    """How far images are mirrored, rotated, shifted and scaled; every image of a batch by its own random transform."""
+    """Ranges by which examples are mirrored, rotated, shifted and scaled; each image of a batch has its own random transform."""
 
     mirror: bool = True
-    """Mirror along x, along y, both or neither, each equally often."""
+    """Whether images are mirrored along x, along y, both or neither, each with equal probability."""
     transformed_share: float = 0.5
     """Part of the images that are rotated, shifted and scaled; the others stay sharp."""
     max_rotation_deg: float = 10.0
@@ -97,7 +97,7 @@ def _transform_wrench(transform: GeometricTransform, wrench: Tensor) -> Tensor:
 def _sampling_grid(transform: GeometricTransform, shape: torch.Size, mm_per_px: float) -> Tensor:
     """Return where each pixel of the transformed images lies in the original ones, (n, rows, cols, 2) for `grid_sample`."""
     n, rows, cols = shape
-    # From the centre to the centre of the last pixel.
+    # Distance from the image's centre to the centre of the last pixel.
     half_mm = torch.tensor([(cols - 1) / 2, (rows - 1) / 2], device=transform.shift_mm.device) * mm_per_px
     back = torch.linalg.inv(transform.linear_part * transform.scale[:, None, None])
     start = -torch.einsum("nij,nj->ni", back, transform.shift_mm)
@@ -113,7 +113,7 @@ def _resample(fields: Tensor, grid: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class HeightPerturbations:
-    """Errors of a depth calibration and of its images: standard deviations, but for those named `max`."""
+    """Perturbations that simulate errors of a depth calibration and its images: standard deviations, except those named `max`."""
 
     gain: float = 0.03
     """Relative error of indentations and, independently, of bulges."""
@@ -124,7 +124,7 @@ class HeightPerturbations:
     max_noise_width_mm: float = 0.6
     """Standard deviation of the Gaussian that smooths the noise."""
     features: float = 0.05
-    """Relative error of the features of the sensor's light; the gel's thickness is kept."""
+    """Relative error of the features of the sensor's light; the gel's thickness is not changed."""
 
     def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
         """Return the batch with independent errors added to each height map (mm)."""
@@ -154,7 +154,7 @@ class HeightPerturbations:
         return self.offset_mm * offset + along_x * x + along_y * y[:, None]
 
     def _sample_noise(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
-        """Sample smooth noise: of one width for the whole batch, of a random strength for each height map."""
+        """Sample smooth noise, with one random width for the whole batch and a random strength for each height map."""
         if self.max_noise_mm == 0:
             return torch.zeros_like(z_mm)
         width_px = self.max_noise_width_mm / mm_per_px * torch.rand((), generator=generator, device=z_mm.device)
@@ -165,12 +165,12 @@ class HeightPerturbations:
 
 @dataclass(frozen=True)
 class PhotometricPerturbations:
-    """Errors of light and camera: standard deviations, but for the one named `max`."""
+    """Perturbations that simulate errors of light and camera: standard deviations, except the one named `max`."""
 
     gain: float = 0.05
-    """Relative brightness of image and reference: another lamp."""
+    """Relative change of brightness of image and reference together, as by another lamp."""
     drift: float = 0.004
-    """Relative brightness of the reference against the image: the lamp has warmed up since."""
+    """Relative change of brightness between reference and image, as by a lamp that warms up."""
     max_noise_grey: float = 0.7
 
     def __call__(self, batch: TrainingBatch, generator: Generator) -> TrainingBatch:
@@ -189,7 +189,7 @@ def _normal_samples(generator: Generator, *shape: int) -> Tensor:
 
 
 def _smooth_noise(noise: Tensor, width_px: Tensor, max_reach_px: int) -> Tensor:
-    """Filter white noise (n, rows, cols) by a Gaussian of this standard deviation; its own standard deviation stays one."""
+    """Filter white noise (n, rows, cols) by a Gaussian of this width; the standard deviation of the noise stays one."""
     reach = torch.arange(-max_reach_px, max_reach_px + 1, device=noise.device)
     kernel = torch.exp(-0.5 * (reach / width_px.clamp(min=1e-3)) ** 2)
     kernel = kernel / kernel.norm()

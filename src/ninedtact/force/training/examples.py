@@ -1,4 +1,4 @@
-"""Training examples, in memory or mapped from a file, and batches of them in an order that seed and epoch decide."""
+"""Training examples (images or heights with wrenches), in memory or mapped from a file, and their batches in a seeded order."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -27,15 +27,15 @@ _FEWEST_PAIRS = 2
 
 
 class ExamplesUnusable(ForceError):
-    """Examples from which nothing can be learnt."""
+    """The examples are too few, inconsistent, not finite, or do not fit the network's input."""
 
 
 @dataclass(frozen=True)
 class TrainingExamples:
-    """Pairs at the size of the network's input; raises `ExamplesUnusable`. Large arrays may be mapped from a file."""
+    """Images at the size of the network's input with their wrenches; raises `ExamplesUnusable`. Arrays may be mapped files."""
 
     images: Shaped[Array, "n rows cols"]
-    """Heights in mm on the network's grid (`heights_at_places`), or grey levels; of any numeric type."""
+    """Heights in mm on the network's grid (`orthorectified_heights`), or grey levels; of any numeric type."""
     wrench: Float32[Array, "n 6"]
     """N and N·m about the skin's centre."""
     objects: Sequence[str]
@@ -45,7 +45,7 @@ class TrainingExamples:
     reference_of: Int[Array, " n"] | None = None
     """Row in `references` of each image's reference."""
     sensor_features: Float32[Array, "n features"] | None = None
-    """Features of each example's sensor (`Traits.row`); typical ones where None."""
+    """Features of each example's sensor (`SensorFeatures.row`); typical ones where None."""
 
     def __post_init__(self) -> None:
         n = len(self.images)
@@ -105,7 +105,7 @@ def move_torque_reference(examples: TrainingExamples, point_mm: tuple[float, flo
 
 @dataclass(frozen=True)
 class TrainingBatch:
-    """Some examples on one device; numbers keep their stored type until `to_float`."""
+    """A batch of examples on one device; arrays keep their stored type until `to_float`."""
 
     images: Tensor
     """(n, rows, cols) heights in mm, or grey levels."""
@@ -113,7 +113,7 @@ class TrainingBatch:
     """(n, 6) N and N·m."""
     references: Tensor | None
     sensor_features: Tensor
-    """(n, 5) of each example's sensor."""
+    """(n, 5) features of each example's sensor."""
 
     def to(self, device: torch.device, **options: Any) -> "TrainingBatch":
         """Return the batch on another device; Lightning calls this method."""
@@ -121,7 +121,7 @@ class TrainingBatch:
         return replace(self, **moved)
 
     def to_float(self) -> "TrainingBatch":
-        """Return the batch as float32; done on the training's device, because small integers are transferred faster."""
+        """Return the batch as float32; called on the training's device, because small integers are transferred faster."""
         converted = {name: part.float() for name, part in vars(self).items() if part is not None}
         return replace(self, **converted)
 
@@ -135,7 +135,7 @@ class TrainingBatch:
 
 
 class BatchDataset(Dataset[TrainingBatch]):
-    """Examples as a torch data set whose items are batches, indexed by many rows at once."""
+    """A torch data set of examples whose items are batches, indexed by arrays of rows."""
 
     def __init__(self, examples: TrainingExamples) -> None:
         self.examples = examples
@@ -161,10 +161,10 @@ def _copy_to_tensor(array: Array) -> Tensor:
 
 
 class SeededBatchSampler(Sampler[Any]):
-    """Rows of every batch, divided among the processes of a training; seed and epoch alone decide their order.
+    """Sampler of the rows of every batch, divided among the processes of a training; the order depends only on seed and epoch.
 
-    With a seed the rows are shuffled anew in every epoch, and those that do not fill a last batch are left to another epoch.
-    Without one they keep their order.
+    With a seed the rows are shuffled in every epoch, and those that do not fill the last batch are left out of that epoch.
+    Without a seed they keep their order.
     """
 
     def __init__(self, rows: Int[Array, " n"], batch: int, seed: int | None, rank: int = 0, world: int = 1) -> None:
@@ -183,7 +183,7 @@ class SeededBatchSampler(Sampler[Any]):
             yield np.sort(own[number * self.batch : (number + 1) * self.batch])
 
     def _own_rows(self) -> Int[Array, " m"]:
-        """Return this process's rows of this epoch, equally many in all processes; some repeat where they do not divide."""
+        """Return this process's rows of this epoch, equally many in all processes; some repeat where they do not divide evenly."""
         order = self.rows
         if self.seed is not None:
             order = np.random.default_rng([self.seed, self.epoch]).permutation(self.rows)

@@ -1,7 +1,7 @@
-"""What training needs beyond Lightning's defaults.
+"""Adaptations of Lightning for training: checkpoints, metrics, progress bar, interrupts and log messages.
 
-Checkpoints are written atomically and read without running code in them. Ctrl-C becomes an exception. The metrics of every epoch
-are kept in a CSV file, one progress bar covers all epochs, and Lightning's advice is suppressed.
+Checkpoints are written atomically and read without running code in them. Ctrl-C raises `TrainingStopped`. The metrics of every
+epoch are kept in a CSV file, one progress bar covers all epochs, and Lightning's advice is suppressed.
 """
 
 import csv
@@ -27,7 +27,7 @@ EpochMetrics = dict[str, float]
 
 
 class CheckpointDamaged(FileFormatError):
-    """A checkpoint of an earlier run that cannot be read."""
+    """The checkpoint of an earlier run cannot be read."""
 
 
 class TrainingStopped(ForceError):
@@ -35,7 +35,7 @@ class TrainingStopped(ForceError):
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    """Lightning plugin that writes a checkpoint whole or not at all."""
+    """Lightning plugin that writes checkpoints atomically."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
         """Write the checkpoint; raises `FileNotWritten`."""

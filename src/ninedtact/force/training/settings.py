@@ -1,4 +1,7 @@
-"""Settings of a training and its presets. The resolved settings are kept beside the model and in its card."""
+"""Settings of a force model's training, the presets `default` and `paper`, and the settings of the hardware that it runs on.
+
+The resolved training settings are stored beside the model and in its card.
+"""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -15,29 +18,29 @@ _Point = tuple[float, float, float]
 
 
 class TrainingImpossible(InputError):
-    """Settings with which no training is possible."""
+    """No training is possible with these settings."""
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """Everything that decides about the trained model; raises `TrainingImpossible`, `NetworkUnknown`."""
+    """All settings that determine the trained model; raises `TrainingImpossible`, `NetworkUnknown`."""
 
     network: str = "moments"
     input: NetworkInputSettings = NetworkInputSettings(InputChannels.HEIGHTS_AND_SENSOR)
     epochs: int = 40
     batch: int = 64
     learning_rate: float = 2e-3
-    """The highest rate where the schedule varies it."""
+    """Learning rate; the highest one where the schedule varies it."""
     optimiser: Literal["adam", "adamw"] = "adamw"
     schedule: Literal["constant", "one cycle"] = "one cycle"
     weight_decay: float = 1e-2
     labels: Literal["spread", "ranges"] = "spread"
-    """Unit of each axis of the labels. spread: its mean distance from the median, zero staying zero. ranges: its range, the lowest
-    value becoming zero."""
+    """Unit of each axis of the labels. spread: the mean distance from the median, without an offset. ranges: the range of values,
+    with the lowest value as offset."""
     about_mm: _Point = (0.0, 0.0, 0.0)
-    """Point of the torques that the network learns; the torques that it finally gives are about the skin's centre."""
+    """Point of the torques that the network learns; estimated torques are moved to the skin's centre afterwards."""
     scale_weight: float = 0.05
-    """Weight of the scale's log-likelihood beside the mean absolute error; 0: the network predicts no scale."""
+    """Weight of the scale's negative log-likelihood relative to the absolute error; 0: the network predicts no scale."""
     augmentation: Augmentation = field(default_factory=Augmentation)
     seed: int = 0
 
@@ -70,13 +73,13 @@ PAPER_TRAINING = TrainingSettings(
     scale_weight=0.0,
     augmentation=NO_AUGMENTATION,
 )
-"""9DTact, section V (docs/references.md)."""
+"""Training as in the 9DTact paper, section V (docs/references.md)."""
 TRAINING_PRESETS = {"default": DEFAULT_TRAINING, "paper": PAPER_TRAINING}
 
 
 @dataclass(frozen=True)
 class ComputeSettings:
-    """Lightning's own flags: the hardware that a training runs on. They change its speed, not what is learnt."""
+    """Lightning's flags for the hardware that a training runs on; they change its speed, not what is learnt."""
 
     accelerator: str = "auto"
     devices: int | str = 1

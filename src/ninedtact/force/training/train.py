@@ -1,8 +1,10 @@
-"""Training of a force model: examples go in, one folder with the model comes out.
+"""Training of a force model: examples and settings go in, one folder with the model comes out (`train_network`).
 
-settings.json     settings and digest of the examples     metrics.csv, curves.png     losses and errors of every epoch
-checkpoints/      best and last epoch                     tensorboard/                the same for TensorBoard
-model.onnx        the model, written last
+settings.json              the settings, and a digest of the examples
+checkpoints/               the best and the last epoch
+metrics.csv, curves.png    losses and errors of every epoch
+tensorboard/               the same metrics for TensorBoard
+model.onnx                 the model with its card, written last
 """
 
 import json
@@ -51,7 +53,7 @@ _BEST_CHECKPOINT, _LAST_CHECKPOINT = "best", "last"
 
 
 class TrainingFolderTaken(OutputError):
-    """A folder that holds something else, or another training."""
+    """The output folder holds other files, or another training."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def train_network(
 
 
 def _digest_examples(examples: TrainingExamples, rows: SplitRows) -> dict[str, Any]:
-    """Return what identifies the examples of a training that is continued."""
+    """Return the number of pairs and a digest of the wrenches, by which a training is continued only with the same examples."""
     digest = blake2b(digest_size=8)
     for part in (examples.wrench, rows.train, rows.test):
         digest.update(np.ascontiguousarray(part).tobytes())

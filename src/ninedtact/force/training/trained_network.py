@@ -1,8 +1,9 @@
-"""A trained network after its last epoch: its scale calibrated, evaluated on held-out pairs, and described by a model card.
+"""Post-processing of a trained network: calibration of its error scale, evaluation on held-out pairs, and the model card.
 
-A network's own scale b distinguishes easy images from hard ones, but does not say how large errors are where it was not trained.
-The calibrated scale is gain · b^power, with a gain and a power for each axis. The power is chosen so that errors divided by the
-scale are distributed like Laplace's, whose 90 % quantile is ln 10 / ln 2 times the median; the gain makes the quantiles right.
+The scale b that a network predicts distinguishes easy images from hard ones, but does not give the size of errors on data that it
+was not trained on. The calibrated scale is gain · b^power, with a gain and a power for each axis. The power is chosen so that
+errors divided by the scale follow a Laplace distribution, whose 90 % quantile is ln 10 / ln 2 times its median; the gain then
+matches the quantiles.
 """
 
 from collections.abc import Iterator
@@ -27,14 +28,14 @@ from ninedtact.force.training.settings import TrainingSettings
 
 _SHARES = (0.5, 0.9)
 LAPLACE_QUANTILES = -np.log1p(-np.array(_SHARES))
-"""|error| / scale below which these shares of a Laplace distribution lie."""
+"""Quantiles of |error| / scale of a Laplace distribution for these shares."""
 _POWERS = np.linspace(0.5, 1.3, 33)
 _FEWEST_IMAGES = 20
-"""Images that quantiles need."""
+"""Smallest number of images from which quantiles are computed."""
 _MAX_STATISTICS_IMAGES = 5000
-"""Images from which the statistics of the training's inputs are computed."""
+"""Largest number of images from which the statistics of the training's inputs are computed."""
 _KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor")
-"""Parts of an evaluation that a card does not hold."""
+"""Keys of an evaluation that are not stored in a card."""
 _VERSIONED_PACKAGES = ("ninedtact", "torch", "lightning", "numpy")
 
 _Six = Float64[Array, "6"]
@@ -71,7 +72,7 @@ class TrainedNetwork:
 
     network: WrenchNetwork
     examples: TrainingExamples
-    """Torques about the settings' point."""
+    """Examples with torques about the settings' point."""
     rows: SplitRows
     settings: TrainingSettings
 
@@ -130,7 +131,7 @@ class TrainedNetwork:
         return WrenchPrediction(arrays[0], arrays[1] if len(arrays) > 1 else np.full_like(arrays[0], np.inf))
 
     def _network_inputs(self, rows: Int[Array, " n"], augmented: bool = False) -> Iterator[torch.Tensor]:
-        """Yield the network's inputs on its device, one batch at a time, augmented as in training if so requested."""
+        """Yield the network's inputs on its device, one batch at a time, augmented as in training where requested."""
         settings, device = self.settings, self.network.unit.device
         generator = torch.Generator(device).manual_seed(settings.seed)
         for at in range(0, len(rows), settings.batch):
@@ -140,7 +141,7 @@ class TrainedNetwork:
             yield batch.network_input(settings.input.channels)
 
     def _summarise_training(self, history: MetricsHistory) -> TrainingSummary:
-        """Return what the card says about data, epochs, settings and versions."""
+        """Return the card's summary of data, epochs, settings and versions."""
         kept = np.concatenate([self.rows.train, self.rows.test])
         return TrainingSummary(
             pairs=len(self.rows.train),
@@ -155,7 +156,7 @@ class TrainedNetwork:
         )
 
     def _input_statistics(self) -> dict[str, StatisticRange]:
-        """Return the ranges of the statistics of the training's inputs, by which unlike images are recognised later."""
+        """Return the ranges of the statistics of the training's inputs, by which out-of-distribution inputs are detected."""
         train = self.rows.train
         chosen = train[:: -(-len(train) // _MAX_STATISTICS_IMAGES)]
         channels = self.settings.input.channels

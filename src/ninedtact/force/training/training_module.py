@@ -1,4 +1,4 @@
-"""The training of a force model as a Lightning module: augmentation, the network, its loss and its optimiser."""
+"""The Lightning module of a force model's training: augmentation, the network, its loss and its optimiser."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -36,10 +36,10 @@ class _BatchLoss:
     """Loss of each example and axis of a batch, in units of the labels."""
 
     absolute_error: Tensor
-    """(n, 6)."""
+    """Absolute errors of the predicted wrenches (n, 6)."""
     scale_loss: Tensor | None
-    """Negative log-likelihood (n, 6) of the predicted Laplace scale, up to a constant; the predicted wrench gets no gradient
-    from it. None for networks that predict no scale."""
+    """Negative log-likelihood (n, 6) of the predicted Laplace scale, up to a constant, without a gradient to the predicted wrench;
+    None for networks that predict no scale."""
 
     def total(self, scale_weight: float) -> Tensor:
         """The sum of absolute errors, as in the paper, plus the weighted loss of the scale."""
@@ -48,7 +48,7 @@ class _BatchLoss:
 
 
 def compute_batch_loss(prediction: tuple[Tensor, ...], wrench: Tensor, unit: Tensor) -> _BatchLoss:
-    """Compare predicted wrenches, and their predicted scales where there are any, with the true ones (N, N·m)."""
+    """Return the loss of predicted wrenches, and of their scales where they are predicted, for the true wrenches (N, N·m)."""
     absolute_error = ((prediction[0] - wrench) / unit).abs()
     if len(prediction) == 1:
         return _BatchLoss(absolute_error, None)
@@ -68,7 +68,7 @@ class ForceTrainingModule(lightning.LightningModule):
         self.model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def training_step(self, batch: TrainingBatch, number: int) -> Tensor:
-        """Return the loss of a batch that is augmented by its own random generator."""
+        """Return the loss of a batch, which is augmented with a random generator of its own."""
         settings = self.settings
         # Labels, and the positions that pixels are resampled from, need full precision.
         with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
