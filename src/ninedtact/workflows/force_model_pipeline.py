@@ -148,8 +148,8 @@ def make_force_model(
 ) -> ForceModelResult:
     """Make a force model in `out` by a recipe. Called again after an interruption, it continues.
 
-    workers: number of processes that simulate and calibrate. notify: receives a sentence about each step and each sensor that is left
-    out.
+    workers: number of processes that simulate and calibrate. notify: receives a sentence about each step and each sensor that is
+    left out.
     """
     out.mkdir(parents=True, exist_ok=True)
     notify(f"1 of 4: simulate {recipe.pairs} pairs for training and {recipe.validation_pairs} for validation")
