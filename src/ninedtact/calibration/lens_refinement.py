@@ -52,7 +52,9 @@ MOST_THICKNESS = 0.9
 """Largest depth of a board, as a fraction of the gel's thickness."""
 MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM = 0.1, 0.5, 0.1, 1.5
 STEPS = {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02, "depth_mm": 0.02, "poisson_ratio": -0.003}
-"""Of difference quotients, those first for which the skin need not be solved; the tilt's follow from that of the depth."""
+"""Steps of the difference quotients. The parameters that need no new contact solution come first; the steps of the tilt follow from
+that of the depth.
+"""
 LARGEST = np.array([0.2, 0.02, 0.02, 0.01, 0.03, 0.2])
 """Largest change of each parameter in one iteration."""
 SETTLED = np.array([2e-3, 2e-4, 2e-4, 2e-4, 2e-4, 2e-3])
@@ -124,7 +126,7 @@ class _BoardPressSolver:
             step = self.step(press, at_mm, moves)
             change = np.linalg.lstsq(step.slopes, step.rest, rcond=1e-10)[0]
             moved = self.clip_to_bounds(press, np.clip(change[: len(LARGEST)], -LARGEST, LARGEST))
-            # Parameters of a lens stand in for each other far too much to be stepped themselves.
+            # The lens parameters are too strongly correlated for steps in them, so the lens is fitted to displaced points.
             asked_mm = at_mm + moves @ change[len(LARGEST) : -LIGHT_TERMS]
             lens = refine_lens(asked_mm[::FEWER], pixels[::FEWER], lens).lens
             try:

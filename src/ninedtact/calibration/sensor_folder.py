@@ -34,7 +34,7 @@ _MIN_INVERSE_DISTANCE_PER_MM = 1e-4
 
 
 class SensorFolderDamaged(FileFormatError):
-    """The folder is not a sensor, something in it is missing or changed, or it is of another format."""
+    """The folder is not a sensor folder, a file in it is missing or changed, or its format is not supported."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class SensorFolder:
 
     @property
     def viewing_distance_mm(self) -> float:
-        """Distance from which the skin is viewed: as the physics of the ball press fits it, else as designed."""
+        """Distance from which the skin is viewed: as fitted to the ball press by the method `physics`, otherwise as designed."""
         if self.record.depth.method != "physics" or self.record.twin is None:
             return self.record.design.camera.distance_mm
         inverse_distance_per_mm = self.record.twin.light.inverse_distance_per_mm
@@ -128,7 +128,7 @@ class SensorFolder:
         return load_estimator(spec, self)
 
     def _verify_file(self, file: str, digest: str) -> Path:
-        """Return the path of a file of the folder, once its content is known to be what was written."""
+        """Return the path of a file of the folder after its content has been checked against the stored hash."""
         path = self.path / file
         if not path.is_file():
             raise SensorFolderDamaged(

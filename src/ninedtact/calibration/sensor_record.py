@@ -15,7 +15,9 @@ from ninedtact.shape.depth import Deblurring, DepthCurve, LightLoss, Smoothing
 from ninedtact.simulation.illumination import BrightnessModel
 
 SENSOR_FORMAT = 4
-"""Rises with every change that makes older files unreadable; such a file is refused, and calibrated again from its images."""
+"""Format number, raised with every change that makes older files unreadable. Such a file is refused, and the sensor is calibrated
+again from its images.
+"""
 
 
 class LensModelTable(Struct, tag_field="kind", tag="model", frozen=True, forbid_unknown_fields=True):
@@ -121,9 +123,9 @@ class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     smoothing: Smoothing
     curve: DepthCurve
     dimming: LightLoss = LightLoss()
-    """The light that the whole image loses to what is dark."""
+    """The loss of light of the whole image when a part of the skin is dark."""
     deblurring: Deblurring | None = None
-    """The point-spread that a fine reconstruction removes, where it is known."""
+    """The point spread that a fine reconstruction removes, where it is known."""
 
 
 class FittedParameterTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -155,7 +157,7 @@ class BoardPressTable(Struct, frozen=True, forbid_unknown_fields=True):
     """The fit of the twin to the image of the pressed board."""
 
     accepted: bool
-    """Whether the image agrees with the twin's prediction. Where not, the lens and the viewing distance do not use the fit."""
+    """Whether the image agrees with the twin's prediction. If it does not, lens and viewing distance do not use the fit."""
     depth_mm: float
     """Depth of the imprints."""
     depth_std_mm: float

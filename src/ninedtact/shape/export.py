@@ -57,7 +57,7 @@ def encode_height_png(height: HeightMap) -> bytes:
 def levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
     """Return the grey levels of the PNG."""
     z_mm = np.where(height.in_view, height.z_mm, 0)
-    # Written so that a height that is no number is refused too.
+    # The comparison is written so that NaN is refused too.
     if not (np.abs(z_mm) <= REACH_MM).all():
         worst = np.abs(z_mm).max()
         raise HeightNotStorable(f"expected heights up to {REACH_MM} mm for a .png, got {worst} mm; write .npy instead")
@@ -168,7 +168,7 @@ def write_stl(path: Path | str, mesh: Mesh) -> None:
     triangles = np.zeros(len(mesh.faces), STL_TRIANGLE)
     triangles["corners"] = mesh.vertices_mm[mesh.faces]
     triangles["normal"] = face_normals(triangles["corners"])
-    header = b"binary STL, lengths in mm".ljust(80)  # must not begin with "solid", which announces a text STL
+    header = b"binary STL, lengths in mm".ljust(80)  # "solid" at the start would mark a text STL
     write_file_atomically(path, header, np.uint32(len(triangles)).astype("<u4").tobytes(), triangles.tobytes())
 
 

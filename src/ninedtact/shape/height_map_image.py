@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# ColorBrewer's RdBu, which colour-blind readers can tell apart.
+# ColorBrewer's RdBu, whose colours colour-blind readers can distinguish.
 PRESSED = ("#f7f7f7", "#d1e5f0", "#92c5de", "#4393c3", "#2166ac", "#08306b")
 BULGED = ("#f7f7f7", "#fddbc7", "#f4a582", "#d6604d", "#b2182b", "#67001f")
 OUT_OF_VIEW = "#8c8c8c"

@@ -53,7 +53,7 @@ class ShapeSummary:
 def summarise_shape(height: HeightMap, rule: ContactRule = ContactRule()) -> ShapeSummary:
     """Return the measures of one height map; pixels out of view do not count."""
     touched = contact_mask(height, rule)
-    # Only inside the contact: rectified noise over the whole image adds up to cubic millimetres.
+    # The volume is summed inside the contact only, because rectified noise over the whole image adds up to cubic millimetres.
     area_mm2 = np.where(touched, pixel_footprint_mm2(height), np.float32(0))
     volume_mm3 = area_mm2 * np.where(touched, -height.z_mm, np.float32(0))
     return ShapeSummary(
@@ -78,17 +78,17 @@ def contact_mask(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[A
 
 
 def max_indentation_mm(height: HeightMap) -> float:
-    """The deepest point in view, 0 where nothing is pressed in."""
+    """Return the maximum indentation in view, 0 where nothing is indented."""
     return max(0.0, -float(np.min(height.z_mm, where=height.in_view, initial=0)))
 
 
 def max_bulge_mm(height: HeightMap) -> float:
-    """The highest point in view, 0 where nothing bulges."""
+    """Return the maximum height of bulges in view, 0 where nothing bulges."""
     return float(np.max(height.z_mm, where=height.in_view, initial=0))
 
 
 def contact_centre_mm(height: HeightMap, weight: Float32[Array, "rows cols"]) -> tuple[float, float] | None:
-    """Weighted mean position of the skin, None without any weight."""
+    """Return the weighted mean position of the skin, None where all weights are zero."""
     total = weight.sum(dtype=np.float64)
     if total == 0:
         return None

@@ -145,7 +145,7 @@ def first_crossing(above: Callable[[PixelField], PixelField], near: PixelField, 
     step = (far - near) / RAY_STEPS
     after = near + step
     for _ in range(RAY_STEPS - 1):
-        after += step * (above(after) > 0)  # a line that has dived under stays where it is
+        after += step * (above(after) > 0)  # a line that is already under the skin stays where it is
     under, before = above(after) < 0, after - step
     for _ in range(RAY_HALVINGS):
         middle = (before + after) / 2

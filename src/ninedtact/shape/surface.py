@@ -118,7 +118,7 @@ def _triples_in_view(grid: Float32[Array, "rows cols 3"], height: HeightMap, eve
     triples = grid[::every, ::every].reshape(-1, 3)
     if height.source.min() != HeightSource.OUT_OF_VIEW:
         return triples
-    # numpy picks items of 12 bytes twenty times faster than rows of three floats.
+    # numpy selects items of 12 bytes twenty times faster than rows of three floats.
     items = triples.view("V12")[:, 0][height.in_view[::every, ::every].ravel()]
     return np.asarray(items.view(np.float32).reshape(-1, 3))
 
@@ -144,7 +144,7 @@ def _slope_everywhere(z_mm: Grid, mm_per_px: float) -> tuple[Grid, Grid]:
     scale = 1 / (_SOBEL_WEIGHT * mm_per_px)
     along_x = cv2.Sobel(z_mm, cv2.CV_32F, 1, 0, scale=scale, borderType=cv2.BORDER_REPLICATE)
     along_y = cv2.Sobel(z_mm, cv2.CV_32F, 0, 1, scale=scale, borderType=cv2.BORDER_REPLICATE)
-    # At the border the neighbour outside repeats the pixel itself, so half of the difference is missing.
+    # At the border the pixel itself is repeated as its outer neighbour, so half of the difference is missing.
     for border in (along_x[:, 0], along_x[:, -1], along_y[0], along_y[-1]):
         border *= 2
     return along_x, along_y

@@ -134,7 +134,7 @@ def fit_ball(
         if method == "physics"
         else _fit_by_contact_disc(refine_ball_centre(seen), method)
     )
-    # Two images' noise is in their difference; a reading against an averaged reference has one image's.
+    # The difference contains the noise of two images; a height against an averaged reference contains that of one.
     noise = estimate_pixel_noise(relative_brightness_change(reference, press)) / np.sqrt(2)
     reader = partial(fit.reader, source=rectify.height_source)
     return replace(fit, noise_mm=simulate_height_noise_mm(reader, rectify, reference, noise))

@@ -15,7 +15,7 @@ from ninedtact.calibration.sensor_record import BallQuality, BoardQuality, Certi
 
 CheckLevel = Literal["pass", "warn", "fail"]
 CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")
-"""From best to worst."""
+"""The levels of a check, from best to worst."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ Rows = list[tuple[str, str]]
 
 def render_certificate_html(calibration: Calibration) -> str:
     """Return the page as one self-contained HTML document: images are embedded, and nothing is loaded or executed."""
-    # jinja2 is slow to import, and only this function needs it.
+    # jinja2 is imported here because it is slow to import and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     pages = Environment(

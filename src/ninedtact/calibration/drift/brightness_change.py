@@ -142,7 +142,7 @@ def separate_brightness_change(
     smooth = np.asarray(cv2.GaussianBlur(ratio, (0, 0), sigma_px))
     field = _fit_polynomial_background(smooth, seen)
     middle = float(np.median(field[seen]))
-    # A Gaussian leaves 1/(2σ√π) of white noise.
+    # A Gaussian filter reduces the standard deviation of white noise to the fraction 1/(2σ√π).
     left_of_noise = noise / (2 * sigma_px * np.sqrt(np.pi))
     return BrightnessChange(
         float(np.exp(middle)),

@@ -215,7 +215,7 @@ def _fine_structure(image: Field) -> Field:
 def _structure_contrast(earlier: Field, later: Field) -> float:
     """Return the contrast of the earlier image's structure, the median over its tiles, corrected for noise."""
     second = np.abs(np.diff(later - earlier, n=2, axis=1))
-    # 0.6745 and √6 as in `brightness.noise_levels`; √2 because two images' noise is in their difference.
+    # 0.6745 and √6 as in `brightness.estimate_pixel_noise`; √2 because the difference contains the noise of two images.
     noise = BAND_NOISE * float(np.median(second)) / 0.6745 / np.sqrt(6) / np.sqrt(2)
     strength = float(np.median([tile.std() for tile in _split_into_tiles(_fine_structure(earlier))]))
     return float(np.sqrt(max(strength**2 - noise**2, 0.0)))

@@ -109,7 +109,7 @@ def _build_index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, in
     raw_rows, raw_cols = rectify.raw_shape
     seen = (x >= 0) & (x < raw_cols) & (y >= 0) & (y < raw_rows)
     rows, cols = rectify.source_px.shape[:2]
-    # The original finds its crop by int(centre - size / 2): for an odd size the centre is one beyond the middle.
+    # The original starts its crop at int(centre - size / 2), so for an odd size the centre is one pixel beyond the middle.
     centre = start[0] + (rows + 1) // 2, start[1] + (cols + 1) // 2
     return np.where(seen, y, 0).astype(np.int32), np.where(seen, x, 0).astype(np.int32), centre
 

@@ -76,7 +76,7 @@ def _load_npy(path: Path) -> object:
 
 
 def _require_whole_numbers(path: Path, numbers: Float[Array, "..."]) -> None:
-    """Refuse fractions of a pixel."""
+    """Refuse indices that are not whole numbers."""
     if (numbers != np.rint(numbers)).any():
         raise _make_damaged_file_error(path, "whole numbers", "fractions")
 

@@ -131,7 +131,7 @@ class BoardPressParameters:
 
 @dataclass(frozen=True)
 class PredictedBoardImage:
-    """Relative change of brightness on the untouched plane, finely sampled."""
+    """Relative change of brightness on the undeformed plane, finely sampled."""
 
     patch: PeriodicGrid
     field: Float32[Array, "fine_rows fine_cols"]
