@@ -15,11 +15,11 @@ from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.errors import CameraError, NinedtactError
 
 _SETTLING_IMAGES = 5
-"""Images that arrive in a burst after opening, left out."""
+"""Number of images that are ignored after opening, because they arrive in a burst."""
 
 
 class FrameRateUnmeasurable(CameraError):
-    """Too few different images arrived to measure a rate."""
+    """Raised where too few different images arrived to measure a rate."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class FrameRate:
     """Result of one frame rate measurement."""
 
     delivered_hz: float
-    """Images per second as they come."""
+    """Images per second as they arrive."""
     true_hz: float
     """Images per second that differ from the one before."""
     jitter_ms: float
@@ -81,12 +81,12 @@ _TOLERATED_DUPLICATES = 0.1
 
 @dataclass(frozen=True)
 class CameraCheck:
-    """What the examination found; `trouble` is a sentence where the source could not be opened or measured."""
+    """The result of a camera check; `trouble` is a sentence where the source could not be opened or measured."""
 
     name: str
     model: str | None = None
     size_px: tuple[int, int] | None = None
-    """Columns and rows."""
+    """Size of the images as columns and rows."""
     rate: FrameRate | None = None
     recorded_hz: float | None = None
     settings: CameraSettings | None = None
@@ -95,7 +95,7 @@ class CameraCheck:
 
 
 def check_camera(source: FrameSource, model: str | None = None, frames: int = 60) -> CameraCheck:
-    """Open, measure and close a source. What is wrong with the source is in the result and raises nothing."""
+    """Open, measure and close a source. Faults of the source are part of the result and raise nothing."""
     try:
         with source:
             return _check_open_camera(source, model, frames)
@@ -113,7 +113,7 @@ def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> C
 
 
 def frame_rate_advice(rate: FrameRate | None) -> list[str]:
-    """Return what to do about images that arrive twice; nothing where hardly any do."""
+    """Return advice about images that arrive twice; nothing where hardly any do."""
     if rate is None or rate.duplicates <= _TOLERATED_DUPLICATES * rate.frames:
         return []
     return [
@@ -123,7 +123,7 @@ def frame_rate_advice(rate: FrameRate | None) -> list[str]:
 
 
 def camera_settings_advice(settings: CameraSettings | None) -> list[str]:
-    """Return what to do about automatic exposure and white balance, which change the brightness under a press."""
+    """Return advice about automatic exposure and white balance, which change the brightness under a press."""
     advice = []
     if settings is not None and settings.auto_exposure:
         advice.append("automatic exposure is on, a press will change it: `v4l2-ctl -d DEVICE -c auto_exposure=1`")

@@ -17,41 +17,44 @@ Opened = TypeVar("Opened", bound="Openable")
 
 
 class SourceUnknown(InputError):
-    """The text names no camera, stream or file."""
+    """Raised for text that names no camera, stream or file."""
 
 
 class CameraNotFound(CameraError):
-    """No camera, stream or file could be opened at the given address."""
+    """Raised where no camera, stream or file could be opened at the given address."""
 
 
 class CameraLost(CameraError):
-    """A camera that had delivered images stopped."""
+    """Raised where a camera that had delivered images stopped."""
 
 
 class CameraSettingRefused(CameraError):
-    """A setting that the camera did not accept, or settings that contradict each other."""
+    """Raised for a setting that the camera did not accept, or settings that contradict each other."""
 
 
 class SourceEnded(CameraError):
-    """A recording has no further item."""
+    """Raised where a recording has no further item."""
 
 
 class SourceNotOpen(CameraError):
-    """A source was read before it was opened or after it was closed."""
+    """Raised where a source is read before it was opened or after it was closed."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f"expected {name} to be open, got a read while it is closed; read it inside `with source:`")
 
 
 class Openable(ABC):
-    """Anything that holds a device from `open` to `close`. The constructor touches no device; opening is all or nothing."""
+    """The interface of everything that holds a device from `open` to `close`.
+
+    The constructor accesses no device; opening succeeds completely or not at all.
+    """
 
     name: str
-    """What to call the device in messages; it never contains a password."""
+    """The name of the device in messages; it never contains a password."""
 
     @abstractmethod
     def open(self) -> None:
-        """Open the device, or raise and leave nothing open. Opening an open device does nothing."""
+        """Open the device, or raise an error and leave nothing open. Opening an open device does nothing."""
 
     @abstractmethod
     def close(self) -> None:
@@ -66,7 +69,7 @@ class Openable(ABC):
 
 
 class FrameSource(Openable):
-    """Anything that delivers frames; `open` raises `CameraNotFound`, `CameraSettingRefused` or `ImageUnreadable`."""
+    """The interface of every source of frames; `open` raises `CameraNotFound`, `CameraSettingRefused` or `ImageUnreadable`."""
 
     recorded_hz: float | None = None
     """Images per second at which a recording was made; None for a live source, which paces itself."""
@@ -125,7 +128,7 @@ FIXED_EXPOSURE = CameraSettings(auto_exposure=False, auto_white_balance=False)
 
 
 class CameraBackend(FrameSource):
-    """A frame source that a person names by an address; `source_address.SOURCE_TYPES` lists all of them."""
+    """A frame source that an address names; `source_address.SOURCE_TYPES` lists all of them."""
 
     address_help: ClassVar[str]
     """The addresses that this backend accepts, for help texts and error messages."""

@@ -28,7 +28,7 @@ _DEFAULT_VIDEO_HZ = 30.0
 
 
 class VideoFile(CameraBackend):
-    """Every image of a video file, then `SourceEnded`. The stamp of an image is the time at which it was read."""
+    """A frame source of every image of a video file. The stamp of an image is the time at which it was read."""
 
     address_help = "a video file"
 
@@ -76,7 +76,7 @@ class VideoFile(CameraBackend):
 
 
 class ImageList(FrameSource):
-    """The given image files in this order, all of one size, then `SourceEnded`."""
+    """A frame source of the given image files in this order, all of one size."""
 
     def __init__(self, images: Sequence[Path], name: str = "images", recorded_hz: float | None = 10.0) -> None:
         self.images = tuple(images)
@@ -116,7 +116,7 @@ class ImageList(FrameSource):
 
 
 class ImageFolder(CameraBackend):
-    """The images of a folder in the order of their names (2 before 10), all of one size, then `SourceEnded`."""
+    """A frame source of the images of a folder in the order of their names (2 before 10), all of one size."""
 
     address_help = "a folder of images"
 

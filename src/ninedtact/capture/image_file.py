@@ -32,7 +32,7 @@ _DAMAGED = "a damaged file"
 
 
 def image_file_fault(content: bytes) -> str | None:
-    """Return what is wrong with the content of an image file, as words that follow "got"; None for a whole PNG, JPEG or BMP."""
+    """Return the fault in the content of an image file, as words that follow "got"; None for a complete PNG, JPEG or BMP."""
     if content.startswith(_PNG):
         return _png_fault(content)
     if content.startswith(_JPEG):
@@ -61,7 +61,7 @@ def _png_fault(content: bytes) -> str | None:
 
 
 def _jpeg_fault(content: bytes) -> str | None:
-    """Walk the marker segments; only an end-of-image marker outside of all segments ends a whole file."""
+    """Return the fault of a JPEG file; only an end-of-image marker outside of all segments ends a complete file."""
     for marker, segment in _jpeg_segments(content):
         if marker == 0xD9:
             return None
@@ -100,11 +100,11 @@ _LARGEST_FILE_BYTES = 500_000_000
 
 
 class ImageUnreadable(FileFormatError):
-    """An image that is missing, damaged, or not of a kind that can be measured."""
+    """Raised for an image that is missing, damaged, or of a kind that cannot be measured."""
 
 
 class ImageSizeWrong(FileFormatError):
-    """An image of another size than the ones it belongs to."""
+    """Raised for an image whose size differs from that of the images it belongs to."""
 
 
 def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:

@@ -13,7 +13,7 @@ from ninedtact.quantities import Frame
 
 
 class NoRecentFrame(CameraError):
-    """No frame arrived that is both new to the reader and young enough."""
+    """Raised where no frame arrived that is both new to the reader and recent enough."""
 
 
 class LatestFrameSource(FrameSource):

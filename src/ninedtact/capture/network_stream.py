@@ -19,7 +19,7 @@ _SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")
 
 
 class NetworkStream(CameraBackend):
-    """A video stream by URL. Silence longer than `read_timeout_ms` raises `CameraLost`."""
+    """A frame source of a video stream by URL. Silence longer than `read_timeout_ms` raises `CameraLost`."""
 
     address_help = "a stream (http://…, rtsp://…)"
 

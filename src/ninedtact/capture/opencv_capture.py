@@ -17,7 +17,7 @@ from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.quantities import Frame
 
 _ONE_AT_A_TIME = Lock()
-"""The standard streams belong to the process: two threads that redirect one at once could lose it for good."""
+"""Lock for the standard streams, which belong to the process: two threads that redirect one at once could lose it permanently."""
 
 
 def silence_video_libraries() -> None:
@@ -30,7 +30,7 @@ def silence_video_libraries() -> None:
 
 
 class CapturedOutput:
-    """What was printed while the stream was captured; filled when the block ends."""
+    """The text that was printed while the stream was captured; it is complete when the block ends."""
 
     text: str = ""
 
@@ -65,7 +65,7 @@ Result = TypeVar("Result")
 
 @runtime_checkable
 class OpenCvCapture(Protocol):
-    """The methods of cv2.VideoCapture that are used; the simulated devices of the tests have the same."""
+    """The methods of cv2.VideoCapture that are used; the simulated devices of the tests have the same methods."""
 
     def isOpened(self) -> bool: ...  # noqa: N802, D102
     def get(self, prop: int, /) -> float: ...  # noqa: D102
@@ -75,7 +75,7 @@ class OpenCvCapture(Protocol):
 
 
 class FrameGrabber:
-    """Reads, stamps and counts the images of one capture; one thread at a time accesses the device."""
+    """Reads, stamps and counts the images of one capture; only one thread at a time accesses the device."""
 
     def __init__(
         self,

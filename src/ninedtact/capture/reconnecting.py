@@ -23,7 +23,7 @@ class _Reconnector(Generic[Loss]):
         on_back: Callable[[], None],
         retry_ms: float,
     ) -> None:
-        """absent: what the source raises on opening as long as its device is away."""
+        """absent: the error that the source raises on opening while its device is missing."""
         self.losses = 0
         self._source, self._absent = source, absent
         self._on_lost, self._on_back = on_lost, on_back
@@ -55,7 +55,7 @@ class _Reconnector(Generic[Loss]):
         self._on_back()
 
     def _try_to_open(self) -> bool:
-        """Pause, then try once; opening and closing exclude each other, so that no device is left open."""
+        """Pause, then try once to open. Opening and closing exclude each other, so that no device stays open."""
         self._closing.wait(self._retry_s)
         with self._opening:
             if self._closing.is_set():

@@ -19,7 +19,7 @@ SixFloats = tuple[float, float, float, float, float, float]
 
 
 class SamplingRuleInvalid(InputError):
-    """The settings describe a rule that keeps nothing, or everything."""
+    """Raised for settings of a rule that keeps nothing, or everything."""
 
 
 @dataclass(frozen=True)

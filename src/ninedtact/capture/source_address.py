@@ -9,7 +9,7 @@ from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.uvc_camera import UvcCamera
 
 SOURCE_TYPES: tuple[type[CameraBackend], ...] = (UvcCamera, RaspberryPiCamera, NetworkStream, ImageFolder, VideoFile)
-"""Every camera backend, in the order in which an address is offered to them. A new camera is a new line here."""
+"""Every camera backend, in the order in which they are tried with an address. A new camera is one more line here."""
 
 
 def source_for(address: str, settings: CameraSettings = DEFAULT_CAMERA) -> FrameSource:

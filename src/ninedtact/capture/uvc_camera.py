@@ -34,10 +34,10 @@ _EXPOSURE_STEPS_PER_MS = 10
 _MANUAL, _AUTOMATIC = (1.0, 2.0), (3.0, 0.0)
 _KERNEL_DEVICE_LIST = Path("/sys/class/video4linux")
 _QUERY_CAPABILITIES = 0x80685600
-"""VIDIOC_QUERYCAP, https://docs.kernel.org/userspace-api/media/v4l/vidioc-querycap.html."""
+"""Number of VIDIOC_QUERYCAP, https://docs.kernel.org/userspace-api/media/v4l/vidioc-querycap.html."""
 _DEVICE_CAPABILITIES = slice(88, 92)
 _VIDEO_CAPTURE = 0x00000001 | 0x00001000
-"""Single-planar or multi-planar."""
+"""Capability bits of video capture, single-planar or multi-planar."""
 
 
 def _open_capture(device: int | str) -> OpenCvCapture:

@@ -25,12 +25,12 @@ from ninedtact.studio.scene_3d import GelBlock, SkinScene
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 
 LAST_WORDS_S = 0.1
-"""Time for the last messages to leave: viser drops those under way when it stops."""
+"""Time to wait for the last messages, because viser drops unsent ones when it stops."""
 IN_USE = "it in use (another 'ninedtact live'?)"
 
 
 class PortRefused(DeviceError):
-    """The page cannot be served at this address."""
+    """Raised where the page cannot be served at this address."""
 
 
 @contextmanager
@@ -51,7 +51,7 @@ def page_server(host: str, port: int) -> Iterator[ViserServer]:
 
 
 def _start_without_banner(host: str, port: int) -> ViserServer:
-    """Start viser without the banner that it prints, because only the command line prints."""
+    """Start viser without the banner that it prints, because only the command line may print."""
     with redirect_stdout(StringIO()):
         return ViserServer(host=host, port=port, label="9DTact", verbose=False)
 
@@ -89,7 +89,7 @@ SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply"
 
 
 class SensorPage:
-    """A `Display` made of viser's panels; any number of browsers see the same."""
+    """A `Display` made of viser's panels; all connected browsers show the same page."""
 
     def __init__(self, server: ViserServer, studio: PageController, block: GelBlock, title: str) -> None:
         self._server, self._studio = server, studio

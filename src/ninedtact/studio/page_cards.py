@@ -18,7 +18,7 @@ DIM = "color:var(--mantine-color-dimmed)"
 PALE = 0.35
 """Opacity of numbers that are not current."""
 NOTABLE_SHARE = 0.01
-"""Share of the contact beyond the calibrated range from which on the page warns."""
+"""Share of the contact beyond the calibrated range from which the page shows a warning."""
 
 
 def status_html(status: SensorStatus) -> str:

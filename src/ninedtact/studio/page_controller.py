@@ -20,14 +20,14 @@ from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller,
 from ninedtact.studio.wrench_poller import WrenchPoller, WrenchSnapshot
 
 SILENT_AFTER_MS = 1000.0
-"""Ten images of the slowest camera in use. What is shown then no longer counts as current."""
+"""Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
 
 Tone = Literal["live", "busy", "held", "lost"]
 
 
 @dataclass(frozen=True)
 class SensorStatus:
-    """The state of the sensor in one sentence and one colour."""
+    """The status of the sensor as one sentence and one colour."""
 
     tone: Tone
     sentence: str
@@ -62,7 +62,7 @@ def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, n
 
 
 def _final_status(moment: SensorSnapshot) -> SensorStatus:
-    """Return the state of a page that gets no more readings."""
+    """Return the status of a page that receives no more readings."""
     return SensorStatus(
         "lost", f"stopped: {moment.trouble if moment.phase is SensorPhase.FAILED else 'the program has ended'}"
     )
@@ -98,7 +98,7 @@ WITHOUT_READING = "expected a reading on the page, got none yet; wait for the fi
 
 
 class NothingToSave(InputError):
-    """No reading has been shown yet."""
+    """Raised where no reading has been shown yet."""
 
 
 @dataclass(frozen=True)
@@ -127,14 +127,14 @@ class PageReport:
 
 @runtime_checkable
 class PageDisplay(Protocol):
-    """A display of readings. Nothing is drawn while nobody watches it."""
+    """The interface of a display of readings. Nothing is drawn while no browser is connected."""
 
     @property
     def is_watched(self) -> bool:
-        """Whether at least one person watches."""
+        """Whether at least one browser is connected."""
 
     def display_options(self) -> DisplayOptions:
-        """Return how the skin is to be drawn now."""
+        """Return the current options for drawing the skin."""
 
     def show(self, view: ReadingView, options: DisplayOptions) -> None:
         """Draw the view of one reading."""
@@ -183,7 +183,7 @@ class PageController:
             raise moment.trouble
 
     def show_final_state(self, display: PageDisplay) -> None:
-        """Mark the page as ended, because a browser keeps the last page that it got."""
+        """Mark the page as ended, because a browser keeps the last page that it received."""
         moment = self._loop.snapshot(time.monotonic_ns())
         self._present(display, moment, _final_status(moment))
 

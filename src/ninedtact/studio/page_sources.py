@@ -12,7 +12,7 @@ from ninedtact.reading import Reading
 
 
 class RepeatingSource(FrameSource):
-    """A source that starts again when it ends; frame indices continue to count."""
+    """Wraps a source and starts it again when it ends; frame indices continue to count."""
 
     def __init__(self, source: FrameSource) -> None:
         self.name = source.name
@@ -74,7 +74,7 @@ class PublishingEstimator(ForceEstimator):
         return found
 
     def forget(self) -> None:
-        """Let the estimator forget what it knows of earlier readings."""
+        """Discard what the estimator has stored of earlier readings."""
         self.estimator.forget()
 
 

@@ -16,7 +16,7 @@ from ninedtact.shape.surface import point_cloud, triangulate_view
 MAX_SURFACE_POINTS = 40_000
 """Number of points that a browser draws smoothly without a graphics card. Measures use the full map, not these points."""
 LIGHT_DIRECTION = np.array([-0.5, 0.35, 0.79], np.float32)
-"""Direction towards the light: grazing, from the upper left of the first view, so that shallow relief shows."""
+"""Direction towards the light: grazing, from the upper left of the first view, so that shallow relief is visible."""
 SHADE = 0.45
 """Brightness of skin that faces away from the light; level skin keeps its colour."""
 
@@ -27,7 +27,7 @@ class SkinSurface:
 
     points_mm: Float32[Array, "n 3"]
     colours: UInt8[Array, "n 3"]
-    """Red, green, blue: the colour of the height, lit from a side, since points have no shading of their own."""
+    """Red, green and blue: the colour of the height, lit from one side, because points have no shading of their own."""
     faces: Int32[Array, "m 3"]
     spacing_mm: float
     """Distance of neighbouring points on undeformed skin."""
@@ -56,7 +56,7 @@ def _shade_colours(colours: UInt8[Array, "n 3"], normals: Float32[Array, "n 3"])
 
 
 FADED = 0.35
-"""Brightness left to images of the past."""
+"""Factor of the brightness of images that are not current."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ class ReadingView:
 
     reading: Reading
     image: UInt8[Array, "raw_rows raw_cols 3"]
-    """BGR, as the camera gave it."""
+    """The camera image in BGR, unchanged."""
     heights: UInt8[Array, "rows cols 3"]
-    """BGR, false colours."""
+    """The heights as a false-colour image in BGR."""
     surface: SkinSurface
     summary: ShapeSummary
     is_past: bool = False

@@ -26,7 +26,7 @@ AWAY_MM = 0.9
 
 @dataclass(frozen=True)
 class _Mark:
-    """A text at a position, mm in the sensor frame."""
+    """A text at a position in mm in the sensor frame."""
 
     text: str
     at_mm: Point
@@ -74,19 +74,19 @@ class GelBlock:
 
 
 def gel_block_under_skin(shape: CalibratedShape, gel: Gel) -> GelBlock:
-    """The gel under all the skin that a sensor sees."""
+    """Return the gel under all the skin that a sensor sees."""
     rows, cols, _ = shape.rectify.source_px.shape
     return GelBlock(cols * shape.rectify.mm_per_px, rows * shape.rectify.mm_per_px, gel.thickness_mm)
 
 
 def _multiples_within(half_mm: float, every_mm: float) -> list[float]:
-    """Multiples of `every_mm` between −`half_mm` and `half_mm`."""
+    """Return the multiples of `every_mm` between −`half_mm` and `half_mm`."""
     count = int(half_mm / every_mm)
     return [float(number * every_mm) for number in range(-count, count + 1)]
 
 
 def format_signed_tenths(number: float) -> str:
-    """A number of tenths, with a true minus sign, which zero has not."""
+    """Return a number as text, rounded to tenths, with a true minus sign; zero has no sign."""
     return f"{round(number, 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
@@ -100,7 +100,7 @@ LEAST_FORCE_N = 0.1
 """Smallest normal force whose position is meaningful."""
 ARC_PIECES = 48
 LEAST_ARC_DEG = 8.0
-"""An arc shorter than its arrow head is not drawn."""
+"""Smallest angle of an arc that is drawn; a shorter arc would be shorter than its arrow head."""
 FORCE, TWIST = (201, 42, 42), (95, 61, 196)
 SHAFT_MM, HEAD_MM, HEAD_LONG_MM = 0.22, 0.55, 1.2
 
@@ -132,7 +132,7 @@ class _WrenchArrows:
 
 
 def _add_arrow(server: ViserServer, name: str, colour: tuple[int, int, int]) -> ArrowsHandle:
-    """Add one arrow, which is hidden."""
+    """Add one arrow, initially hidden."""
     return server.scene.add_arrows(
         name,
         np.zeros((1, 2, 3), np.float32),
@@ -166,7 +166,7 @@ def torque_arc_points_mm(place_mm: Float64[Array, "3"], turn_deg: float) -> Floa
 
 
 GEL, PAST = (150, 172, 196), (110, 114, 118)
-"""Colours of the surface while it is current, and while it is not."""
+"""Colours of the surface while it is current, and while it is not current."""
 EDGES, FLOOR = (120, 128, 138), (205, 210, 216)
 FIELD_OF_VIEW_RAD = 0.72
 POINT_OVERLAP = 1.3

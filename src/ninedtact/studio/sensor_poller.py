@@ -25,11 +25,11 @@ from ninedtact.shape.measures import max_indentation_mm
 NS_PER_S = 1e9
 HISTORY_S = 20.0
 RATE_OVER_S = 2.0
-"""Long enough for a steady rate, short enough to show a camera that slows down."""
+"""Time over which rates are measured: long enough for a steady rate, short enough to show a camera that slows down."""
 
 
 class _Tick(NamedTuple):
-    """An event; `number` counts all events from the first."""
+    """An event with its time; `number` counts all events from the first."""
 
     at_ns: int
     number: int
@@ -79,7 +79,7 @@ class _IndentationHistory:
 
 
 class RecordingTooShort(CameraError):
-    """A recording ended before the reference images were complete."""
+    """Raised where a recording ended before the reference images were complete."""
 
 
 class SensorPhase(Enum):
@@ -106,11 +106,11 @@ class SensorSnapshot:
     history: Float64[Array, "2 n"]
     """Seconds before now (before the end of a recording that has ended), and maximum indentations in mm."""
     trouble: BaseException | None = None
-    """Why the sensor thread has failed, or refused the reference images."""
+    """Why the sensor thread has failed, or why it refused the reference images."""
 
 
 class SensorPoller:
-    """Reads a sensor in its own thread while it is open (`with`); the sensor's source should be a `Freshest`.
+    """Reads a sensor in its own thread while it is open (`with`); its source should be a `LatestFrameSource`.
 
     If the sensor has no depth reader, its first images become the reference.
     """

@@ -16,7 +16,7 @@ from ninedtact.quantities import Wrench
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S
 
 MOST_HZ = 60.0
-"""Samples kept per second, more than a person can see."""
+"""Number of samples kept per second, which is more than a person can see."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class WrenchSnapshot:
     history: Float64[Array, "7 n"]
     """Seconds before now (negative); F_x, F_y, F_z in N; T_x, T_y, T_z in N·m."""
     trouble: BaseException | None = None
-    """Why there will be no more wrenches."""
+    """Why no more wrenches will arrive."""
 
 
 class WrenchPoller:

@@ -91,7 +91,7 @@ class BotaDriver(ForceTorqueDriver):
         return None
 
     def receive(self) -> Sequence[ForceTorqueSample]:
-        """Wait for a new frame and return it; frames that it skipped count as dropped."""
+        """Wait for a new frame and return it; frames that the device skipped count as dropped."""
         give_up_at = time.monotonic() + RECEIVE_TIMEOUT_S
         try:
             while (frame := self._driver.read_frame()).timestamp == self._last_us:

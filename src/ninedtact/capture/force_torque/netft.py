@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _RDT_PORT, _HTTP_PORT, _HIGHEST_PORT = 49152, 80, 65_535
 _FIRST_SAMPLE_S = 2.0
 _RETRY_S = 0.05, 0.2
-"""pynetft disconnects at every record with an error status, saturation included, and reconnects after this long."""
+"""Time after which pynetft reconnects; it disconnects at every record with an error status, saturation included."""
 _KEPT_RECORDS = 256
 _N_PER_UNIT = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665}
 _NM_PER_UNIT = {
@@ -42,7 +42,7 @@ _NM_PER_UNIT = {
 
 @dataclass(frozen=True)
 class _CountScale:
-    """Counts per unit of a device that does not report them."""
+    """Counts per unit of force and torque, for a device that does not report them."""
 
     per_n: float
     per_nm: float
@@ -50,10 +50,10 @@ class _CountScale:
 
 @dataclass(frozen=True)
 class _DeviceVariant:
-    """How the devices of one manufacturer differ."""
+    """The properties in which the devices of one manufacturer differ from others."""
 
     counts: _CountScale | None
-    """None: the device reports them over HTTP."""
+    """Counts per unit; None where the device reports them over HTTP."""
     saturated: int
     """Bits of the status that mark a saturated sample."""
     harmless: tuple[int, ...] = (0,)
@@ -63,11 +63,11 @@ class _DeviceVariant:
 ATI = _DeviceVariant(None, saturated=0x0002_0000, harmless=(0, 0x8001_0000))
 """Bit 17: transducer saturation. 8001 0000: a threshold that somebody set on the device was passed (docs/force_torque.md)."""
 ONROBOT = _DeviceVariant(_CountScale(per_n=10_000, per_nm=100_000), saturated=0)
-"""The default counts of the example of the manufacturer; the status bits are not documented, so any is a fault."""
+"""The default counts of the manufacturer's example; the status bits are not documented, so any set bit counts as a fault."""
 
 
 class NetFtDriver(ForceTorqueDriver):
-    """A device on the network, named by its host name or address."""
+    """The driver of a device on the network, named by its host name or address."""
 
     def __init__(
         self,

@@ -33,7 +33,7 @@ DRIVERS: dict[str, Callable[[str], ForceTorqueDriver]] = {
     "onrobot": NetFtDriver.from_onrobot_address,
     "serial": SerialPortDriver.from_address,
 }
-"""What makes a driver from an address, by the word before the colon. A new device is a new line here."""
+"""Functions that make a driver from an address, by the word before the colon. A new device is one more line here."""
 _ACCEPTED = (
     "a force/torque sensor: bota:CONFIG.json (Bota Systems), netft:HOST (ATI), onrobot:HOST, or serial:PORT[@BAUD] (the frames "
     "of docs/force_torque.md)"

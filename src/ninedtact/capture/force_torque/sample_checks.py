@@ -44,7 +44,7 @@ class SampleCheckSettings:
 
 
 class CheckedWrenchSource(WrenchSource):
-    """Another source whose unusable samples raise `WrenchSampleRejected`."""
+    """Wraps a source and raises `WrenchSampleRejected` for its unusable samples."""
 
     def __init__(self, source: WrenchSource, settings: SampleCheckSettings = SampleCheckSettings()) -> None:
         self.name = source.name
@@ -149,7 +149,7 @@ class _JumpDetector:
 
 
 class SkippingWrenchSource(WrenchSource):
-    """Another source without its rejected samples; `on_skip` is called once each time a run of them begins."""
+    """Wraps a source and skips its rejected samples; `on_skip` is called once at the beginning of each run of them."""
 
     def __init__(self, source: WrenchSource, on_skip: Callable[[WrenchSampleRejected], None]) -> None:
         self.name = source.name

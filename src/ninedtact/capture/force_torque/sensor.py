@@ -26,12 +26,12 @@ from ninedtact.capture.wrench_source import (
 from ninedtact.quantities import Wrench
 
 RECEIVE_TIMEOUT_S = 0.1
-"""How long `receive` waits at most, so that closing never waits long."""
+"""Longest wait of `receive`, which also limits the wait when a source is closed."""
 _BUFFERED_NS = 500_000_000
-"""A reader that is slower than this misses the oldest samples and never gets older ones."""
+"""Age up to which samples are kept for a reader. A slower reader misses the oldest samples and never gets older ones."""
 _CLOSE_TIMEOUT_S = 1.0
 _CLOCK_RATE_TOLERANCE = 0.01
-"""How far the rate of a device clock may be off and still be followed: a cheap ceramic resonator is within 0.5 %."""
+"""Largest error in the rate of a device clock that is still followed: a cheap ceramic resonator is within 0.5 %."""
 _NS_PER_US = 1000
 
 
@@ -42,18 +42,18 @@ class ForceTorqueSample:
     six: Float64[Array, "6"]
     """F_x, F_y, F_z in N and T_x, T_y, T_z in N·m: the load on the tool side, in the frame of the device, about its origin."""
     stamp_ns: int
-    """Arrival, monotonic clock."""
+    """Time of arrival on the monotonic clock."""
     number: int | None = None
-    """The count of the device; None where it has none."""
+    """The number that the device gave the sample; None where it gives none."""
     flaw: WrenchSampleRejected | None = None
-    """Why the sample must not be used, as far as the device knows."""
+    """Why the sample must not be used, as far as the device reports it."""
 
 
 class ForceTorqueDriver(ABC):
     """The connection to one device; used by one thread at a time."""
 
     name: str
-    """What to call the device in messages: its address."""
+    """The name of the device in messages: its address."""
     number_bits: int = 32
     """Width of `ForceTorqueSample.number`, which wraps to zero."""
 
@@ -93,7 +93,7 @@ class DeviceClock:
         self._device_ns = self._offset_ns = self._last_stamp_ns = 0
 
     def stamp_ns(self, device_us: int, arrived_ns: int) -> int:
-        """Return when a sample with this device time would have arrived without delay, monotonic clock."""
+        """Return the arrival time that a sample with this device time would have had without delay, on the monotonic clock."""
         passed_ns = 0 if self._last_us is None else counter_step(self._last_us, device_us, self._bits) * _NS_PER_US
         self._device_ns += passed_ns
         late_ns = arrived_ns - self._device_ns
@@ -120,7 +120,7 @@ class SampleCounter:
 
 
 class ForceTorqueSensor(WrenchSource):
-    """A device, sample by sample: the load on its tool side, in its own frame about its own origin.
+    """A force/torque device that is read sample by sample: the load on its tool side, in its own frame about its own origin.
 
     `read` raises `WrenchSampleRejected` for a sample that the device itself marks as bad, and continues with the next one when
     called again; it raises `WrenchSensorLost` after `silence_s` without any sample.

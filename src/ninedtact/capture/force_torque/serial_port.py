@@ -42,7 +42,7 @@ FRAME_BYTES = len(BEGIN) + _BODY.size + _CHECKSUM.size
 _SATURATED, _DO_NOT_USE = 1, 2
 _SixFloats = tuple[float, float, float, float, float, float]
 _DEFAULT_BAUD = 460_800
-"""1,280 frames per second."""
+"""Baud rate for 1,280 frames per second."""
 _MOST_GARBAGE_BYTES = 4096
 
 
@@ -53,7 +53,7 @@ class SerialFrame:
     number: int
     device_us: int
     six: _SixFloats
-    """N and N·m."""
+    """The load in N and N·m."""
     flags: int = 0
 
     def to_bytes(self) -> bytes:
@@ -76,7 +76,7 @@ def parse_serial_frame(frame: bytes) -> SerialFrame | None:
 
 
 class SerialFrameParser:
-    """Finds frames in bytes that arrive in any portions, with any garbage between them."""
+    """Finds frames in bytes that arrive in portions of any size, with any garbage between them."""
 
     def __init__(self) -> None:
         self.garbage_bytes = 0
@@ -85,7 +85,7 @@ class SerialFrameParser:
 
     @property
     def wanted_bytes(self) -> int:
-        """How many more bytes a frame needs at least."""
+        """The least number of further bytes that complete a frame."""
         return max(FRAME_BYTES - len(self._unread), 1)
 
     def parse(self, portion: bytes) -> Iterator[SerialFrame]:
@@ -101,7 +101,7 @@ class SerialFrameParser:
             yield frame
 
     def _find_start(self) -> bool:
-        """Drop what cannot start a frame; return whether enough bytes remain for one."""
+        """Remove bytes that cannot start a frame; return whether enough bytes remain for one."""
         start = self._unread.find(BEGIN)
         if start < 0:
             start = len(self._unread) - self._unread.endswith(BEGIN[:1])
@@ -114,7 +114,7 @@ class SerialFrameParser:
 
 
 class SerialPortDriver(ForceTorqueDriver):
-    """A sensor on a serial port, named by the port, such as /dev/ttyUSB0."""
+    """The driver of a sensor on a serial port, named by the port, such as /dev/ttyUSB0."""
 
     number_bits = 16
 

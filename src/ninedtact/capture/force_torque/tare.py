@@ -19,13 +19,13 @@ from ninedtact.quantities import Wrench
 _NS_PER_S = 1_000_000_000
 _TARE_QUARTERS = 4
 _SPREAD_SIGMAS = 7.0
-"""The means of four quarters of a tare at rest spread further than this many standard deviations once in ten thousand tares."""
+"""Spread of the means of a tare's quarters, in standard deviations, that a tare at rest exceeds once in ten thousand tares."""
 _FEW_SAMPLES = 8
-"""With this few samples the noise itself is known only to a factor of two."""
+"""Number of samples up to which the noise itself is known only to a factor of two."""
 
 
 class TareRefused(DeviceError):
-    """The load moved while it was measured, or there were too few samples."""
+    """Raised where the load moved while it was measured, or there were too few samples."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Tare:
     """The reading of the sensor without contact, and its noise."""
 
     mean: Float64[Array, "6"]
-    """N and N·m, as `Wrench.six`."""
+    """Mean reading, N and N·m, in the order of `Wrench.six`."""
     deviation: Float64[Array, "6"]
     """Standard deviation of one sample."""
     samples: int
     seconds: float
     stamp_ns: int
-    """Of the last sample."""
+    """Stamp of the last sample."""
 
     @property
     def sentence(self) -> str:
@@ -78,7 +78,7 @@ class ZeroDrift:
 
     @property
     def exceeds_limit(self) -> bool:
-        """Whether to tare again: the drift is beyond the limit, and noise does not explain it."""
+        """Whether a new tare is advised: the drift is beyond the limit, and noise does not explain it."""
         limits = np.repeat([self.limit_n, self.limit_nm], 3)
         return bool((np.abs(self.six) > limits + 3 * self.error).any())
 
@@ -94,7 +94,7 @@ class ZeroDrift:
 
 
 class TaredWrenchSource(WrenchSource):
-    """Another source minus its tare, which is taken at each opening and whenever `take_tare` is called."""
+    """Wraps a source and subtracts its tare, which is taken at each opening and whenever `take_tare` is called."""
 
     tare: Tare
     """The last tare that was taken."""
@@ -155,7 +155,7 @@ class TaredWrenchSource(WrenchSource):
 
 
 def _collect_samples(source: WrenchSource, seconds: float) -> list[Wrench]:
-    """Return what an open source delivers in this time, by the stamps of the samples."""
+    """Return the samples that an open source delivers in this time, measured by their stamps."""
     wrenches = [source.read()]
     while wrenches[-1].stamp_ns - wrenches[0].stamp_ns < seconds * _NS_PER_S:
         wrenches.append(source.read())
