@@ -48,7 +48,7 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
     """Return the estimator of a calibrated sensor, with the force scale of its folder where there is one.
 
     spec: `physics`, `network` (the shipped model), `both`, `both:MODEL.onnx`, `none`, or the path of a force model (.onnx) or of
-    the original project's weights (.pt). Raises `EstimatorUnknown`, `ModelUnusable`, `WeightsUnusable`.
+    the original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`.
     """
     from ninedtact.force.force_scale import ScaledForceEstimator, read_force_scale
 

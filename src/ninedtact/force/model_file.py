@@ -132,7 +132,7 @@ def session_of(content: bytes, name: str) -> "InferenceSession":
     options.log_severity_level = FATAL
     try:
         return InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except Exception as trouble:  # ONNX Runtime's own exceptions have no base but this
+    except Exception as trouble:  # the exceptions of ONNX Runtime have no other common base class
         said = (str(trouble).splitlines() or [""])[0]
         raise ForceModelUnusable(
             f"expected a whole ONNX model in {name}, got {len(content)} bytes that are none ({said}); copy or train it again"

@@ -1,10 +1,10 @@
-"""The input of force networks, built in one place for live use and training.
+"""Construction of the input of force networks from a reading, and from stored training examples.
 
     heights              Reading.height ─▶ orthorectified heights ─▶ divided by the gel's thickness (─▶ features of the sensor)
     deformation, mixed   Reading.rectified, .reference ─▶ darker, brighter, reference
 
 Training stores heights in mm (`orthorectification.orthorectified_heights`) or grey images, augments them, and then calls the same
-functions as the live path.
+stacking functions as the live path.
 
 The features of a sensor are its gel's thickness and the parameters of its light. The calibration fits them to a ball press and
 assumes a rigid base. Above a compliant base they therefore differ from those of any gel on a rigid one, so that a network can infer

@@ -37,7 +37,7 @@ class DatasetEvaluationSettings:
     """The estimator that is evaluated, and how its sensors are calibrated."""
 
     force: str = PHYSICS
-    """The estimator, as after `--force`."""
+    """Name or path of the estimator, as for the option `--force`."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name; where None, simulated sensors are calibrated."""
     modulus: Literal["true", "design", "calibrated"] = "true"
@@ -45,7 +45,7 @@ class DatasetEvaluationSettings:
     every: int = 1
     """Evaluate every n-th pair."""
     workers: int = 2
-    """Processes that calibrate simulated sensors."""
+    """Number of processes that calibrate simulated sensors."""
     contact_detection: bool = True
     """Whether a network's estimate is zero where no contact is detected."""
 

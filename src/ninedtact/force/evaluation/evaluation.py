@@ -211,7 +211,7 @@ def force_torque_means(six: Six) -> ForceTorqueMeans:
 
 
 def _ratio(above: Six, below: Six) -> Six:
-    """Divide, giving NaN over zero."""
+    """Return the quotient on each axis, NaN where the divisor is zero."""
     return np.divide(above, below, out=np.full(6, np.nan), where=below > 0)
 
 

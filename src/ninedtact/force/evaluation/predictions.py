@@ -31,7 +31,7 @@ Six = Float64[Array, "6"]
 
 
 class PredictionsUnusable(FileFormatError):
-    """Predictions that cannot be evaluated."""
+    """The predictions are inconsistent, not finite, or not in N and N·m, so that they cannot be evaluated."""
 
 
 class ErrorDistribution(StrEnum):

@@ -113,7 +113,7 @@ def _parse_cells(
 
 
 def _refuse_line(path: Path, line: int, fault: str) -> NoReturn:
-    """Raise `PredictionsUnusable` with the line."""
+    """Raise `PredictionsUnusable` with the number of the faulty line."""
     raise PredictionsUnusable(f"{fault}, in line {line} of {path}; correct it or leave the line out")
 
 

@@ -49,7 +49,7 @@ _WORST_OBJECTS = 10
 
 @dataclass(frozen=True)
 class _ReportRow:
-    """One row of a table."""
+    """One row of a report's table: a label and its formatted cells."""
 
     name: str
     cells: tuple[str, ...]

@@ -64,7 +64,7 @@ class InversionResult:
     skin_mm: SkinField
     """Height of all skin under these tractions."""
     problem: LinearisedProblem
-    """The last linearisation."""
+    """The problem as linearised in the last iteration."""
     solution: QPSolution
     misfit: float
     """Root mean square of the residual over its standard deviation; at least one."""

@@ -119,7 +119,7 @@ class LinearisedProblem:
     kernels: InfluenceKernels
     prior: DiscretePrior
     region: View
-    """One where pressure may act."""
+    """Contact region: one on cells where pressure may act, zero elsewhere."""
     carries: View
     """Smoothed pressure, to which shear is proportional."""
     slope: SkinField

@@ -140,7 +140,7 @@ class HeightPerturbations:
         )
 
     def _perturb_features(self, features: Tensor, generator: Generator) -> Tensor:
-        """Return the sensor features (n, features) as other calibrations of the same sensors would have given them."""
+        """Return the sensor features (n, features) with random errors, as repeated calibrations of the same sensors would have."""
         factor = 1 + self.features * _normal_samples(generator, *features.shape)
         return torch.cat([features[:, :1], (features * factor)[:, 1:]], 1)
 
@@ -203,9 +203,9 @@ class Augmentation:
 
     geometric: GeometricAugmentation = GeometricAugmentation()
     heights: HeightPerturbations = HeightPerturbations()
-    """Applied to height maps."""
+    """Perturbations that are applied to height maps."""
     photometric: PhotometricPerturbations = PhotometricPerturbations()
-    """Applied to images with references."""
+    """Perturbations that are applied to images with references."""
 
     def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
         """Return another batch of the same contacts, randomly changed."""

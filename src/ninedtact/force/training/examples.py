@@ -110,7 +110,7 @@ class TrainingBatch:
     images: Tensor
     """(n, rows, cols) heights in mm, or grey levels."""
     wrench: Tensor
-    """(n, 6) N and N·m."""
+    """(n, 6) wrenches in N and N·m."""
     references: Tensor | None
     sensor_features: Tensor
     """(n, 5) features of each example's sensor."""
@@ -141,7 +141,7 @@ class BatchDataset(Dataset[TrainingBatch]):
         self.examples = examples
 
     def __getitem__(self, rows: Int[Array, " b"]) -> TrainingBatch:
-        """Return copies of these rows."""
+        """Return the batch of these rows, copied into memory."""
         examples, references = self.examples, None
         if examples.references is not None and examples.reference_of is not None:
             references = _copy_to_tensor(examples.references[examples.reference_of[rows]])

@@ -28,7 +28,7 @@ _PARITY_INPUTS = 3
 
 
 class ExportFailed(OutputError):
-    """The exported graph and the network give different predictions."""
+    """The exported graph and the network predict different wrenches."""
 
 
 def export_model(path: Path, network: WrenchNetwork, card: ModelCard) -> ForceModel:
@@ -46,7 +46,7 @@ def export_model(path: Path, network: WrenchNetwork, card: ModelCard) -> ForceMo
 def rewrite_card(path: Path, card: ModelCard, out: Path) -> None:
     """Write a model file with another card and the same graph; `out` may be `path`.
 
-    Raises `ModelUnusable`, `FileNotWritten`.
+    Raises `ForceModelUnusable`, `FileNotWritten`.
     """
     read_force_model(path)
     write_file_atomically(out, _serialise_with_card(onnx.load(str(path)), card))

@@ -76,7 +76,7 @@ def train_network(
     machine: ComputeSettings = ComputeSettings(),
     progress: bool = False,
 ) -> TrainingResult | None:
-    """Train on `rows.train`, keep the epoch that is best on `rows.test`, and write the model and its curves to `out`.
+    """Train on `rows.train`, select the epoch that is best on `rows.test`, and write the model and its curves to `out`.
 
     A training that was stopped continues after its last complete epoch when it is called again with the same arguments.
     Returns None in all processes of a distributed training but the first. Raises `ExamplesUnusable`, `TrainingFolderTaken`,

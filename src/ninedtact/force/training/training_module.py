@@ -96,7 +96,7 @@ class ForceTrainingModule(lightning.LightningModule):
         )
 
     def _batch_generator(self, number: int) -> torch.Generator:
-        """Return the random generator of one batch, which is the same when a training is resumed."""
+        """Return the random generator of one batch; its seed is the same when a training is resumed."""
         seeds = np.random.SeedSequence([self.settings.seed, self.current_epoch, number, self.global_rank])
         return torch.Generator(self.device).manual_seed(int(seeds.generate_state(1)[0]))
 
