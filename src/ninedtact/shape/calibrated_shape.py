@@ -19,7 +19,7 @@ KEPT_BYTES = 31 << 20
 
 
 class ReferenceUnusable(CalibrationError):
-    """The images given as reference (no contact) cannot serve as one."""
+    """The reference images of a session (no contact) are missing or too dark."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class CalibratedShape:
 
 
 def mean_rectified_image(images: list[Rectified]) -> Rectified:
-    """Return the mean brightness of several rectified images of the same skin."""
+    """Return the mean brightness of several rectified images of the same skin; raises `ReferenceUnusable`."""
     if not images:
         raise ReferenceUnusable("expected at least one image of the untouched skin, got none; take one first")
     total = np.zeros_like(images[0].grey)

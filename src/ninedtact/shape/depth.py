@@ -133,11 +133,11 @@ class DepthCurveImpossible(InputError):
 
 @dataclass(frozen=True)
 class DepthCurve:
-    """Darkening → indentation and, where one is known, brightening → bulge; both monotone and zero at zero."""
+    """Darkening → indentation and, where it is calibrated, brightening → bulge; both are monotone and zero at zero."""
 
     signal: BrightnessSignal
     darkening: tuple[float, ...]
-    """Ascending from 0; grey levels for `difference`, a fraction of the untouched brightness for `ratio`."""
+    """Ascending from 0; in grey levels for `difference`, as a fraction of the reference brightness for `ratio`."""
     indentation_mm: tuple[float, ...]
     error_mm: tuple[float, ...]
     """Standard deviation at each knot: the scatter of the pixels about the curve, combined with the cross-validation error between
@@ -216,11 +216,11 @@ class Smoothing:
 
     @property
     def combined_px(self) -> float:
-        """One Gaussian that equals the two in a row: their variances add."""
+        """Standard deviation of the one Gaussian that equals the two in sequence, whose variances add."""
         return float(np.hypot(self.first_px, self.second_px))
 
     def __call__(self, field: Float32[Array, "rows cols"]) -> Float32[Array, "rows cols"]:
-        """Smooth a field; zero standard deviations leave it as it is."""
+        """Return the smoothed field; a standard deviation of zero leaves it unchanged."""
         if self.combined_px == 0:
             return field
         side = 2 * round(3 * self.combined_px) + 1
@@ -228,7 +228,7 @@ class Smoothing:
 
 
 FINE_SMOOTHING = Smoothing(2.5, 2.5)
-"""After deblurring, which has raised the noise; 0.18 mm, still far narrower than what was undone."""
+"""Smoothing after deblurring, which raises the noise; 0.18 mm, still far narrower than the point spread that was removed."""
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ LEFT_PX = 80
 TOP_PX = 105
 RIGHT_PX = 175
 BOTTOM_PX = 110
-"""Margins: for the axis and its numbers, the headings, the colour bar, the axis and the legend."""
+"""Margins in pixels. Left: the axis and its numbers; top: the headings; right: the colour bar; bottom: the axis and the legend."""
 NARROWEST_PX = 900
 """Smallest width of a page, set by its headings."""
 INK, PALE_INK = "#22262b", "#6b7280"
@@ -108,7 +108,7 @@ def new_figure_page(title: str, subtitle: str, width_px: int, height_px: int) ->
 
 
 def add_text_at(figure: "Figure", x_px: int, y_px: int, words: str, **style: Any) -> None:
-    """Words at a pixel of the page, counted from its upper left corner."""
+    """Write text at a pixel of the page, counted from its upper left corner."""
     width_px, height_px = figure.get_size_inches() * DPI
     look: dict[str, Any] = {"color": PALE_INK, "size": 9} | style
     figure.text(x_px / width_px, 1 - y_px / height_px, words, **look)

@@ -52,7 +52,7 @@ class Edge:
     align: Literal["left", "center", "right"]
     """Alignment of the text towards the block, or centred."""
     name_at: float
-    """Value beside which the name is written."""
+    """Value beside which the name of the coordinate is written."""
     low: float
     high: float
     step: float

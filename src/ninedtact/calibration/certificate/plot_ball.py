@@ -37,7 +37,9 @@ DARKENING: dict[BrightnessSignal, str] = {
 }
 """Names of the signals that the two methods use."""
 PALEST = 0.3
-"""Darkness of a spot of the scatter plot with a single pixel, so that it remains visible."""
+"""Number of pixels per spot of the scatter plot that would be drawn white; it is below one, so that a single pixel
+remains visible.
+"""
 LEAST_ERROR_SCALE_MM = 0.1
 """Smallest end of the residual map's colours, so that plots of good calibrations are comparable and pale."""
 

@@ -30,8 +30,8 @@ from ninedtact.shape.rectification import Rectification
 FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
 """Ways in which a camera's driver may flip images, with OpenCV's flip code."""
 FAR_PX = 5.0
-"""Shift above which a skin may be the same one rotated or mirrored, because old imprints of the board look alike from both sides;
-unrecognised skins are tested for that too.
+"""Shift above which flipped images are tested too: the skin may be the same one rotated or mirrored, because old imprints of the
+board look alike from both sides.
 """
 WORST_SHARE = 99
 """Percentile of the view that represents its worst error, so that single pixels do not."""
