@@ -56,7 +56,7 @@ class BuiltSensor:
 
     @property
     def interferences(self) -> list[BodyPair]:
-        """Pairs of bodies that overlap without being meant to."""
+        """Pairs of bodies that overlap unintentionally."""
         return [pair for pair in self.adjacent_bodies if pair.interferes]
 
     @cached_property

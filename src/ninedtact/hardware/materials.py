@@ -18,7 +18,7 @@ class Material:
 
 
 BLACK_PLASTIC = Material("black nylon, PETG or ABS print", 1.15, "between nylon 1.01 and PETG 1.27", (62, 64, 68))
-"""It softens when heated, as heat-set inserts require; resin does not."""
+"""Printed black plastic. It softens when heated, as heat-set inserts require; resin does not."""
 BLACK_PRINT = Material("black print, resin for the finest", 1.15, "usual of SLA resins; nylon 1.01", (62, 64, 68))
 WHITE_NYLON = Material("white nylon, laser-sintered", 1.01, "usual of PA12 prints", (236, 236, 230))
 ACRYLIC = Material("clear acrylic", 1.19, "handbook value of PMMA", (160, 205, 225))

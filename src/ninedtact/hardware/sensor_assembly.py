@@ -67,7 +67,7 @@ def _number_bodies(name: str, solids: Iterable[Part]) -> Iterator[AssemblyBody]:
 
 
 MIN_OVERLAP_MM3 = 1e-3
-"""Smaller overlaps are rounding where faces touch."""
+"""Least volume that counts as an overlap; smaller ones are rounding where faces touch."""
 ADJACENT_MM = 1.0
 """Greatest distance of bodies that are listed as adjacent."""
 
@@ -91,7 +91,7 @@ class BodyPair:
 
     @property
     def interferes(self) -> bool:
-        """Whether the bodies overlap without being meant to."""
+        """Whether the bodies overlap unintentionally."""
         return self.overlap_mm3 > MIN_OVERLAP_MM3 and not self.is_intended
 
 

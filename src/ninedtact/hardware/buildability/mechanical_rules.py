@@ -23,7 +23,7 @@ class BrokenRule:
 
 
 class DesignRulesBroken(DesignImpossible):
-    """A design that cannot be built; `broken` holds every broken rule."""
+    """Raised for a design that cannot be built; `broken` holds every broken rule."""
 
     def __init__(self, broken: Iterable[BrokenRule]) -> None:
         self.broken = tuple(broken)
@@ -31,7 +31,7 @@ class DesignRulesBroken(DesignImpossible):
 
 
 MIN_WALL_MM = 0.8
-"""Two lines of a nozzle of 0.4 mm; laser-sintered nylon needs 0.7."""
+"""Least wall thickness: two lines of a nozzle of 0.4 mm; laser-sintered nylon needs 0.7."""
 
 
 def check_wall_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
@@ -87,7 +87,7 @@ class _BossPattern:
     places: tuple[XY, ...]
     radius_mm: float
     set_by: str
-    """The dimension that positions them."""
+    """The dimension that determines their positions."""
 
 
 def check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:

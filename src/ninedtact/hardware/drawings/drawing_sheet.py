@@ -46,12 +46,12 @@ DIMENSIONS_OF_PART = {
     "first_mould": (*PLATE, "gel.thickness_mm", "gels.rim_radius_mm"),
     "second_mould": (*PLATE, "gel.thickness_mm", "gels.rim_radius_mm", "gels.black_top_mm", "gels.black_side_mm"),
 }
-"""Tables of the design file, or single keys of them, by part."""
+"""Tables of the design file, or single keys of them, whose dimensions are listed for each part."""
 TOLERANCES = {
     "printed": "± 0.15; what has to fit is listed below: try it",
     "cut": "± 0.10; sheets vary: measure the thickness",
 }
-"""Tolerances by manufacturing method: what such shops usually keep; no shop was asked."""
+"""Tolerances by manufacturing method, as such shops usually keep them; no shop was contacted."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _format_value(value: float | tuple[float, ...]) -> str:
 SHEET_MM = 420.0, 297.0
 SCALES = 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.75, 1.5, 1.25, 1.0, 0.75, 0.5
 VIEWS_MM = 302.0, 262.0
-"""Space for the views; the rest is for the notes."""
+"""Space for the views; the rest of the sheet is for the notes."""
 LEFT_MM, BOTTOM_MM = 28.0, 28.0
 GAP_MM = 32.0
 """Distance between views, for dimensions."""

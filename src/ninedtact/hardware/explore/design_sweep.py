@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 
 AreaSize = tuple[float, float]
 MAX_DESIGNS = 200
-"""Greatest number of designs in one sweep; nobody looks through more."""
+"""Largest number of designs in one sweep, since nobody reads more."""
 SPARE_MM = 0.1
 """Camera distance added to what the lens needs to see the corner."""
 
 
 class SweepTooLarge(InputError):
-    """A sweep over more designs than anyone looks through."""
+    """Raised for a sweep over more than `MAX_DESIGNS` designs."""
 
 
 @dataclass(frozen=True)
 class DesignSweep:
-    """The values of each choice; an empty tuple keeps that of the base design."""
+    """The values of each choice; an empty tuple keeps the value of the base design."""
 
     gel_mm: tuple[float, ...] = ()
     """Thicknesses of the translucent gel."""
@@ -119,7 +119,7 @@ class ExploredDesign:
     """Hardness of the gel, if it was given as Shore A."""
     prediction: PerformancePrediction | None = None
     refusal: str | None = None
-    """Why it cannot be built, or its twin cannot be pressed."""
+    """Why the design cannot be built, or why its twin cannot be pressed."""
     calibration_errors: SimulatedCalibrationErrors | None = None
     """Errors of its twin after a simulated calibration, if that was requested."""
     calibration_failure: str | None = None
@@ -200,7 +200,7 @@ NAME_WIDE = 34
 
 
 def _columns_of(found: Sequence[ExploredDesign]) -> tuple[tuple[str, str, str], ...]:
-    """Return the columns that any of the designs has."""
+    """Return the columns for which any of the designs has a value."""
     return (
         (*PREDICTION_COLUMNS, *CALIBRATION_COLUMNS)
         if any(each.calibration_errors for each in found)

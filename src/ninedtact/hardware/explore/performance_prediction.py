@@ -44,7 +44,7 @@ class PerformancePrediction:
     depth_range_mm: float
     """Greatest indentation by the ball."""
     force_range_n: float
-    """Load at that indentation; at least that, since the layer is linear here."""
+    """Load at that indentation; the true load is at least as large, since the layer is linear here."""
     depth_at_1n_mm: float
     """Indentation under a load of 1 N."""
     signal_per_n: float
@@ -115,7 +115,7 @@ def _mm_per_px(twin: Twin) -> float:
 VALIDATION_BALL = Ball(5.0)
 """Ball of the press that is read after the calibration."""
 DEPTH_PART, PLACE_PART = 0.5, 0.125
-"""Of the gel's thickness and of the sensing area: how deep and how far off the middle the other ball is pressed."""
+"""Depth of the validation press as a fraction of the gel's thickness, and its offset as a fraction of the sensing area."""
 
 
 @dataclass(frozen=True)

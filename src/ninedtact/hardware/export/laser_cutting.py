@@ -12,11 +12,11 @@ from ninedtact.errors import InputError
 from ninedtact.hardware.assembly_dimensions import XY
 
 SAME_POINT_MM = 1e-4
-"""Ends nearer than this are one point."""
+"""Distance below which two ends are the same point."""
 
 
 class OutlineNotCuttable(InputError):
-    """A part that cannot be cut from a sheet."""
+    """Raised for a part that cannot be cut from a sheet."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def _round_point(place: XY) -> XY:
 
 
 Side = tuple[XY, XY, float]
-"""Start, end, bulge."""
+"""A side of an outline: start, end, bulge."""
 
 
 def _edge_to_side(edge: Edge) -> Side:
@@ -98,13 +98,13 @@ def _edge_to_side(edge: Edge) -> Side:
 
 
 MILLIMETRES = 4
-"""Value of $INSUNITS."""
+"""Value of $INSUNITS for millimetres."""
 OUTSIDE_LAYER, INSIDE_LAYER = "outside", "inside"
 """Layers: holes are cut first, or the plate falls out before them."""
 
 
 def part_to_dxf(part: Part) -> bytes:
-    """Return a flat part as DXF R2010. The kerf is not compensated: the cutter knows its laser."""
+    """Return a flat part as DXF R2010. The kerf is not compensated, because it depends on the laser of the shop."""
     from ezdxf._options import options
     from ezdxf.filemanagement import new
 

@@ -28,7 +28,7 @@ from ninedtact.hardware.parts.part_catalogue import METHODS_WITH_FILES, BuiltPar
 from ninedtact.hardware.solid_renderer import BgrImage
 
 STOCK_THICKNESSES_MM = 2.0, 3.0, 4.0, 5.0, 6.0
-"""Thicknesses of acrylic sheet that most shops stock; no shop was asked."""
+"""Thicknesses of acrylic sheet that most shops stock, by assumption: no shop was contacted."""
 CUTTING_INSTRUCTIONS = """\
 Lengths are in mm, 1:1, each line once. The kerf is not compensated: the lines are the finished edges.
 Cut layer "inside" before layer "outside", or the plate falls out before its holes are cut.
@@ -52,7 +52,7 @@ shell is white, to spread light. Fits are clearances on each side as drawn: try 
 
 
 def cut_file_path(part: BuiltPart) -> str:
-    """Return the path of the cutter's file. A DXF states no thickness, so its name does."""
+    """Return the path of the cutter's file. Its name states the thickness, because a DXF does not."""
     return f"cut/{part.name}_{_sheet_thickness_mm(part):.2f}mm.dxf"
 
 
@@ -95,7 +95,7 @@ MANIFEST = "manifest.json"
 
 
 class ExportFolderRefused(OutputError):
-    """Something else is in the folder that the export would replace."""
+    """Raised where the folder that the export would replace holds something else."""
 
 
 @contextmanager
@@ -128,12 +128,12 @@ def _list_exported_files(manifest: Path) -> frozenset[str]:
 
 
 File = tuple[str, bytes]
-"""Path within the folder, and content."""
+"""A path within the folder, and the content of that file."""
 Progress = Callable[[str], None]
 
 
 def _ignore_progress(_: str) -> None:
-    """Accept progress and do nothing with it."""
+    """Accept a progress report without effect."""
 
 
 def export_parts(sensor: BuiltSensor, out: Path, report_progress: Progress = _ignore_progress) -> dict[str, Any]:

@@ -14,20 +14,20 @@ from ninedtact.hardware.led_board.footprints import led_2835_footprint, micro_us
 
 @dataclass(frozen=True)
 class BoardDesignRules:
-    """Least distances: what ordinary two-layer production keeps without extra charge, with a little to spare."""
+    """Least distances: those of ordinary two-layer production without extra charge, with a small margin."""
 
     clearance_mm: Annotated[float, Bounds(0.1, 0.5)] = 0.2
-    """Bounds copper of different nets."""
+    """Least distance between copper of different nets."""
     copper_to_edge_mm: Annotated[float, Bounds(0.05, 1.0)] = 0.25
-    """To the milled edge, lens hole and notches among them; board houses ask for 0.2."""
+    """Least distance from copper to the milled edge, including lens hole and notches; board houses require 0.2."""
     copper_to_hole_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.2
-    """To a hole without copper in it."""
+    """Least distance from copper to a hole without copper in it."""
     hole_to_hole_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.25
-    """Bounds the rims of two drilled holes."""
+    """Least distance between the rims of two drilled holes."""
     mask_margin_mm: Annotated[float, Bounds(0.0, 0.1)] = 0.05
-    """By which the solder mask's openings are larger than the pads."""
+    """Margin by which the solder mask's openings exceed the pads."""
     pour_gap_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.25
-    """From the ground pour to everything else."""
+    """Least distance from the ground pour to all other copper."""
     least_pad_share: Annotated[float, Bounds(0.5, 1.0)] = 0.8
     """Least share of a pad's area that must be left where it gives way to the connector's holes; with less the part
     solders badly."""
@@ -38,24 +38,25 @@ class BoardDesignRules:
 
 @dataclass(frozen=True)
 class CopperWidths:
-    """Widths of tracks, and the vias."""
+    """Widths of the tracks, and the dimensions of the vias."""
 
     led_mm: Annotated[float, Bounds(0.15, 1.5)] = 0.6
-    """Of the line to the anodes: along 66 mm of 0.254 the LEDs would not get the same voltage."""
+    """Width of the line to the anodes: along 66 mm of 0.254 the LEDs would not get the same voltage."""
     ground_mm: Annotated[float, Bounds(0.15, 1.5)] = 0.6
-    """Of the line from the cathodes."""
+    """Width of the line from the cathodes."""
     supply_mm: Annotated[float, Bounds(0.15, 1.5)] = 0.8
-    """Of 5 V."""
+    """Width of the 5 V line."""
     neck_mm: Annotated[float, Bounds(0.15, 0.6)] = 0.34
-    """Of 5 V and ground where they squeeze past the connector and the driver: a few mm, 1 A at 10 K by IPC-2221."""
+    """Width of 5 V and ground where they pass the connector and the driver: a few mm, 1 A at 10 K by IPC-2221."""
     signal_mm: Annotated[float, Bounds(0.15, 0.6)] = 0.25
-    """Of everything else."""
+    """Width of all other tracks."""
     via_mm: Annotated[float, Bounds(0.4, 1.0)] = 0.6
-    """CopperWidths round a via."""
+    """Diameter of the copper around a via."""
     via_drill_mm: Annotated[float, Bounds(0.2, 0.6)] = 0.3
-    """Its hole."""
+    """Diameter of the hole of a via."""
     pour: bool = True
-    """Ground on both sides wherever nothing else is: it carries the driver's heat away. Nets hold together without it."""
+    """Whether ground fills both sides wherever nothing else is: it carries the driver's heat away. Nets are connected without
+    it."""
 
     def __post_init__(self) -> None:
         require_within_bounds("copper", self)
@@ -71,9 +72,9 @@ class LedPositions:
     all around."""
 
     columns_mm: tuple[float, ...] = (-8.8, 0.0, 8.8)
-    """Left to right. A pitch of 8.8 lights the skin of 24 x 18 mm as the original does."""
+    """Columns from left to right. A pitch of 8.8 lights the skin of 24 x 18 mm as the original does."""
     rows_mm: tuple[float, ...] = (7.5, 0.0, -7.5)
-    """From the upper edge down."""
+    """Rows from the upper edge downwards."""
 
     def __post_init__(self) -> None:
         self._require_order("columns_mm", self.columns_mm, LED_PADS_MM[0])
@@ -96,7 +97,7 @@ class LedPositions:
 
 
 def _evenly_spaced(half_span_mm: float, count: int) -> tuple[float, ...]:
-    """Return so many positions from minus to plus half the span."""
+    """Return this many positions, evenly spaced from minus to plus half the span."""
     return tuple(half_span_mm * (2 * number / (count - 1) - 1) for number in range(count))
 
 
@@ -114,13 +115,14 @@ class LedBoard:
     rules: BoardDesignRules = BoardDesignRules()
     copper: CopperWidths = CopperWidths()
     resistor_ohm: float = 20_000.0
-    """R1, which sets the current of all LEDs together: `current.led_light`."""
+    """R1, which sets the current of all LEDs together (`led_current`)."""
     input_capacitor: bool = True
-    """C1 of 4.7 µF from 5 V to ground beside U1, which the original lacks."""
+    """Whether C1 of 4.7 µF connects 5 V to ground beside U1; the original lacks it."""
     shield_tied: bool = True
-    """The USB shell on ground, directly: no data, no second ground on this board, so there is nothing that an RC would part."""
+    """Whether the USB shell is tied to ground directly. The board has no data lines and no second ground that an RC would
+    separate."""
     usb_x_mm: float = 0.0
-    """Middle of the connector."""
+    """Middle of the connector along x."""
     usb_inset_mm: float = 3.2
     """From the lower edge to the connector's origin; its mouth stands 0.34 out, as far as the shell lets a board slide in."""
     usb_contact_mm: float = 1.3
@@ -128,19 +130,19 @@ class LedBoard:
     led_pad_corner_mm: float = 0.53
     """Rounding of the LED pads, which keeps the corner LEDs' copper away from the notches."""
     pads_give_way: bool = True
-    """LED pads are cut back where the connector's holes come through the board."""
+    """Whether LED pads are cut back where the connector's holes come through the board."""
     driver_x_mm: float = 3.49
-    """Middle of U1: between the upper middle LED's pads above and the base's boss below."""
+    """Middle of U1 along x: between the upper middle LED's pads above and the base's boss below."""
     driver_inset_mm: float = 2.6
     """From the upper edge to the middle of U1."""
     resistor_from_driver_mm: tuple[float, float, float] = (-5.62, -1.5, 180.0)
     """From U1 to R1, and R1's turn in degrees."""
     led_vias_from_driver_mm: tuple[PointMm, ...] = ((4.36, 1.2), (5.16, 1.2))
-    """Where the LEDs' current goes from U1 to the upper side."""
+    """Offsets from U1 of the vias through which the LEDs' current reaches the upper side."""
     ground_via_from_driver_mm: PointMm = (-8.0, 1.2)
-    """Where the ground below meets the ground above."""
+    """Offset from U1 of the via that joins the ground of both sides."""
     faults_known: bool = False
-    """Written in spite of the rules that it breaks; its notes name them. So the original can be looked at."""
+    """Whether the board is written despite the rules that it breaks, which its notes name; so the original can be examined."""
 
     def __post_init__(self) -> None:
         if not 1_200 <= self.resistor_ohm <= 30_000:

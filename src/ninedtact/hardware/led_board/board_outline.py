@@ -10,7 +10,7 @@ from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
 
 
 class LedBoardImpossible(DesignImpossible):
-    """A circuit board that cannot be laid out, made, or lit; the message names the rule."""
+    """Raised for a circuit board that cannot be laid out, made, or lit; the message names the rule."""
 
 
 PointMm = tuple[float, float]
@@ -22,27 +22,27 @@ class BoardOutline:
     """A rectangle with a concave notch in each corner, a hole for the lens and four for the base's pins."""
 
     width_mm: Annotated[float, Bounds(24.0, 120.0)] = 28.0
-    """Along x: 0.25 less than the shell's cavity on each side. Below 24 the parts find no place."""
+    """Width along x: 0.25 less than the shell's cavity on each side. Below 24 the components do not fit."""
     height_mm: Annotated[float, Bounds(20.0, 100.0)] = 21.0
-    """Along y. Below 20 the LEDs stand over the lens hole."""
+    """Height along y. Below 20 the LEDs lie over the lens hole."""
     thickness_mm: Annotated[float, Bounds(0.6, 1.08)] = 0.8
     """Thickness of the laminate: at 1.08 the LEDs touch the shell. Board houses take 1.6 unless another is specified."""
     lens_hole_mm: Annotated[float, Bounds(8.0, 10.4)] = 10.2
-    """Diameter of the hole round the lens head of 10.00; above 10.4 the USB contacts have no pads left."""
+    """Diameter of the hole around the lens head of 10.00; above 10.4 the USB contacts have no pads left."""
     notch_radius_mm: Annotated[float, Bounds(0.5, 4.0)] = 2.8
-    """Of the corner notches, 0.10 more than the shell's screw bosses."""
+    """Radius of the corner notches, 0.10 more than the shell's screw bosses."""
     notch_inset_mm: Annotated[PointMm, Bounds(0.0, 3.0)] = (0.5, 0.5)
-    """From the edges to the centre of a notch: the boss's axis."""
+    """Distance from the edges to the centre of a notch, which is the boss's axis."""
     locating_hole_mm: Annotated[float, Bounds(0.8, 3.0)] = 1.5
-    """Diameter round the base's pins of 1.45."""
+    """Diameter of the holes around the base's pins of 1.45."""
     locating_inset_mm: Annotated[PointMm, Bounds(1.2, 10.0)] = (1.5, 5.0)
-    """From the edges to the centre of a locating hole."""
+    """Distance from the edges to the centre of a locating hole."""
     boss_inset_mm: Annotated[PointMm, Bounds(0.0, 30.0)] = (5.5, 2.75)
-    """From the edges to the axes of the base's insert bosses under the board."""
+    """Distance from the edges to the axes of the base's insert bosses under the board."""
     boss_mm: Annotated[float, Bounds(2.0, 8.0)] = 5.3
     """Diameter of these bosses."""
     boss_gap_mm: Annotated[float, Bounds(0.0, 5.0)] = 1.0
-    """From a boss to the board: parts above a boss are lower than this."""
+    """Distance from a boss to the board; components above a boss are lower than this."""
 
     def __post_init__(self) -> None:
         require_within_bounds("outline", self)

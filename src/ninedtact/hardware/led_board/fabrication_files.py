@@ -102,9 +102,9 @@ GERBER_LAYERS: tuple[tuple[BoardLayer, str, str, str], ...] = (
     ("paste", "Paste", "Paste,{side}", "Positive"),
     ("silk", "Silkscreen", "Legend,{side}", "Positive"),
 )
-"""Our name of each layer, the file's, the Gerber function and the polarity."""
+"""For each layer: our name, the file's name, the Gerber function and the polarity."""
 ZIP_TIMESTAMP = 1980, 1, 1, 0, 0, 0
-"""The same board gives the same archive."""
+"""Date of all files in the archive, so that the same board gives the same archive."""
 
 
 def write_led_board(board: LedBoard, out: Path) -> list[Path]:

@@ -14,14 +14,14 @@ class Land:
     at_mm: PointMm
     size_mm: PointMm
     corner_mm: float = 0.0
-    """Radius of its corners."""
+    """Radius of the pad's corners."""
     slot_mm: PointMm | None = None
-    """Width and length, along y, of a plated slot through it."""
+    """Width and length (along y) of a plated slot through the pad."""
     pour_gap: bool = True
     """Whether the pour keeps off it, so that an iron can heat it and tracks are the bridges. Not where heat is to
     leave."""
     paste: bool = True
-    """Whether all of it is covered with solder paste."""
+    """Whether the whole pad is covered with solder paste."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Footprint:
     name: str
     lands: tuple[Land, ...]
     body_mm: tuple[float, float, float]
-    """Size along x, along y, and height over the board."""
+    """Size of the body along x, along y, and its height over the board."""
     body_at_mm: PointMm = (0.0, 0.0)
     pegs_mm: tuple[tuple[float, float, float], ...] = ()
     """x, y and diameter of holes without copper."""

@@ -20,7 +20,7 @@ from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 BoardLayer = Literal["copper", "mask", "paste", "silk"]
 SILKSCREEN_LINE_MM = 0.15
 THERMAL_PASTE_MM = 0.55
-"""Side of the five paste windows on the driver's thermal pad: with all of it pasted, the driver floats."""
+"""Side of the five paste windows on the driver's thermal pad: with paste on the whole pad, the driver floats."""
 THERMAL_WINDOWS = (0.0, 0.0), (0.7, 0.0), (0.0, 0.7), (-0.7, 0.0), (0.0, -0.7)
 """Offsets of the windows from the pad's middle: between the vias, which would draw off the solder."""
 

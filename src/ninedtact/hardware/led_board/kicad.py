@@ -97,7 +97,7 @@ def _relative_point(word: str, place: PointMm, origin: PointMm) -> Expression:
 
 
 def _identity(words: str) -> Expression:
-    """Return an identifier that is the same in every file."""
+    """Return an identifier that does not change from one file to the next."""
     return ("tstamp", str(uuid5(NAMESPACE_URL, f"ninedtact/led_board/{words}")))
 
 
@@ -217,7 +217,7 @@ def format_kicad_board(layout: BoardLayout) -> str:
 
 
 def _board_header(layout: BoardLayout) -> tuple[Expression, ...]:
-    """Return what stands before the nets."""
+    """Return the part of the file before the nets."""
     board = layout.board
     layers: Expression = ("layers", *((number, _quote(name), kind) for number, name, kind in KICAD_LAYERS))
     return (

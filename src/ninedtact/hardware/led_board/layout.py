@@ -27,15 +27,15 @@ from ninedtact.hardware.led_board.pads import (
 from ninedtact.hardware.led_board.routing import Routes, Via, _route_connector, _route_driver, _route_led_ring
 
 MIN_POUR_WIDTH_MM = 0.25
-"""Narrower slivers of the pour are left out."""
+"""Least width of the pour; narrower slivers are left out."""
 SPARE_MM = 0.01
-"""Added to the gap, since circles are approximated by polygons that lie a little inside."""
+"""Margin added to the gap, because circles are approximated by polygons that lie a little inside."""
 
 
 def _pour_ground(
     board: LedBoard, side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes, holes: tuple[DrilledHole, ...]
 ) -> tuple[Polygon, ...]:
-    """Return the pieces of the ground pour on one side; each holds on to some ground copper."""
+    """Return the pieces of the ground pour on one side; each is connected to some ground copper."""
     gap = board.rules.pour_gap_mm
     kept = union_all([shape.buffer(gap + SPARE_MM) for shape in _kept_clear(side, pads, routes)])
     bored = union_all([hole_polygon(hole).buffer(gap + SPARE_MM) for hole in holes if not hole.plated])
@@ -51,14 +51,14 @@ def _pour_ground(
 
 
 def _kept_clear(side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes) -> list[BaseGeometry]:
-    """Return copper of other nets, and ground pads that an iron must be able to heat."""
+    """Return the copper that the pour avoids: other nets, and ground pads that a soldering iron must be able to heat."""
     keep = [pad_polygon(pad) for pad in pads if side in pad.sides and (pad.net != GROUND or pad.land.pour_gap)]
     keep += [track_polygon(track) for track in routes.tracks if track.side == side and track.net != GROUND]
     return keep + [via_polygon(via) for via in routes.vias if via.net != GROUND]
 
 
 def _ground_copper(side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes) -> list[BaseGeometry]:
-    """Return ground copper that a piece of the pour may hold on to."""
+    """Return ground copper to which a piece of the pour may connect."""
     hold = [pad_polygon(pad) for pad in pads if side in pad.sides and pad.net == GROUND and not pad.land.pour_gap]
     hold += [track_polygon(track) for track in routes.tracks if track.side == side and track.net == GROUND]
     return hold + [via_polygon(via) for via in routes.vias if via.net == GROUND]
@@ -69,7 +69,7 @@ SIDES: tuple[BoardSide, BoardSide] = ("top", "bottom")
 
 @dataclass(frozen=True)
 class BoardLayout:
-    """A board with everything that its files are written from."""
+    """A board with everything that the content of its files is derived from."""
 
     board: LedBoard
     nets: tuple[Net, ...]

@@ -11,13 +11,13 @@ from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
 
 SETTING_V = 1800.0
-"""Current of the driver times its resistor, in volt: 1800 A·Ω."""
+"""Product of the driver's current and its resistor in volts: 1800 A·Ω."""
 REFERENCE_RESISTOR_OHM = 20_000.0
-"""With eight LEDs: the resistor of brightness 1, which is that of the original's fabrication files."""
+"""The resistor of brightness 1 with eight LEDs, which is that of the original's fabrication files."""
 REFERENCE_LED_COUNT = 8
 SUPPLY_V = 5.0
 LED_V = 3.0
-"""From the LED's type name. It rises with the current, which makes the driver's loss less than stated."""
+"""Forward voltage by the LED's type name. It rises with the current, which makes the driver's loss less than stated."""
 USB_MA = 500.0
 """Current that a USB 2 port supplies."""
 USB_DEFAULT_MA = 100.0
@@ -32,14 +32,15 @@ class LedOperatingPoint:
 
     total_ma: float
     led_ma: float
-    """Current of each LED, if they share equally."""
+    """Current of each LED if all share equally."""
     relative_brightness: float
     """Of the light as a whole, beside the usual board's, taken as proportional to the current. White LEDs lose efficiency as
     the current grows, so bright settings turn out a little darker than stated; how much was not measured."""
     driver_w: float
-    """Heat in U1, which lowers the current by itself above 135 °C."""
+    """Heat in U1, which reduces the current on its own above 135 °C."""
     needs_asking: bool
-    """Above 100 mA, which a USB 2 host may refuse to a device that does not ask; chargers and hubs in practice do not."""
+    """Whether the current is above 100 mA, which a USB 2 host may refuse without a request; chargers and hubs in practice do
+    not."""
 
 
 def compute_operating_point(resistor_ohm: float, leds: int = REFERENCE_LED_COUNT) -> LedOperatingPoint:

@@ -241,8 +241,7 @@ def _route_connector_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Rout
 
 
 def _route_shield(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
-    """Return ground contact to the shield's left pad, both side pads to their legs, and the legs, above, to the edge's
-    ground."""
+    """Return the shield's routes: ground contact to left pad, side pads to their legs, and legs to the edge's ground on top."""
     contact, left = pad_position(pads, "USB3.5"), pad_position(pads, "USB3.6")
     y, width = left[1] + 0.17, min(board.copper.ground_mm, 0.5)
     tracks = [Track(GROUND, "bottom", width, ((contact[0], y), (left[0], y)))]

@@ -43,7 +43,7 @@ LETTERS: dict[str, tuple[tuple[PointMm, ...], ...]] = {
     "S": (((2, 3.5), (1.5, 4), (0, 4), (0, 2), (2, 2), (2, 0), (0, 0), (0, 0.5)),),
     "U": (((0, 4), (0, 0), (2, 0), (2, 4)),),
 }
-"""Strokes of each letter, in steps from its lower left corner."""
+"""Strokes of each letter, in grid steps from its lower left corner."""
 
 
 def _text_size_mm(text: str) -> PointMm:

@@ -140,6 +140,6 @@ def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
 
 
 def _build_each_part(design: HardwareDesign) -> Iterator[BuiltPart]:
-    """One after the other."""
+    """Yield the built parts of a design one after the other."""
     for made in PART_CATALOGUE:
         yield BuiltPart(made.name, made.method, made.build(design))
