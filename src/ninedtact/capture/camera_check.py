@@ -105,7 +105,7 @@ def check_camera(source: FrameSource, model: str | None = None, frames: int = 60
 
 def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> CameraCheck:
     rows, cols = source.read().image.shape[:2]
-    # A recording comes as fast as the disk delivers it; its rate is the one at which it was made.
+    # A recording is read as fast as the disk delivers it; its true rate is the one at which it was made.
     rate = measure_frame_rate(source, frames) if source.recorded_hz is None else None
     settings = source.current_settings if isinstance(source, UvcCamera) else None
     advice = (*frame_rate_advice(rate), *camera_settings_advice(settings))

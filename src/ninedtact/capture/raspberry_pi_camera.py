@@ -101,7 +101,7 @@ class RaspberryPiCamera(CameraBackend):
         controls = dict(_libcamera_controls(self.settings))
         if unknown := [name for name in controls if name not in camera.camera_controls]:
             raise CameraSettingRefused(f"expected {self.name} to take {unknown[0]}, got no such control; leave it out")
-        # picamera2 calls "RGB888" what lies in memory as blue, green, red. Without a queue an image is never older
+        # The format "RGB888" of picamera2 lies in memory as blue, green, red. Without a queue an image is never older
         # than the request for it.
         main = {"format": "RGB888", "size": self.settings.size_px or (640, 480)}
         camera.configure(camera.create_video_configuration(main=main, controls=controls, queue=False))

@@ -208,7 +208,7 @@ def _rows_with_faults(report: QualityReport) -> dict[str, set[int]]:
 
 
 def _move_pair_file(part: Path, target: Path, unwanted: set[int]) -> None:
-    """Move a part's pairs into `data/`, without some rows; a file that is there already stays."""
+    """Move a part's pairs into `data/`, without some rows; a file that already exists is kept."""
     if target.is_file():
         return
     if unwanted:

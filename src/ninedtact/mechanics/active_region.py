@@ -43,7 +43,7 @@ class ActiveRegion(ABC):
     """Where on the grid contacts are solved, with the operators for it."""
 
     operators: DisplacementOperators
-    """From tractions in the region to displacements there."""
+    """The operators from tractions in the region to displacements in the region."""
 
     @property
     @abstractmethod

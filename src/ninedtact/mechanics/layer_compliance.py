@@ -104,7 +104,7 @@ def _normalised_compliance(
     xp, nu, big_k = array_namespace_of(x), poisson_ratio, 3 - 4 * poisson_ratio
     cosh, sinh = xp.cosh(2 * x), xp.sinh(2 * x)
     below = 2 * big_k * cosh + 4 * x**2 + 1 + big_k**2
-    # 2K sinh 2x − 4x in two parts, the first without its leading power, so that long waves keep all their digits.
+    # 2K sinh 2x − 4x is computed in two parts, the first without its leading power, so that long waves keep all digits.
     risen = xp.where(x < _SERIES_BELOW, 4 / 3 * x**3 + 4 / 15 * x**5 + 8 / 315 * x**7, sinh - 2 * x)
     normal = (1 - nu) * (2 * big_k * risen + 4 * (big_k - 1) * x) / below
     along = (1 - nu) * (2 * big_k * sinh + 4 * x) / below

@@ -211,5 +211,5 @@ def _subtract_gap_level(iterate: _PressureIterate, constraint: ContactConstraint
 
 def _contact_violation_mm(iterate: _PressureIterate) -> PerContact:
     """Return the largest violation of the conditions of contact, in mm."""
-    # Under pressure a gap of either sign counts, elsewhere an overlap alone.
+    # Under pressure a gap of either sign is a violation; elsewhere only an overlap is.
     return max_over_grid(abs(iterate.gap_mm) * iterate.pressed - iterate.gap_mm * ~iterate.pressed)

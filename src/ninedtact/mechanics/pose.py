@@ -103,7 +103,7 @@ def rigid_displacement_mm(before: Pose, after: Pose, positions_mm: Any) -> Any:
     """
     step = after.rotation @ np.swapaxes(before.rotation, -1, -2)
     turned = step[..., :2, :2] - np.eye(2)
-    # A point of the plane stands origin depth above the object's origin, which matters for tilts alone.
+    # A point of the plane lies above the object's origin by the depth, which matters only for tilts.
     shift = (after.origin_mm - before.origin_mm)[..., :2] + step[..., :2, 2] * np.asarray(before.depth_mm)[..., None]
     x = positions_mm[..., 0, :, :] - expand_over_grid(before.x_mm, positions_mm)
     y = positions_mm[..., 1, :, :] - expand_over_grid(before.y_mm, positions_mm)

@@ -33,10 +33,10 @@ class Topic(StrEnum):
     REFERENCE = "reference"
     """Reference images (no contact); those of one tare share a sequence number."""
     MEASURED = "wrench_measured"
-    """As the force/torque sensor reports it, without a tare."""
+    """The wrench as the force/torque sensor reports it, without a tare."""
     ESTIMATED = "wrench_estimated"
     COVARIANCE = "wrench_covariance"
-    """Of the estimated wrench, 6 x 6 in the order of `Wrench.six`."""
+    """Covariance of the estimated wrench, 6 x 6 in the order of `Wrench.six`."""
     WARNINGS = "warnings"
     """Why an estimate should not be trusted; nothing where there is no warning."""
     HEIGHTS = "height"
@@ -94,7 +94,7 @@ class PairLabel:
     """The label of an image that was saved as a training pair."""
 
     stamp_ns: int
-    """Of the image."""
+    """Stamp of the image."""
     image: int
     """Sequence number of the image."""
     reference: int

@@ -43,7 +43,7 @@ class SavedPair:
     image: UInt8[Array, "rows cols 3"]
     """Raw BGR, as the camera delivered it."""
     wrench: Wrench
-    """About the skin centre, tare taken off; interpolated between the neighbouring samples to the stamp of the image."""
+    """The wrench about the skin centre, minus the tare; interpolated between the neighbouring samples to the stamp of the image."""
     object: str
     """`NO_OBJECT` where nothing touches."""
     contact: str

@@ -50,7 +50,7 @@ class ScriptedPress:
             yield replace(pressed, depth_mm=depth * number / _step_count(depth, DOWN_MM))
         (x, y), (along_x, along_y) = self.at_mm, self.drag_mm
         dragged = Pose(x + along_x, y + along_y, depth, self.twist_rad, *self.tilt_rad)
-        # Drag and twist happen at the same time, as when a hand presses.
+        # Drag and twist happen at the same time, as in a press by hand.
         many = max(_step_count(float(np.hypot(*self.drag_mm)), ALONG_MM), _step_count(abs(self.twist_rad), ROUND_RAD))
         if dragged != pressed:
             yield from (pressed.interpolate(dragged, number / many) for number in range(1, many + 1))

@@ -37,9 +37,9 @@ class GelBlock:
     """A block of gel with the undeformed skin at z = 0."""
 
     width_mm: float
-    """Along x."""
+    """Width along x."""
     length_mm: float
-    """Along y."""
+    """Length along y."""
     gel_mm: float
 
     @property
@@ -126,7 +126,7 @@ class _WrenchArrows:
         arc = torque_arc_points_mm(place, turn_deg)
         self._force.points = np.array([[place - wrench.force_n * MM_PER_N, place]], np.float32)
         self._arc.points, self._twist.points = np.stack([arc[:-1], arc[1:]], axis=1), arc[None, [-3, -1]]
-        # Shown only now, so that no browser draws them where they were.
+        # The arrows become visible only now, so that no browser draws them at their old position.
         self._force.visible = True
         self._arc.visible = self._twist.visible = abs(turn_deg) > LEAST_ARC_DEG
 

@@ -160,7 +160,7 @@ class SensorPoller:
 
     @property
     def _heard_ns(self) -> int:
-        # An image that has come but is not yet a reading must not make the reading before it look new.
+        # An image that has arrived but is not yet a reading must not make the previous reading look new.
         if self._reading is None or self._phase is SensorPhase.REFERENCE:
             return self.sensor.last_frame_ns
         return self._reading.frame.stamp_ns

@@ -105,7 +105,7 @@ class BotaDriver(ForceTorqueDriver):
         return [self._sample(frame, time.monotonic_ns())]
 
     def _sample(self, frame: Any, arrived_ns: int) -> ForceTorqueSample:
-        # The device has no count, but a clock: a step of three periods means that two samples are missing.
+        # The device has a clock but no counter: a step of three periods means that two samples are missing.
         self._number += max(round(counter_step(self._last_us, frame.timestamp, _CLOCK_BITS) / self._period_us), 1)
         self._last_us = frame.timestamp
         six = np.array([*frame.force, *frame.torque], float)

@@ -61,7 +61,7 @@ class _DeviceVariant:
 
 
 ATI = _DeviceVariant(None, saturated=0x0002_0000, harmless=(0, 0x8001_0000))
-"""Bit 17: transducer saturation. 8001 0000: a threshold that somebody set on the device was passed (docs/force_torque.md)."""
+"""Bit 17: transducer saturation. 8001 0000: a threshold set on the device was passed (docs/force_torque.md)."""
 ONROBOT = _DeviceVariant(_CountScale(per_n=10_000, per_nm=100_000), saturated=0)
 """The default counts of the manufacturer's example; the status bits are not documented, so any set bit counts as a fault."""
 

@@ -40,7 +40,7 @@ class PressTarget:
     load_n: float
     shear_n: Float64[Array, "2"]
     twist_rad: float
-    """Relative to the angle at which the object came down."""
+    """Twist relative to the angle at which the object came down."""
     tilt_rad: Float64[Array, "2"]
 
 
@@ -119,7 +119,7 @@ class ScriptedPress:
 
     def step_towards(self, target: PressTarget) -> RequestGenerator[ContactSummary | None]:
         """Request one step towards a target; the result is the contact, or None if the press cannot continue."""
-        # A gel that stiffens weighs more than the linear model solves for: the load is requested accordingly.
+        # A finite-strain gel yields a larger load than the linear model solves for, so the requested load is smaller.
         load_n = target.load_n / (self.contact.stiffening if self.contact else 1.0)
         try:
             contact = yield from self._sink_in(self._next_pose(target), load_n)
@@ -137,7 +137,7 @@ class ScriptedPress:
         try:
             contact: ContactSummary = yield self._request_step(pose, load_n)
         except InvalidPose:
-            # The object would go through the gel: no hand presses a needle that hard.
+            # The object would go through the gel under this load, as a needle would; half the load is tried next.
             return (yield from self._sink_in(pose, load_n / 2))
         too_deep_mm = contact.max_indentation_mm - self.settings.max_depth * self.setup.member.gel.thickness_mm
         if too_deep_mm <= 0:

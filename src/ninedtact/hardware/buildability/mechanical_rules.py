@@ -190,7 +190,7 @@ def check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
             "base.ramp_head_mm, and a thicker base.plate_mm",
         )
         return
-    # A blend of radius R at a bend by an angle begins R tan(angle / 2) before it.
+    # A blend of radius R at a bend begins R tan(angle / 2) before the bend.
     bend = tan(atan2(rise, run) / 2)
     blends, slope = bend * (base.ramp_foot_round_mm + base.ramp_head_round_mm), hypot(run, rise)
     if blends >= slope:

@@ -130,7 +130,7 @@ def _edges_to_polylines(edges: Iterable[Edge]) -> tuple[Polyline, ...]:
 def project_section(part: Part) -> ProjectedView:
     """Project the half at −x as seen from the right: faces in the plane x = 0 and the edges behind it."""
     behind = split(part, bisect_by=Plane.YZ, keep=Keep.BOTTOM)
-    # They come in another order in every process.
+    # Their order differs between processes.
     faces = sorted(section(part, section_by=Plane.YZ).faces(), key=lambda face: (face.center().Y, face.center().Z))
     bare = tuple(tuple(_wire_to_polyline(wire) for wire in (face.outer_wire(), *face.inner_wires())) for face in faces)
     return ProjectedView(project_view(Part() + behind, "right").visible, (), bare)
@@ -155,7 +155,7 @@ def _sort_key(points: Polyline) -> list[list[float]]:
 def _sample_edge(edge: Edge) -> Iterator[tuple[float, float, float]]:
     """Yield points along an edge: its ends, or many of a curve."""
     many = 2 if edge.geom_type == GeomType.LINE else min(max(round(POINTS_PER_MM * edge.length), FEWEST), MOST)
-    # Asked of the curve itself: `edge @ part` measures the edge's length anew for every point.
+    # The curve is evaluated directly, because `edge @ part` measures the edge's length anew for every point.
     curve = edge.geom_adaptor()
     start, end = curve.FirstParameter(), curve.LastParameter()
     for parameter in np.linspace(*((start, end) if edge.is_forward else (end, start)), many):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 AreaSize = tuple[float, float]
 MAX_DESIGNS = 200
-"""Largest number of designs in one sweep, since nobody reads more."""
+"""Largest number of designs in one sweep; a longer comparison is not readable."""
 SPARE_MM = 0.1
 """Camera distance added to what the lens needs to see the corner."""
 

@@ -147,7 +147,7 @@ def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErr
 
 
 def _validation_press(design: SensorDesign) -> ScriptedPress:
-    """Return a press off the middle, less deep than the gel bears."""
+    """Return a press off the middle, less deep than the limit of the gel."""
     x, y = (PLACE_PART * side for side in design.sensing_area.size_mm)
     return ScriptedPress(DEPTH_PART * design.gel.thickness_mm, at_mm=(x, -y))
 

@@ -108,7 +108,7 @@ def part_to_dxf(part: Part) -> bytes:
     from ezdxf._options import options
     from ezdxf.filemanagement import new
 
-    # Instead of today's date and a new identity: the same design gives the same file.
+    # These replace today's date and a new identifier, so that the same design gives the same file.
     options.write_fixed_meta_data_for_testing = True
     drawing = new("R2010", units=MILLIMETRES)
     for number, outline in enumerate(_part_outlines(part)):
@@ -116,7 +116,7 @@ def part_to_dxf(part: Part) -> bytes:
         if layer not in drawing.layers:
             drawing.layers.add(layer, color=1 if number else 7)
         _add_outline(drawing.modelspace(), outline, layer)
-    # ezdxf would list them in the order of a set, another one in every process.
+    # ezdxf would list them in the order of a set, which differs between processes.
     for kind in sorted(drawing.entitydb.dxf_types_in_use()):
         drawing.classes.add_class(kind)
     text = StringIO()

@@ -124,7 +124,7 @@ class LedBoard:
     usb_x_mm: float = 0.0
     """Middle of the connector along x."""
     usb_inset_mm: float = 3.2
-    """From the lower edge to the connector's origin; its mouth stands 0.34 out, as far as the shell lets a board slide in."""
+    """Distance from the lower edge to the connector's origin; the mouth protrudes by 0.34, as far as the shell allows."""
     usb_contact_mm: float = 1.3
     """Length of the contacts' pads: 1.50 would end 0.06 from the lens hole."""
     led_pad_corner_mm: float = 0.53
@@ -134,9 +134,9 @@ class LedBoard:
     driver_x_mm: float = 3.49
     """Middle of U1 along x: between the upper middle LED's pads above and the base's boss below."""
     driver_inset_mm: float = 2.6
-    """From the upper edge to the middle of U1."""
+    """Distance from the upper edge to the middle of U1."""
     resistor_from_driver_mm: tuple[float, float, float] = (-5.62, -1.5, 180.0)
-    """From U1 to R1, and R1's turn in degrees."""
+    """Offset from U1 to R1, and R1's rotation in degrees."""
     led_vias_from_driver_mm: tuple[PointMm, ...] = ((4.36, 1.2), (5.16, 1.2))
     """Offsets from U1 of the vias through which the LEDs' current reaches the upper side."""
     ground_via_from_driver_mm: PointMm = (-8.0, 1.2)
@@ -247,7 +247,7 @@ def _require_component_sizes(design: HardwareDesign, made: LedBoard) -> None:
     board, driver = design.board, soic_8_ep_footprint().body_mm
     _require_component_size("led_mm", board.led_mm, led_2835_footprint(made.led_pad_corner_mm).body_mm)
     _require_component_size("usb_mm", board.usb_mm, micro_usb_footprint(made.usb_contact_mm).body_mm)
-    # It lies on the board turned by a right angle.
+    # The component lies on the board rotated by a right angle.
     _require_component_size("driver_mm", board.driver_mm, (driver[1], driver[0], driver[2]))
 
 

@@ -51,7 +51,7 @@ def render_board_image(layout: BoardLayout, kind: str = "png") -> bytes:
         axes.set_title(HEADINGS[side], color=INK, size=12)
         axes.set_xlabel("x (mm)")
     file = BytesIO()
-    # Instead of a random identity: the same board gives the same file.
+    # This replaces a random identifier, so that the same board gives the same file.
     with rc_context({"svg.hashsalt": "ninedtact"}):
         figure.savefig(file, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else {"Software": None})
     return file.getvalue()

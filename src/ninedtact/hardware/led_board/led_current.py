@@ -23,7 +23,7 @@ USB_MA = 500.0
 USB_DEFAULT_MA = 100.0
 """Current that a USB 2 device may draw before it has requested more, which this one never does."""
 LED_MA = 60.0
-"""Current that a 2835 LED of 0.2 W usually bears; the data sheet of this one was not read."""
+"""Current limit of a usual 2835 LED of 0.2 W; the data sheet of this one was not read."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def compute_operating_point(resistor_ohm: float, leds: int = REFERENCE_LED_COUNT
 
 
 def _require_within_limits(light: LedOperatingPoint) -> None:
-    """Refuse currents that the LEDs do not bear or USB does not supply."""
+    """Refuse currents beyond the limits of the LEDs or of USB."""
     if light.total_ma > USB_MA:
         raise _refusal(f"at most {USB_MA:g} mA from USB", f"{light.total_ma:.0f} mA", "take a larger resistor")
     if light.led_ma > LED_MA:

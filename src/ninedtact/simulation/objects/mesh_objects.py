@@ -170,7 +170,7 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces]:
         )
     trimesh = _import_trimesh()
     try:
-        # No processing, so that broken vertices reach the checks and are refused.
+        # Processing is off, so that broken vertices reach the checks and are refused.
         mesh = trimesh.load_mesh(path, process=False)
     except Exception as failure:
         raise MeshUnusable(
