@@ -1,6 +1,6 @@
 """Draw docs/images/architecture.svg: the packages of ninedtact, layer by layer, with the imports between them.
 
-The layers are those that tests/test_rooms.py enforces; the arrows are the imports that the source contains. An import that a
+The layers are those that tests/test_layers.py enforces; the arrows are the imports that the source contains. An import that a
 chain of other arrows implies is left out.
 """
 
@@ -17,7 +17,7 @@ HIDDEN = {"_version", "__main__", "errors", "atomic_write", "interop"}
 WIDTH, ROW, BOX_HEIGHT, MARGIN = 960, 92, 44, 24
 
 sys.path.insert(0, str(ROOT / "tests"))
-from test_rooms import LAYERS  # noqa: E402
+from test_layers import LAYERS  # noqa: E402
 
 
 def package_of(path: Path) -> str:

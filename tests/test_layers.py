@@ -1,4 +1,4 @@
-"""Imports run one way: a room knows only the layers below its own, and heavy libraries live in one room each."""
+"""Imports run one way: a package imports only the layers below its own, and each heavy library is imported by one package."""
 
 import ast
 import subprocess
@@ -57,18 +57,18 @@ HEAVY = {
 }
 
 
-def room(path: Path) -> str:
+def package_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def rooms_around(path: Path) -> list[str]:
+def enclosing_packages(path: Path) -> list[str]:
     """`force`, `force.networks` and so on, down to the module itself."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return [".".join(parts[: number + 1]) for number in range(len(parts))]
 
 
 def layer(name: str) -> int:
-    return next(level for level, rooms in enumerate(LAYERS) if name in rooms)
+    return next(level for level, packages in enumerate(LAYERS) if name in packages)
 
 
 def imported(path: Path) -> list[str]:
@@ -77,7 +77,7 @@ def imported(path: Path) -> list[str]:
         if isinstance(node, ast.Import):
             found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path} imports relatively; rooms are named in full"
+            assert node.level == 0, f"{path} imports relatively; packages are named in full"
             found += [f"{node.module}.{alias.name}" for alias in node.names]
     return found
 
@@ -86,8 +86,8 @@ FILES = [path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.p
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_a_room_knows_only_the_layers_below(path: Path) -> None:
-    here = room(path)
+def test_a_package_imports_only_the_layers_below(path: Path) -> None:
+    here = package_of(path)
     for name in imported(path):
         if not name.startswith("ninedtact."):
             continue
@@ -100,10 +100,10 @@ def test_a_room_knows_only_the_layers_below(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_a_heavy_library_lives_in_its_room(path: Path) -> None:
+def test_a_heavy_library_is_imported_by_its_package_only(path: Path) -> None:
     for name in imported(path):
         home = HEAVY.get(name.split(".")[0])
-        assert home is None or set(rooms_around(path)) & home, f"{path} imports {name}"
+        assert home is None or set(enclosing_packages(path)) & home, f"{path} imports {name}"
 
 
 @pytest.mark.parametrize("statement", ["import ninedtact", "import ninedtact.cli"])
