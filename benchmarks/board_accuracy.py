@@ -1,7 +1,7 @@
 """How well the lens found from each real board predicts a pin that it has not seen, beside the original's way.
 
-The original's way is a cubic radial-basis map through whole-pixel pin centres (`calibration.board.paper`). Ours is left-one-out by
-an exact update of the linearised fit (PRESS); here it is checked against really fitting the lens again without each pin.
+The original's way is a cubic radial-basis map through whole-pixel pin centres (`calibration.board.board_fit`). Ours is left-one-out
+by an exact update of the linearised fit (PRESS); here it is checked against really fitting the lens again without each pin.
 Both keep the centres of the other pins' imprints as found with all pins.
 """
 

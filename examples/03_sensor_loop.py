@@ -18,7 +18,7 @@ options = parser.parse_args()
 
 shape = load_sensor(options.sensor).shape
 untouched = shape.depth_reader(Frame(read_image(options.reference)))  # left out, the first ten images are it
-# With a camera, put Freshest(...) around the source: a slow loop then misses images instead of lagging behind.
+# With a camera, put LatestFrameSource(...) around the source: a slow loop then misses images instead of lagging behind.
 with Sensor(source_for(options.source), shape, depth_reader=untouched) as sensor:
     for reading in sensor:  # a recording has an end, a camera has none
         touch = summarise_shape(reading.height)

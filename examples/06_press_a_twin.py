@@ -19,7 +19,7 @@ parser.add_argument("--object", default="ball:4", help="ball:4, gear_07, part.st
 parser.add_argument("--depth-mm", type=float, default=1.2)
 options = parser.parse_args()
 
-# Everything that takes a camera takes this one; twin_of(load_sensor(folder)) is the twin of a sensor that you have.
+# Everything that takes a camera takes this one; load_sensor(folder).twin() is the twin of a sensor that you have.
 motion = press_trajectory(Pose(depth_mm=options.depth_mm), drag_mm=(0.8, 0.0), twist_rad=radians(10))
 stage = PressSimulation(
     default_twin(), [ObjectTrajectory(indenter_from_name(options.object), motion)], hz=20.0, real_time=False, rounds=1

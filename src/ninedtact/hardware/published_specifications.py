@@ -29,7 +29,7 @@ class SensorSpecification:
 
 PUBLISHED_9DTACT = SensorSpecification("9DTact, as published", (32.5, 25.5, 25.5), (24.0, 18.0), 20.0, 15.0)
 """The published 9DTact (docs/references.md#9dtact)."""
-PUBLISHED_DIGIT = SensorSpecification("PUBLISHED_DIGIT, as published", (20.0, 27.0, 18.0), (19.0, 16.0), 20.0, 15.0)
+PUBLISHED_DIGIT = SensorSpecification("DIGIT, as published", (20.0, 27.0, 18.0), (19.0, 16.0), 20.0, 15.0)
 """The published DIGIT (docs/references.md#digit); its cost is that of the parts for one of a thousand."""
 OTHER_SENSING_AREAS_MM2 = {"GelSight Mini": 18.6 * 14.3, "GelSlim 3.0": 675.0, "Insight (a dome)": 4800.0}
 """docs/references.md#sensing-areas. Size, mass and cost of these sensors, as the paper's table has them, are not known

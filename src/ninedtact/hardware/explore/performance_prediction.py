@@ -131,7 +131,7 @@ class SimulatedCalibrationErrors:
 def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErrors:
     """Calibrate the twin of a design by its board and ball and read a press of another ball; takes some ten seconds.
 
-    Raises `BoardNotFound`, `BallRefused` where the design cannot be calibrated, and what pressing raises.
+    Raises `BoardNotFound`, `BallPressUnusable` where the design cannot be calibrated, and what pressing raises.
     """
     twin = twin_from_design(design)
     images = simulate_calibration_images(twin, design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
