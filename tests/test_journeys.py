@@ -44,7 +44,7 @@ def test_calibrate_prints_its_certificate(real_data: Path, tmp_path: Path, capsy
         67, abs=1
     )
     assert told["ball"]["method"] == "physics" and told["warnings"] == []
-    assert told["verdict"] == "pass" and all(check["level"] == "pass" for check in told["checks"])
+    assert told["result"] == "pass" and all(check["level"] == "pass" for check in told["checks"])
     assert {entry.name for entry in (tmp_path / "s").iterdir()} == {"sensor.toml", "images", "certificate.html"}
 
 

@@ -106,7 +106,7 @@ def test_the_file_keeps_one_table_for_each_estimator(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["[physics]\nfactor = 'two'", "[physics\n", "physics = 3", "\x00"])
 def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / FORCE_SCALE_FILE).write_text(text)
-    with pytest.raises(ForceScaleFileDamaged, match="adapt again"):
+    with pytest.raises(ForceScaleFileDamaged, match="'ninedtact adapt' again"):
         read_force_scale(tmp_path, "physics")
 
 
