@@ -42,6 +42,7 @@ coverage: .venv/ready
 # The documentation site, in out/site. Warnings and broken links are errors.
 docs: .venv/ready-docs
 	.venv/bin/python scripts/draw_architecture.py
+	.venv/bin/python scripts/write_command_reference.py
 	.venv/bin/mkdocs build --strict --site-dir out/site
 
 # A simulated sensor in the browser: calibrated, pressed, dragged and twisted. At a terminal Ctrl-C ends it, without one it

@@ -168,7 +168,10 @@ def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split()]) == 1
     told = capsys.readouterr().err
     assert "ninedtact: the memory of torch-cpu is too small for 2 contacts at once; continuing with 1\n" in told
-    assert "expected room for one contact in the memory of torch-cpu, got 'CUDA out of memory.'; end other programs" in told
+    assert (
+        "expected room for one contact in the memory of torch-cpu, got 'CUDA out of memory.'; end other programs"
+        in told
+    )
 
 
 def test_other_trouble_is_not_taken_for_a_full_memory(room: BatchExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
