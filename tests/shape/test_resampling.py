@@ -42,7 +42,9 @@ def test_the_index_is_the_signal_in_steps_and_stays_in_the_table(signal: Brightn
     curve = DepthCurve(signal, (0.0, 1.0), (0.0, 1.0), (0.0, 0.0))
     reader = DepthReader(curve, Rectified(reference, 0.05), np.full((16, 16), HeightSource.MEASURED, np.uint8))
     change = grey - reference if signal == "difference" else grey / np.maximum(reference, depth.DIMMEST_REFERENCE) - 1
-    expected = np.clip(np.rint(depth.ZERO + depth.STEPS[signal] * change.astype(float)), 0, depth.TABLE_SIZE - 1)
+    expected = np.clip(
+        np.rint(depth.ZERO_INDEX + depth.TABLE_STEPS[signal] * change.astype(float)), 0, depth.TABLE_SIZE - 1
+    )
     assert np.abs(reader.quantised(grey) - expected).max() <= 1
 
 
