@@ -36,5 +36,5 @@ with SimulatedCamera(stage) as camera, SimulatedForceTorque(stage, hz=20.0) as f
                 f"twist {about_z:+.2f} mN·m"
             )
 
-contact = stage.contact(int(motion.seconds * stage.hz))  # the truth behind both: pressure, shear, heights
+contact = stage.contact(int(motion.duration_s * stage.hz))  # the truth behind both: pressure, shear, heights
 print(f"lifted at the end: {'still touching' if contact.touches else 'nothing touches'}")

@@ -18,7 +18,7 @@ def run(name: str, real_data: Path, *options: str | Path) -> str:
     """What an example prints; it must end well, and say nothing on standard error."""
     command = [sys.executable, str(EXAMPLES / name), *map(str, options)]
     environment = {**os.environ, "NINEDTACT_REAL_DATA": str(real_data), "PYTHONIOENCODING": "utf-8"}
-    ran = subprocess.run(command, env=environment, capture_output=True, text=True, encoding="utf-8", timeout=60)
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, encoding="utf-8", timeout=240)
     assert (ran.returncode, ran.stderr) == (0, "")
     return ran.stdout
 

@@ -73,7 +73,7 @@ BAD = {
     "--object empty.stl --depth-mm 1": "expected triangles in empty, 1 to 5000000 of them, got 0",
     "--object inches.stl --depth-mm 1": "give unit in",
     "--object punch:18 --depth-mm 0.5": "take a smaller object",
-    "--object ball:4 --depth-mm 1 --at-mm 20 0": "press nearer to the middle",
+    "--object ball:4 --depth-mm 1 --at-mm 20 0": "press nearer to the centre",
     "--object ball:4 --depth-mm 2.7": "the gel is thick, 2.5 mm, got 2.7",
     "--object ball:4 --load-n -3": "above zero, got -3 N",
     "--object ball:4 --depth-mm -1": "above zero, got -1 mm deep",

@@ -110,7 +110,7 @@ def test_places_where_a_lens_folds_the_image_are_not_looked_at(together: Calibra
         for radial in ((0.0,), FOLDING)
     )
     assert 0 < len(folded.points_mm) < len(plain.points_mm)
-    assert folded.spread(folded.points_mm).min() > 0 > folded.spread(plain.points_mm).min()
+    assert folded.pixel_density(folded.points_mm).min() > 0 > folded.pixel_density(plain.points_mm).min()
 
 
 def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
