@@ -35,13 +35,16 @@ class Sensor:
     shape: CalibratedShape
     reference_frames: int = REFERENCE_FRAMES
     depth_reader: DepthReader | None = None
-    """Computes heights against the reference image of this session. One that is given is kept; otherwise opening takes one."""
+    """Computes heights against the reference image of this session. One that is given is kept; otherwise every opening takes a
+    new one."""
     estimator: ForceEstimator | None = None
     """Estimates the wrench of every reading; None leaves `Reading.wrench` empty."""
     frames_read: int = field(default=0, init=False)
     """Number of frames read since the sensor was opened, reference frames included."""
     last_frame_ns: int = field(default=0, init=False)
     """Stamp of the newest frame, or the time of opening when none has arrived yet."""
+    _took_reference: bool = field(default=False, init=False)
+    """Whether the present reference was taken by the sensor itself, so that the next opening replaces it."""
 
     def read(self) -> Reading:
         """Wait for the next frame and return its reading.
@@ -70,7 +73,7 @@ class Sensor:
         Raises `ReferenceUnusable` when the images are too dark, and whatever the source raises.
         """
         frames = [self._next_frame() for _ in range(self.reference_frames)]
-        self.depth_reader = self.shape.depth_reader(*frames)
+        self.depth_reader, self._took_reference = self.shape.depth_reader(*frames), True
         if self.estimator is not None:
             self.estimator.forget()
 
@@ -81,6 +84,8 @@ class Sensor:
         """
         self.source.open()
         self.frames_read, self.last_frame_ns = 0, monotonic_ns()
+        if self._took_reference:
+            self.depth_reader, self._took_reference = None, False
         if take_reference and self.depth_reader is None:
             try:
                 self.take_reference()

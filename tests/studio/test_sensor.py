@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from small_sensor import SHAPE, SkinCamera
+from small_sensor import SHAPE, UNTOUCHED, SkinCamera, skin
 
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.force.estimator import ForceEstimator
-from ninedtact.quantities import Wrench, WrenchEstimate
+from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.sensor import ReferenceMissing, Sensor
 
@@ -33,6 +33,19 @@ def test_opening_takes_the_reference_and_the_first_reading_counts_no_drops() -> 
     assert first.dropped == 0 and first.frame.index == 5
     assert first.max_indentation_mm == pytest.approx(1.0, abs=0.01)
     assert first.stage_ms["depth"] < 5 * 20, "waiting for reference frames was booked as depth"
+
+
+def test_every_opening_takes_a_new_reference() -> None:
+    camera = SkinCamera()
+    sensor = Sensor(camera, SHAPE, reference_frames=2)
+    with sensor:
+        assert sensor.read().max_indentation_mm == pytest.approx(0.0, abs=0.01)
+    camera.level = 75
+    with sensor:
+        assert sensor.read().max_indentation_mm == pytest.approx(0.0, abs=0.01), "the reference of the last session"
+    given = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
+    with Sensor(camera, SHAPE, depth_reader=given) as kept:
+        assert kept.read().max_indentation_mm == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_reading_without_a_reference_is_refused() -> None:
