@@ -22,7 +22,6 @@ from numpy import ndarray as Array
 from scipy.optimize import minimize_scalar
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.contact_model import (
     BULGE_GROWTH,
     LOAD_STIFFENING,
@@ -32,10 +31,11 @@ from ninedtact.mechanics.contact_model import (
     finite_strain_load_factor,
     finite_strain_traction_mpa,
 )
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import Skin, gel_skin
+from ninedtact.mechanics.surface_displacement import Skin, gel_skin
 
 GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=1.0, poisson_ratio=0.5)
 DEPTHS_MM = tuple(np.round(np.arange(0.1, 1.95, 0.1), 3).tolist())

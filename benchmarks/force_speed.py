@@ -18,9 +18,9 @@ from turns import Tasks, Times, in_turns
 from ninedtact import Frame
 from ninedtact.design import Gel
 from ninedtact.force.estimator_loading import build_estimator
-from ninedtact.force.model_file import read_force_model
 from ninedtact.force.network_force import NetworkForce, prediction_warnings
 from ninedtact.force.network_input import sensor_features_of
+from ninedtact.force.onnx_model import read_force_model
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 

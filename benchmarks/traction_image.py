@@ -15,7 +15,7 @@ import tyro
 from traction_skill import bench
 
 from ninedtact.force.traction.inversion import SolverSettings
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter_primitives import Cylinder
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa

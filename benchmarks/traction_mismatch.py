@@ -17,7 +17,7 @@ from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.forward_model import COMPLIANT_BASE
 from ninedtact.force.traction.observation import HeightObservationModel
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
 from ninedtact.quantities import Frame, HeightMap, Rectified

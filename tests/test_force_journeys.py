@@ -11,7 +11,7 @@ import pytest
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.cli import main
-from ninedtact.force.force_scale import STANDARD_GRAVITY
+from ninedtact.force.known_load_scale import STANDARD_GRAVITY
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.scripted_press import ScriptedPress

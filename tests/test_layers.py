@@ -33,7 +33,7 @@ HEAVY = {
     "torch": {"force.networks", "force.training", "force.original_network", "mechanics", "simulation"},
     "lightning": {"force.training"},
     "onnx": {"force.training"},
-    "onnxruntime": {"force.model_file"},
+    "onnxruntime": {"force.onnx_model"},
     "viser": {"studio"},
     "build123d": {
         "hardware.parts",

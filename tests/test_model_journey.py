@@ -9,7 +9,7 @@ import pytest
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
-from ninedtact.force.model_file import SHIPPED_MODEL, read_force_model
+from ninedtact.force.onnx_model import SHIPPED_MODEL, read_force_model
 
 MAKE_SMALLEST = """
 import sys

@@ -9,7 +9,7 @@ from .capture.wrench_source import WrenchSource
 from .dataset.reader import load_dataset
 from .design import SensorDesign
 from .errors import NinedtactError
-from .force.estimator import ForceEstimator
+from .force.estimator_interface import ForceEstimator
 from .force.estimator_loading import load_estimator
 from .mechanics.pose import Pose
 from .open_sensor import open, source_for  # noqa: A004
@@ -37,7 +37,7 @@ from .shape.orthorectification import orthorectify
 from .shape.relief_image import render_relief
 from .shape.surface import point_cloud, surface_mesh
 from .simulation.objects.catalogue import indenter_from_name
-from .simulation.press_simulation import ObjectTrajectory, PressSimulation
+from .simulation.press_sequence import ObjectTrajectory, PressSimulation
 from .simulation.scripted_press import ScriptedPress
 from .simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from .simulation.trajectory import press_trajectory

@@ -10,7 +10,7 @@ from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.errors import CalibrationError
-from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape

@@ -20,7 +20,7 @@ from ninedtact.calibration.drift.drift_measurement import (
     measure_drift,
 )
 from ninedtact.calibration.drift.skin_motion import measure_skin_motion
-from ninedtact.calibration.original_9dtact.exchange import import_original_calibration
+from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 from ninedtact.calibration.procedure import CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged

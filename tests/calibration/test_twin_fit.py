@@ -12,7 +12,7 @@ from ninedtact.calibration.procedure import Calibration, CalibrationImages, buil
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin
 from ninedtact.calibration.twin.sensor_twin import build_twin
 from ninedtact.design import SensorDesign
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
 from ninedtact.mechanics.pose import Pose

@@ -16,12 +16,6 @@ from known_sensor import LENS
 from numpy import ndarray as Array
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.original_9dtact.exchange import (
-    OriginalExportImpossible,
-    OriginalFolderDamaged,
-    export_original_calibration,
-    import_original_calibration,
-)
 from ninedtact.calibration.original_9dtact.folder_format import (
     COL_INDEX,
     ORIGINAL_FILES,
@@ -29,6 +23,12 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     POSITION_SCALE,
     ROW_INDEX,
     read_finite_npy,
+)
+from ninedtact.calibration.original_9dtact.import_export import (
+    OriginalExportImpossible,
+    OriginalFolderDamaged,
+    export_original_calibration,
+    import_original_calibration,
 )
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolderDamaged, load_sensor

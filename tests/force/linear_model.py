@@ -7,7 +7,8 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from ninedtact.force.model_file import (
+from ninedtact.force.network_input import InputChannels, NetworkInputSettings
+from ninedtact.force.onnx_model import (
     INPUT_NAME,
     METADATA_KEY,
     MODEL_FORMAT,
@@ -16,7 +17,6 @@ from ninedtact.force.model_file import (
     ModelCard,
     TrainingSummary,
 )
-from ninedtact.force.network_input import InputChannels, NetworkInputSettings
 from ninedtact.force.out_of_distribution import StatisticRange
 
 SMALL = NetworkInputSettings(InputChannels.HEIGHTS, rows=6, cols=8, mm_per_px=3.0)

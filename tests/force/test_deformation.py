@@ -10,7 +10,7 @@ from ninedtact.force.deformation import (
     DeformationReader,
     ImagesDoNotMatch,
     NotAMixedImage,
-    compute_deformation,
+    compute_image_deformation,
     decode_mixed_image,
     deformation_channels,
     encode_mixed_image,
@@ -33,7 +33,9 @@ def noise(seed: int, shape: tuple[int, int] = (345, 460), mm_per_px: float = 0.0
 def test_the_original_channels_are_those_of_a_float32_put_into_a_byte() -> None:
     image, reference = EVERY_PAIR
     made = encode_mixed_image(
-        compute_deformation(rectified_from_stored_image(image, 0.05), rectified_from_stored_image(reference, 0.05))
+        compute_image_deformation(
+            rectified_from_stored_image(image, 0.05), rectified_from_stored_image(reference, 0.05)
+        )
     )
     change = reference.astype(np.float32) - image.astype(np.float32)
     expected = np.zeros((256, 256, 3), np.uint8)
@@ -47,7 +49,7 @@ def test_the_original_channels_are_those_of_a_float32_put_into_a_byte() -> None:
 
 def test_what_the_original_channels_were_made_of_comes_back_exactly() -> None:
     image, reference = (rectified_from_stored_image(grey, 0.05) for grey in EVERY_PAIR)
-    made = compute_deformation(image, reference)
+    made = compute_image_deformation(image, reference)
     back = decode_mixed_image(encode_mixed_image(made), 0.05, stamp_ns=7)
     for name in ("darker", "brighter", "reference"):
         assert (getattr(back, name) == getattr(made, name)).all()
@@ -58,7 +60,9 @@ def test_what_the_original_channels_were_made_of_comes_back_exactly() -> None:
 def test_a_image_that_lost_bits_is_no_mixed_image() -> None:
     image, reference = (cv2.GaussianBlur(grey, (5, 5), 0) for grey in EVERY_PAIR)
     made = encode_mixed_image(
-        compute_deformation(rectified_from_stored_image(image, 0.05), rectified_from_stored_image(reference, 0.05))
+        compute_image_deformation(
+            rectified_from_stored_image(image, 0.05), rectified_from_stored_image(reference, 0.05)
+        )
     )
     squeezed = cv2.imdecode(cv2.imencode(".jpg", made)[1], cv2.IMREAD_COLOR)
     with pytest.raises(NotAMixedImage, match=r"expected blue the reference.*got \d+\.\d% of the pixels.*give the PNG"):
@@ -81,7 +85,9 @@ def test_a_darkening_of_a_hundred_levels_is_one_even_between_bytes(library) -> N
 @pytest.mark.parametrize("layout", ChannelLayout)
 def test_a_batch_in_torch_is_what_one_live_image_is(layout: ChannelLayout) -> None:
     images, reference = np.stack([noise(seed).grey for seed in (1, 2)]), noise(0)
-    live = [deformation_channels(compute_deformation(Rectified(grey, 0.0522), reference), layout) for grey in images]
+    live = [
+        deformation_channels(compute_image_deformation(Rectified(grey, 0.0522), reference), layout) for grey in images
+    ]
     untouched = torch.from_numpy(reference.grey).expand(2, -1, -1)
     batch = stack_deformation_channels(*split_brightness_change(torch.from_numpy(images), untouched), untouched, layout)
     assert batch.dtype == torch.float32 and batch.shape == (2, 3, 345, 460)
@@ -99,18 +105,18 @@ def area_means(grey: np.ndarray, side: int) -> np.ndarray:
 
 def test_another_size_is_the_mean_over_each_new_pixel_of_both_images() -> None:
     image, reference = noise(1), noise(0)
-    small = compute_deformation(image, reference, (120, 160))
+    small = compute_image_deformation(image, reference, (120, 160))
     before, after = (area_means(area_means(one.grey, 120).T, 160).T for one in (reference, image))
     assert small.reference == pytest.approx(before, abs=1e-3)
     assert small.darker - small.brighter == pytest.approx(before - after, abs=2e-3)
     assert small.mm_per_px * 160 == pytest.approx(image.mm_per_px * 460)
-    full = compute_deformation(image, reference)
+    full = compute_image_deformation(image, reference)
     assert full.darker.mean() > 3 * small.darker.mean(), "noise is averaged before its sign is lost"
 
 
 def test_nothing_changed_is_exactly_nothing_at_every_size() -> None:
     for shape in (None, (120, 160), (60, 80), (690, 920)):
-        same = compute_deformation(noise(0), noise(0), shape)
+        same = compute_image_deformation(noise(0), noise(0), shape)
         assert not same.darker.any() and not same.brighter.any()
 
 
@@ -123,18 +129,18 @@ def test_results_share_no_memory() -> None:
 
 def test_images_that_do_not_belong_together_are_refused() -> None:
     with pytest.raises(ImagesDoNotMatch, match=r"got 460 x 345 pixels at 0\.0522 and 40 x 30 pixels at 0\.0522"):
-        compute_deformation(noise(1), noise(0, (30, 40)))
+        compute_image_deformation(noise(1), noise(0, (30, 40)))
     with pytest.raises(ImagesDoNotMatch, match="take the reference from the same sensor"):
-        compute_deformation(noise(1), noise(0, mm_per_px=0.06))
+        compute_image_deformation(noise(1), noise(0, mm_per_px=0.06))
     with pytest.raises(ImagesDoNotMatch, match="got 224 x 224; ask for 224 x 168"):
-        compute_deformation(noise(1), noise(0), (224, 224))
+        compute_image_deformation(noise(1), noise(0), (224, 224))
     with pytest.raises(ImagesDoNotMatch, match="got 0 x 0; ask for 1 x 1"):
-        compute_deformation(noise(1), noise(0), (0, 0))
+        compute_image_deformation(noise(1), noise(0), (0, 0))
 
 
 def test_a_person_sees_darker_red_and_brighter_green() -> None:
     reference = Rectified(np.full((1, 4), 100, np.float32), 0.05)
     image = Rectified(np.array([[100, 90, 110, 0]], np.float32), 0.05)
-    shown = render_deformation(compute_deformation(image, reference))
+    shown = render_deformation(compute_image_deformation(image, reference))
     assert shown.dtype == np.uint8
     assert shown[0].tolist() == [[0, 0, 0], [0, 0, 50], [0, 70, 0], [0, 0, 255]]

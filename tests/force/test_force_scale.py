@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ninedtact.force.estimator import ForceEstimator
-from ninedtact.force.force_scale import (
+from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.known_load_scale import (
     FORCE_SCALE_FILE,
     ForceScale,
     ForceScaleFileDamaged,

@@ -7,8 +7,8 @@ from linear_model import a_card, linear_model
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import detect_contact
 from ninedtact.force.fusion import FusedForceEstimator, inverse_variance_mean
-from ninedtact.force.model_file import parse_force_model
 from ninedtact.force.network_force import NetworkForce
+from ninedtact.force.onnx_model import parse_force_model
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified

@@ -8,8 +8,8 @@ import pytest
 from linear_model import SMALL, a_card, linear_model, written
 from onnx import helper
 
-from ninedtact.force.model_file import METADATA_KEY, ForceModelUnusable, ModelCard, parse_force_model, read_force_model
 from ninedtact.force.network_input import NetworkInputSettings
+from ninedtact.force.onnx_model import METADATA_KEY, ForceModelUnusable, ModelCard, parse_force_model, read_force_model
 
 
 def test_a_card_comes_back_as_it_was_and_the_graph_answers_any_number_of_images(tmp_path: Path) -> None:

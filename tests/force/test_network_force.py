@@ -7,9 +7,9 @@ import pytest
 from linear_model import SMALL, a_card, linear_model
 
 from ninedtact.design import Gel
-from ninedtact.force.model_file import SHIPPED_MODEL, parse_force_model, read_force_model
 from ninedtact.force.network_force import NetworkForce, SensorFeaturesMissing
 from ninedtact.force.network_input import TYPICAL_FEATURES, InputChannels, NetworkInputSettings
+from ninedtact.force.onnx_model import SHIPPED_MODEL, parse_force_model, read_force_model
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, Wrench
 from ninedtact.reading import Reading
 

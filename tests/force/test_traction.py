@@ -16,13 +16,13 @@ from ninedtact.force.traction.observation import (
     TractionImpossible,
     build_brightness_observation_model,
 )
-from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import Skin, gel_skin
+from ninedtact.mechanics.surface_displacement import Skin, gel_skin
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, centred_axis_mm
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape

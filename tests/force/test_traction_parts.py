@@ -27,7 +27,7 @@ from ninedtact.force.traction.linearisation import (
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
 from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
 from ninedtact.mechanics.layer_compliance import layered_compliance
-from ninedtact.mechanics.skin import Skin, gel_skin
+from ninedtact.mechanics.surface_displacement import Skin, gel_skin
 from ninedtact.quantities import Traction
 from ninedtact.shape.depth import DepthCurve, LightLoss
 

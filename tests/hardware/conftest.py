@@ -1,16 +1,16 @@
 import pytest
 
-from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.derived_design import DerivedDesign
 from ninedtact.hardware.design import default_hardware_design, original_hardware_design
 
 
 @pytest.fixture(scope="session")
-def original() -> BuiltSensor:
+def original() -> DerivedDesign:
     """The original's dimensions, built once."""
-    return BuiltSensor(original_hardware_design())
+    return DerivedDesign(original_hardware_design())
 
 
 @pytest.fixture(scope="session")
-def default() -> BuiltSensor:
+def default() -> DerivedDesign:
     """Ours."""
-    return BuiltSensor(default_hardware_design())
+    return DerivedDesign(default_hardware_design())

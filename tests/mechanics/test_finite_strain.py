@@ -15,7 +15,7 @@ from ninedtact.mechanics.contact_model import (
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import gel_skin
+from ninedtact.mechanics.surface_displacement import gel_skin
 
 THICKNESS_MM = 2.5
 DEPTHS_MM = (0.5, 1.0, 1.5, 1.9)

@@ -17,14 +17,14 @@ from ninedtact.mechanics.closed_forms import (
     periodic_half_space_shortfall_mm,
     thin_layer_contact,
 )
-from ninedtact.mechanics.contact import Contact, ContactNotConverged
 from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_result import Contact, ContactNotConverged
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import half_space_compliance
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import Skin
+from ninedtact.mechanics.surface_displacement import Skin
 
 UNIT = Gel(2.5, 1.0, 0.5)
 

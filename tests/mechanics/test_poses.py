@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import DesignImpossible, Gel
-from ninedtact.mechanics.contact import InvalidLoad
+from ninedtact.mechanics.contact_result import InvalidLoad
 from ninedtact.mechanics.pose import InvalidPose, Pose, rigid_displacement_mm
 
 numbers = st.floats(-1, 1)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from ninedtact.mechanics import contact_model as contacts
 from ninedtact.mechanics.active_region import CroppedRegion, GridRectangle, find_active_region, whole_grid_region
 from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.contact import ContactLeavesGrid, periodic_image_error_mm
+from ninedtact.mechanics.contact_result import ContactLeavesGrid, periodic_image_error_mm
 from ninedtact.mechanics.periodic_grid import InvalidGrid, PeriodicGrid, padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import gel_skin
+from ninedtact.mechanics.surface_displacement import gel_skin
 
 MOVES = (Pose(depth_mm=0.8), Pose(0.4, -0.2, 0.9, 0.1))
 

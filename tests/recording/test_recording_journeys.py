@@ -26,7 +26,7 @@ from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader, progress_line
 from ninedtact.cli.terminal import stop_on_signal
-from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import live_source_for, load_named_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading

@@ -32,7 +32,7 @@ def test_a_pixel_is_what_lies_between_its_four_sources(raw_size, size, seed):
     )
     rectify = Rectification(source_px, 0.05, raw_size, (-1, 1, -1, 1))
     expected = bilinear(raw.astype(float), *np.moveaxis(source_px.astype(float), -1, 0))
-    np.testing.assert_allclose(rectify.resampled(raw), expected, atol=1e-3)
+    np.testing.assert_allclose(rectify.resample(raw), expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("signal", ["difference", "ratio"])
@@ -45,7 +45,7 @@ def test_the_index_is_the_signal_in_steps_and_stays_in_the_table(signal: Brightn
     expected = np.clip(
         np.rint(depth.ZERO_INDEX + depth.TABLE_STEPS[signal] * change.astype(float)), 0, depth.TABLE_SIZE - 1
     )
-    assert np.abs(reader.quantised(grey) - expected).max() <= 1
+    assert np.abs(reader.quantise(grey) - expected).max() <= 1
 
 
 @pytest.mark.parametrize("by_opencv", [True, False])

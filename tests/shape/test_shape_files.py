@@ -18,8 +18,8 @@ from ninedtact.shape.export import (
     encode_height_png,
     export_shape,
     read_height_png,
+    write_mesh_as_stl,
     write_ply,
-    write_stl,
 )
 from ninedtact.shape.surface import point_cloud, solid_mesh, surface_mesh
 
@@ -53,7 +53,7 @@ def test_a_ply_holds_points_with_normals_and_needs_no_triangles(tmp_path):
 
 
 def test_a_printable_stl_is_watertight_and_its_normals_agree_with_its_corners(tmp_path):
-    write_stl(tmp_path / "block.stl", solid_mesh(HEIGHT))
+    write_mesh_as_stl(tmp_path / "block.stl", solid_mesh(HEIGHT))
     block = trimesh.load(tmp_path / "block.stl")
     assert block.is_watertight
     triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

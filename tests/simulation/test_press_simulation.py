@@ -9,7 +9,7 @@ from small_press_simulation import PRESSED, TWIN, small_press_simulation
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.press_simulation import (
+from ninedtact.simulation.press_sequence import (
     KEPT_CONTACTS,
     EmptyPressSimulation,
     ObjectTrajectory,

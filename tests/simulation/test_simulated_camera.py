@@ -7,7 +7,7 @@ import pytest
 from small_press_simulation import PRESSED, TWIN, small_press_simulation
 
 from ninedtact.capture.frame_source import SourceEnded
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.illumination import BrightnessModel

@@ -5,7 +5,7 @@ import pytest
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, skin
 
 from ninedtact.capture.frame_source import CameraLost
-from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.sensor import ReferenceMissing, Sensor

@@ -25,7 +25,7 @@ from ninedtact.shape.lens import LensModel, PinMap, Projection
 from ninedtact.shape.rectification import Rectification, rectification_of_projection
 
 if TYPE_CHECKING:
-    from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.simulation.twin import Twin
 
 SENSOR_FILE = "sensor.toml"

@@ -22,7 +22,7 @@ from ninedtact.errors import InputError
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.simulation.press_figures import PressComparison
-    from ninedtact.simulation.press_simulation import ObjectTrajectory
+    from ninedtact.simulation.press_sequence import ObjectTrajectory
     from ninedtact.simulation.twin import Twin
 
 STEPS_HZ = 6.0
@@ -135,7 +135,7 @@ class Demo:
         from ninedtact.quantities import Frame
         from ninedtact.simulation.ground_truth import true_height_map_like
         from ninedtact.simulation.press_figures import PressComparison
-        from ninedtact.simulation.press_simulation import PressSimulation
+        from ninedtact.simulation.press_sequence import PressSimulation
 
         stage = PressSimulation(self.twin, [act], STEPS_HZ, real_time=False)
         contact = stage.contact(int(act.trajectory.lift_start_s * STEPS_HZ - 1e-6))
@@ -147,9 +147,9 @@ class Demo:
     def write_summary(self, answers: "list[PressComparison]") -> None:
         """Write figure and numbers of all presses, and print a line for each."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.simulation.press_figures import plot_press_comparisons
+        from ninedtact.simulation.press_figures import plot_presses_beside_reconstructions
 
-        write_file_atomically(self.out / "presses.png", plot_press_comparisons(answers))
+        write_file_atomically(self.out / "presses.png", plot_presses_beside_reconstructions(answers))
         presses = [_comparison_to_json_dict(each) for each in answers]
         figures = {"sensor": str(self.folder.path), "twin": self.twin.name, "presses": presses}
         write_file_atomically(self.out / "summary.json", json.dumps(figures, indent=2, ensure_ascii=False).encode())

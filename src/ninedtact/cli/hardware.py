@@ -16,7 +16,7 @@ from ninedtact.errors import InputError, MissingLibraryError
 if TYPE_CHECKING:
     from ninedtact.hardware.bill_of_materials import BillItem
     from ninedtact.hardware.buildability.mechanical_rules import BrokenRule
-    from ninedtact.hardware.built_sensor import BuiltSensor
+    from ninedtact.hardware.derived_design import DerivedDesign
     from ninedtact.hardware.design import HardwareDesign
     from ninedtact.hardware.explore.design_sweep import DesignSweep, ExploredDesign
 
@@ -40,13 +40,13 @@ class DesignOptions:
 
         return read_hardware_design(self.design, self.variant)
 
-    def build_sensor(self) -> "BuiltSensor":
+    def build_sensor(self) -> "DerivedDesign":
         """Return the design with its solids; raises `DesignRulesBroken`, `LedBoardImpossible`, `Build123dMissing`."""
         design = self.read_hardware()
         _require_build123d()
-        from ninedtact.hardware.built_sensor import BuiltSensor
+        from ninedtact.hardware.derived_design import DerivedDesign
 
-        return BuiltSensor(design)
+        return DerivedDesign(design)
 
 
 def _require_build123d() -> None:
@@ -179,13 +179,13 @@ class ExploreCommand:
         """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.hardware.design import hardware_design_to_toml
-        from ninedtact.hardware.explore.design_sweep import comparison_to_csv, plot_comparison
+        from ninedtact.hardware.explore.design_sweep import design_comparison_to_csv, plot_comparison
 
         if self.out is None:
             return []
         designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.prediction}
         contents = {name: hardware_design_to_toml(design).encode() for name, design in designs.items()}
-        contents |= {"explore.csv": comparison_to_csv(found), "explore.png": plot_comparison(found)}
+        contents |= {"explore.csv": design_comparison_to_csv(found), "explore.png": plot_comparison(found)}
         for name, content in contents.items():
             write_file_atomically(self.out / name, content)
         return [str(self.out / name) for name in contents]
@@ -203,7 +203,7 @@ def _parse_area(text: str) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class ExportCommand:
+class ExportHardwareCommand:
     """Write STEP, STL, DXF, drawings, circuit board, bill of materials and images of one sensor into a folder."""
 
     out: Path
@@ -278,7 +278,7 @@ class GuideCommand:
 
 
 HardwareCommand = (
-    Annotated[ExportCommand, tyro.conf.subcommand("export")]
+    Annotated[ExportHardwareCommand, tyro.conf.subcommand("export")]
     | Annotated[BomCommand, tyro.conf.subcommand("bom")]
     | Annotated[CheckCommand, tyro.conf.subcommand("check")]
     | Annotated[ExploreCommand, tyro.conf.subcommand("explore")]

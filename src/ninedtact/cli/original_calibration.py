@@ -37,7 +37,7 @@ class ImportCalibrationCommand:
 
     def run(self) -> int:
         """Import, and say what was taken over."""
-        from ninedtact.calibration.original_9dtact.exchange import import_original_calibration
+        from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 
         standard = SensorDesign()
         view = replace(standard.field_of_view, rows=self.rows, cols=self.cols)
@@ -58,8 +58,8 @@ class ExportCalibrationCommand:
 
     def run(self) -> int:
         """Export, and say what to set there."""
-        from ninedtact.calibration.original_9dtact.exchange import export_original_calibration
         from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
+        from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
         from ninedtact.calibration.sensor_folder import load_sensor
 
         sensor = load_sensor(self.sensor)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
-    from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.recording.writer import RecordingWriter
 
 _BAR = "{n:.0f} of {total:.0f} s |{bar}| {remaining} left, {postfix}"
@@ -105,7 +105,7 @@ class Record:
 def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":
     """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn."""
     from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-    from ninedtact.simulation.press_simulation import PressSimulation
+    from ninedtact.simulation.press_sequence import PressSimulation
     from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_trajectories
 
     simulation = PressSimulation(build_sensor_twin(folder), demo_trajectories())

@@ -135,7 +135,7 @@ def split_dataset(pairs: PairLabels, settings: SplitSettings = SplitSettings()) 
     if len(pairs.ids) < 2:
         raise SplitImpossible(f"expected at least 2 pairs to divide, got {len(pairs.ids)}; record more")
     held = HeldOut(pairs, settings)
-    is_test, is_train = held.divided
+    is_test, is_train = held.masks
     ids = np.asarray(pairs.ids, dtype=str)
     for name, part in (("train", is_train), ("test", is_test)):
         if not part.any():
@@ -155,7 +155,7 @@ class HeldOut:
     settings: SplitSettings
 
     @property
-    def divided(self) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
+    def masks(self) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
         """Masks of the test pairs and of the training pairs."""
         if self.settings.kind == "sensor_and_object":
             # Pairs without contact have no object: their sensor alone decides, and none of them is left out.

@@ -61,7 +61,7 @@ class DeformationReader:
     def __call__(self, rectified: Rectified) -> Deformation:
         """Return the deformation of an image at the requested size; raises `ImagesDoNotMatch`."""
         require_match(rectified, self.reference)
-        small = resized(rectified, self.shape)
+        small = resize_to(rectified, self.shape)
         darker, brighter = split_brightness_change(small.grey, self.small_reference.grey)
         return Deformation(
             darker, brighter, self.small_reference.grey.copy(), self.small_reference.mm_per_px, rectified.stamp_ns
@@ -70,10 +70,10 @@ class DeformationReader:
     @cached_property
     def small_reference(self) -> Rectified:
         """The reference image at the requested size."""
-        return resized(self.reference, self.shape)
+        return resize_to(self.reference, self.shape)
 
 
-def compute_deformation(
+def compute_image_deformation(
     rectified: Rectified, reference: Rectified, shape: tuple[int, int] | None = None
 ) -> Deformation:
     """Return the deformation of one image relative to its reference; raises `ImagesDoNotMatch`.
@@ -83,7 +83,7 @@ def compute_deformation(
     return DeformationReader(reference, shape)(rectified)
 
 
-def resized(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
+def resize_to(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
     """Return the image of the same skin at another size: averaged over each new pixel, or interpolated where it is enlarged."""
     rows, cols = rectified.grey.shape
     if shape in (None, (rows, cols)):

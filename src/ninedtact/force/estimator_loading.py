@@ -12,7 +12,7 @@ from ninedtact.errors import ForceError, InputError
 
 if TYPE_CHECKING:
     from ninedtact.design import Gel
-    from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.shape.calibrated_shape import CalibratedShape
 
 BOTH, NETWORK, PHYSICS, NONE = "both", "network", "physics", "none"
@@ -50,7 +50,7 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
     spec: `physics`, `network` (the shipped model), `both`, `both:MODEL.onnx`, `none`, or the path of a force model (.onnx) or of
     the original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`.
     """
-    from ninedtact.force.force_scale import ScaledForceEstimator, read_force_scale
+    from ninedtact.force.known_load_scale import ScaledForceEstimator, read_force_scale
 
     estimator = load_unscaled_estimator(spec, folder)
     scale = read_force_scale(folder.path, estimator.name)
@@ -65,7 +65,7 @@ def load_unscaled_estimator(spec: str, folder: CalibratedSensorFolder) -> "Force
 def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """Return the estimator for this calibration and this gel, without a force scale; raises as `load_estimator`."""
     if spec == NONE:
-        from ninedtact.force.estimator import NoForce
+        from ninedtact.force.estimator_interface import NoForce
 
         return NoForce()
     if spec == PHYSICS:
@@ -92,7 +92,7 @@ def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
 
 def _shipped_model() -> Path:
     """Return the path of the model that the package ships."""
-    from ninedtact.force.model_file import SHIPPED_MODEL
+    from ninedtact.force.onnx_model import SHIPPED_MODEL
 
     return SHIPPED_MODEL
 
@@ -100,9 +100,9 @@ def _shipped_model() -> Path:
 def _build_fused_estimator(model: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """Return the estimator that fuses a force model with the physics of the gel."""
     from ninedtact.force.fusion import FusedForceEstimator
-    from ninedtact.force.model_file import read_force_model
     from ninedtact.force.network_force import NetworkForce
     from ninedtact.force.network_input import sensor_features_of
+    from ninedtact.force.onnx_model import read_force_model
     from ninedtact.force.traction.estimator import build_traction_force
 
     network = NetworkForce(read_force_model(model), gel, features=sensor_features_of(shape, gel))
@@ -112,9 +112,9 @@ def _build_fused_estimator(model: Path, shape: "CalibratedShape", gel: "Gel") ->
 def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """Return the network of a force model or of the original project's weights; raises `EstimatorUnknown`."""
     if path.suffix.lower() == _MODEL_SUFFIX:
-        from ninedtact.force.model_file import read_force_model
         from ninedtact.force.network_force import NetworkForce
         from ninedtact.force.network_input import sensor_features_of
+        from ninedtact.force.onnx_model import read_force_model
 
         return NetworkForce(read_force_model(path), gel, features=sensor_features_of(shape, gel))
     if path.suffix.lower() == _WEIGHTS_SUFFIX:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.force.estimator import ForceEstimator, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
 from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.traction.estimator import NO_CONTACT_STD, TractionForce
 from ninedtact.quantities import Wrench, WrenchEstimate

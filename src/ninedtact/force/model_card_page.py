@@ -7,7 +7,7 @@ import numpy as np
 
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES
 from ninedtact.force.evaluation.predictions import AXES
-from ninedtact.force.model_file import ModelCard
+from ninedtact.force.onnx_model import ModelCard
 
 VALIDATION = "validation"
 """Name of the table of the held-out pairs by which training chose the epoch."""
@@ -38,10 +38,10 @@ LIMITS = """\
 
 def format_model_card(card: ModelCard) -> str:
     """Return the model card as a Markdown page."""
-    return "\n".join(lines(card)) + "\n"
+    return "\n".join(_format_card(card)) + "\n"
 
 
-def lines(card: ModelCard) -> Iterator[str]:
+def _format_card(card: ModelCard) -> Iterator[str]:
     """Yield the lines of the page."""
     training = card.training
     yield f"# Force model `{card.name}`"
@@ -52,7 +52,7 @@ def lines(card: ModelCard) -> Iterator[str]:
     yield f"Wrench of the object on the skin, N and N·m about {list(card.about_mm)} mm. Licence {card.licence}."
     if set(card.evaluation) - {VALIDATION}:
         yield from ("", _VALIDATED_ON)
-    yield from (line for name, table in judged(card) for line in section(name, table))
+    yield from (line for name, table in _evaluations_to_show(card) for line in section(name, table))
     yield from ("", "## Training", "")
     yield (
         f"{training.pairs} pairs for training and {training.validation_pairs} for choosing the epoch ({training.best_epoch} of "
@@ -64,7 +64,7 @@ def lines(card: ModelCard) -> Iterator[str]:
     yield from ("", "## Limits", "", limits(card))
 
 
-def judged(card: ModelCard) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _evaluations_to_show(card: ModelCard) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield name and table of each evaluation; the training's own table only where there is no independent one."""
     others = {name: table for name, table in card.evaluation.items() if name != VALIDATION}
     yield from (others or card.evaluation).items()
@@ -75,10 +75,12 @@ def section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
     yield from ("", f"## {name[:1].upper()}{name[1:]}: {table.get('pairs', '?')} pairs", "")
     yield from (f"| | {' | '.join(AXES)} |", "|---|" + "---|" * len(AXES))
     for words, (place, written) in ROWS.items():
-        if (six := found(table, place)) is not None:
-            yield row(words, six * (np.array([1, 1, 1, 1e3, 1e3, 1e3]) if place in WITH_UNITS else 1), written)
+        if (six := _six_numbers_at(table, place)) is not None:
+            yield _markdown_row(
+                words, six * (np.array([1, 1, 1, 1e3, 1e3, 1e3]) if place in WITH_UNITS else 1), written
+            )
         if place == "skill_35_mm_below" and six is not None:
-            yield row("published network, its own sensor", np.array(PUBLISHED_SCORES.skill), "{:.3f}")
+            yield _markdown_row("published network, its own sensor", np.array(PUBLISHED_SCORES.skill), "{:.3f}")
     yield from (line for line in touches(table))
 
 
@@ -95,7 +97,7 @@ def touches(table: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
-def found(table: Mapping[str, Any], place: str | tuple[str, ...]) -> Any:
+def _six_numbers_at(table: Mapping[str, Any], place: str | tuple[str, ...]) -> Any:
     """Return the six numbers at a key or path of a table, None where they are missing."""
     value: Any = table
     for key in (place,) if isinstance(place, str) else place:
@@ -103,7 +105,7 @@ def found(table: Mapping[str, Any], place: str | tuple[str, ...]) -> Any:
     return None if value is None else np.array(value, float)
 
 
-def row(words: str, six: Any, written: str) -> str:
+def _markdown_row(words: str, six: Any, written: str) -> str:
     """Return one row of a Markdown table; a dash stands for NaN."""
     cells = ("–" if np.isnan(value) else written.format(value) for value in six)
     return f"| {words} | {' | '.join(cells)} |"

@@ -15,9 +15,9 @@ from numpy import ndarray as Array
 from ninedtact.design import Gel
 from ninedtact.errors import ForceError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
-from ninedtact.force.estimator import ForceEstimator, zero_wrench
-from ninedtact.force.model_file import ForceModel, ModelCard, WrenchPrediction
+from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
+from ninedtact.force.onnx_model import ForceModel, ModelCard, WrenchPrediction
 from ninedtact.force.out_of_distribution import is_out_of_distribution
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.reading import Reading

@@ -19,7 +19,7 @@ from torch import Tensor
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
-from ninedtact.force.estimator import ForceEstimator, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input
 from ninedtact.force.networks.published_architectures import DenseNet, build_densenet

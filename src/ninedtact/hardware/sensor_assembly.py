@@ -9,7 +9,7 @@ from build123d import Part
 
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.materials import MATERIAL_OF_PART, Material
-from ninedtact.hardware.parts.bought_parts import build_insert, build_screw
+from ninedtact.hardware.parts.bought_parts import build_heat_set_insert, build_screw
 from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_parts
 
 ASSEMBLY_PARTS = (
@@ -54,8 +54,8 @@ def _place_fasteners(design: HardwareDesign) -> Iterator[AssemblyBody]:
     """Yield inserts and screws, each as a body of its own."""
     plan, levels = design.plan_view, design.heights
     long = design.fasteners.insert_mm[1]
-    inserts = [build_insert(design, place, levels.boss_top) for place in plan.mount_inserts]
-    inserts += [build_insert(design, place, levels.plate_top + long) for place in plan.shell_screws]
+    inserts = [build_heat_set_insert(design, place, levels.boss_top) for place in plan.mount_inserts]
+    inserts += [build_heat_set_insert(design, place, levels.plate_top + long) for place in plan.shell_screws]
     yield from _number_bodies("insert", inserts)
     yield from _number_bodies("screw", (build_screw(design, place) for place in plan.shell_screws))
 

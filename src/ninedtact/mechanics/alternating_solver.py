@@ -7,10 +7,10 @@ limit is proportional to the pressure.
 from dataclasses import dataclass
 from typing import Any
 
-from ninedtact.mechanics.batching import PerContact
 from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, solve_shear
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
-from ninedtact.mechanics.skin import DisplacementOperators, ScalarField, VectorField
+from ninedtact.mechanics.shrinking_batch import PerContact
+from ninedtact.mechanics.surface_displacement import DisplacementOperators, ScalarField, VectorField
 
 
 @dataclass(frozen=True)

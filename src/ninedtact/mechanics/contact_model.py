@@ -22,14 +22,7 @@ from jaxtyping import Float
 from ninedtact.mechanics.active_region import ActiveRegion, find_active_region, whole_grid_region
 from ninedtact.mechanics.alternating_solver import AlternatingSolver, SolverSettings
 from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
-from ninedtact.mechanics.batching import (
-    PerContact,
-    ScalarPerContact,
-    expand_over_grid,
-    to_counts,
-    to_scalars,
-)
-from ninedtact.mechanics.contact import (
+from ninedtact.mechanics.contact_result import (
     Contact,
     require_above_base,
     require_converged,
@@ -39,7 +32,8 @@ from ninedtact.mechanics.contact import (
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.pose import Pose, rigid_displacement_mm
-from ninedtact.mechanics.skin import PointMask, ScalarField, Skin, VectorField
+from ninedtact.mechanics.shrinking_batch import PerContact, ScalarPerContact, expand_over_grid, to_counts, to_scalars
+from ninedtact.mechanics.surface_displacement import PointMask, ScalarField, Skin, VectorField
 
 LOAD_STIFFENING = 0.81
 PRESSURE_STIFFENING = 2.0

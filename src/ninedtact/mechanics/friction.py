@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.mechanics.batching import (
+from ninedtact.mechanics.shrinking_batch import (
     ContactFlags,
     ContactIndices,
     PerContact,
@@ -19,7 +19,7 @@ from ninedtact.mechanics.batching import (
     take_contacts,
     unconverged_half,
 )
-from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, VectorField
+from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, VectorField
 
 _SLIP_FROM = 0.99999
 """Fraction of μp from which a point counts as slipping."""

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
-from ninedtact.mechanics.batching import ScalarPerContact, expand_over_grid
 from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.shrinking_batch import ScalarPerContact, expand_over_grid
 
 Heights = Float[Any, "*batch rows cols"]
 PosedHeights = Float[Any, "*posed rows cols"]

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.mechanics.batching import (
+from ninedtact.mechanics.shrinking_batch import (
     ContactFlags,
     ContactIndices,
     PerContact,
@@ -22,7 +22,7 @@ from ninedtact.mechanics.batching import (
     take_contacts,
     unconverged_half,
 )
-from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField
+from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField
 
 
 @dataclass(frozen=True)

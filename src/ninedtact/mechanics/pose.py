@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
 from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.mechanics.batching import ScalarPerContact, expand_over_grid
+from ninedtact.mechanics.shrinking_batch import ScalarPerContact, expand_over_grid
 
 
 class InvalidPose(InputError):

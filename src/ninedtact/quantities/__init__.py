@@ -6,7 +6,6 @@ image rows, z outward through the skin (right-handed, as the camera sees it). Ar
 samples is at index (n − 1)/2. Lengths are in mm; stamps are in ns of the monotonic clock, taken on arrival.
 """
 
-from ninedtact.quantities.force import Deformation, EstimateWarning, Traction, Wrench, WrenchEstimate
 from ninedtact.quantities.shape import (
     Frame,
     HeightMap,
@@ -16,6 +15,7 @@ from ninedtact.quantities.shape import (
     Rectified,
     centred_axis_mm,
 )
+from ninedtact.quantities.wrench_and_traction import Deformation, EstimateWarning, Traction, Wrench, WrenchEstimate
 
 __all__ = [
     "Deformation",

@@ -33,7 +33,7 @@ MESSAGE_POSITION = np.dtype([("stamp_ns", "i8"), ("chunk", "i4"), ("channel", "i
 """Position of a message: number of its chunk and offset in it when decompressed, with the stamp and channel it must have."""
 
 
-class RecordSpan(NamedTuple):
+class McapRecordSpan(NamedTuple):
     """Opcode, start and end of one record in the file."""
 
     opcode: int
@@ -49,9 +49,9 @@ class McapIndex:
     """Whether the file was closed properly."""
     end: int = len(MCAP0_MAGIC)
     """End of the last whole record before the summary."""
-    chunks: list[RecordSpan] = field(default_factory=list)
-    attachments: list[RecordSpan] = field(default_factory=list)
-    metadata: list[RecordSpan] = field(default_factory=list)
+    chunks: list[McapRecordSpan] = field(default_factory=list)
+    attachments: list[McapRecordSpan] = field(default_factory=list)
+    metadata: list[McapRecordSpan] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     positions: dict[int, list[Array]] = field(default_factory=lambda: defaultdict(list))
@@ -86,7 +86,7 @@ def _is_finished(file: BinaryIO) -> bool:
     return file.read() == MCAP0_MAGIC
 
 
-def _iterate_records(file: BinaryIO) -> Iterator[RecordSpan]:
+def _iterate_records(file: BinaryIO) -> Iterator[McapRecordSpan]:
     """Yield the whole records after the magic bytes."""
     size, start = file.seek(0, 2), len(MCAP0_MAGIC)
     while start + RECORD_PREFIX_BYTES <= size:
@@ -95,11 +95,11 @@ def _iterate_records(file: BinaryIO) -> Iterator[RecordSpan]:
         end = start + RECORD_PREFIX_BYTES + int.from_bytes(prefix[1:], "little")
         if end > size:
             return
-        yield RecordSpan(prefix[0], start, end)
+        yield McapRecordSpan(prefix[0], start, end)
         start = end
 
 
-def _add_record(found: McapIndex, span: RecordSpan, file: BinaryIO) -> None:
+def _add_record(found: McapIndex, span: McapRecordSpan, file: BinaryIO) -> None:
     """Add a record of the file to the index."""
     if span.opcode == Opcode.CHUNK:
         found.chunks.append(span)
@@ -140,7 +140,7 @@ def _message_offsets(chunk: Chunk) -> dict[int, list[tuple[int, int]]]:
     while at < len(chunk.data):
         length = int.from_bytes(chunk.data[at + 1 : at + RECORD_PREFIX_BYTES], "little")
         if chunk.data[at] == Opcode.MESSAGE:
-            message = parse_message(chunk.data, at)
+            message = parse_mcap_message(chunk.data, at)
             entries[message.channel].append((message.stamp_ns, at))
         at += RECORD_PREFIX_BYTES + length
     return entries
@@ -155,7 +155,7 @@ class StoredMessage(NamedTuple):
     data: bytes
 
 
-def parse_message(chunk: bytes, at: int) -> StoredMessage:
+def parse_mcap_message(chunk: bytes, at: int) -> StoredMessage:
     """Return the message at this offset of a decompressed chunk; raises `ValueError` where there is none."""
     if chunk[at] != Opcode.MESSAGE:
         raise ValueError(f"expected a message, got opcode {chunk[at]}")
@@ -171,7 +171,7 @@ def _positions(channel: int, chunk: int, stamp_ns: Array, offset: Array) -> Arra
     return found
 
 
-def read_chunk(file: BinaryIO, span: RecordSpan, name: str) -> Chunk:
+def read_chunk(file: BinaryIO, span: McapRecordSpan, name: str) -> Chunk:
     """Return a chunk, decompressed and checked; raises `RecordingUnreadable`."""
     try:
         chunk = Chunk.read(record_stream(file, span))
@@ -189,12 +189,12 @@ def damage_error(name: str, at: int) -> RecordingUnreadable:
     )
 
 
-def _read_content(file: BinaryIO, span: RecordSpan) -> bytes:
+def _read_content(file: BinaryIO, span: McapRecordSpan) -> bytes:
     """Return the content of a record."""
     file.seek(span.start + RECORD_PREFIX_BYTES)
     return file.read(span.end - span.start - RECORD_PREFIX_BYTES)
 
 
-def record_stream(file: BinaryIO, span: RecordSpan) -> ReadDataStream:
+def record_stream(file: BinaryIO, span: McapRecordSpan) -> ReadDataStream:
     """Return the content of a record as a stream for the readers of the mcap library."""
     return ReadDataStream(BytesIO(_read_content(file, span)))

@@ -26,7 +26,7 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from ninedtact.recording.mcap_index import RECORD_PREFIX_BYTES, McapIndex, RecordSpan, record_stream
+from ninedtact.recording.mcap_index import RECORD_PREFIX_BYTES, McapIndex, McapRecordSpan, record_stream
 from ninedtact.recording.reader import Recording
 
 _FOOTER_BYTES = 20
@@ -137,7 +137,7 @@ def _chunk_index(found: McapIndex, number: int, file: BinaryIO) -> ChunkIndex:
     )
 
 
-def _attachment_index(span: RecordSpan, attachment: Attachment) -> AttachmentIndex:
+def _attachment_index(span: McapRecordSpan, attachment: Attachment) -> AttachmentIndex:
     """Return the index record of an attachment."""
     return AttachmentIndex(
         offset=span.start,

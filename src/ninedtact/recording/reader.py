@@ -28,7 +28,7 @@ from ninedtact.recording.mcap_index import (
     damage_error,
     index_first_and_last_chunk,
     index_mcap_records,
-    parse_message,
+    parse_mcap_message,
     read_chunk,
     record_stream,
 )
@@ -39,7 +39,7 @@ from ninedtact.recording.ros_messages import (
     PairLabel,
     RecordingEvent,
     Topic,
-    decode_covariance,
+    decode_covariance_message,
     decode_event,
     decode_height,
     decode_image,
@@ -166,7 +166,7 @@ class Recording:
         if self._chunk[0] != number:
             self._chunk = number, read_chunk(self._file, span, str(self.path)).data
         try:
-            message = parse_message(self._chunk[1], int(position["offset"]))
+            message = parse_mcap_message(self._chunk[1], int(position["offset"]))
         except (ValueError, IndexError, struct.error) as error:
             raise damage_error(str(self.path), span.end) from error
         if message.stamp_ns != position["stamp_ns"] or message.channel != position["channel"]:
@@ -211,7 +211,7 @@ class Recording:
 
     def covariances(self) -> Iterator[Float64[Array, "6 6"]]:
         """Yield the covariance of every estimated wrench, in the order of `Wrench.six`, N and N·m."""
-        return (decode_covariance(message.data) for message in self.messages(Topic.COVARIANCE))
+        return (decode_covariance_message(message.data) for message in self.messages(Topic.COVARIANCE))
 
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the image index and the warnings of every estimate that has any."""

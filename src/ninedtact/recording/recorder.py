@@ -10,7 +10,7 @@ from time import monotonic
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.force.estimator import ForceEstimator, NoForce
+from ninedtact.force.estimator_interface import ForceEstimator, NoForce
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.merge_streams import BackgroundReader

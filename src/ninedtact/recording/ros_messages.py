@@ -186,7 +186,7 @@ def decode_wrench(data: bytes, stamp_ns: int) -> Wrench:
     return Wrench(np.array(force), np.array(torque), stamp_ns=stamp_ns)
 
 
-def decode_covariance(data: bytes) -> Float64[Array, "6 6"]:
+def decode_covariance_message(data: bytes) -> Float64[Array, "6 6"]:
     """Return the covariance of a message, in the order of `Wrench.six`."""
     return np.array(_decode(Topic.COVARIANCE, data).data, float).reshape(6, 6)
 

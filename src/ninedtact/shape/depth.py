@@ -83,11 +83,11 @@ class Deblurring:
         coarser = int(np.clip(self.point_spread_mm / mm_per_px / LEAST_POINTS, 1, COARSEST))
         rows, cols = (side // coarser for side in field.shape)
         few = cv2.resize(field, (cols, rows), interpolation=cv2.INTER_AREA)
-        sharp = sharpened(few, self.point_spread_mm / mm_per_px * cols / field.shape[1], self.floor)
+        sharp = sharpen(few, self.point_spread_mm / mm_per_px * cols / field.shape[1], self.floor)
         return np.asarray(cv2.resize(sharp, field.shape[::-1], interpolation=cv2.INTER_CUBIC))
 
 
-def sharpened(field: Float32[Array, "rows cols"], sigma_px: float, floor: float) -> Float32[Array, "rows cols"]:
+def sharpen(field: Float32[Array, "rows cols"], sigma_px: float, floor: float) -> Float32[Array, "rows cols"]:
     """Return the field deblurred on its own grid."""
     from scipy.fft import irfft2, rfft2
 
@@ -266,7 +266,7 @@ class DepthReader:
         """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""
         lost = self.loss(grey, self.reference.grey)
         if self.deblurring is None:
-            return self.quantised(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
+            return self.quantise(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
         ratio = np.asarray(cv2.multiply(grey, self.per_reference, scale=1 / (1 + lost)))
         change = self.deblurring(ratio - 1, self.reference.mm_per_px)
         return np.asarray(cv2.addWeighted(change, TABLE_STEPS["ratio"], change, 0, ZERO_INDEX, dtype=cv2.CV_16U))
@@ -281,7 +281,7 @@ class DepthReader:
         scatter = np.interp(indentation_mm, self.curve.indentation_mm, self.curve.error_mm)
         return float(np.hypot(scatter, self.noise_mm))
 
-    def quantised(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
+    def quantise(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """Return the signed signal as an index into the curve's table, rounded and saturated at its ends."""
         steps = TABLE_STEPS[self.curve.signal]
         if self.curve.signal == "difference":

@@ -130,7 +130,7 @@ def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
         case ".ply":
             write_ply(path, point_cloud(height, every), triangulate_view(height.in_view[::every, ::every]))
         case ".stl":
-            write_stl(path, surface_mesh(height, every))
+            write_mesh_as_stl(path, surface_mesh(height, every))
         case ".obj":
             write_obj(path, surface_mesh(height, every))
         case other:
@@ -163,7 +163,7 @@ def ply_header(points: int, faces: int) -> bytes:
     return "\n".join([*lines, "end_header", ""]).encode()
 
 
-def write_stl(path: Path | str, mesh: Mesh) -> None:
+def write_mesh_as_stl(path: Path | str, mesh: Mesh) -> None:
     """Write a binary STL file."""
     triangles = np.zeros(len(mesh.faces), STL_TRIANGLE)
     triangles["corners"] = mesh.vertices_mm[mesh.faces]

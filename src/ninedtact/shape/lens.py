@@ -84,7 +84,7 @@ class LensModel:
 
     def to_px(self, points_mm: Points) -> Points:
         """Return the pixels (x, y) at which skin points (x, y) in mm appear."""
-        return self.distorted(self.in_plane(np.asarray(points_mm, float))) * self.unit_px + self.middle_px
+        return self.distort(self.in_plane(np.asarray(points_mm, float))) * self.unit_px + self.middle_px
 
     def in_plane(self, points_mm: Points) -> Points:
         """Apply the homography: mm to image units before distortion."""
@@ -92,7 +92,7 @@ class LensModel:
         ahead = np.column_stack([points_mm, np.ones(len(points_mm))]) @ matrix.T
         return ahead[:, :2] / ahead[:, 2:]
 
-    def distorted(self, plane: Points) -> Points:
+    def distort(self, plane: Points) -> Points:
         """Apply the radial and tangential terms, image units to image units."""
         offset = plane - self.centre
         squared = (offset**2).sum(axis=1, keepdims=True)

@@ -39,9 +39,9 @@ class Rectification:
         """Rectify one frame; raises `WrongImageSize`."""
         self.require_size(frame.image)
         grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-        return Rectified(self.resampled(grey), self.mm_per_px, frame.stamp_ns)
+        return Rectified(self.resample(grey), self.mm_per_px, frame.stamp_ns)
 
-    def resampled(self, raw: Float32[Array, "raw_rows raw_cols"]) -> Float32[Array, "rows cols"]:
+    def resample(self, raw: Float32[Array, "raw_rows raw_cols"]) -> Float32[Array, "rows cols"]:
         """Return any raw grey field on the rectified grid, by bilinear interpolation; edges are repeated outside the image."""
         x, y = self.source_planes
         return np.asarray(cv2.remap(raw, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
@@ -66,10 +66,10 @@ class Rectification:
         rows, cols = self.raw_shape
         x, y = self.source_px[..., 0], self.source_px[..., 1]
         seen = (x >= -0.5) & (x <= cols - 0.5) & (y >= -0.5) & (y <= rows - 0.5)
-        return np.where(seen, self.calibrated, HeightSource.OUT_OF_VIEW).astype(np.uint8)
+        return np.where(seen, self.calibrated_region, HeightSource.OUT_OF_VIEW).astype(np.uint8)
 
     @property
-    def calibrated(self) -> UInt8[Array, "rows cols"]:
+    def calibrated_region(self) -> UInt8[Array, "rows cols"]:
         """Return MEASURED inside the calibrated area and EXTRAPOLATED outside."""
         x, y = skin_grid_mm(self.source_px.shape[:2], self.mm_per_px)
         left, right, top, bottom = self.calibrated_area_mm

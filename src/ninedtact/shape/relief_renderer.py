@@ -164,7 +164,7 @@ RANGE_EDGE_WIDTH_PX = 11
 
 def paint_skin(height: HeightMap, scale: ColourScale) -> UInt8[Array, "fine_rows fine_cols 3"]:
     """Return the texture of the skin as RGB."""
-    fine = enlarged(height)
+    fine = enlarge_image(height)
     paint = np.ascontiguousarray(colourise_heights(fine, scale)[..., ::-1])
     lines = graph_paper(fine) & fine.in_view
     paint[lines] = darken_or_lighten(paint[lines])
@@ -172,7 +172,7 @@ def paint_skin(height: HeightMap, scale: ColourScale) -> UInt8[Array, "fine_rows
     return paint
 
 
-def enlarged(height: HeightMap) -> HeightMap:
+def enlarge_image(height: HeightMap) -> HeightMap:
     """Return the same height map on a finer grid."""
     seen, measured = (
         enlarged_mask(height.source >= kind) for kind in (HeightSource.EXTRAPOLATED, HeightSource.MEASURED)
@@ -198,11 +198,11 @@ def graph_paper(height: HeightMap) -> Bool[Array, "rows cols"]:
     x, y = height.axes_mm
     paper = np.zeros(height.z_mm.shape, bool)
     for distance_mm, width_mm in LINE_MM.items():
-        paper |= on_line(y, distance_mm, width_mm)[:, None] | on_line(x, distance_mm, width_mm)
+        paper |= is_near_grid_line(y, distance_mm, width_mm)[:, None] | is_near_grid_line(x, distance_mm, width_mm)
     return paper
 
 
-def on_line(axis_mm: Float32[Array, " n"], distance_mm: float, width_mm: float) -> Bool[Array, " n"]:
+def is_near_grid_line(axis_mm: Float32[Array, " n"], distance_mm: float, width_mm: float) -> Bool[Array, " n"]:
     """Return which coordinates lie within a line's width of a multiple of the distance."""
     return np.asarray(np.abs(axis_mm - distance_mm * np.rint(axis_mm / distance_mm)) < width_mm / 2)
 

@@ -15,8 +15,8 @@ from array_api_compat import device
 from jaxtyping import Float
 
 from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
-from ninedtact.mechanics.batching import expand_over_grid
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.shrinking_batch import expand_over_grid
 from ninedtact.simulation.pixel_map import FIXED_POINT_STEPS, REFINEMENT, pad_spectrum
 from ninedtact.simulation.renderer import Renderer
 

@@ -7,7 +7,7 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.mechanics.array_namespace import to_numpy
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
 from ninedtact.simulation.pixel_map import SightlineGrid, grid_coordinates, sample_periodic
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import HeightMap, Wrench
 from ninedtact.simulation.ground_truth import (
@@ -257,7 +257,7 @@ class PressComparison:
         return mean_height_error_mm(self.true, self.seen)
 
 
-def plot_press_comparisons(presses: Sequence[PressComparison]) -> bytes:
+def plot_presses_beside_reconstructions(presses: Sequence[PressComparison]) -> bytes:
     """Return a figure of all presses below each other as a PNG file."""
     from matplotlib.figure import Figure
 

@@ -9,7 +9,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.design import SensingArea, SensorDesign
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.simulation.pixel_map import PixelMap
 from ninedtact.simulation.renderer import CameraNoise, Renderer

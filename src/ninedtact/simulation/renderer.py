@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.pixel_map import REFINEMENT, PixelMap, SightlineGrid, blur_and_refine_fields, grid_coordinates

@@ -7,7 +7,7 @@ import numpy as np
 
 from ninedtact.errors import InputError
 from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.twin import Twin

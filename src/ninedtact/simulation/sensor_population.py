@@ -23,8 +23,8 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.contact_model import finite_strain_height_mm, finite_strain_traction_mpa
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.illumination import BrightnessModel, saturating_response_mm, synthetic_reference_image
 from ninedtact.simulation.pixel_map import PixelMap, WideAngleLens

@@ -19,13 +19,13 @@ from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX
 from ninedtact.errors import SimulationError
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.array_namespace import to_numpy
-from ninedtact.mechanics.contact import Contact, ContactLeavesGrid
 from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import Skin
+from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.simulation.illumination import BrightnessModel, synthetic_reference_image
 from ninedtact.simulation.pixel_map import PixelMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer

@@ -6,7 +6,7 @@ from threading import Event, Lock
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 

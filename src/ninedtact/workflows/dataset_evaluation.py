@@ -13,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ninedtact.dataset.calibrated_readings import CalibratedSensor, iterate_readings
-from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import BOTH, PHYSICS, build_estimator, without_contact_detection
 from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
 from ninedtact.simulation.sensor_population import SampledSensor

@@ -8,9 +8,9 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.image_and_video_files import ImageList
 from ninedtact.capture.image_file import read_image
 from ninedtact.errors import InputError
-from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import BOTH, NONE, load_unscaled_estimator
-from ninedtact.force.force_scale import (
+from ninedtact.force.known_load_scale import (
     ForceScaleFit,
     ForceScaleImpossible,
     KnownLoadPress,

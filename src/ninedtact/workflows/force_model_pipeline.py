@@ -20,7 +20,7 @@ from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.model_card_page import format_model_card
-from ninedtact.force.model_file import ModelCard, read_force_model
+from ninedtact.force.onnx_model import ModelCard, read_force_model
 from ninedtact.force.training.onnx_export import rewrite_card
 from ninedtact.force.training.settings import DEFAULT_TRAINING, ComputeSettings
 from ninedtact.force.training.train import MODEL_FILE
@@ -28,7 +28,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names, indenter_from_name
-from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.simulation.trajectory import press_trajectory

@@ -19,7 +19,6 @@ from ninedtact.dataset.parquet_files import write_pair_file, write_reference_fil
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.errors import NinedtactError
 from ninedtact.force.deformation import rectified_from_stored_image
-from ninedtact.force.model_file import read_force_model
 from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,
@@ -27,6 +26,7 @@ from ninedtact.force.network_input import (
     SensorFeatures,
     stack_height_channels,
 )
+from ninedtact.force.onnx_model import read_force_model
 from ninedtact.simulation.sensor_population import sample_sensor
 from ninedtact.workflows.dataset_sensors import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
 

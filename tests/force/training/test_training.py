@@ -12,9 +12,9 @@ import torch
 from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
 from ninedtact.force.dataset_split import SplitRows
-from ninedtact.force.model_file import read_force_model
 from ninedtact.force.network_input import InputChannels
 from ninedtact.force.networks import WrenchNetwork
+from ninedtact.force.onnx_model import read_force_model
 from ninedtact.force.training import train as fitting
 from ninedtact.force.training.augmentation import NO_AUGMENTATION
 from ninedtact.force.training.examples import ExamplesUnusable, TrainingExamples, move_torque_reference

@@ -199,10 +199,10 @@ def simulate_height_noise_mm(
     through lens and filters, so that the result is the noise of a reconstruction.
     """
     raw = to_grey_float(reference)
-    curve = reader(Rectified(rectify.resampled(raw), rectify.mm_per_px)).curve
+    curve = reader(Rectified(rectify.resample(raw), rectify.mm_per_px)).curve
     half_way = curve.darkening[-1] / 2
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
     noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
-    before, after = (Rectified(rectify.resampled(image), rectify.mm_per_px) for image in (raw, noisy))
+    before, after = (Rectified(rectify.resample(image), rectify.mm_per_px) for image in (raw, noisy))
     height = replace(reader(before), loss=LightLoss())(after)
     return float(np.std(height.z_mm[height.in_view]))

@@ -25,7 +25,7 @@ from ninedtact.calibration.board.detection import (
 )
 from ninedtact.calibration.board.lattice import CameraRotation, lattice_size, pin_positions_mm
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens
-from ninedtact.calibration.board.pin_imprints import find_stray_pins, measure_pins
+from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, measure_pins
 from ninedtact.calibration.brightness import (
     BgrImage,
     estimate_pixel_noise,

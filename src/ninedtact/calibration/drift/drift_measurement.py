@@ -141,7 +141,7 @@ def _measure_brightness_change(known: CalibratedReference, today: BgrImage, moti
     """Return the change of the skin's brightness with its motion undone, where both images show it."""
     grey = float(to_grey_float(known.depth_image).mean())
     noise = estimate_pixel_noise(relative_brightness_change(known.depth_image, today)) / grey
-    seen = known.view_mask & (known.rectify.resampled(motion.valid_mask(today.shape)) > 0)
+    seen = known.view_mask & (known.rectify.resample(motion.valid_mask(today.shape)) > 0)
     return separate_brightness_change(
         known.rectified_reference, known.rectify(Frame(motion.undone(today))), seen, noise
     )

@@ -28,7 +28,7 @@ from ninedtact.calibration.twin.ball_press_model import (
     step_parameter,
 )
 from ninedtact.design import SensorDesign
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import Rectified
 from ninedtact.shape.depth import mean_darkening
 from ninedtact.simulation.illumination import BrightnessModel

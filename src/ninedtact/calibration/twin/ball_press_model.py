@@ -14,13 +14,13 @@ from numpy import ndarray as Array
 from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.contact import Contact
 from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import Skin
+from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.illumination import saturating_response_mm

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.pin_imprints import IMPRINT_RADIUS, locate_imprints_mm
+from ninedtact.calibration.board.pin_imprint_centres import IMPRINT_RADIUS, locate_imprints_mm
 from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.ball_press_model import DIMMEST, FRICTION, SMOOTHING_PX
@@ -24,7 +24,7 @@ from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import Skin
+from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.lens import Points
 from ninedtact.shape.rectification import skin_grid_mm

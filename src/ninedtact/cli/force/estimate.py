@@ -13,7 +13,7 @@ from ninedtact.force.estimator_loading import PHYSICS
 
 if TYPE_CHECKING:
     from ninedtact.capture.frame_source import FrameSource
-    from ninedtact.force.estimator import ForceEstimator
+    from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
@@ -59,7 +59,7 @@ class Estimate:
         if self.out is not None:
             write_csv(self.out, found)
         figures = {"estimator": estimator.name, "about_mm": self.about_mm, "wrenches": found}
-        return print_result(self.json, figures, lines(found, self.out))
+        return print_result(self.json, figures, format_estimates(found, self.out))
 
     def readings(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Every image read, with a name of its own."""
@@ -68,7 +68,7 @@ class Estimate:
         references = self.references
         depth = shape.depth_reader(*references) if references else None
         with Sensor(self.frames(), shape, depth_reader=depth, estimator=estimator) as sensor:
-            for name, reading in named(self.source, sensor):
+            for name, reading in name_readings(self.source, sensor):
                 yield name, reading
                 if self.images_are_separate:
                     estimator.forget()
@@ -129,7 +129,7 @@ def is_image(text: str) -> bool:
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
-def named(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
+def name_readings(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
     """Images by their file, those of a recording by their number."""
     for number, reading in enumerate(sensor):
         yield (source[number] if is_image(source[0]) else str(reading.frame.index)), reading
@@ -149,7 +149,7 @@ def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     write_file_atomically(path, text.getvalue().encode())
 
 
-def lines(rows: list[dict[str, Any]], out: Path | None) -> Iterator[str]:
+def format_estimates(rows: list[dict[str, Any]], out: Path | None) -> Iterator[str]:
     """For a person."""
     for row in rows:
         if not row["touching"]:

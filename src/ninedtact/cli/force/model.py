@@ -36,7 +36,7 @@ class _ShowModelCard:
         import msgspec
 
         from ninedtact.force.model_card_page import format_model_card
-        from ninedtact.force.model_file import SHIPPED_MODEL, read_force_model
+        from ninedtact.force.onnx_model import SHIPPED_MODEL, read_force_model
 
         card = read_force_model(self.model or SHIPPED_MODEL).card
         return print_result(self.json, msgspec.to_builtins(card), [format_model_card(card)])

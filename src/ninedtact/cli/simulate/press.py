@@ -14,7 +14,7 @@ from ninedtact.design import SensingArea
 if TYPE_CHECKING:
     import numpy as np
 
-    from ninedtact.mechanics.contact import Contact
+    from ninedtact.mechanics.contact_result import Contact
     from ninedtact.mechanics.indenter import Indenter
     from ninedtact.simulation import scripted_press as simulated
     from ninedtact.simulation.twin import Twin

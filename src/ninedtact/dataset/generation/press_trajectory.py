@@ -14,7 +14,7 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.design import SensingArea
-from ninedtact.mechanics.contact import ContactLeavesGrid, InvalidLoad
+from ninedtact.mechanics.contact_result import ContactLeavesGrid, InvalidLoad
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched.requests import ContactSummary, RequestGenerator, SimulatedSetup, StepRequest
@@ -84,7 +84,7 @@ class PressSettings:
 
 
 @dataclass
-class ScriptedPress:
+class DatasetPress:
     """One press of an object on a simulated sensor. Its steps are generators of simulation requests."""
 
     setup: SimulatedSetup

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from ninedtact.capture.sampling_rule import SamplingRule
-from ninedtact.dataset.generation.press_trajectory import ScriptedPress
+from ninedtact.dataset.generation.press_trajectory import DatasetPress
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow
 from ninedtact.dataset.stored_images import encode_png
@@ -88,9 +88,9 @@ class GenerationSession:
             if not self._missing["rule"]:
                 return
 
-    def _start_press(self, object_name: str) -> ScriptedPress:
+    def _start_press(self, object_name: str) -> DatasetPress:
         indenter = load_object(object_name, self.settings.objects_seed)
-        return ScriptedPress(self.setup, indenter, self.settings.press, self._rng)
+        return DatasetPress(self.setup, indenter, self.settings.press, self._rng)
 
     def _add_row(self, contact: ContactSummary | None, object_name: str, kind: str) -> RequestGenerator[None]:
         """Request an image of the contact and add it with its wrench."""

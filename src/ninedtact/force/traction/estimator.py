@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
-from ninedtact.force.estimator import ForceEstimator, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
 from ninedtact.force.traction.cell_grid import MARGIN_CELLS, CellGrid, cell_grid_over_image
 from ninedtact.force.traction.forward_model import ForwardModel, identify_substrate
 from ninedtact.force.traction.inversion import InversionResult, SolverSettings, TractionInversion, UncertaintyModel

@@ -9,7 +9,8 @@ import torch
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import OutputError
-from ninedtact.force.model_file import (
+from ninedtact.force.networks import WrenchNetwork
+from ninedtact.force.onnx_model import (
     INPUT_NAME,
     METADATA_KEY,
     SCALE_NAME,
@@ -19,7 +20,6 @@ from ninedtact.force.model_file import (
     parse_force_model,
     read_force_model,
 )
-from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.training.lightning_compat import silence_loggers
 
 _PARITY_TOLERANCE = 1e-3

@@ -24,7 +24,7 @@ from ninedtact.errors import OutputError
 from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
 from ninedtact.force.evaluation.plots import plot_training_curves
-from ninedtact.force.model_file import ForceModel
+from ninedtact.force.onnx_model import ForceModel
 from ninedtact.force.training.examples import (
     SeededBatchSampler,
     TrainingBatch,

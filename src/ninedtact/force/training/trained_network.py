@@ -18,9 +18,9 @@ from numpy import ndarray as Array
 from ninedtact.design import Gel
 from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import ErrorDistribution, WrenchEvaluation, WrenchPredictions, evaluate_predictions
-from ninedtact.force.model_file import MODEL_FORMAT, ModelCard, TrainingSummary, WrenchPrediction
 from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, move_prediction_to_skin_centre
 from ninedtact.force.networks import WrenchNetwork
+from ninedtact.force.onnx_model import MODEL_FORMAT, ModelCard, TrainingSummary, WrenchPrediction
 from ninedtact.force.out_of_distribution import StatisticRange, input_statistics, statistic_ranges
 from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_torque_reference
 from ninedtact.force.training.lightning_compat import MetricsHistory

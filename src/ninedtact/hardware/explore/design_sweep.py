@@ -234,7 +234,7 @@ def _format_number(value: float) -> str:
     return f"{value:.3f}" if value < 1 else f"{value:.2f}" if value < 10 else f"{value:.1f}"
 
 
-def comparison_to_csv(found: Sequence[ExploredDesign]) -> bytes:
+def design_comparison_to_csv(found: Sequence[ExploredDesign]) -> bytes:
     """Return all fields of all designs as CSV."""
     rows = [_flatten_row(each.to_json_dict()) for each in found]
     names = list(dict.fromkeys(name for row in rows for name in row))

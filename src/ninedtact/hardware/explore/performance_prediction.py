@@ -14,11 +14,11 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import build_traction_force
-from ninedtact.hardware.built_sensor import BuiltSensor
+from ninedtact.hardware.derived_design import DerivedDesign
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.lens_coverage import lens_reach_mm
 from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
@@ -72,7 +72,7 @@ class PerformancePrediction:
 
 def predict_performance(design: HardwareDesign) -> PerformancePrediction:
     """Build the parts of a design and press its twin; raises `DesignRulesBroken`, `LedBoardImpossible`."""
-    sensor, twin = BuiltSensor(design), twin_from_design(design.sensor)
+    sensor, twin = DerivedDesign(design), twin_from_design(design.sensor)
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
     at_load = ScriptedPress(load_n=LOAD_N).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
     at_depth = ScriptedPress(deepest).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)

@@ -79,7 +79,7 @@ def _box_on(size: Block, at: XY, bottom: float) -> Part:
     return Part() + Pos(*at, bottom + size[2] / 2) * Box(*size)
 
 
-def build_insert(design: HardwareDesign, at: XY, top: float) -> Part:
+def build_heat_set_insert(design: HardwareDesign, at: XY, top: float) -> Part:
     """Build a heat-set insert, flush with this height, its thread as a bore of the screw's diameter."""
     diameter, long = design.fasteners.insert_mm
     return make_cylinder(diameter, (top - long, top), at) - make_cylinder(

@@ -17,14 +17,19 @@ from ninedtact.capture.sampling_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collecting.pair_counts import CountedPair, PairCounts
-from ninedtact.recording.collecting.pair_selection import CollectSettings, PairCandidate, PairSelector, ZeroDriftMonitor
+from ninedtact.recording.collecting.pair_selection import (
+    CollectSettings,
+    ImageWrenchCandidate,
+    PairSelector,
+    ZeroDriftMonitor,
+)
 from ninedtact.recording.collecting.sample_faults import (
     REJECTION_FAULTS,
     ClockDriftMonitor,
     SampleFault,
     SampleFaultTracker,
 )
-from ninedtact.recording.collecting.tare import TareInProgress, TareReference
+from ninedtact.recording.collecting.tare_and_reference import TareInProgress, TareReference
 from ninedtact.recording.merge_streams import Arrival
 from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEvent, Topic
 from ninedtact.recording.saved_pairs import NO_OBJECT
@@ -102,7 +107,7 @@ class Collector:
         """Images that were not saved because of a fault."""
         self.fault: SampleFault | None = None
         """The present fault."""
-        self.newest: PairCandidate | None = None
+        self.newest: ImageWrenchCandidate | None = None
         """The newest moment that was decided."""
         self.sample_faults = SampleFaultTracker(int(self.settings.checks.frozen_ms * 1e6))
         self.clocks = ClockDriftMonitor(self.settings.tolerance_ms), ClockDriftMonitor(self.settings.tolerance_ms)
@@ -217,7 +222,7 @@ class Collector:
         fault, wrench = self._fault_at(at_ns), self._history.interpolate(at_ns)
         if wrench is not None and fault in (None, SampleFault.SHIFTED):
             change_levels = self.reference.detector.change_levels(frame.image)
-            self.newest = PairCandidate(frame, self.reference.remove_zero(wrench), change_levels)
+            self.newest = ImageWrenchCandidate(frame, self.reference.remove_zero(wrench), change_levels)
             fault = self._fault_of_zero(self.newest, fault)
             if fault is None:
                 self._save(self.newest)
@@ -231,13 +236,13 @@ class Collector:
             return fault
         return SampleFault.UNPAIRED if self._history.distance_ns(at_ns) > tolerance_ns else None
 
-    def _fault_of_zero(self, candidate: PairCandidate, fault: SampleFault | None) -> SampleFault | None:
+    def _fault_of_zero(self, candidate: ImageWrenchCandidate, fault: SampleFault | None) -> SampleFault | None:
         if self.zero_drift.check(candidate):
             self.sample_faults.confirm_zero()
             return None
         return SampleFault.NOT_AT_REST if self.zero_drift.has_drifted else fault
 
-    def _save(self, candidate: PairCandidate) -> None:
+    def _save(self, candidate: ImageWrenchCandidate) -> None:
         kind = self.selector.select(candidate, self.counts)
         if kind is None:
             return

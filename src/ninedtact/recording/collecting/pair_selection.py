@@ -76,7 +76,7 @@ _MIN_INTERVAL_NS = {"light_touch": 200_000_000, "no_contact": 1_000_000_000}
 
 
 @dataclass(frozen=True)
-class PairCandidate:
+class ImageWrenchCandidate:
     """An image and the wrench at its time, before the decision whether to save them."""
 
     frame: Frame
@@ -103,7 +103,7 @@ class ZeroDriftMonitor:
     """Whether the zero has drifted; it stays set until the sensor is at rest without visible contact."""
     load_since_ns: int | None = field(default=None, init=False)
 
-    def check(self, candidate: PairCandidate) -> bool:
+    def check(self, candidate: ImageWrenchCandidate) -> bool:
         """Process one moment; return whether it is at rest without contact."""
         if not candidate.looks_untouched(self.settings):
             self.load_since_ns = None
@@ -131,7 +131,7 @@ class PairSelector:
     touching: bool = field(default=False, init=False)
     last_ns: dict[PairKind, int] = field(default_factory=dict, init=False)
 
-    def select(self, candidate: PairCandidate, counts: PairCounts) -> PairKind | None:
+    def select(self, candidate: ImageWrenchCandidate, counts: PairCounts) -> PairKind | None:
         """Return the reason to save a moment, or None."""
         kept = self.rule.keeps(candidate.wrench)
         self._update_contact(candidate)
@@ -145,19 +145,19 @@ class PairSelector:
         self.contact += 1
         self.rule.end_contact()
 
-    def _update_contact(self, candidate: PairCandidate) -> None:
+    def _update_contact(self, candidate: ImageWrenchCandidate) -> None:
         # A contact that was visible continues until the image shows none.
         levels = self.settings.contact_levels / (2 if self.touching else 1)
         touching = self.rule.touching or candidate.change_levels > levels
         self.contact += touching != self.touching
         self.touching = touching
 
-    def _is_of_kind(self, kind: PairKind, candidate: PairCandidate) -> bool:
+    def _is_of_kind(self, kind: PairKind, candidate: ImageWrenchCandidate) -> bool:
         if kind == "light_touch":
             return not self.rule.touching and candidate.change_levels > self.settings.contact_levels
         return candidate.looks_untouched(self.settings) and candidate.is_at_rest(self.settings)
 
-    def _is_wanted(self, kind: PairKind, candidate: PairCandidate, counts: PairCounts) -> bool:
+    def _is_wanted(self, kind: PairKind, candidate: ImageWrenchCandidate, counts: PairCounts) -> bool:
         """Return whether there are too few pairs of a kind, and the last one was saved long enough ago."""
         fraction = self.settings.light_touch if kind == "light_touch" else self.settings.no_contact
         is_soon = candidate.frame.stamp_ns - self.last_ns.get(kind, 0) < _MIN_INTERVAL_NS[kind]

@@ -25,19 +25,19 @@ from ninedtact.mechanics.active_region import (
 )
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.batching import expand_over_grid, max_over_grid, to_scalars
-from ninedtact.mechanics.contact import (
+from ninedtact.mechanics.contact_model import ContactModel, ContactProblem, pose_contact_problem
+from ninedtact.mechanics.contact_result import (
     Contact,
     ContactLeavesGrid,
     require_above_base,
     require_inside_grid,
     require_positive_load,
 )
-from ninedtact.mechanics.contact_model import ContactModel, ContactProblem, pose_contact_problem
 from ninedtact.mechanics.height_grid_indenter import HeightGridStore
 from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin
+from ninedtact.mechanics.shrinking_batch import expand_over_grid, max_over_grid, to_scalars
+from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, Skin
 from ninedtact.simulation.batched.requests import ContactSummary, SimulatedSetup, StepRequest, summarize_contacts
 
 StepResponse = ContactSummary | StepRequest | NinedtactError

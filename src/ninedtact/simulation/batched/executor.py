@@ -15,7 +15,7 @@ import numpy as np
 from array_api_compat import to_device
 
 from ninedtact.errors import DeviceError
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.height_grid_indenter import HeightGridStore
 from ninedtact.simulation.batch_renderer import BatchRenderer
 from ninedtact.simulation.batched.contact_batch import ContactBatch, SkinStack, StepResponse, refusal_before_solving

@@ -15,10 +15,10 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.batching import sum_over_grid
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.shrinking_batch import sum_over_grid
 from ninedtact.quantities import Wrench
 from ninedtact.simulation.rectified_renderer import RectifiedRenderer
 from ninedtact.simulation.sensor_population import SampledSensor

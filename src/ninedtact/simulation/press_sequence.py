@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import SimulationError
-from ninedtact.mechanics.contact import Contact
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.trajectory import Trajectory
 from ninedtact.simulation.twin import Twin

@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import FileFormatError, ForceError
-from ninedtact.force.estimator import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.quantities import Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 

@@ -18,9 +18,9 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
-from ninedtact.mechanics.batching import ContactIndices, take_contacts
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.mechanics.shrinking_batch import ContactIndices, take_contacts
 
 ScalarField = Float[Any, "*batch rows cols"]
 VectorField = Float[Any, "*batch 2 rows cols"]

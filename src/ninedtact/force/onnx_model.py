@@ -169,11 +169,11 @@ def require_graph(session: "InferenceSession", card: ModelCard, name: str) -> No
     expected = [(INPUT_NAME, card.input.shape)]
     if taken != expected or given not in ([(WRENCH_NAME, (6,))], [(WRENCH_NAME, (6,)), (SCALE_NAME, (6,))]):
         raise ForceModelUnusable(
-            f"expected a graph in {name} from {expected[0][1]} to {WRENCH_NAME} and {SCALE_NAME}, got {told(taken)} to "
-            f"{told(given)}; train it again"
+            f"expected a graph in {name} from {expected[0][1]} to {WRENCH_NAME} and {SCALE_NAME}, got "
+            f"{format_tensor_names(taken)} to {format_tensor_names(given)}; train it again"
         )
 
 
-def told(ends: list[tuple[str, tuple[Any, ...]]]) -> str:
+def format_tensor_names(ends: list[tuple[str, tuple[Any, ...]]]) -> str:
     """Return the names and sizes of a graph's inputs or outputs as text."""
     return ", ".join(f"{name} {size}" for name, size in ends)

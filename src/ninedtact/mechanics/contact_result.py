@@ -16,11 +16,17 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, SimulationError
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.batching import CountPerContact, PerContact, ScalarPerContact, expand_over_grid, sum_over_grid
 from ninedtact.mechanics.friction import slip_mask
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.mechanics.skin import PointMask, ScalarField, Skin, VectorField
+from ninedtact.mechanics.shrinking_batch import (
+    CountPerContact,
+    PerContact,
+    ScalarPerContact,
+    expand_over_grid,
+    sum_over_grid,
+)
+from ninedtact.mechanics.surface_displacement import PointMask, ScalarField, Skin, VectorField
 from ninedtact.quantities import Wrench
 
 

@@ -26,7 +26,7 @@ from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams,
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.scripted_press import ScriptedPress
 from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.trajectory import (
