@@ -26,7 +26,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     desk, twin = tmp_path_factory.mktemp("desk"), default_twin()
     images = CalibrationImages(**vars(simulate_calibration_images(twin, frames=8)))
     save_sensor(desk / "sensor", calibrate(images, sensor_id="twin"))
-    cv2.imwrite(str(desk / "untouched.png"), twin.renderer(None, 50))
+    cv2.imwrite(str(desk / "reference.png"), twin.renderer(None, 50))
     contacts = [
         ScriptedPress(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).simulate(twin, Ball(5.0)) for depth in DEPTHS_MM
     ]
@@ -47,7 +47,7 @@ def presses(desk: Path) -> list[Path]:
 
 def estimated(desk: Path, capsys: pytest.CaptureFixture[str], *more: str | Path) -> np.ndarray:
     found = asked(
-        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", *more, *presses(desk)
+        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *more, *presses(desk)
     )
     names = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm")
     return np.array([[row[name] for name in names] for row in found["wrenches"]])
@@ -68,7 +68,7 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     weighed = [
         word for path, each in zip(presses(desk), grams, strict=True) for word in ("--press", path, f"{each:.1f}")
     ]
-    told = asked(capsys, "adapt", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", *weighed)
+    told = asked(capsys, "adapt", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *weighed)
     assert told["by_factor"] < 0.5 * told["unadapted"] and told["adaptation"]["presses"] == len(DEPTHS_MM)
     after = estimated(desk, capsys)
     assert after[:, 2] == pytest.approx(stiff * true[:, 2], rel=0.12)
@@ -78,7 +78,7 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
 def test_separate_images_do_not_depend_on_their_order(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     order = [2, 0, 3, 1]
     shuffled = [presses(desk)[number] for number in order]
-    found = asked(capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", *shuffled)
+    found = asked(capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *shuffled)
     names = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm")
     wrenches = np.array([[row[name] for name in names] for row in found["wrenches"]])
     np.testing.assert_array_equal(wrenches, estimated(desk, capsys)[order])
@@ -86,8 +86,8 @@ def test_separate_images_do_not_depend_on_their_order(desk: Path, capsys: pytest
 
 def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = asked(
-        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "untouched.png", "--about-mm", "0", "0", "-35",
-        desk / "untouched.png",
+        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", "--about-mm", "0", "0", "-35",
+        desk / "reference.png",
     )  # fmt: skip
     (row,) = found["wrenches"]
     assert not row["touching"] and not any(row[name] for name in ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm"))
@@ -102,20 +102,20 @@ def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys:
     ("words", "said"),
     [
         (("estimate", "--sensor", "sensor", "press_0.png"), "--reference"),
-        (("estimate", "--sensor", "sensor", "--reference", "untouched.png"), "name them after the options"),
-        (("estimate", "--sensor", "sensor", "--reference", "untouched.png", "press_0.png", "sensor"), "once for each"),
-        (("estimate", "--sensor", "sensor", "--reference", "untouched.png", "lost.png"), "lost.png"),
-        (("estimate", "--reference", "untouched.png", "press_0.png"), "--sensor"),
+        (("estimate", "--sensor", "sensor", "--reference", "reference.png"), "name them after the options"),
+        (("estimate", "--sensor", "sensor", "--reference", "reference.png", "press_0.png", "sensor"), "once for each"),
+        (("estimate", "--sensor", "sensor", "--reference", "reference.png", "lost.png"), "lost.png"),
+        (("estimate", "--reference", "reference.png", "press_0.png"), "--sensor"),
         (
-            ("estimate", "--sensor", "sensor", "--force", "magic", "--reference", "untouched.png", "press_0.png"),
+            ("estimate", "--sensor", "sensor", "--force", "magic", "--reference", "reference.png", "press_0.png"),
             "physics",
         ),
         (
-            ("estimate", "--sensor", "sensor", "--force", "lost.onnx", "--reference", "untouched.png", "press_0.png"),
+            ("estimate", "--sensor", "sensor", "--force", "lost.onnx", "--reference", "reference.png", "press_0.png"),
             "lost",
         ),
         (
-            ("adapt", "--sensor", "sensor", "--reference", "untouched.png", "--press", "press_1.png", "300"),
+            ("adapt", "--sensor", "sensor", "--reference", "reference.png", "--press", "press_1.png", "300"),
             "at least 2",
         ),
         (
@@ -124,15 +124,15 @@ def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys:
                 "--sensor",
                 "sensor",
                 "--reference",
-                "untouched.png",
+                "reference.png",
                 "--press",
-                "untouched.png",
+                "reference.png",
                 "300",
             ),
-            "untouched.png: ",
+            "reference.png: ",
         ),
         (
-            ("adapt", "--sensor", "sensor", "--reference", "untouched.png", "--press", "press_1.png", "-3"),
+            ("adapt", "--sensor", "sensor", "--reference", "reference.png", "--press", "press_1.png", "-3"),
             "above zero",
         ),
         (
@@ -141,7 +141,7 @@ def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys:
                 "--sensor",
                 "sensor",
                 "--reference",
-                "untouched.png",
+                "reference.png",
                 "--force",
                 "none",
                 "--press",

@@ -42,9 +42,9 @@ def test_a_press_leaves_images_heights_tractions_and_a_wrench(
     cell_mm2 = told["mm_per_px"] ** 2
     assert -pressure.sum() * cell_mm2 == pytest.approx(force[2], rel=0.02)
     assert read_height_png(tmp_path / "height.png").z_mm == pytest.approx(height, abs=6e-4)
-    pressed, untouched = (read_image(tmp_path / f"{name}.png") for name in ("image", "untouched"))
-    assert pressed.shape == untouched.shape == (480, 640, 3)
-    assert (pressed.astype(int) - untouched).min() < -15
+    pressed, reference = (read_image(tmp_path / f"{name}.png") for name in ("image", "reference"))
+    assert pressed.shape == reference.shape == (480, 640, 3)
+    assert (pressed.astype(int) - reference).min() < -15
     assert cv2.imread(str(tmp_path / "figure.png")).shape[1] > 1500
     assert json.loads((tmp_path / "wrench.json").read_text())["wrench"] == told["wrench"]
     assert set(told["files"]) == {path.name for path in tmp_path.iterdir()}

@@ -232,7 +232,7 @@ def test_a_curve_without_bulges_is_refused() -> None:
 
 
 def test_a_reading_without_reference_is_refused() -> None:
-    with pytest.raises(TractionImpossible, match="untouched reference"):
+    with pytest.raises(TractionImpossible, match="its reference image"):
         TractionForce(BrightnessObservationModel(CURVE, LightLoss(), 0.5), GEL).estimate(
             replace(lit(dragged()), reference=None)
         )

@@ -326,7 +326,7 @@ def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.Mo
         screen.show(collector, at_once=True)
     shown = terminal.getvalue()
     assert shown.count("n next object") == 2 and shown.count("\x1b[10A") == 1 and "Fz -12.00 ············" in shown
-    assert "leave the skin untouched" in shown and "missing: Fx" in shown and "next object: cup" in shown
+    assert "do not touch the gel" in shown and "missing: Fx" in shown and "next object: cup" in shown
 
 
 def test_ctrl_c_asks_once_and_insists_twice() -> None:

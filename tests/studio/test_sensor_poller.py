@@ -77,7 +77,7 @@ def test_a_dark_reference_is_refused_in_words_and_tried_again() -> None:
     camera = SkinCamera()
     camera.level = 3
     with SensorPoller(sensor_on(camera)) as loop:
-        wait_until(lambda: "expected a lit image of the untouched skin" in sentence(loop))
+        wait_until(lambda: "expected a lit reference image (no contact)" in sentence(loop))
         assert now_in(loop).phase is SensorPhase.REFERENCE and now_in(loop).reading is None
         camera.level = UNTOUCHED
         wait_until(lambda: sentence(loop).startswith("live"))
@@ -122,7 +122,7 @@ def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> Non
     with SensorPoller(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
         wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
         assert isinstance(now_in(loop).trouble, RecordingTooShort)
-        assert "begin with 3 images of the untouched gel and then to continue, got 1 images" in sentence(loop)
+        assert "begin with 3 reference images (no contact) and then to continue, got 1 images" in sentence(loop)
 
 
 @pytest.mark.parametrize("is_silent", [False, True])

@@ -91,7 +91,7 @@ class CaptureStep:
 
 def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[CaptureStep]:
     """Yield the four steps in order."""
-    yield CaptureStep("board_reference", "Leave the skin untouched.", lambda taken: _watch_reference(None))
+    yield CaptureStep("board_reference", "Do not touch the gel.", lambda taken: _watch_reference(None))
     yield CaptureStep(
         "board",
         f"Press the pin board ({design.pin_board.cols} x {design.pin_board.rows} pins) evenly on the skin and hold it.",
@@ -122,7 +122,7 @@ def _watch_reference(like: BgrImage | None) -> ImageWatcher:
             return CaptureAdvice(f"something still touches the skin ({change:.0f} grey levels); wait")
         mean = still.add(image)
         return CaptureAdvice(
-            "untouched skin taken" if mean is not None else f"hold still {len(still)}/{AVERAGED}", mean
+            "reference image taken" if mean is not None else f"hold still {len(still)}/{AVERAGED}", mean
         )
 
     return watch

@@ -22,7 +22,7 @@ class NoImageToCheck(InputError):
 
 @dataclass(frozen=True)
 class CheckCommand:
-    """Compare today's untouched skin with the calibrated one: light, camera and gel.
+    """Compare today's reference image (no contact) with the calibrated one: light, camera and gel.
 
     Exit code 0: fine; 1: something has changed, or an image or the sensor folder cannot be read.
     """
@@ -30,7 +30,7 @@ class CheckCommand:
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote."""
     reference: tyro.conf.Positional[tuple[Path, ...]]
-    """Images of the untouched skin, taken today; each is judged by itself."""
+    """Reference images (no contact) taken today; each is checked by itself."""
     json: bool = False
     """Print the verdict and all figures as one JSON object."""
 
@@ -43,7 +43,7 @@ class CheckCommand:
 
         if not self.reference:
             raise NoImageToCheck(
-                "expected at least one image of the untouched skin, got none; name it after the options"
+                "expected at least one reference image (no contact), got none; name it after the options"
             )
         known = load_calibrated_reference(load_sensor(self.sensor))
         measured = [measure_drift(known, read_image(path)) for path in self.reference]

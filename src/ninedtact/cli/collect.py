@@ -167,7 +167,7 @@ def handle_keys(typed: str, collector: "Collector", screen: CollectScreen) -> bo
             screen.show_message(collector.undo_last_contact())
         elif key == "t":
             collector.begin_tare()
-            screen.show_message("tare: leave the skin untouched")
+            screen.show_message("tare: do not touch the gel")
     return True
 
 

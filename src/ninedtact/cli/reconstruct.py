@@ -28,9 +28,9 @@ class ReconstructCommand:
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]]
-    """Untouched skin of the same session; given more than once, the images are averaged."""
+    """Reference image (no contact) of the same session; given more than once, the images are averaged."""
     images: tyro.conf.Positional[tuple[Path, ...]]
-    """Images of the pressed skin, one or more."""
+    """Images of the pressed gel, one or more."""
     out: Path
     """Folder for the results."""
     formats: tuple[_HeightFormat, ...] = ("npy", "png", "ply", "stl")

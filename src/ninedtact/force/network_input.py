@@ -179,7 +179,7 @@ class NetworkInputBuilder:
             return self.of_height(reading.height)
         if reading.reference is None:
             raise NetworkInputImpossible(
-                "expected a reading that carries the untouched image of its session, got none; read with a Sensor"
+                "expected a reading that carries the reference image of its session, got none; read with a Sensor"
             )
         return self.of_image(reading.rectified, reading.reference)
 

@@ -63,14 +63,14 @@ class CalibratedShape:
 def mean_rectified_image(images: list[Rectified]) -> Rectified:
     """Return the mean brightness of several rectified images of the same skin; raises `ReferenceUnusable`."""
     if not images:
-        raise ReferenceUnusable("expected at least one image of the untouched skin, got none; take one first")
+        raise ReferenceUnusable("expected at least one reference image (no contact), got none; take one first")
     total = np.zeros_like(images[0].grey)
     for image in images:
         cv2.accumulate(image.grey, total)
     total /= len(images)
     if total.mean() < MIN_LIT_GREY_LEVEL:
         raise ReferenceUnusable(
-            f"expected a lit image of the untouched skin, got a mean grey level of {total.mean():.0f} of 255; "
+            f"expected a lit reference image (no contact), got a mean grey level of {total.mean():.0f} of 255; "
             "switch the sensor's light on and raise the exposure"
         )
     return Rectified(total, images[0].mm_per_px, images[-1].stamp_ns)

@@ -198,7 +198,7 @@ def render_height_map(height: HeightMap, title: str = "Height of the skin") -> b
 
 def where_it_is(height: HeightMap) -> str:
     """Return what the two axes mean, and the scale."""
-    place = "" if np.isinf(height.camera_distance_mm) else ", placed where its lines of sight cross the untouched skin"
+    place = "" if np.isinf(height.camera_distance_mm) else ", placed where its lines of sight cross the undeformed skin"
     return f"as the camera sees it{place} · 1 pixel = {height.mm_per_px:.4f} mm"
 
 

@@ -203,7 +203,7 @@ class SensorPoller:
             return SensorPhase.ENDED, None
         source, wanted = self.sensor.source.name, self.sensor.reference_frames
         return SensorPhase.FAILED, RecordingTooShort(
-            f"expected {source} to begin with {wanted} images of the untouched gel and then to continue, got "
+            f"expected {source} to begin with {wanted} reference images (no contact) and then to continue, got "
             f"{self.sensor.frames_read} images in all; give reference images with --reference"
         )
 

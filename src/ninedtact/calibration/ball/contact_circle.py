@@ -87,7 +87,7 @@ def _require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
     if rise > drop:
         raise BallPressUnusable(
             f"expected a dark disc where the ball presses, got a bright one (+{rise:.0f} against −{drop:.0f} grey levels); "
-            "the images look swapped: give the untouched one as the reference"
+            "the images look swapped: give the image without contact as the reference"
         )
 
 
@@ -243,6 +243,6 @@ def reference_drift_warnings(board_reference: BgrImage, ball_reference: BgrImage
     if drift <= REFERENCE_DRIFT:
         return ()
     return (
-        f"the untouched images before the board and before the ball differ by {drift:.1f} grey levels (at most "
+        f"the reference images before the board and before the ball differ by {drift:.1f} grey levels (at most "
         f"{REFERENCE_DRIFT:.0f} expected): fix exposure and white balance, let the light warm up, and check the gel",
     )

@@ -130,7 +130,7 @@ def make_board_not_found_error(
     if np.ptp(smooth_gaussian(change, 2.0)) < UNTOUCHED * estimate_pixel_noise(change):
         seen_px, advice = seen_px[:0], "nothing touched the skin: press the board while the second image is taken"
     elif _images_look_swapped(change, board, sighting):
-        advice = "the images look swapped: give the untouched one as the reference"
+        advice = "the images look swapped: give the image without contact as the reference"
     else:
         advice = "press harder, hold the board flatter so that all pins touch, and check that it is the design's board"
     words = f"expected {board.count} pins ({board.cols} x {board.rows}), found {len(seen_px)}; {advice}"

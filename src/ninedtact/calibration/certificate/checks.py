@@ -150,7 +150,7 @@ def _check_ball(ball: BallQuality) -> list[CheckResult]:
     return [
         _make_check_result(
             OVEREXPOSED.level(ball.overexposed_fraction),
-            f"Light: {ball.overexposed_fraction:.1%} of the untouched image is overexposed "
+            f"Light: {ball.overexposed_fraction:.1%} of the reference image is overexposed "
             f"(expected: at most {OVEREXPOSED.good:.0%})",
             "lower the exposure, the gain or the light",
         ),

@@ -30,7 +30,7 @@ IMAGES = {
 LENS_MODEL_TEXT = {"model": "homography with radial and tangential terms", "paper": "the paper's map through the pins"}
 DEPTH_METHOD_TEXT = {
     "physics": "contact mechanics and light, fitted to the whole image",
-    "ratio": "the ball's cap against the fraction of the untouched brightness",
+    "ratio": "the ball's cap against the fraction of the reference brightness",
     "table": "the ball's cap against grey-level difference (the paper's)",
 }
 UNITS = ("mm", "px", "deg")

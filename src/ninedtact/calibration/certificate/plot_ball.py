@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 CIRCLE, CURVE = "#ffb000", "#c2410c"
 AXIS_COLOURS = {"x": "#d62f1f", "y": "#0f8a4c"}
 DARKENING: dict[BrightnessSignal, str] = {
-    "ratio": "1 \N{MINUS SIGN} I/I₀ (fraction of the untouched brightness)",
+    "ratio": "1 \N{MINUS SIGN} I/I₀ (fraction of the reference brightness)",
     "difference": "I₀ \N{MINUS SIGN} I (grey levels)",
 }
 """Names of the signals that the two methods use."""

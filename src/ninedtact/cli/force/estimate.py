@@ -32,14 +32,14 @@ class Estimate:
     """Estimate the six-axis force on the skin from images, a video or a recording. Live: ninedtact live --force."""
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Images of the touched skin; or one video, folder of images, or recording (.mcap)."""
+    """Images of the pressed gel; or one video, folder of images, or recording (.mcap)."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Untouched skin of the same session; given more than once, the images are averaged. A video, folder or recording may
-    begin with untouched skin instead."""
+    """Reference image (no contact) of the same session; given more than once, the images are averaged. Without any, the first
+    images of a video, folder or recording are the reference."""
     force: str = PHYSICS
-    """both (network and physics), network (the model that ships), physics (no training), or a force model (.onnx)."""
+    """physics (no training), network (the model that ships), both (physics and network), or a force model (.onnx)."""
     about_mm: Point = (0.0, 0.0, 0.0)
     """Point that torques are about, in the sensor's frame: 0 0 -35 is the paper's force/torque sensor."""
     out: Path | None = None
@@ -62,7 +62,7 @@ class Estimate:
         return print_result(self.json, figures, format_estimates(found, self.out))
 
     def readings(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
-        """Every image read, with a name of its own."""
+        """Yield the name and the reading of every image."""
         from ninedtact.sensor import Sensor
 
         references = self.references
@@ -75,20 +75,19 @@ class Estimate:
 
     @property
     def images_are_separate(self) -> bool:
-        """Whether the images do not follow on each other in time: single images, or a folder of them, but no video or recording."""
+        """Whether the images are unrelated in time: single images or a folder of them, as opposed to a video or a recording."""
         return all(is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
 
     def frames(self) -> "FrameSource":
-        """The images that were named, as a source; raises `NothingToEstimate`."""
-        from ninedtact.capture.frame_source import DEFAULT_CAMERA
+        """Return the named images as a source; raises `NothingToEstimate`."""
         from ninedtact.open_sensor import source_for
 
         if not self.source:
-            raise NothingToEstimate("expected images of the touched skin, got none; name them after the options")
+            raise NothingToEstimate("expected images of the pressed gel, got none; name them after the options")
         if all(is_image(text) for text in self.source):
             if not self.reference:
                 raise NothingToEstimate(
-                    "expected --reference with single images, got none; name an image of the untouched skin"
+                    "expected --reference with single images, got none; name a reference image (no contact)"
                 )
             from ninedtact.capture.image_and_video_files import ImageList
 
@@ -98,18 +97,18 @@ class Estimate:
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )
-        return source_for(self.source[0], DEFAULT_CAMERA)
+        return source_for(self.source[0])
 
     @property
     def references(self) -> "list[Frame]":
-        """The untouched skin, as far as it was given."""
+        """The reference images that were given."""
         from ninedtact.capture.image_file import read_image
         from ninedtact.quantities import Frame
 
         return [Frame(read_image(path)) for path in self.reference]
 
     def row(self, name: str, reading: "Reading") -> dict[str, Any]:
-        """One image's figures, plain numbers."""
+        """Return the estimate of one image as plain numbers: forces in N, torques in N·m."""
         import numpy as np
 
         force = reading.force
@@ -125,18 +124,18 @@ class Estimate:
 
 
 def is_image(text: str) -> bool:
-    """Whether the text names one image."""
+    """Return whether the text names a single image."""
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
 def name_readings(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
-    """Images by their file, those of a recording by their number."""
+    """Yield every reading with its name: the file of a single image, or the number of a frame."""
     for number, reading in enumerate(sensor):
         yield (source[number] if is_image(source[0]) else str(reading.frame.index)), reading
 
 
 def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """One line for every image; raises `FileNotWritten`."""
+    """Write one line of CSV per image; raises `FileNotWritten`."""
     import csv
     from io import StringIO
 
@@ -150,7 +149,7 @@ def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 
 
 def format_estimates(rows: list[dict[str, Any]], out: Path | None) -> Iterator[str]:
-    """For a person."""
+    """Yield the lines that a person reads, one per image; torques in N·mm."""
     for row in rows:
         if not row["touching"]:
             yield f"{row['image']}: nothing touches"

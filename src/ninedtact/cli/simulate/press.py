@@ -113,7 +113,7 @@ class Press:
         drawn = PressFigure(contact, indenter, image, self.twin.renderer.pixel_map.reach_mm, self.cut)
         return {
             "image.png": _encode_png(image),
-            "untouched.png": _encode_png(self.twin.renderer(None, 0)),
+            "reference.png": _encode_png(self.twin.renderer(None, 0)),
             "pressure.npy": _encode_npy(true_pressure_map_mpa(contact, *self.grid)),
             "shear.npy": _encode_npy(true_shear_map_mpa(contact, *self.grid)),
             "figure.png": drawn.to_png(),

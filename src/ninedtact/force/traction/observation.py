@@ -122,7 +122,7 @@ class BrightnessObservationModel(ObservationModel):
         """Return the relative change of brightness; raises `TractionImpossible` for a reading without its reference."""
         if reading.reference is None:
             raise TractionImpossible(
-                "expected a reading with its untouched reference, got none; take a reference image first, or observe heights"
+                "expected a reading with its reference image, got none; take a reference image first, or observe heights"
             )
         below, pixel, beyond = _orthorectify_onto_cells(reading.height, cells)
         change = _at_pixels(self._relative_change(reading.rectified, reading.reference, cells), pixel)

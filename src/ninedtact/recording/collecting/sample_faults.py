@@ -26,7 +26,9 @@ class SampleFault(StrEnum):
     SATURATED = "the force/torque sensor is at its limit: press less"
     FAULTY = "the force/torque sensor marks its samples as wrong"
     SHIFTED = "the force/torque sensor jumped or was away, and has not been at rest since: lift the object"
-    NOT_AT_REST = "the skin looks untouched, but the force/torque sensor is not at rest: lift the object and tare (t)"
+    NOT_AT_REST = (
+        "nothing seems to touch the gel, but the force/torque sensor is not at rest: lift the object and tare (t)"
+    )
     UNPAIRED = "no force/torque samples near enough to the image in time"
     CLOCK = "the clocks of images and forces drift apart: stop and start again"
 

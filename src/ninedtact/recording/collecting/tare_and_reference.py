@@ -17,7 +17,7 @@ from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collecting.pair_selection import CollectSettings
 
 _BLOCK_PX = 8
-_KEEP_OFF = "leave the skin untouched"
+_KEEP_OFF = "do not touch the gel"
 _NO_SAMPLES = "no samples from the force/torque sensor yet"
 
 
