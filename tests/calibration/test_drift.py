@@ -32,8 +32,8 @@ from ninedtact.shape.rectification import rectification_of_projection
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
 
 
-def verdicts(known: CalibratedReference, today: BgrImage) -> list[str]:
-    return [finding.verdict for finding in diagnose_drift(measure_drift(known, today))]
+def diagnoses(known: CalibratedReference, today: BgrImage) -> list[str]:
+    return [finding.diagnosis for finding in diagnose_drift(measure_drift(known, today))]
 
 
 def moved(image: BgrImage, x: float = 0.0, y: float = 0.0, clockwise_deg: float = 0.0) -> BgrImage:
@@ -85,19 +85,19 @@ def test_untouched_skin_of_another_time_is_fine(name: str, known: dict, images: 
     measured = measure_drift(known[name], images[name]["board_reference"])
     assert diagnose_drift(measured) == []
     assert measured.moved.is_same_skin
-    assert measured.moved.likeness > 0.6
+    assert measured.moved.correlation > 0.6
     assert np.hypot(*measured.moved.shift_px) < 0.5
 
 
 def test_a_ball_image_without_contact_is_fine(known: dict, images: dict) -> None:
-    assert verdicts(known["sensor_j"], images["sensor_j"]["ball"]) == []
+    assert diagnoses(known["sensor_j"], images["sensor_j"]["ball"]) == []
 
 
 @pytest.mark.parametrize("name", SENSORS)
 @pytest.mark.parametrize("press", ["ball", "board"])
 def test_whatever_touches_is_noticed(name: str, press: str, known: dict, images: dict) -> None:
     if (name, press) != ("sensor_j", "ball"):
-        assert verdicts(known[name], images[name][press]) == ["something touches the gel"]
+        assert diagnoses(known[name], images[name][press]) == ["something touches the gel"]
 
 
 def test_the_contact_is_where_the_ball_is(known: dict, images: dict) -> None:
@@ -132,12 +132,12 @@ CHANGES: dict[str, tuple[Callable[[BgrImage], BgrImage], str]] = {
 }
 
 
-@pytest.mark.parametrize(("spoil", "verdict"), CHANGES.values(), ids=CHANGES)
+@pytest.mark.parametrize(("spoil", "diagnosis"), CHANGES.values(), ids=CHANGES)
 def test_every_change_has_its_name(
-    spoil: Callable[[BgrImage], BgrImage], verdict: str, known: dict, images: dict
+    spoil: Callable[[BgrImage], BgrImage], diagnosis: str, known: dict, images: dict
 ) -> None:
     for name in ("sensor_a", "sensor_j"):
-        assert verdicts(known[name], spoil(images[name]["board_reference"])) == [verdict]
+        assert diagnoses(known[name], spoil(images[name]["board_reference"])) == [diagnosis]
 
 
 def test_noise_blur_compression_and_half_a_pixel_are_no_change(known: dict, images: dict) -> None:
@@ -145,12 +145,12 @@ def test_noise_blur_compression_and_half_a_pixel_are_no_change(known: dict, imag
     noise = np.random.default_rng(0).normal(0, 3, image.shape)
     jpeg = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 50])[1], cv2.IMREAD_COLOR)
     for today in (times(image + noise, 1), jpeg, cv2.GaussianBlur(image, (0, 0), 2), moved(image, 0.3, -0.3)):
-        assert verdicts(known["sensor_a"], today) == []
+        assert diagnoses(known["sensor_a"], today) == []
 
 
 def test_another_sensor_is_another_skin(known: dict, images: dict) -> None:
     for mine, other in (("sensor_a", "sensor_i"), ("sensor_i", "sensor_j"), ("sensor_j", "sensor_a")):
-        assert verdicts(known[mine], images[other]["board_reference"]) == ["another skin"]
+        assert diagnoses(known[mine], images[other]["board_reference"]) == ["another skin"]
 
 
 def test_figures_are_right(known: dict, images: dict) -> None:
@@ -197,10 +197,10 @@ def test_a_skin_without_structure_is_judged_by_its_light(drawn: tuple[KnownSenso
     fine = measure_drift(known, sensor.image(untouched, 3))
     assert diagnose_drift(fine) == []
     assert not fine.moved.observable
-    assert verdicts(known, sensor.image(0.9 * untouched, 4)) == ["light dimmer"]
-    assert verdicts(known, sensor.image(sensor.ball_factor(), 5)) == ["something touches the gel"]
-    assert verdicts(known, sensor.image(sensor.board_factor(), 6)) == ["something touches the gel"]
-    assert verdicts(known, spotted(sensor.image(untouched, 7), -0.08, 15)) == ["gel changed"]
+    assert diagnoses(known, sensor.image(0.9 * untouched, 4)) == ["light dimmer"]
+    assert diagnoses(known, sensor.image(sensor.ball_factor(), 5)) == ["something touches the gel"]
+    assert diagnoses(known, sensor.image(sensor.board_factor(), 6)) == ["something touches the gel"]
+    assert diagnoses(known, spotted(sensor.image(untouched, 7), -0.08, 15)) == ["gel changed"]
 
 
 def test_height_figures_follow_the_curve(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
@@ -219,7 +219,7 @@ def test_a_image_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, Ca
         measure_drift(known, np.zeros((480, 640, 3), np.uint8))
 
 
-def test_the_command_ends_with_the_verdict(
+def test_the_command_ends_with_the_diagnosis(
     sensor: SensorFolder, images: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fine, dim = tmp_path / "fine.png", tmp_path / "dim.png"
@@ -227,10 +227,10 @@ def test_the_command_ends_with_the_verdict(
     cv2.imwrite(str(dim), times(images["sensor_a"]["ball_reference"], 0.8))
     assert CheckCommand(sensor.path, (fine,), json=True).run() == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["verdict"], found["findings"]) == ("fine", [])
+    assert (found["diagnosis"], found["findings"]) == ("fine", [])
     assert CheckCommand(sensor.path, (fine, dim), json=True).run() == 1
     found = json.loads(capsys.readouterr().out)
-    assert [image["verdict"] for image in found["images"]] == ["fine", "light dimmer"]
+    assert [image["diagnosis"] for image in found["images"]] == ["fine", "light dimmer"]
     assert found["findings"][0]["height_mm"] > 0.3
     assert found["images"][1]["brightness_percent"] == pytest.approx(-20, abs=0.2)
     assert CheckCommand(sensor.path, (dim,)).run() == 1

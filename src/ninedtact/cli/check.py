@@ -32,7 +32,7 @@ class CheckCommand:
     reference: tyro.conf.Positional[tuple[Path, ...]]
     """Reference images (no contact) taken today; each is checked by itself."""
     json: bool = False
-    """Print the verdict and all figures as one JSON object."""
+    """Print the diagnosis and all figures as one JSON object."""
 
     def run(self) -> int:
         """Judge every image; 1 where one is not fine."""
@@ -55,10 +55,10 @@ class CheckCommand:
 
 
 def _check_result(path: Path, drift: "DriftMeasurement", found: "list[DriftFinding]") -> dict[str, Any]:
-    """One image's verdict and figures."""
+    """One image's diagnosis and figures."""
     return {
         "image": str(path),
-        "verdict": found[0].verdict if found else "fine",
+        "diagnosis": found[0].diagnosis if found else "fine",
         "findings": [asdict(finding) for finding in found],
         **_drift_to_dict(drift),
     }
@@ -76,7 +76,7 @@ def _drift_to_dict(drift: "DriftMeasurement") -> dict[str, Any]:
         "shift_mm": [part * drift.known.mm_per_raw_px for part in skin.shift_px] if seen else None,
         "shift_error_px": skin.shift_error_px if seen else None,
         "turn_deg": skin.turn_deg if seen else None,
-        "likeness": drift.nearest.likeness,
+        "correlation": drift.nearest.correlation,
         "changed_area_mm2": change.changed_area_mm2,
         "marks": [asdict(mark) for mark in change.marks],
         "old_reference_height_mm": drift.height_mm,
@@ -84,20 +84,20 @@ def _drift_to_dict(drift: "DriftMeasurement") -> dict[str, Any]:
 
 
 def _to_json_dict(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]:
-    """The first verdict that is not fine, and everything behind it."""
+    """The first diagnosis that is not fine, and everything behind it."""
     worst = next((found for found in results if found["findings"]), results[0])
     return {
         "sensor": str(sensor),
-        "verdict": worst["verdict"],
+        "diagnosis": worst["diagnosis"],
         "findings": worst["findings"],
         "images": results,
     }
 
 
 def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
-    """The verdicts for a person."""
+    """The diagnoses for a person."""
     for found in results:
-        yield f"{found['image']}: {found['verdict']}"
+        yield f"{found['image']}: {found['diagnosis']}"
         for finding in found["findings"]:
             yield f"  {finding['sentence']}{_format_height_effect(finding)}"
         yield f"  measured: {_format_measurement(found)}"

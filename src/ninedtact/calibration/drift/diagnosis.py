@@ -13,7 +13,7 @@ from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, SkinMa
 from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
 from ninedtact.quantities import centred_axis_mm
 
-DriftVerdict = Literal[
+DriftDiagnosis = Literal[
     "fine",
     "something touches the gel",
     "another skin",
@@ -44,7 +44,7 @@ NAMED_MARKS = 3
 class DriftFinding:
     """One change of the sensor since its calibration."""
 
-    verdict: DriftVerdict
+    diagnosis: DriftDiagnosis
     sentence: str
     height_mm: float | None
     """Height error that it would cause with the calibration's reference image; None where it causes none."""
@@ -87,7 +87,7 @@ def _find_unknown_skin(drift: DriftMeasurement) -> DriftFinding | None:
         return None
     return DriftFinding(
         "another skin",
-        f"the fine structure of the calibrated skin is not there (correlation {skin.likeness:.2f}): this shows another "
+        f"the fine structure of the calibrated skin is not there (correlation {skin.correlation:.2f}): this shows another "
         "sensor, a new gel, or comes from a camera that sits elsewhere; name the right sensor, or calibrate again",
         drift.height_mm,
     )

@@ -130,11 +130,11 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
 
 def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | None:
     """Return how today's image is flipped, or None."""
-    if motion.likeness > HIGH_SIMILARITY and np.hypot(*motion.shift_px) < FAR_PX:
+    if motion.correlation > HIGH_SIMILARITY and np.hypot(*motion.shift_px) < FAR_PX:
         return None
     ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in FLIPS.items()}
-    best = max(ways, key=lambda way: ways[way].likeness)
-    return best if ways[best].is_same_skin and ways[best].likeness > motion.likeness else None
+    best = max(ways, key=lambda way: ways[way].correlation)
+    return best if ways[best].is_same_skin and ways[best].correlation > motion.correlation else None
 
 
 def _measure_brightness_change(known: CalibratedReference, today: BgrImage, motion: SkinMotion) -> BrightnessChange:

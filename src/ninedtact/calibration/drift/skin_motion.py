@@ -40,16 +40,16 @@ class _Registration:
 
     motion: Motion
     error: Motion
-    likeness: float
+    correlation: float
 
 
 def _register_images(earlier: Field, later: Field) -> _Registration:
     """Return the motion from the earlier image to the later one."""
     found = _fit_motion(earlier, later, np.zeros(3))
-    if found.likeness > HIGH_SIMILARITY:
+    if found.correlation > HIGH_SIMILARITY:
         return found
     return max(
-        found, _fit_motion(earlier, later, _phase_correlation_shift(earlier, later)), key=lambda fit: fit.likeness
+        found, _fit_motion(earlier, later, _phase_correlation_shift(earlier, later)), key=lambda fit: fit.correlation
     )
 
 
@@ -153,7 +153,7 @@ class SkinMotion:
     shift_error_px: float
     """Standard error of the shift, of the worse axis."""
     turn_error_deg: float
-    likeness: float
+    correlation: float
     """Correlation of the fine structure, once the motion is undone."""
     contrast: float
     """Standard deviation of the structure in the earlier image, as a fraction of the brightness, corrected for noise."""
@@ -166,7 +166,7 @@ class SkinMotion:
     @property
     def is_same_skin(self) -> bool:
         """Whether the two images show the same skin; only then is the motion meaningful."""
-        return self.observable and self.likeness >= RECOGNISED
+        return self.observable and self.correlation >= RECOGNISED
 
     def undone(self, image: BgrImage) -> BgrImage:
         """Return the later image with the motion undone, borders repeated."""
@@ -193,7 +193,7 @@ def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:
         float(np.rad2deg(turn / half_width)),
         float(found.error[:2].max() * scale),
         float(np.rad2deg(found.error[2] / half_width)),
-        found.likeness,
+        found.correlation,
         _structure_contrast(earlier, later),
     )
 
