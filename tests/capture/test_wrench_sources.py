@@ -58,7 +58,7 @@ def test_every_source_keeps_the_contract(member: str, tmp_path: Path) -> None:
 def test_a_source_ends_as_it_says() -> None:
     with (
         SimulatedForceTorque(small_press_simulation(rounds=1), hz=10.0) as source,
-        pytest.raises(SourceEnded, match="it is over"),
+        pytest.raises(SourceEnded, match="it has ended"),
     ):
         for wrench in source:
             assert np.isfinite(wrench.six).all()
