@@ -23,7 +23,7 @@ from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.depth import DepthReader, Smoothing
 from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
 
 READINGS = ("physics", "physics, fast", "ratio", "table")

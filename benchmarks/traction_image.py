@@ -16,17 +16,17 @@ from traction_skill import bench
 
 from ninedtact.force.traction.inversion import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter_primitives import Cylinder
+from ninedtact.mechanics.indenter_primitives import LyingCylinder
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa
 from ninedtact.simulation.objects.catalogue import generate_object
+from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.rectified_renderer import rectified_renderer
-from ninedtact.simulation.scripted_press import ScriptedPress
 from ninedtact.simulation.sensor_population import sample_sensor
 
 SIZE = (240, 180)
 PRESSES = (
-    (Cylinder(3.0, 8.0), ScriptedPress(load_n=6.0, at_mm=(1.0, 0.5), drag_mm=(0.7, 0.3))),
+    (LyingCylinder(3.0, 8.0), ScriptedPress(load_n=6.0, at_mm=(1.0, 0.5), drag_mm=(0.7, 0.3))),
     (generate_object("star_01"), ScriptedPress(load_n=7.0, at_mm=(-1.0, -0.5), drag_mm=(-0.1, 0.6), twist_rad=0.1)),
 )
 

@@ -19,12 +19,12 @@ from ninedtact.force.traction.forward_model import COMPLIANT_BASE
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
+from ninedtact.mechanics.indenter_primitives import Ball, LyingCylinder
 from ninedtact.quantities import Frame, HeightMap, Rectified
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.sensor_population import (
     MechanicsKind,
     correct_for_mechanics_kind,
@@ -38,7 +38,7 @@ SHAPE, PX_MM = (90, 120), 0.2
 GEL = Gel()
 OBJECTS: tuple[Indenter, ...] = (
     Ball(4.0),
-    Cylinder(3.0, 8.0),
+    LyingCylinder(3.0, 8.0),
     generate_object("star_01"),
     generate_object("pebbles_01"),
 )

@@ -14,7 +14,7 @@ from ninedtact.cli import main
 from ninedtact.force.known_load_scale import STANDARD_GRAVITY
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 
 DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)

@@ -14,7 +14,7 @@ from ninedtact.force.onnx_model import SHIPPED_MODEL, read_force_model
 MAKE_SMALLEST = """
 import sys
 from ninedtact.cli import main
-from ninedtact.workflows.force_model_pipeline import RECIPES, ForceModelRecipe
+from ninedtact.workflows.force_model_from_simulation import RECIPES, ForceModelRecipe
 if __name__ == "__main__":
     RECIPES["small"] = ForceModelRecipe(
         80, 1, 2, 24, 1, held_out="standard", pitch_mm=0.4, validation_pitch_mm=0.4

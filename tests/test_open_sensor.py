@@ -8,7 +8,7 @@ import pytest
 
 import ninedtact
 from ninedtact import SensorFolder
-from ninedtact.recording.errors import SensorUnnamed
+from ninedtact.recording.errors import SensorNotGiven
 
 README = Path(__file__).parents[1] / "README.md"
 
@@ -48,7 +48,7 @@ def test_the_program_of_the_readme_runs_as_printed(
 
 
 def test_a_source_without_a_sensor_is_refused_unless_it_is_a_recording() -> None:
-    with pytest.raises(SensorUnnamed, match="expected --sensor with --source 0"):
+    with pytest.raises(SensorNotGiven, match="expected --sensor with --source 0"):
         ninedtact.open(source="0")
 
 

@@ -9,15 +9,15 @@ import pytest
 import trimesh
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.image_file import read_image
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli import main
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.export import read_height_png
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.press_sequence import ObjectTrajectory
-from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.simulation.press_simulation import ObjectTrajectory
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import default_twin
 

@@ -2,9 +2,9 @@ from ._version import __version__
 from .calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
 from .calibration.save import save_sensor
 from .calibration.sensor_folder import SensorFolder, load_sensor
+from .capture.frame_pacing import LatestFrameSource
 from .capture.frame_source import FIXED_EXPOSURE, CameraSettings, FrameSource, SourceEnded
-from .capture.image_file import read_image
-from .capture.latest_frame import LatestFrameSource
+from .capture.strict_image_reading import read_image
 from .capture.wrench_source import WrenchSource
 from .dataset.reader import load_dataset
 from .design import SensorDesign
@@ -30,15 +30,15 @@ from .reading import Reading
 from .recording.reader import Recording
 from .recording.recorder import record
 from .sensor import Sensor
+from .shape.coloured_height_map import render_height_map
 from .shape.export import export_shape, read_height_png
-from .shape.height_map_image import render_height_map
 from .shape.measures import summarise_shape
 from .shape.orthorectification import orthorectify
 from .shape.relief_image import render_relief
 from .shape.surface import point_cloud, surface_mesh
 from .simulation.objects.catalogue import indenter_from_name
-from .simulation.press_sequence import ObjectTrajectory, PressSimulation
-from .simulation.scripted_press import ScriptedPress
+from .simulation.press_drag_twist import ScriptedPress
+from .simulation.press_simulation import ObjectTrajectory, PressSimulation
 from .simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from .simulation.trajectory import press_trajectory
 from .simulation.twin import Twin, default_twin

@@ -54,7 +54,7 @@ def shore_a_to_shear_modulus_mpa(shore_a: float) -> float:
 
 
 @dataclass(frozen=True)
-class FieldOfView:
+class RectifiedImageSize:
     """The rectified image: its size in pixels, and the raw image for which one pixel there is one pixel here."""
 
     rows: int = 345
@@ -209,7 +209,7 @@ class SensorDesign:
     gel: Gel = Gel()
     sensing_area: SensingArea = SensingArea()
     camera: CameraGeometry = CameraGeometry()
-    field_of_view: FieldOfView = FieldOfView()
+    field_of_view: RectifiedImageSize = RectifiedImageSize()
     pin_board: PinBoard = PinBoard()
     ball: BallGauge = BallGauge()
     force_torque: ForceTorqueMount = ForceTorqueMount()

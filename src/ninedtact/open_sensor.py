@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.recording.errors import SensorUnnamed, SourcesMismatched, require_recording_libraries
+from ninedtact.recording.errors import SensorNotGiven, SourcesMismatched, require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -53,7 +53,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
 
     Raises
     ------
-    SensorFolderDamaged, SourceUnknown, EstimatorUnknown, SensorUnnamed
+    SensorFolderDamaged, SourceUnknown, EstimatorUnknown, SensorNotGiven
         The sensor, the source or the estimator is not usable. Opening the returned sensor raises what its source raises.
 
     Examples
@@ -63,8 +63,8 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
+    from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
-    from ninedtact.capture.latest_frame import LatestFrameSource
     from ninedtact.sensor import Sensor
 
     with load_named_sensor(sensor, source) as folder:
@@ -102,15 +102,15 @@ def source_for(
         from ninedtact.recording.recorded_source import RecordedSource
 
         return RecordedSource(Path(text).expanduser())
-    from ninedtact.capture import source_address
+    from ninedtact.capture import source_from_address
     from ninedtact.capture.frame_source import DEFAULT_CAMERA
 
-    return source_address.source_for(text, settings or DEFAULT_CAMERA)
+    return source_from_address.source_for(text, settings or DEFAULT_CAMERA)
 
 
 def live_source_for(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":
     """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read."""
-    from ninedtact.capture.latest_frame import LivePlayback
+    from ninedtact.capture.frame_pacing import LivePlayback
 
     return LivePlayback(source_for(text, settings))
 
@@ -125,8 +125,8 @@ def is_simulated(text: str) -> bool:
     return text == SIMULATED
 
 
-def require_matching_sources(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
-    """Raise `SourcesMismatched` unless images and forces are both of each kind, or both not."""
+def require_same_source_kind(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
+    """Raise `SourcesMismatched` unless images and forces come both from devices, both from a simulation or both from recordings."""
     if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
         raise SourcesMismatched(
             f"expected --source and --force-torque to be both devices, both {SIMULATED} or both recordings, got '{source}' "
@@ -141,7 +141,7 @@ def load_named_sensor(
     """Load the sensor that is named, or else the one that a recording carries.
 
     A sensor restored from a recording is deleted when the block ends; what was loaded from it stays usable. Raises
-    `SensorUnnamed`, `SensorFolderDamaged`.
+    `SensorNotGiven`, `SensorFolderDamaged`.
     """
     from tempfile import TemporaryDirectory
 
@@ -155,18 +155,18 @@ def load_named_sensor(
         return
     if not isinstance(source, str) or not is_recording(source):
         name = source if isinstance(source, str) else source.name
-        raise SensorUnnamed(
+        raise SensorNotGiven(
             f"expected --sensor with --source {name}, got none; name the folder that 'ninedtact calibrate --out' wrote"
         )
     require_recording_libraries()
-    from ninedtact.recording.reader import restore_sensor_folder
+    from ninedtact.recording.reader import extract_sensor_folder
 
     with TemporaryDirectory(prefix="ninedtact_") as folder:
-        yield load_sensor(restore_sensor_folder(Path(source).expanduser(), Path(folder) / "sensor"))
+        yield load_sensor(extract_sensor_folder(Path(source).expanduser(), Path(folder) / "sensor"))
 
 
 def _read_references(reference: PathLike | Sequence[PathLike]) -> "list[Frame]":
-    from ninedtact.capture.image_file import read_image
+    from ninedtact.capture.strict_image_reading import read_image
     from ninedtact.quantities import Frame
 
     paths = [reference] if isinstance(reference, Path | str) else list(reference)

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ninedtact.calibration.lens_refinement import fit_board_press
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
+from ninedtact.calibration.twin.lens_refinement import fit_board_press
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
@@ -121,6 +121,8 @@ def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypat
         together.rectify(Frame(image)) for image in (together.images.board_reference, together.images.board)
     )
     astray = replace(board.lens, radial=FOLDING)
-    monkeypatch.setattr("ninedtact.calibration.lens_refinement.refine_lens", lambda *_: SimpleNamespace(lens=astray))
+    monkeypatch.setattr(
+        "ninedtact.calibration.twin.lens_refinement.refine_lens", lambda *_: SimpleNamespace(lens=astray)
+    )
     told = fit_board_press(ObservedBoardPress(before, after, board), together.ball.physical.fit)
     assert not told.settled and not told.accepted

@@ -28,7 +28,7 @@ from ninedtact.calibration.certificate.html_page import DEPTH_METHOD_TEXT, LENS_
 from ninedtact.calibration.certificate.plot_board import arrow_magnification
 from ninedtact.calibration.certificate.plot_style import draw_board_not_found, stretch_contrast
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
-from ninedtact.calibration.sensor_record import BallQuality, BoardQuality, Certificate
+from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
 
 HOSTILE = "<script>alert('id')</script> & \"co\""
 GOOD = Certificate(

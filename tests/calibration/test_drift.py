@@ -24,7 +24,7 @@ from ninedtact.calibration.original_9dtact.import_export import import_original_
 from ninedtact.calibration.procedure import CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
-from ninedtact.capture.image_file import ImageSizeWrong, read_image
+from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image
 from ninedtact.cli.check import CheckCommand, NoImageToCheck
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import rectification_of_projection

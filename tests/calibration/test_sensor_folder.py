@@ -16,7 +16,7 @@ from ninedtact.calibration.procedure import Calibration, CalibrationSettings, ca
 from ninedtact.calibration.save import (
     SensorFolderNotReplaceable,
     create_sensor_folder,
-    require_replaceable_folder,
+    require_replaceable_sensor_folder,
     save_sensor,
     to_sensor_toml,
 )
@@ -77,7 +77,7 @@ def test_an_older_format_is_refused_with_the_command_that_calibrates_again(
     command = parse_arguments(arguments)
     assert program == "ninedtact" and isinstance(command, CalibrateCommand)
     assert command.resolved_design == thick and command.id == calibrated_a.record.id
-    require_replaceable_folder(command.out)
+    require_replaceable_sensor_folder(command.out)
     images = command.obtain_images()
     assert all(np.array_equal(vars(images)[name], image) for name, image in vars(calibrated_a.images).items())
 

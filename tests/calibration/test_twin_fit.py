@@ -14,7 +14,7 @@ from ninedtact.calibration.twin.sensor_twin import build_twin
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.indenter_primitives import Ball, Cylinder
+from ninedtact.mechanics.indenter_primitives import Ball, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
@@ -126,7 +126,7 @@ def test_bulges_are_read_and_nothing_is_read_from_nothing(
     fit = fit_ball(rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN)
     before = rectify(Frame(twin.renderer(None, 3)))
     reader = fit.reader(before, rectify.height_source)
-    contact = pressed(twin, Cylinder(3.0, 8.0), Pose(1.0, 0.0, 1.0), (0.5, 0.0))
+    contact = pressed(twin, LyingCylinder(3.0, 8.0), Pose(1.0, 0.0, 1.0), (0.5, 0.0))
     read, true = (
         reader(rectify(Frame(twin.renderer(contact, 5)))).z_mm,
         seen_mm(contact, before.grey.shape, rectify.mm_per_px),
@@ -136,6 +136,6 @@ def test_bulges_are_read_and_nothing_is_read_from_nothing(
 
 
 def test_a_short_roller_is_no_ball(twin: Twin, calibrated_a: Calibration) -> None:
-    contact = pressed(twin, Cylinder(4.0, 5.0), Pose(0.0, 0.0, 1.5))
+    contact = pressed(twin, LyingCylinder(4.0, 5.0), Pose(0.0, 0.0, 1.5))
     with pytest.raises(BallPressUnusable, match="a ball explains"):
         fit_ball(calibrated_a.rectify, twin.renderer(None, 1), twin.renderer(contact, 2), DESIGN)

@@ -32,7 +32,7 @@ from ninedtact.calibration.original_9dtact.import_export import (
 )
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolderDamaged, load_sensor
-from ninedtact.calibration.sensor_record import (
+from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
     DepthTable,
     GridTable,
@@ -40,9 +40,9 @@ from ninedtact.calibration.sensor_record import (
     SensorRecord,
     StoredImage,
 )
-from ninedtact.capture.image_file import read_image
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
-from ninedtact.design import FieldOfView, SensorDesign
+from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.depth import DepthCurve, Smoothing
 
@@ -93,7 +93,7 @@ def test_the_crop_is_the_original_s_whatever_its_size(tmp_path: Path) -> None:
     folder = UpstreamFolder(position_scale=np.array([241.0, 334.0, 0.05])).write(tmp_path / "sensor_2")
     image = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
     for rows, cols in ((345, 460), (280, 381)):
-        design = replace(SensorDesign(), field_of_view=FieldOfView(rows, cols))
+        design = replace(SensorDesign(), field_of_view=RectifiedImageSize(rows, cols))
         sensor = import_original_calibration(tmp_path, tmp_path / "ours", design)
         ours = sensor.rectification(Frame(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))).grey
         np.testing.assert_array_equal(ours, shown_by_original(folder, image, rows, cols))

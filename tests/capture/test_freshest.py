@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hand_fed import HandFed
 
+from ninedtact.capture.frame_pacing import LatestFrameSource, NoRecentFrame
 from ninedtact.capture.frame_source import CameraLost, SourceEnded, SourceNotOpen
 from ninedtact.capture.image_and_video_files import ImageFolder
-from ninedtact.capture.latest_frame import LatestFrameSource, NoRecentFrame
 
 LONG_MS = 20_000.0
 

@@ -9,7 +9,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ninedtact.capture.image_file import ImageSizeWrong, ImageUnreadable, average_images, read_image, require_image_size
+from ninedtact.capture.strict_image_reading import (
+    ImageSizeWrong,
+    ImageUnreadable,
+    average_images,
+    read_image,
+    require_image_size,
+)
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 SMOOTH = cv2.GaussianBlur(IMAGE, (0, 0), 4)

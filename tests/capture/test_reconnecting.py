@@ -8,8 +8,8 @@ import pytest
 from bench_camera import BenchCamera
 from mjpeg_camera import MjpegCamera
 
+from ninedtact.capture.frame_pacing import LatestFrameSource, NoRecentFrame
 from ninedtact.capture.frame_source import CameraLost, FrameSource
-from ninedtact.capture.latest_frame import LatestFrameSource, NoRecentFrame
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.uvc_camera import UvcCamera

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.capture.sampling_rule import SamplingRule, SamplingRuleInvalid, SamplingRuleSettings
+from ninedtact.capture.training_pair_rule import SamplingRule, SamplingRuleInvalid, SamplingRuleSettings
 from ninedtact.quantities import Wrench
 
 

@@ -13,6 +13,7 @@ import pytest
 from bench_camera import BenchCamera, BenchPi
 from mjpeg_camera import MjpegCamera
 
+from ninedtact.capture.frame_pacing import LatestFrameSource, LivePlayback
 from ninedtact.capture.frame_source import (
     CameraLost,
     CameraNotFound,
@@ -22,12 +23,11 @@ from ninedtact.capture.frame_source import (
     SourceUnknown,
 )
 from ninedtact.capture.image_and_video_files import ImageFolder, VideoFile
-from ninedtact.capture.image_file import ImageSizeWrong, ImageUnreadable
-from ninedtact.capture.latest_frame import LatestFrameSource, LivePlayback
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
-from ninedtact.capture.source_address import source_for
+from ninedtact.capture.source_from_address import source_for
+from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.quantities import Frame
 from ninedtact.recording.metadata import RecordingMetadata

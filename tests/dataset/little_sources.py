@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ninedtact.force.deformation import encode_mixed_image
+from ninedtact.force.brightness_channels import encode_mixed_image
 from ninedtact.quantities import Deformation
 
 ROWS, COLS = 36, 48

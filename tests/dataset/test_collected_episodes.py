@@ -10,12 +10,12 @@ from little_sources import touched, untouched
 
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.calibration.sensor_record import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
+from ninedtact.calibration.sensor_toml_schema import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
 from ninedtact.dataset.build import BuildResult, build_dataset
 from ninedtact.dataset.quality_report import NoUsablePairs
 from ninedtact.dataset.sources.find_sources import find_sources
 from ninedtact.dataset.sources.source import SourceConventions
-from ninedtact.design import FieldOfView, SensorDesign
+from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
@@ -37,7 +37,7 @@ def sensor(tmp_path: Path) -> SensorFolder:
         id="little",
         created=datetime(2026, 1, 1, tzinfo=UTC),
         software="test",
-        design=SensorDesign(field_of_view=FieldOfView(30, 40, 64)),
+        design=SensorDesign(field_of_view=RectifiedImageSize(30, 40, 64)),
         grid=GridTable(MM_PER_PX, *RAW, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
         lens=LensModelTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
         depth=DepthTable("ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.5), (0.0, 2.0), (0.0, 0.01))),

@@ -17,7 +17,7 @@ import tyro
 from ninedtact.cli.simulate.dataset import SimulateDatasetCommand
 from ninedtact.dataset.folder import DatasetFolderTaken
 from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset
-from ninedtact.dataset.generation.press_trajectory import DatasetPress, PressSettings, PressTarget
+from ninedtact.dataset.generation.press_trajectory import PressSettings, PressTarget, SimulatedPressTrajectory
 from ninedtact.dataset.generation.session import make_setup
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
 from ninedtact.dataset.parquet_files import WorkersImpossible
@@ -25,7 +25,7 @@ from ninedtact.dataset.schema import arrow_schema
 from ninedtact.dataset.statistics import REAL_PERCENTILES, move_to_force_sensor, percentile_errors, wrench_percentiles
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.simulation.batched.requests import run_on_processor
+from ninedtact.simulation.batched.session_requests import run_on_processor
 from ninedtact.simulation.objects.catalogue import UnknownObject
 from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor, sampled_sensor_from_json
 
@@ -237,7 +237,7 @@ def test_hopeless_hands_give_up(tmp_path: Path) -> None:
 
 def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
     for kinds in (MechanicsShares(0, 0), MechanicsShares(1, 0), MechanicsShares(0, 1)):
-        touch = DatasetPress(
+        touch = SimulatedPressTrajectory(
             make_setup(6, replace(SMALL, pitch_mm=0.3, mechanics=kinds)),
             Ball(),
             PressSettings(),
@@ -253,7 +253,7 @@ def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
 def test_a_hand_stops_before_the_base() -> None:
     sensor = make_setup(6, replace(SMALL, pitch_mm=0.3, mechanics=MechanicsShares(0, 0)))
     felt = run_on_processor(
-        DatasetPress(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD)
+        SimulatedPressTrajectory(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD)
     )
     assert felt is not None
     assert 0.6 < -felt.corrected.height_mm.min() / sensor.member.gel.thickness_mm < 0.76

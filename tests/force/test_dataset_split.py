@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from ninedtact.force.dataset_split import (
     DatasetSplit,
     PairLabels,
+    SplitFileUnusable,
     SplitImpossible,
     SplitSettings,
-    SplitUnfit,
     read_split,
     split_dataset,
     write_split,
@@ -156,10 +156,10 @@ def test_a_split_is_read_as_it_was_written(tmp_path: Path, kind) -> None:
 def test_a_split_of_other_data_is_refused_and_says_what_differs() -> None:
     found = DatasetSplit(SplitSettings(), ("a", "b"), ("c",))
     with pytest.raises(
-        SplitUnfit, match=r"got 1 \(such as 'x'\) that it does not know, 1 \(such as 'b'\) of its own missing"
+        SplitFileUnusable, match=r"got 1 \(such as 'x'\) that it does not know, 1 \(such as 'b'\) of its own missing"
     ):
         found.rows(["a", "c", "x"])
-    with pytest.raises(SplitUnfit, match="1 ids repeated"):
+    with pytest.raises(SplitFileUnusable, match="1 ids repeated"):
         found.rows(["a", "b", "c", "c"])
 
 
@@ -180,7 +180,7 @@ def test_a_damaged_split_is_refused(tmp_path: Path, change: Callable[[dict], obj
     table = json.loads(path.read_text())
     change(table)
     path.write_text(json.dumps(table))
-    with pytest.raises(SplitUnfit, match=r"expected a split in .*, got.*split again"):
+    with pytest.raises(SplitFileUnusable, match=r"expected a split in .*, got.*split again"):
         read_split(path)
 
 
@@ -188,5 +188,5 @@ def test_a_damaged_split_is_refused(tmp_path: Path, change: Callable[[dict], obj
 def test_no_content_makes_reading_fail_otherwise(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     path = tmp_path_factory.getbasetemp() / "any.json"
     path.write_bytes(content)
-    with pytest.raises(SplitUnfit):
+    with pytest.raises(SplitFileUnusable):
         read_split(path)

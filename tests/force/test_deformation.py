@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from ninedtact.force.deformation import (
+from ninedtact.force.brightness_channels import (
     ChannelLayout,
     DeformationReader,
     ImagesDoNotMatch,
@@ -16,7 +16,7 @@ from ninedtact.force.deformation import (
     encode_mixed_image,
     rectified_from_stored_image,
     render_deformation,
-    split_brightness_change,
+    split_darker_brighter,
     stack_deformation_channels,
 )
 from ninedtact.quantities import Rectified
@@ -77,9 +77,9 @@ def test_colours_become_the_grey_that_the_original_takes() -> None:
 @pytest.mark.parametrize("library", [np.asarray, torch.from_numpy])
 def test_a_darkening_of_a_hundred_levels_is_one_even_between_bytes(library) -> None:
     image, reference = library(np.full((1, 2, 2), 60, np.uint8)), library(np.full((1, 2, 2), 160, np.uint8))
-    darker, brighter = split_brightness_change(image, reference)
+    darker, brighter = split_darker_brighter(image, reference)
     assert (darker == 100).all() and (brighter == 0).all()
-    assert (split_brightness_change(reference, image)[1] == 100).all()
+    assert (split_darker_brighter(reference, image)[1] == 100).all()
 
 
 @pytest.mark.parametrize("layout", ChannelLayout)
@@ -89,7 +89,7 @@ def test_a_batch_in_torch_is_what_one_live_image_is(layout: ChannelLayout) -> No
         deformation_channels(compute_image_deformation(Rectified(grey, 0.0522), reference), layout) for grey in images
     ]
     untouched = torch.from_numpy(reference.grey).expand(2, -1, -1)
-    batch = stack_deformation_channels(*split_brightness_change(torch.from_numpy(images), untouched), untouched, layout)
+    batch = stack_deformation_channels(*split_darker_brighter(torch.from_numpy(images), untouched), untouched, layout)
     assert batch.dtype == torch.float32 and batch.shape == (2, 3, 345, 460)
     assert (batch.numpy() == np.stack(live)).all()
 

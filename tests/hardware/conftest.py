@@ -1,16 +1,16 @@
 import pytest
 
-from ninedtact.hardware.derived_design import DerivedDesign
+from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import default_hardware_design, original_hardware_design
 
 
 @pytest.fixture(scope="session")
-def original() -> DerivedDesign:
+def original() -> CompleteDesign:
     """The original's dimensions, built once."""
-    return DerivedDesign(original_hardware_design())
+    return CompleteDesign(original_hardware_design())
 
 
 @pytest.fixture(scope="session")
-def default() -> DerivedDesign:
+def default() -> CompleteDesign:
     """Ours."""
-    return DerivedDesign(default_hardware_design())
+    return CompleteDesign(default_hardware_design())

@@ -20,10 +20,10 @@ from ninedtact.cli import main
 from ninedtact.cli.hardware import format_export_warnings
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.hardware.assembly_images import explosion_scale
-from ninedtact.hardware.derived_design import DerivedDesign
+from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.export.laser_cutting import part_to_dxf
-from ninedtact.hardware.export.parts_folder import ExportFolderRefused, require_replaceable_folder
+from ninedtact.hardware.export.parts_folder import ExportFolderRefused, require_replaceable_parts_folder
 from ninedtact.hardware.export.solid_files import STL_HEADER_BYTES, STL_RECORD, part_to_step, part_to_stl
 from ninedtact.hardware.materials import WHITE_NYLON
 from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
@@ -67,7 +67,7 @@ def test_everything_is_there(folder: Path) -> None:
     assert any(name.startswith("led_board/") and name.endswith(".zip") for name in found)
 
 
-def test_step_read_back_equals_the_model(folder: Path, default: DerivedDesign) -> None:
+def test_step_read_back_equals_the_model(folder: Path, default: CompleteDesign) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
     assert len(import_step(folder / "assembly" / "sensor.step").solids()) == 21
     for name, told in manifest["parts"].items():
@@ -80,7 +80,7 @@ def test_step_read_back_equals_the_model(folder: Path, default: DerivedDesign) -
 
 
 @pytest.mark.parametrize("name", NET_AREA_MM2)
-def test_dxf_is_closed_at_scale_and_without_duplicates(original: DerivedDesign, tmp_path: Path, name: str) -> None:
+def test_dxf_is_closed_at_scale_and_without_duplicates(original: CompleteDesign, tmp_path: Path, name: str) -> None:
     path = tmp_path / "part.dxf"
     path.write_bytes(part_to_dxf(original.parts[name].solid))
     drawing = ezdxf.readfile(path)
@@ -96,7 +96,7 @@ def test_dxf_is_closed_at_scale_and_without_duplicates(original: DerivedDesign, 
 
 
 def test_a_design_that_should_not_be_made_is_not_announced_as_one(
-    original: DerivedDesign, default: DerivedDesign
+    original: CompleteDesign, default: CompleteDesign
 ) -> None:
     said = "\n".join(format_export_warnings(original.to_json_dict()))
     assert "DO NOT ORDER led_board/" in said and "sensor_base and camera" in said
@@ -172,7 +172,7 @@ def enclosed_mm2(entity: ezdxf.entities.DXFGraphic) -> float:
     return abs(area)
 
 
-def test_the_same_design_gives_the_same_bytes(default: DerivedDesign, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_design_gives_the_same_bytes(default: CompleteDesign, monkeypatch: pytest.MonkeyPatch) -> None:
     part = default.parts["first_mould"]
     once, types_in_use = part_to_dxf(part.solid), EntityDB.dxf_types_in_use
     # A set: its order is another in every process.
@@ -194,7 +194,7 @@ def test_drawings_and_images_open(folder: Path) -> None:
         assert text in base
 
 
-def test_larger_sensors_are_pulled_apart_further(default: DerivedDesign) -> None:
+def test_larger_sensors_are_pulled_apart_further(default: CompleteDesign) -> None:
     assert explosion_scale(default.bodies) == pytest.approx(1.0, abs=1e-6)
     wide = build_sensor_shell(default_hardware_design(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
     assert explosion_scale([AssemblyBody("sensor_shell", wide, WHITE_NYLON)]) > 2
@@ -227,11 +227,11 @@ def test_a_link_of_ones_own_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "projects").symlink_to(tmp_path, target_is_directory=True)
     with pytest.raises(ExportFolderRefused, match="projects"):
-        require_replaceable_folder(tmp_path / "parts")
+        require_replaceable_parts_folder(tmp_path / "parts")
 
 
 def test_an_older_export_may_be_replaced_and_leaves_nothing_behind(folder: Path) -> None:
-    require_replaceable_folder(folder)
+    require_replaceable_parts_folder(folder)
     assert not list(folder.parent.glob(".*partial"))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from ninedtact.cli import main
 from ninedtact.cli.hardware import format_bill_of_materials
-from ninedtact.hardware.derived_design import DerivedDesign
+from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import read_hardware_design
 from ninedtact.hardware.guide.fabrication_guide import format_guide
 
@@ -37,7 +37,7 @@ def test_check_names_the_broken_rule(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "(rule wall_too_thin)" in capsys.readouterr().err and not (tmp_path / "parts").exists()
 
 
-def test_bom(default: DerivedDesign, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bom(default: CompleteDesign, capsys: pytest.CaptureFixture[str]) -> None:
     code, found = told(capsys, "bom")
     assert code == 0 and found["sensor_usd_estimated"] == pytest.approx(
         sum(item["count"] * item["each_usd"] for item in found["items"] if item["kind"] == "sensor")
@@ -86,7 +86,7 @@ def test_explore_refuses_in_one_sentence(arguments: list[str], words: str, capsy
     assert said.count("\n") == 1 and "expected" in said and words in said
 
 
-def test_the_guide_in_the_docs_is_that_of_the_default(default: DerivedDesign) -> None:
+def test_the_guide_in_the_docs_is_that_of_the_default(default: CompleteDesign) -> None:
     """`ninedtact hardware guide --out docs` makes it again."""
     text = format_guide(default)
     assert (DOCS / "fabrication.md").read_text(encoding="utf-8") == text

@@ -12,7 +12,7 @@ from gels import BALL, DOUBLE, GEL, model
 from ninedtact.mechanics import shrinking_batch
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter_primitives import Cone, Cylinder
+from ninedtact.mechanics.indenter_primitives import Cone, LyingCylinder
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import gel_skin
@@ -141,6 +141,6 @@ def test_windows_of_their_own_in_one_batch_answer_as_each_alone() -> None:
 def test_tilted_undersides_do_not_depend_on_how_far_others_are_tilted() -> None:
     x, y = GRID.positions_mm
     poses = [Pose(twist_rad=0.3, tilt_x_rad=0.02), Pose(depth_mm=0.4, tilt_y_rad=-0.5), Pose(1.0, tilt_x_rad=0.2)]
-    for indenter in (Cone(), Cylinder()):
+    for indenter in (Cone(), LyingCylinder()):
         together = indenter.height_over_skin_mm(Pose.stack(poses), x, y)
         np.testing.assert_array_equal(together, [indenter.height_over_skin_mm(pose, x, y) for pose in poses])

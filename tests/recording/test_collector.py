@@ -10,7 +10,7 @@ import pytest
 from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
 
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
-from ninedtact.capture.sampling_rule import SamplingRuleSettings
+from ninedtact.capture.training_pair_rule import SamplingRuleSettings
 from ninedtact.cli.collect import handle_keys
 from ninedtact.cli.collect_screen import CollectScreen, histogram_lines, progress_line
 from ninedtact.cli.option_parser import CollectOptions

@@ -20,12 +20,12 @@ from twin_folder import twin_folder
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
+from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource
-from ninedtact.capture.latest_frame import LatestFrameSource
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader, progress_line
-from ninedtact.cli.terminal import stop_on_signal
+from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import live_source_for, load_named_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate

@@ -8,7 +8,7 @@ import cv2
 
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
-from ninedtact.calibration.sensor_record import (
+from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
     DepthTable,
     GridTable,

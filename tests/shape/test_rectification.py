@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from ninedtact.design import FieldOfView
+from ninedtact.design import RectifiedImageSize
 from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.lens import LensModel, PointNotSeen, central_mm_per_px
 from ninedtact.shape.rectification import Rectification, WrongImageSize, rectification_of_projection
@@ -21,7 +21,9 @@ RAW = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
 
 
 def made(rows: int = 345, cols: int = 460, mm_per_px: float = SCALE) -> Rectification:
-    return rectification_of_projection(LENS, FieldOfView(rows, cols), mm_per_px, (480, 640), (-12.5, 12.5, -10.0, 10.0))
+    return rectification_of_projection(
+        LENS, RectifiedImageSize(rows, cols), mm_per_px, (480, 640), (-12.5, 12.5, -10.0, 10.0)
+    )
 
 
 @pytest.mark.parametrize("shape", [(345, 460), (344, 459), (121, 160)])
@@ -47,7 +49,9 @@ def test_what_lies_outside_the_image_is_said() -> None:
     )
     assert (
         HeightSource.EXTRAPOLATED
-        in rectification_of_projection(LENS, FieldOfView(), SCALE, (480, 640), (-5.0, 5.0, -5.0, 5.0)).height_source
+        in rectification_of_projection(
+            LENS, RectifiedImageSize(), SCALE, (480, 640), (-5.0, 5.0, -5.0, 5.0)
+        ).height_source
     )
 
 

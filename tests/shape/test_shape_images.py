@@ -9,9 +9,9 @@ import pytest
 from skins import ball_print, skin, with_hole
 
 from ninedtact.quantities import HeightSource
-from ninedtact.shape.height_map_image import ColourScale, colourise_heights, render_height_map, round_up_to_1_2_5
+from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights, render_height_map, round_up_to_1_2_5
 from ninedtact.shape.relief_image import render_relief
-from ninedtact.shape.relief_renderer import Block, trace_sightlines, viewpoint_of
+from ninedtact.shape.relief_renderer import Block, fit_viewpoint_to_corners, trace_sightlines
 
 
 def extrapolated_bottom(height):
@@ -52,7 +52,7 @@ def test_every_height_map_gives_a_image(draw, height):
 
 def test_sight_meets_the_skin_where_the_viewpoint_projects_it():
     block = Block(ball_print(61, 80).z_mm, 0.051, -3.0)
-    view = viewpoint_of(block.corners, (10.0, 10.0), (290.0, 190.0))
+    view = fit_viewpoint_to_corners(block.corners, (10.0, 10.0), (290.0, 190.0))
     seen = trace_sightlines(block, view, 200, 300)
     row, col = np.argwhere(seen.on_skin)[::97].T
     x, y = block.low[0] + seen.col * 0.051, block.low[1] + seen.row * 0.051
@@ -63,7 +63,7 @@ def test_sight_meets_the_skin_where_the_viewpoint_projects_it():
 
 def test_a_viewpoint_shows_the_whole_block():
     corners = Block(ball_print(61, 80).z_mm, 0.051, -3.0).corners.astype(float)
-    x, y = viewpoint_of(corners, (10.0, 20.0), (290.0, 190.0)).project(corners).T
+    x, y = fit_viewpoint_to_corners(corners, (10.0, 20.0), (290.0, 190.0)).project(corners).T
     assert 10 - 1e-6 <= x.min() < x.max() <= 290 + 1e-6
     assert 20 - 1e-6 <= y.min() < y.max() <= 190 + 1e-6
 
@@ -74,5 +74,5 @@ def test_round_numbers(at_least, expected):
 
 
 def test_importing_the_images_does_not_import_matplotlib():
-    check = "import sys, ninedtact.shape.height_map_image, ninedtact.shape.relief_image; sys.exit('matplotlib' in sys.modules)"
+    check = "import sys, ninedtact.shape.coloured_height_map, ninedtact.shape.relief_image; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

@@ -28,7 +28,7 @@ from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched import device as devices
 from ninedtact.simulation.batched.device import Device, DeviceMissing, find_device
 from ninedtact.simulation.batched.executor import BatchExecutor
-from ninedtact.simulation.batched.requests import ContactSummary, RenderRequest, StepRequest
+from ninedtact.simulation.batched.session_requests import ContactSummary, RenderRequest, StepRequest
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.sensor_population import MechanicsShares
 from ninedtact.simulation.twin import PoseOutOfView

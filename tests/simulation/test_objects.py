@@ -14,22 +14,22 @@ import trimesh
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, Indenter, TiltTooSteep
-from ninedtact.mechanics.indenter_primitives import Ball, Cone, Cylinder, Ellipsoid, FlatPunch
+from ninedtact.mechanics.indenter_primitives import Ball, Cone, Ellipsoid, FlatPunch, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.objects.catalogue import (
     FAMILIES,
     OBJECT_GRID,
     PAPER_COUNT,
-    MeshNotClosed,
+    MeshNotClosedWarning,
     generate_object,
     generate_objects,
     generated_object_names,
     indenter_from_name,
 )
-from ninedtact.simulation.objects.height_grid import DimensionSampler
+from ninedtact.simulation.objects.grid_and_dimension_sampler import DimensionSampler
 from ninedtact.simulation.objects.mesh_objects import KEPT_MM, MeshPlacement, MeshUnusable, load_mesh_object
 
-CLOSED_FORMS = [Ball(3.0), Ellipsoid(), Cylinder(), Cone(), FlatPunch()]
+CLOSED_FORMS = [Ball(3.0), Ellipsoid(), LyingCylinder(), Cone(), FlatPunch()]
 MEMBERS: dict[str, Indenter] = {
     **{indenter.name: indenter for indenter in CLOSED_FORMS},
     **{family: generate_object(f"{family}_01") for family in FAMILIES},
@@ -196,7 +196,7 @@ def test_holes_and_crops_are_told(folder: Path) -> None:
     opened = load_mesh_object(folder / "open.stl", MeshPlacement(side="+z"))
     assert not opened.closed and load_mesh_object(folder / "ball.stl").closed
     assert opened.relief.underside_mm(np.zeros((1, 1)), np.zeros((1, 1))) == pytest.approx(7, abs=0.05), "its inside"
-    with pytest.warns(MeshNotClosed, match="not closed"):
+    with pytest.warns(MeshNotClosedWarning, match="not closed"):
         indenter_from_name(str(folder / "open.stl"))
     wide = load_mesh_object(folder / "wide.stl")
     assert (
@@ -227,7 +227,7 @@ def test_bad_meshes_are_refused_in_one_sentence(folder: Path, name: str, said: s
 
 
 def test_solids_by_name_and_a_list_of_what_is_accepted() -> None:
-    assert indenter_from_name("ball:4") == Ball(4.0) and indenter_from_name("cylinder:3,12") == Cylinder(3.0, 12.0)
+    assert indenter_from_name("ball:4") == Ball(4.0) and indenter_from_name("cylinder:3,12") == LyingCylinder(3.0, 12.0)
     assert indenter_from_name("cone:30") == Cone(np.radians(30))
     for text in ("gaer_07", "", "gear", "gear_00", "ball:-1", "ball:1,2", "ball:x", "part.step", "thingi10k:many"):
         with pytest.raises(NinedtactError, match=r"expected .*gear_07|expected ball:RADIUS"):

@@ -17,7 +17,7 @@ from ninedtact.simulation.ground_truth import (
     true_pressure_map_mpa,
     true_shear_map_mpa,
 )
-from ninedtact.simulation.scripted_press import InvalidPress, ScriptedPress
+from ninedtact.simulation.press_drag_twist import InvalidPress, ScriptedPress
 from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 
 

@@ -9,12 +9,12 @@ from small_press_simulation import PRESSED, TWIN, small_press_simulation
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.press_sequence import (
+from ninedtact.simulation.press_simulation import (
     KEPT_CONTACTS,
-    EmptyPressSimulation,
     ObjectTrajectory,
     PressSimulation,
-    SimulationStepExpired,
+    PressSimulationWithoutObjects,
+    SimulationStepNoLongerStored,
 )
 from ninedtact.simulation.trajectory import (
     InvalidTrajectory,
@@ -42,7 +42,7 @@ def test_many_threads_see_the_same() -> None:
 def test_what_is_long_ago_is_refused_and_not_made_up() -> None:
     stage = small_press_simulation(hz=30.0)
     stage.contact(KEPT_CONTACTS + 3)
-    with pytest.raises(SimulationStepExpired, match=r"from 4 on, got 3, .* open all sources together"):
+    with pytest.raises(SimulationStepNoLongerStored, match=r"from 4 on, got 3, .* open all sources together"):
         stage.contact(3)
     assert np.isfinite(stage.wrench_six_at(0.0)).all()  # wrenches are small and are kept for longer
 
@@ -72,7 +72,7 @@ def test_rounds_end() -> None:
     with pytest.raises(SourceEnded, match="expected a time within the 2 rounds"):
         stage.require_time(2 * stage.round_s)
     for acts in ([], [ObjectTrajectory(Ball(4.0), Trajectory(Pose(), ()))]):
-        with pytest.raises(EmptyPressSimulation, match="add a trajectory"):
+        with pytest.raises(PressSimulationWithoutObjects, match="add a trajectory"):
             PressSimulation(TWIN, acts)
 
 

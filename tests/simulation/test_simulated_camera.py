@@ -12,8 +12,8 @@ from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.pixel_map import WideAngleLens
+from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.renderer import CameraNoise, Renderer
-from ninedtact.simulation.scripted_press import ScriptedPress
 from ninedtact.simulation.simulated_sources import NO_FORCE_TORQUE_ERRORS, SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.twin import default_twin
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.calibration.sensor_record import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
+from ninedtact.calibration.sensor_toml_schema import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
+from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
-from ninedtact.capture.latest_frame import LatestFrameSource
-from ninedtact.design import FieldOfView, SensorDesign
+from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.shape.depth import DepthCurve, Smoothing
@@ -27,7 +27,7 @@ RECORDED = SensorRecord(
     id="small",
     created=datetime(2026, 1, 1, tzinfo=UTC),
     software="test",
-    design=SensorDesign(field_of_view=FieldOfView(30, 40, 64)),
+    design=SensorDesign(field_of_view=RectifiedImageSize(30, 40, 64)),
     grid=GridTable(MM_PER_PX, *RAW_SHAPE, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
     lens=LensModelTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
     depth=DepthTable("ratio", noise_mm=0.001, smoothing=Smoothing(), curve=CURVE),

@@ -10,8 +10,8 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.page import PortRefused, SensorPage, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.displayed_reading import PageController
+from ninedtact.studio.page_and_server import PagePortRefused, SensorPage, page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 
@@ -67,7 +67,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
 def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as other,
-        pytest.raises(PortRefused, match=r"free for the page, got it in use .*choose another with --port"),
+        pytest.raises(PagePortRefused, match=r"free for the page, got it in use .*choose another with --port"),
         page_server("127.0.0.1", other.getsockname()[1]),
     ):
         pass
@@ -75,5 +75,5 @@ def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
 
 @pytest.mark.parametrize(("host", "port"), [("no.such.host.invalid", 0), ("127.0.0.1", 70_000), ("127.0.0.1", -1)])
 def test_a_place_that_does_not_exist_is_refused(host: str, port: int) -> None:
-    with pytest.raises(PortRefused, match=r"expected port .*, got .*; choose another"), page_server(host, port):
+    with pytest.raises(PagePortRefused, match=r"expected port .*, got .*; choose another"), page_server(host, port):
         pass

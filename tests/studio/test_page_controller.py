@@ -8,9 +8,9 @@ import pytest
 from small_sensor import SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.frame_source import CameraLost
-from ninedtact.capture.image_file import read_image
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
-from ninedtact.studio.page_controller import DisplayOptions, NothingToSave, PageController, PageReport
+from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.studio.displayed_reading import DisplayOptions, NothingToSave, PageController, PageReport
 from ninedtact.studio.reading_view import ReadingView
 from ninedtact.studio.sensor_poller import SensorPoller
 

@@ -5,7 +5,7 @@ import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane, skin, with_hole
 
 from ninedtact.design import Gel
-from ninedtact.shape.height_map_image import ColourScale, colourise_heights
+from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, session_colour_scale, skin_surface
 from ninedtact.studio.scene_3d import gel_block_under_skin
 

@@ -14,9 +14,9 @@ from ninedtact.capture.image_and_video_files import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
-from ninedtact.studio.page_controller import sensor_status
-from ninedtact.studio.page_sources import RepeatingSource
-from ninedtact.studio.sensor_poller import RecordingTooShort, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.displayed_reading import sensor_status
+from ninedtact.studio.looped_recording_and_estimates import RepeatingSource
+from ninedtact.studio.sensor_poller import ReferenceRecordingTooShort, SensorPhase, SensorPoller, SensorSnapshot
 
 
 def now_in(loop: SensorPoller) -> SensorSnapshot:
@@ -121,7 +121,7 @@ def test_a_recording_can_go_on_and_on(tmp_path: Path) -> None:
 def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> None:
     with SensorPoller(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
         wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
-        assert isinstance(now_in(loop).trouble, RecordingTooShort)
+        assert isinstance(now_in(loop).trouble, ReferenceRecordingTooShort)
         assert "begin with 3 reference images (no contact) and then to continue, got 1 images" in sentence(loop)
 
 

@@ -16,9 +16,9 @@ from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
 from ninedtact.cli.live import page_sources_of_twin
 from ninedtact.quantities import Wrench
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME, demo_sources
-from ninedtact.studio.page import SensorPage, page_server
+from ninedtact.studio.displayed_reading import PageController
+from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_cards import wrench_html
-from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 from ninedtact.studio.wrench_poller import WrenchPoller

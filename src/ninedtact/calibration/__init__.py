@@ -8,9 +8,8 @@ In: reference images without contact, one press of the pin board, one press of t
 procedure.py         calibrate(), the whole from top to bottom; repeat_calibration() from a folder's own images
 board/               pins detected and located, the lens fitted, the paper's method for comparison
 ball/                the contact circle, the depth curve by physics or by the disc's geometry
-twin/                contact mechanics and light, fitted to the presses
-lens_refinement.py   lens and depth of the board's imprints, refined with the twin
-sensor_record.py     the schema of sensor.toml; sensor_folder.py reads the folder, save.py writes it
+twin/                contact mechanics and light, fitted to the presses; the lens refined with them
+sensor_toml_schema.py  the schema of sensor.toml; sensor_folder.py reads the folder, save.py writes it
 certificate/         checks, plots and the page that a person reads
 guidance.py          advice to a person who calibrates with a camera
 drift/               today's reference image against the calibrated one

@@ -45,7 +45,7 @@ PATIENCE = 4
 
 
 @dataclass(frozen=True)
-class CaptureAdvice:
+class CalibrationStepAdvice:
     """Advice about the latest image, and the image to keep once the step is done."""
 
     sentence: str
@@ -76,7 +76,7 @@ def _has_moved(before: BgrImage, after: BgrImage) -> bool:
     return bool(np.abs(smooth_gaussian(to_grey_float(after) - to_grey_float(before), 3.0)).max() > STILL_LEVELS)
 
 
-ImageWatcher = Callable[[BgrImage], CaptureAdvice]
+ImageWatcher = Callable[[BgrImage], CalibrationStepAdvice]
 
 
 @dataclass(frozen=True)
@@ -113,15 +113,15 @@ def _watch_reference(like: BgrImage | None) -> ImageWatcher:
     """Return a watcher for still, well-lit skin that resembles `like`, where given."""
     still = _StillFrameAverager()
 
-    def watch(image: BgrImage) -> CaptureAdvice:
+    def watch(image: BgrImage) -> CalibrationStepAdvice:
         hint = _exposure_advice(image)
         if hint:
-            return CaptureAdvice(hint)
+            return CalibrationStepAdvice(hint)
         if like is not None and (change := _max_brightness_change(like, image)) > 2 * TOUCHED_LEVELS:
             still.images.clear()
-            return CaptureAdvice(f"something still touches the skin ({change:.0f} grey levels); wait")
+            return CalibrationStepAdvice(f"something still touches the skin ({change:.0f} grey levels); wait")
         mean = still.add(image)
-        return CaptureAdvice(
+        return CalibrationStepAdvice(
             "reference image taken" if mean is not None else f"hold still {len(still)}/{AVERAGED}", mean
         )
 
@@ -155,19 +155,19 @@ class _BoardPressWatcher:
     patience: int = PATIENCE
     count: str = ""
 
-    def __call__(self, image: BgrImage) -> CaptureAdvice:
+    def __call__(self, image: BgrImage) -> CalibrationStepAdvice:
         """Evaluate one image."""
         if _max_brightness_change(self.reference, image) < TOUCHED_LEVELS:
             self.still.images.clear()
-            return CaptureAdvice("nothing touches the skin yet")
+            return CalibrationStepAdvice("nothing touches the skin yet")
         mean = self.still.add(image)
         return (
-            CaptureAdvice(f"{self.count}hold still {len(self.still)}/{AVERAGED}")
+            CalibrationStepAdvice(f"{self.count}hold still {len(self.still)}/{AVERAGED}")
             if mean is None
             else self._judge_press(mean)
         )
 
-    def _judge_press(self, mean: BgrImage) -> CaptureAdvice:
+    def _judge_press(self, mean: BgrImage) -> CalibrationStepAdvice:
         """Return the advice about a still press, and the image where it is good enough."""
         expected = self.design.pin_board.count
         try:
@@ -175,15 +175,17 @@ class _BoardPressWatcher:
         except BoardNotFound as refusal:
             self.still.images.clear()
             self.count = f"pins {refusal.found} of {expected}: press harder and hold the board flat; "
-            return CaptureAdvice(self.count)
+            return CalibrationStepAdvice(self.count)
         found, contrast = int(fit.found.sum()), float(np.median(fit.contrast))
         self.patience -= 1
         if found < expected and self.patience > 0:
             self.still.images.clear()
             self.count = f"pins {found} of {expected}: press harder at {fit.missing_pins[0]}; "
-            return CaptureAdvice(self.count)
+            return CalibrationStepAdvice(self.count)
         focus = "" if contrast > 10 * fit.noise else "; faint: press harder next time, check the focus"
-        return CaptureAdvice(f"board taken: {found} of {expected} pins, {contrast:.0f} grey levels deep{focus}", mean)
+        return CalibrationStepAdvice(
+            f"board taken: {found} of {expected} pins, {contrast:.0f} grey levels deep{focus}", mean
+        )
 
 
 @dataclass
@@ -196,7 +198,7 @@ class _BallPressWatcher:
     still: _StillFrameAverager = field(default_factory=_StillFrameAverager)
     patience: int = PATIENCE
 
-    def __call__(self, image: BgrImage) -> CaptureAdvice:
+    def __call__(self, image: BgrImage) -> CalibrationStepAdvice:
         """Evaluate one image."""
         try:
             circle = find_contact_circle(
@@ -204,14 +206,16 @@ class _BallPressWatcher:
             )
         except BallPressUnusable as refusal:
             self.still.images.clear()
-            return CaptureAdvice(str(refusal).partition(", got ")[2])
+            return CalibrationStepAdvice(str(refusal).partition(", got ")[2])
         radius_mm = min(circle.radius_px * self.rectify.mm_per_px, self.design.ball.radius_mm)
         depth_mm = spherical_cap_height_mm(self.design.ball.radius_mm, radius_mm)
         wish = _ball_press_advice(depth_mm, circle.asymmetry)
         mean = self.still.add(image)
         if mean is None or (wish and self.waits()):
-            return CaptureAdvice(f"{depth_mm:.2f} mm deep, {wish or f'hold still {len(self.still)}/{AVERAGED}'}")
-        return CaptureAdvice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
+            return CalibrationStepAdvice(
+                f"{depth_mm:.2f} mm deep, {wish or f'hold still {len(self.still)}/{AVERAGED}'}"
+            )
+        return CalibrationStepAdvice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
 
     def waits(self) -> bool:
         """Whether a better press is still awaited."""

@@ -23,9 +23,8 @@ from ninedtact.calibration.board.board_fit import (
 from ninedtact.calibration.board.lattice import CameraRotation
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, to_grey_float
-from ninedtact.calibration.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.calibration.sensor_record import (
+from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
     BallQuality,
     BoardPressTable,
@@ -42,6 +41,7 @@ from ninedtact.calibration.sensor_record import (
 )
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, ParameterUncertainty, TwinFit
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
+from ninedtact.calibration.twin.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px

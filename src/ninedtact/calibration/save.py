@@ -13,7 +13,7 @@ from ninedtact.atomic_write import create_folder_atomically, list_foreign_files,
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.calibration.sensor_record import SensorRecord, StoredImage
+from ninedtact.calibration.sensor_toml_schema import SensorRecord, StoredImage
 from ninedtact.errors import OutputError
 
 CERTIFICATE_FILE = "certificate.html"
@@ -66,12 +66,12 @@ def create_sensor_folder(out: Path | str) -> Iterator[Path]:
     A sensor that was at `out` is replaced; raises `SensorFolderNotReplaceable` where anything else is.
     """
     final = Path(out)
-    require_replaceable_folder(final)
+    require_replaceable_sensor_folder(final)
     with create_folder_atomically(final) as partial:
         yield partial
 
 
-def require_replaceable_folder(final: Path) -> None:
+def require_replaceable_sensor_folder(final: Path) -> None:
     """Raise `SensorFolderNotReplaceable` unless the folder is new, empty, or a sensor folder with nothing else in it."""
     is_sensor = (final / SENSOR_FILE).is_file()
     if foreign := list_foreign_files(final, lambda file: is_sensor and _is_sensor_file(file)):

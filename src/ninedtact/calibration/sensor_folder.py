@@ -15,8 +15,14 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from ninedtact.calibration.sensor_record import SENSOR_FORMAT, LensModelTable, PinMapTable, PixelMapTable, SensorRecord
-from ninedtact.capture.image_file import read_image
+from ninedtact.calibration.sensor_toml_schema import (
+    SENSOR_FORMAT,
+    LensModelTable,
+    PinMapTable,
+    PixelMapTable,
+    SensorRecord,
+)
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.quantities import Frame

@@ -1,7 +1,7 @@
 """The `FrameSource` interface of every camera, stream and file: it is opened, read and closed; its errors and camera settings.
 
 A source stamps each frame on arrival (monotonic clock) and counts its own frames. Reading blocks; the longest wait is a setting
-of each source, because only its driver can enforce a limit. `latest_frame.LatestFrameSource` enforces a limit over any source.
+of each source, because only its driver can enforce a limit. `frame_pacing.LatestFrameSource` enforces a limit over any source.
 """
 
 from abc import ABC, abstractmethod
@@ -128,7 +128,7 @@ FIXED_EXPOSURE = CameraSettings(auto_exposure=False, auto_white_balance=False)
 
 
 class CameraBackend(FrameSource):
-    """A frame source that an address names; `source_address.SOURCE_TYPES` lists all of them."""
+    """A frame source that an address names; `source_from_address.SOURCE_TYPES` lists all of them."""
 
     address_help: ClassVar[str]
     """The addresses that this backend accepts, for help texts and error messages."""

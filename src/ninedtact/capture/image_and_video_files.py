@@ -19,8 +19,8 @@ from ninedtact.capture.frame_source import (
     SourceEnded,
     SourceNotOpen,
 )
-from ninedtact.capture.image_file import ImageUnreadable, read_image, require_image_size
 from ninedtact.capture.opencv_capture import FrameGrabber, silence_video_libraries
+from ninedtact.capture.strict_image_reading import ImageUnreadable, read_image, require_image_size
 from ninedtact.quantities import Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")

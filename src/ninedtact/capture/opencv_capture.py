@@ -64,7 +64,7 @@ Result = TypeVar("Result")
 
 
 @runtime_checkable
-class OpenCvCapture(Protocol):
+class VideoCaptureProtocol(Protocol):
     """The methods of cv2.VideoCapture that are used; the simulated devices of the tests have the same methods."""
 
     def isOpened(self) -> bool: ...  # noqa: N802, D102
@@ -80,8 +80,8 @@ class FrameGrabber:
     def __init__(
         self,
         name: str,
-        capture: OpenCvCapture,
-        stamp_ns: Callable[[OpenCvCapture], int] = lambda capture: time.monotonic_ns(),
+        capture: VideoCaptureProtocol,
+        stamp_ns: Callable[[VideoCaptureProtocol], int] = lambda capture: time.monotonic_ns(),
     ) -> None:
         """stamp_ns: gives the stamp of the image that was just read, in ns of the monotonic clock."""
         self.next_index = 0
@@ -102,7 +102,7 @@ class FrameGrabber:
             self.next_index += 1
             return Frame(image, self._stamp_ns(self._capture), self.next_index - 1)
 
-    def query(self, question: Callable[[OpenCvCapture], Result]) -> Result:
+    def query(self, question: Callable[[VideoCaptureProtocol], Result]) -> Result:
         """Call a function with the device between two reads and return its result; raises `SourceNotOpen`."""
         with self._lock:
             if self._released:

@@ -24,7 +24,7 @@ from ninedtact.capture.frame_source import (
     CameraSettings,
     SourceNotOpen,
 )
-from ninedtact.capture.opencv_capture import FrameGrabber, OpenCvCapture, silence_video_libraries
+from ninedtact.capture.opencv_capture import FrameGrabber, VideoCaptureProtocol, silence_video_libraries
 from ninedtact.quantities import Frame
 
 _SILENCE_LIMIT_S = 2
@@ -40,7 +40,7 @@ _VIDEO_CAPTURE = 0x00000001 | 0x00001000
 """Capability bits of video capture, single-planar or multi-planar."""
 
 
-def _open_capture(device: int | str) -> OpenCvCapture:
+def _open_capture(device: int | str) -> VideoCaptureProtocol:
     """Open a Video4Linux device; on other systems, whatever OpenCV uses there (which often refuses settings)."""
     # OpenCV waits ten seconds for a camera that went silent, unless this is set before its first image.
     os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(_SILENCE_LIMIT_S))
@@ -57,7 +57,7 @@ class UvcCamera(CameraBackend):
         self,
         device: int | str = 0,
         settings: CameraSettings = DEFAULT_CAMERA,
-        opener: Callable[[int | str], OpenCvCapture] = _open_capture,
+        opener: Callable[[int | str], VideoCaptureProtocol] = _open_capture,
     ) -> None:
         """opener: turns a device into a capture, opened or not; the one place where the package accesses a camera."""
         self.device = device
@@ -109,7 +109,7 @@ class UvcCamera(CameraBackend):
             raise SourceNotOpen(self.name)
         return self._grabber
 
-    def _start(self, capture: OpenCvCapture) -> FrameGrabber:
+    def _start(self, capture: VideoCaptureProtocol) -> FrameGrabber:
         if not capture.isOpened():
             raise CameraNotFound(f"expected {self.name} to open, got {_open_failure(self.device)}")
         _apply_settings(self.settings, capture, self.name)
@@ -130,7 +130,7 @@ def _read_past_damaged_images(grabber: FrameGrabber) -> Frame | None:
     return None
 
 
-def _arrival_ns(capture: OpenCvCapture) -> int:
+def _arrival_ns(capture: VideoCaptureProtocol) -> int:
     """Return when the image reached the driver if the driver reports it on the monotonic clock, otherwise now.
 
     A driver queues a few images: one that is read late was taken earlier, and its stamp must say so.
@@ -150,19 +150,19 @@ class _PropertySetting:
     tolerance: float = 0.5
     remedy: str = "ask for a value that the camera has (`v4l2-ctl --list-ctrls` shows them), or leave it out"
 
-    def is_in_force(self, capture: OpenCvCapture) -> bool:
+    def is_in_force(self, capture: VideoCaptureProtocol) -> bool:
         """Return whether the camera reports one of the accepted values."""
         got = capture.get(self.prop)
         return any(math.isclose(got, value, abs_tol=self.tolerance) for value in self.accepted)
 
-    def try_values(self, capture: OpenCvCapture) -> None:
+    def try_values(self, capture: VideoCaptureProtocol) -> None:
         """Set the accepted values one after the other until the camera takes one."""
         for value in self.accepted:
             if capture.set(self.prop, value) and self.is_in_force(capture):
                 return
 
 
-def _apply_settings(settings: CameraSettings, capture: OpenCvCapture, name: str) -> None:
+def _apply_settings(settings: CameraSettings, capture: VideoCaptureProtocol, name: str) -> None:
     """Set everything, then read everything back, since one setting may undo another; raises `CameraSettingRefused`."""
     wanted = [*_video_mode(settings), *_image_controls(settings)]
     for setting in wanted:
@@ -210,7 +210,7 @@ def _image_controls(settings: CameraSettings) -> Iterator[_PropertySetting]:
         yield _PropertySetting("white balance in kelvin", cv2.CAP_PROP_WB_TEMPERATURE, (kelvin,), 0.01 * kelvin)
 
 
-def _read_settings(capture: OpenCvCapture) -> CameraSettings:
+def _read_settings(capture: VideoCaptureProtocol) -> CameraSettings:
     """Return the settings that the camera reports; None where it reports none (V4L2 then answers −1)."""
 
     def reported(prop: int) -> float | None:

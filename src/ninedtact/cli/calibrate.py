@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError
 from ninedtact.open_sensor import source_for
@@ -35,7 +35,7 @@ class ImagesMissing(InputError):
     """The command was given neither four images nor a folder of them nor a camera."""
 
 
-class RecordingTooShort(CameraError):
+class CalibrationRecordingTooShort(CameraError):
     """A recording ended before all four images were taken."""
 
 
@@ -78,9 +78,9 @@ class CalibrateCommand:
         """Calibrate, write the sensor folder, and print how good it is."""
         from ninedtact.calibration.board.detection import BoardNotFound
         from ninedtact.calibration.procedure import calibrate
-        from ninedtact.calibration.save import require_replaceable_folder, save_sensor
+        from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 
-        require_replaceable_folder(self.out)
+        require_replaceable_sensor_folder(self.out)
         try:
             made = calibrate(
                 self.obtain_images(), self.resolved_design, self.options.settings(), self.id or self.out.name
@@ -125,7 +125,7 @@ class CalibrateCommand:
 def _read_images(paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
     """Read the four images, each the mean of the files given for it."""
     from ninedtact.calibration.procedure import CalibrationImages
-    from ninedtact.capture.image_file import average_images, read_image
+    from ninedtact.capture.strict_image_reading import average_images, read_image
 
     return CalibrationImages(
         **{name: average_images([read_image(path) for path in files]) for name, files in paths.items()}
@@ -158,7 +158,7 @@ class _StatusLine:
 def _capture_guided_images(
     source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool
 ) -> "CalibrationImages":
-    """Take the four images with a camera; raises what the camera raises, and `RecordingTooShort` for a recording."""
+    """Take the four images with a camera; raises what the camera raises, and `CalibrationRecordingTooShort` for a recording."""
     from ninedtact.calibration.guidance import guided_capture_steps
     from ninedtact.calibration.procedure import CalibrationImages
 
@@ -174,8 +174,8 @@ def _capture_guided_images(
 @contextmanager
 def _open_camera(source: str, automatic: bool) -> "Iterator[FrameSource]":
     """Open the source; a camera gives its newest frame, a recording every frame."""
+    from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-    from ninedtact.capture.latest_frame import LatestFrameSource
 
     camera = source_for(source, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
     with LatestFrameSource(camera) if camera.recorded_hz is None else camera as frames:
@@ -193,7 +193,7 @@ def _follow_step(
             status.update(advice.sentence)
             if advice.image is not None:
                 return advice.image
-    raise RecordingTooShort(
+    raise CalibrationRecordingTooShort(
         f"expected images until the step '{step.instruction}' was done, got the end of the recording; record it longer"
     )
 

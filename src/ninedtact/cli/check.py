@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class CheckCommand:
         from ninedtact.calibration.drift.diagnosis import diagnose_drift
         from ninedtact.calibration.drift.drift_measurement import load_calibrated_reference, measure_drift
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.capture.image_file import read_image
+        from ninedtact.capture.strict_image_reading import read_image
 
         if not self.reference:
             raise NoImageToCheck(

@@ -13,13 +13,13 @@ import tyro
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.cli.record import require_duration, require_new_recording
-from ninedtact.cli.terminal import print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import print_result, stop_on_signal
 from ninedtact.open_sensor import (
     is_recording,
     is_simulated,
     live_source_for,
     load_named_sensor,
-    require_matching_sources,
+    require_same_source_kind,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
@@ -70,7 +70,7 @@ class Collect:
         require_recording_libraries()
         require_new_recording(self.out)
         require_duration(self.seconds)
-        require_matching_sources(self.source, self.force_torque, is_simulated, is_recording)
+        require_same_source_kind(self.source, self.force_torque, is_simulated, is_recording)
         self._require_pairs()
         settings = self.options.settings()
         screen = CollectScreen()
@@ -81,7 +81,7 @@ class Collect:
 
     def _setup(self, folder: "SensorFolder", settings: "CollectSettings", screen: CollectScreen) -> "CollectSetup":
         """Return the camera and the force/torque sensor that were named, not yet opened."""
-        from ninedtact.capture.force_torque.pipeline import force_torque_sensor_for
+        from ninedtact.capture.force_torque.mounted_wrench_source import force_torque_sensor_for
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
         from ninedtact.recording.collecting.paired_sources import (
             setup_with_devices,
@@ -188,7 +188,7 @@ def _add_arrival(arrival: "MergedArrival", collector: "Collector", setup: "Colle
 
 
 def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:
-    from ninedtact.recording.collecting.pair_counts import AXES
+    from ninedtact.recording.collecting.force_coverage import AXES
 
     counts = collector.counts
     return {

@@ -21,8 +21,8 @@ from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.simulation.press_figures import PressComparison
-    from ninedtact.simulation.press_sequence import ObjectTrajectory
+    from ninedtact.simulation.press_figures import ReconstructedPress
+    from ninedtact.simulation.press_simulation import ObjectTrajectory
     from ninedtact.simulation.twin import Twin
 
 STEPS_HZ = 6.0
@@ -117,7 +117,7 @@ class Demo:
         print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
         return folder
 
-    def compare_presses(self, folder: "SensorFolder") -> "list[PressComparison]":
+    def compare_presses(self, folder: "SensorFolder") -> "list[ReconstructedPress]":
         """Press each object once, and reconstruct its heights from the image."""
         from tqdm import tqdm
 
@@ -130,21 +130,21 @@ class Demo:
         )
         return [self.compare_press(act, folder, reader) for act in progress]
 
-    def compare_press(self, act: "ObjectTrajectory", folder: "SensorFolder", reader: Any) -> "PressComparison":
+    def compare_press(self, act: "ObjectTrajectory", folder: "SensorFolder", reader: Any) -> "ReconstructedPress":
         """Compare one press at the end of its drag and twist."""
         from ninedtact.quantities import Frame
         from ninedtact.simulation.ground_truth import true_height_map_like
-        from ninedtact.simulation.press_figures import PressComparison
-        from ninedtact.simulation.press_sequence import PressSimulation
+        from ninedtact.simulation.press_figures import ReconstructedPress
+        from ninedtact.simulation.press_simulation import PressSimulation
 
         stage = PressSimulation(self.twin, [act], STEPS_HZ, real_time=False)
         contact = stage.contact(int(act.trajectory.lift_start_s * STEPS_HZ - 1e-6))
         image = self.twin.renderer(contact, 1)
         seen = reader(folder.shape.rectify(Frame(image)))
         true = true_height_map_like(contact, seen, self.twin.renderer.light.inverse_distance_per_mm)
-        return PressComparison(act.indenter.name, image, true, seen, contact.wrench())
+        return ReconstructedPress(act.indenter.name, image, true, seen, contact.wrench())
 
-    def write_summary(self, answers: "list[PressComparison]") -> None:
+    def write_summary(self, answers: "list[ReconstructedPress]") -> None:
         """Write figure and numbers of all presses, and print a line for each."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.simulation.press_figures import plot_presses_beside_reconstructions
@@ -158,7 +158,7 @@ class Demo:
         print(f"  figure: {self.out / 'presses.png'}", flush=True)
 
 
-def _comparison_to_json_dict(answer: "PressComparison") -> dict[str, Any]:
+def _comparison_to_json_dict(answer: "ReconstructedPress") -> dict[str, Any]:
     """Return the numbers of one press for JSON."""
     true, seen = answer.peaks_mm
     wrench = {name: value.tolist() for name, value in asdict(answer.wrench).items() if name != "stamp_ns"}

@@ -56,7 +56,7 @@ class Doctor:
     def _check_cameras(self) -> "list[CameraCheck]":
         """The source that was named, or every camera of this machine."""
         from ninedtact.capture.camera_check import check_camera
-        from ninedtact.capture.source_address import source_for
+        from ninedtact.capture.source_from_address import source_for
         from ninedtact.capture.uvc_camera import list_cameras
 
         if self.source is not None:

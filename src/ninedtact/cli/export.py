@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 
 
 @dataclass(frozen=True)

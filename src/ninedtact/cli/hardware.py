@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.errors import InputError, MissingLibraryError
 
 if TYPE_CHECKING:
     from ninedtact.hardware.bill_of_materials import BillItem
     from ninedtact.hardware.buildability.mechanical_rules import BrokenRule
-    from ninedtact.hardware.derived_design import DerivedDesign
+    from ninedtact.hardware.complete_design import CompleteDesign
     from ninedtact.hardware.design import HardwareDesign
     from ninedtact.hardware.explore.design_sweep import DesignSweep, ExploredDesign
 
@@ -40,13 +40,13 @@ class DesignOptions:
 
         return read_hardware_design(self.design, self.variant)
 
-    def build_sensor(self) -> "DerivedDesign":
+    def build_sensor(self) -> "CompleteDesign":
         """Return the design with its solids; raises `DesignRulesBroken`, `LedBoardImpossible`, `Build123dMissing`."""
         design = self.read_hardware()
         _require_build123d()
-        from ninedtact.hardware.derived_design import DerivedDesign
+        from ninedtact.hardware.complete_design import CompleteDesign
 
-        return DerivedDesign(design)
+        return CompleteDesign(design)
 
 
 def _require_build123d() -> None:
@@ -179,13 +179,13 @@ class ExploreCommand:
         """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.hardware.design import hardware_design_to_toml
-        from ninedtact.hardware.explore.design_sweep import design_comparison_to_csv, plot_comparison
+        from ninedtact.hardware.explore.design_sweep import design_comparison_to_csv, plot_design_comparison
 
         if self.out is None:
             return []
         designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.prediction}
         contents = {name: hardware_design_to_toml(design).encode() for name, design in designs.items()}
-        contents |= {"explore.csv": design_comparison_to_csv(found), "explore.png": plot_comparison(found)}
+        contents |= {"explore.csv": design_comparison_to_csv(found), "explore.png": plot_design_comparison(found)}
         for name, content in contents.items():
             write_file_atomically(self.out / name, content)
         return [str(self.out / name) for name in contents]
@@ -217,9 +217,9 @@ class ExportHardwareCommand:
         _require_build123d()
         from tqdm import tqdm
 
-        from ninedtact.hardware.export.parts_folder import export_parts, require_replaceable_folder
+        from ninedtact.hardware.export.parts_folder import export_parts, require_replaceable_parts_folder
 
-        require_replaceable_folder(self.out)
+        require_replaceable_parts_folder(self.out)
         sensor = self.design_options.build_sensor()
         began = time.monotonic()
         with tqdm(desc="writing parts", unit="file", disable=None, leave=False) as progress:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.terminal import print_notice
+from ninedtact.cli.result_and_interrupt import print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import SIMULATED, live_source_for, load_named_sensor
@@ -87,14 +87,14 @@ class Live:
     @property
     def references(self) -> "list[Frame]":
         """The reference images that were given."""
-        from ninedtact.capture.image_file import read_image
+        from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
 
         return [Frame(read_image(path)) for path in self.reference]
 
     def sensor_at_source(self, shape: "CalibratedShape") -> "Sensor":
         """Return the sensor on a camera or a recording, not yet opened."""
-        from ninedtact.capture.latest_frame import LatestFrameSource
+        from ninedtact.capture.frame_pacing import LatestFrameSource
         from ninedtact.capture.reconnecting import ReconnectingFrameSource
         from ninedtact.sensor import Sensor
 
@@ -111,7 +111,7 @@ class Live:
     def named_source(self) -> "FrameSource":
         """Return the source, which repeats if --loop is given."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-        from ninedtact.studio.page_sources import RepeatingSource
+        from ninedtact.studio.looped_recording_and_estimates import RepeatingSource
 
         source = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return RepeatingSource(source) if self.loop else source
@@ -132,8 +132,8 @@ def serve_sensor_page(
     folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchPoller]", settings: PageSettings, ends: bool = True
 ) -> None:
     """Serve the page of a sensor until Ctrl-C, or with `ends` until the last round of its twin has ended."""
-    from ninedtact.studio.page import SensorPage, page_server
-    from ninedtact.studio.page_controller import PageController
+    from ninedtact.studio.displayed_reading import PageController
+    from ninedtact.studio.page_and_server import SensorPage, page_server
     from ninedtact.studio.scene_3d import gel_block_under_skin
     from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 
@@ -154,7 +154,7 @@ def page_sources_of_twin(
     shape: "CalibratedShape", shown: "DemoSources", references: "Sequence[Frame]" = ()
 ) -> "tuple[Sensor, list[WrenchPoller]]":
     """Return a sensor on the simulated camera, and a poller of the true wrench."""
-    from ninedtact.capture.latest_frame import LatestFrameSource
+    from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME
     from ninedtact.studio.wrench_poller import WrenchPoller
@@ -170,7 +170,7 @@ def _estimate_pollers(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
     if force == NONE:
         return []
     from ninedtact.force.estimator_loading import load_estimator
-    from ninedtact.studio.page_sources import PublishingEstimator
+    from ninedtact.studio.looped_recording_and_estimates import PublishingEstimator
     from ninedtact.studio.wrench_poller import WrenchPoller
 
     estimator = PublishingEstimator(load_estimator(force, folder))

@@ -1,10 +1,8 @@
-"""Options that commands share, as plain choices: the rooms that give them meaning load only when a command runs.
+"""The parser of the command line, and the options that several commands share.
 
-Command line arguments → one command, with help texts as a person expects them.
-
-The options are the fields of the commands' dataclasses, read by tyro. Its rules are extended here, once for all commands: defaults
-that say nothing are left out (none, false, an empty list), an option that may be left out shows only its type, and the lines of a
-docstring are joined to sentences.
+The packages that give a choice its meaning are loaded when a command runs. The options are the fields of the commands' dataclasses,
+read by tyro. Its rules are extended here, once for all commands: defaults that say nothing are left out (none, false, an empty
+list), an option that may be left out shows only its type, and the lines of a docstring are joined to sentences.
 """
 
 from collections.abc import Callable, Sequence
@@ -102,7 +100,7 @@ class CollectOptions:
     def settings(self) -> "CollectSettings":
         """Return the settings of the collection; raises `SamplingRuleInvalid` or `CollectSettingsInvalid`."""
         from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
-        from ninedtact.capture.sampling_rule import SamplingRuleSettings
+        from ninedtact.capture.training_pair_rule import SamplingRuleSettings
         from ninedtact.recording.collecting.pair_selection import CollectSettings
 
         rule = SamplingRuleSettings(

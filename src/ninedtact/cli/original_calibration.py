@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:

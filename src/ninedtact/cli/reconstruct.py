@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class ReconstructCommand:
     def run(self) -> int:
         """Reconstruct every image and write its files; the first unreadable image ends the command."""
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.capture.image_file import read_image
+        from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
 
         if not self.images:
@@ -74,8 +74,8 @@ class ReconstructCommand:
     def _write_files(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
         """Write the files of one height map; kind and path of each."""
         from ninedtact.atomic_write import write_file_atomically
+        from ninedtact.shape.coloured_height_map import render_height_map
         from ninedtact.shape.export import export_shape
-        from ninedtact.shape.height_map_image import render_height_map
         from ninedtact.shape.relief_image import render_relief
 
         self.out.mkdir(parents=True, exist_ok=True)

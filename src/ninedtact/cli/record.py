@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.cli.terminal import print_notice, print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     is_simulated,
     live_source_for,
     load_named_sensor,
-    require_matching_sources,
+    require_same_source_kind,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
@@ -58,7 +58,7 @@ class Record:
         require_recording_libraries()
         require_new_recording(self.out)
         require_duration(self.seconds)
-        require_matching_sources(self.source, self.force_torque, is_simulated)
+        require_same_source_kind(self.source, self.force_torque, is_simulated)
         with load_named_sensor(self.sensor, self.source) as folder:
             writer = self._record(folder)
         messages = {topic.path(folder.id): number for topic, number in sorted(writer.written.items())}
@@ -105,7 +105,7 @@ class Record:
 def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":
     """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn."""
     from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-    from ninedtact.simulation.press_sequence import PressSimulation
+    from ninedtact.simulation.press_simulation import PressSimulation
     from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_trajectories
 
     simulation = PressSimulation(build_sensor_twin(folder), demo_trajectories())
@@ -114,7 +114,7 @@ def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSou
 
 def _wrench_source(address: str, folder: "SensorFolder") -> "WrenchSource":
     """Return a device in the sensor frame, without a tare; samples that it marks as wrong are skipped and reported."""
-    from ninedtact.capture.force_torque.pipeline import MountedWrenchSource, force_torque_sensor_for
+    from ninedtact.capture.force_torque.mounted_wrench_source import MountedWrenchSource, force_torque_sensor_for
     from ninedtact.capture.force_torque.sample_checks import SkippingWrenchSource
     from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 

@@ -26,13 +26,13 @@ from ninedtact.dataset.calibrated_readings import (
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.image_cache import digest_files, make_cache_folder
 from ninedtact.dataset.parquet_files import iterate_rows, run_in_processes, wrench_array
-from ninedtact.dataset.reader import column_names, read_pair_columns
+from ninedtact.dataset.reader import read_name_column, read_pair_columns
 from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 
 
 @dataclass(frozen=True)
-class HeightPairs:
+class HeightWrenchPairs:
     """Pairs of height grid and wrench, in the order of the files."""
 
     ids: Shaped[Array, " n"]
@@ -53,13 +53,13 @@ def load_height_pairs(
     *,
     left_out: Collection[str] = (),
     progress: bool = False,
-) -> HeightPairs:
+) -> HeightWrenchPairs:
     """Return all height grids of a data set without those of the sensors that are left out; missing ones are computed now.
 
     Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`.
     """
     table = read_pair_columns(folder)
-    names = np.array(column_names(table, "sensor"))
+    names = np.array(read_name_column(table, "sensor"))
     kept = ~np.isin(names, list(left_out))
     _require_calibrations(names[kept], sensors)
     files = find_pair_files(folder)
@@ -68,8 +68,8 @@ def load_height_pairs(
     make_cache_folder(target)
     _compute_missing_files(files, target, sensors, grid, workers, progress)
     z_mm = np.concatenate([np.load(_height_file(target, file), mmap_mode="r") for file in files])
-    ids, objects = np.array(table["id"].to_pylist()), np.array(column_names(table, "object", NO_OBJECT))
-    return HeightPairs(ids[kept], z_mm[kept], wrench_array(table)[kept], objects[kept], names[kept])
+    ids, objects = np.array(table["id"].to_pylist()), np.array(read_name_column(table, "object", NO_OBJECT))
+    return HeightWrenchPairs(ids[kept], z_mm[kept], wrench_array(table)[kept], objects[kept], names[kept])
 
 
 def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, CalibratedSensor]) -> None:

@@ -18,7 +18,7 @@ from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.parquet_files import iterate_rows, iterate_rows_at, wrench_vector
 from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
 from ninedtact.errors import InputError
-from ninedtact.force.deformation import render_deformation, split_brightness_change
+from ninedtact.force.brightness_channels import render_deformation, split_darker_brighter
 from ninedtact.quantities import Deformation
 
 _ColourImage = UInt8[Array, "_ _ 3"]
@@ -98,7 +98,7 @@ def _render_tile(row: dict[str, Any], references: ReferenceImageStore) -> _Colou
     image_and_reference = [
         cv2.resize(grey, _TILE_SIZE, interpolation=cv2.INTER_AREA).astype(np.float32) for grey in (image, reference)
     ]
-    darker, brighter = (_CONTRAST * part for part in split_brightness_change(*image_and_reference))
+    darker, brighter = (_CONTRAST * part for part in split_darker_brighter(*image_and_reference))
     tile = render_deformation(Deformation(darker, brighter, image_and_reference[1], 1.0))
     wrench = wrench_vector(row["wrench"])
     _draw_shear_arrow(tile, wrench)

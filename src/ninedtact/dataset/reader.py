@@ -187,14 +187,14 @@ def read_pair_columns(folder: Path) -> Any:
     return table
 
 
-def column_names(table: Any, column: str, missing: str = "") -> list[str]:
+def read_name_column(table: Any, column: str, missing: str = "") -> list[str]:
     """Return a column of names as a list; an empty value becomes `missing`."""
     return [name or missing for name in table[column].to_pylist()]
 
 
 def _label_column(table: Any, column: str, missing: str = "") -> LabelColumn:
     """Return a column of names with its sorted different values."""
-    values = column_names(table, column, missing or (NO_OBJECT if column == "object" else ""))
+    values = read_name_column(table, column, missing or (NO_OBJECT if column == "object" else ""))
     names, codes = np.unique(np.array(values, dtype=np.str_), return_inverse=True)
     return LabelColumn(tuple(names.tolist()), codes.astype(np.int64).ravel())
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.image_file import image_file_fault
+from ninedtact.capture.strict_image_reading import image_file_fault
 from ninedtact.dataset.parquet_files import iterate_rows
 from ninedtact.errors import FileFormatError
 

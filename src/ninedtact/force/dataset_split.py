@@ -40,7 +40,7 @@ class SplitImpossible(InputError):
     """A split with these settings is not possible for these data."""
 
 
-class SplitUnfit(FileFormatError):
+class SplitFileUnusable(FileFormatError):
     """A split file is damaged, or belongs to other data."""
 
 
@@ -113,12 +113,12 @@ class DatasetSplit:
     def rows(self, ids: Sequence[str]) -> SplitRows:
         """Return the rows of the training and test pairs in a data set with these ids.
 
-        Raises `SplitUnfit` unless the ids are exactly those of the split.
+        Raises `SplitFileUnusable` unless the ids are exactly those of the split.
         """
         place = {name: row for row, name in enumerate(ids)}
         known = {*self.train, *self.test, *self.left_out}
         if len(place) != len(ids) or place.keys() != known:
-            raise SplitUnfit(
+            raise SplitFileUnusable(
                 f"expected the {len(known)} pairs of the split, got {count_with_example(set(place) - known)} that it does not "
                 f"know, {count_with_example(known - set(place))} of its own missing, and {len(ids) - len(place)} ids repeated; "
                 "give the data set that it was made from, or split again"
@@ -245,19 +245,19 @@ def write_split(path: Path | str, split: DatasetSplit) -> None:
 
 
 def read_split(path: Path | str) -> DatasetSplit:
-    """Read and check a file that `write_split` wrote; raises `SplitUnfit`."""
+    """Read and check a file that `write_split` wrote; raises `SplitFileUnusable`."""
     try:
         content = Path(path).read_bytes()
         version = msgspec.json.decode(content, type=dict[str, object]).get("format")
         read = msgspec.json.decode(content, type=DatasetSplit)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as trouble:
-        raise SplitUnfit(
+        raise SplitFileUnusable(
             f"expected a split in {path}, got: {trouble}; give a file that this program wrote, or split again"
         ) from trouble
     counts = Counter([*read.train, *read.test, *read.left_out])
     repeated = counts.total() - len(counts)
     if version != SPLIT_FORMAT or not read.train or not read.test or repeated:
-        raise SplitUnfit(
+        raise SplitFileUnusable(
             f"expected a split in {path}, format {SPLIT_FORMAT}, with pairs to train and to test, each once, got format "
             f"{version} with {len(read.train)} to train, {len(read.test)} to test and {repeated} repeated; split again"
         )

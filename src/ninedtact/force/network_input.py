@@ -20,13 +20,13 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.design import FieldOfView, Gel, SensingArea
+from ninedtact.design import Gel, RectifiedImageSize, SensingArea
 from ninedtact.errors import ForceError
-from ninedtact.force.deformation import (
+from ninedtact.force.brightness_channels import (
     ChannelLayout,
     DeformationReader,
     deformation_channels,
-    split_brightness_change,
+    split_darker_brighter,
     stack_deformation_channels,
 )
 from ninedtact.mechanics.array_namespace import array_namespace_of
@@ -148,7 +148,7 @@ class NetworkInputSettings:
 
 def full_resolution_input(channels: InputChannels) -> NetworkInputSettings:
     """Return settings with all pixels of the rectified image."""
-    view = FieldOfView()
+    view = RectifiedImageSize()
     return NetworkInputSettings(channels, view.rows, view.cols, _PUBLISHED_MM_PER_PX)
 
 
@@ -207,7 +207,7 @@ def stack_height_channels(z_mm: Any, features: Any, channels: InputChannels) -> 
 
 def stack_image_channels(images: Any, references: Any, channels: InputChannels) -> Any:
     """Stack grey images and their references (…, rows, cols) of NumPy or torch to (…, 3, rows, cols)."""
-    darker, brighter = split_brightness_change(images, references)
+    darker, brighter = split_darker_brighter(images, references)
     return stack_deformation_channels(darker, brighter, references, channels.layout)
 
 

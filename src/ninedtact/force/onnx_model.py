@@ -112,7 +112,7 @@ def read_force_model(path: Path | str) -> ForceModel:
 def parse_force_model(content: bytes, name: str) -> ForceModel:
     """Return the model in a file's bytes; raises `ForceModelUnusable` with this name in its message."""
     session = session_of(content, name)
-    card = card_of(session, name)
+    card = read_model_card(session, name)
     require_graph(session, card, name)
     return ForceModel(card, session)
 
@@ -139,7 +139,7 @@ def session_of(content: bytes, name: str) -> "InferenceSession":
         ) from trouble
 
 
-def card_of(session: "InferenceSession", name: str) -> ModelCard:
+def read_model_card(session: "InferenceSession", name: str) -> ModelCard:
     """Return the model card from the session's metadata; raises `ForceModelUnusable`."""
     text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
     if text is None:

@@ -22,7 +22,7 @@ from ninedtact.force.contact_detection import ContactTest, detect_contact
 from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input
-from ninedtact.force.networks.published_architectures import DenseNet, build_densenet
+from ninedtact.force.networks.standard_backbones import DenseNet, build_densenet
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
@@ -73,7 +73,7 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
     Raises `OriginalWeightsUnusable`.
     """
     network = build_densenet(NETWORK, InputChannels.MIXED.number, 6)
-    state = read_state(Path(path))
+    state = read_pt_weights(Path(path))
     require_names(state, network.state_dict(), path)
     try:
         network.load_state_dict(state, strict=True)
@@ -84,7 +84,7 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
     return OriginalNetworkForce(network.eval(), contact_test)
 
 
-def read_state(path: Path) -> dict[str, Tensor]:
+def read_pt_weights(path: Path) -> dict[str, Tensor]:
     """Read the weights of a .pt file by name, without running code in it; raises `OriginalWeightsUnusable`."""
     try:
         state: Any = torch.load(path, map_location="cpu", weights_only=True)

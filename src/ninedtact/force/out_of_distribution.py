@@ -30,7 +30,7 @@ MARGIN = 0.2
 
 def input_statistics(inputs: Inputs, channels: InputChannels) -> dict[str, Float64[Array, " n"]]:
     """Return the statistics of every input by name."""
-    pressed = indentation_signal(inputs, channels)
+    pressed = inward_signal(inputs, channels)
     flat = pressed.reshape(len(inputs), -1)
     found: dict[str, Any] = {
         "deepest": flat.max(1),
@@ -45,7 +45,7 @@ def input_statistics(inputs: Inputs, channels: InputChannels) -> dict[str, Float
     return {name: np.asarray(values, np.float64) for name, values in found.items()}
 
 
-def indentation_signal(inputs: Inputs, channels: InputChannels) -> Float32[Array, "n rows cols"]:
+def inward_signal(inputs: Inputs, channels: InputChannels) -> Float32[Array, "n rows cols"]:
     """Return a field that is positive where the skin is pressed in or darker."""
     if channels.of_heights:
         return -inputs[:, 0]

@@ -63,7 +63,7 @@ def _lower_half_mm(remainder: Any, half_axis_mm: float) -> Any:
 
 
 @dataclass(frozen=True)
-class Cylinder(Indenter):
+class LyingCylinder(Indenter):
     """A cylinder lying on its side, its axis along x, with sharp ends."""
 
     radius_mm: float = 3.0

@@ -25,7 +25,7 @@ class SourcesMismatched(InputError):
     """Raised for a camera and a force/torque sensor that cannot belong together."""
 
 
-class SensorUnnamed(InputError):
+class SensorNotGiven(InputError):
     """Raised where neither a sensor folder nor a recording that carries one was given."""
 
 

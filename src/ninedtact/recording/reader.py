@@ -43,7 +43,7 @@ from ninedtact.recording.ros_messages import (
     decode_event,
     decode_height,
     decode_image,
-    decode_label,
+    decode_pair_label_message,
     decode_warnings,
     decode_wrench,
 )
@@ -223,7 +223,7 @@ class Recording:
 
     def labels(self) -> Iterator[PairLabel]:
         """Yield the labels of all saved pairs, undone contacts included."""
-        return (decode_label(message.data, message.stamp_ns) for message in self.messages(Topic.LABELS))
+        return (decode_pair_label_message(message.data, message.stamp_ns) for message in self.messages(Topic.LABELS))
 
     def kept_labels(self) -> list[PairLabel]:
         """Return the labels of all saved pairs, undone contacts excluded."""
@@ -310,7 +310,7 @@ def sensor_folder_attachments(folder: Path) -> dict[str, bytes]:
     return {f"{SENSOR_FOLDER}/{path.relative_to(folder).as_posix()}": path.read_bytes() for path in files}
 
 
-def restore_sensor_folder(recording: Path | str, into: Path) -> Path:
+def extract_sensor_folder(recording: Path | str, into: Path) -> Path:
     """Write the sensor folder that a recording carries; raises `RecordingUnreadable` where it carries none."""
     with Recording(recording) as opened:
         return opened.save_sensor_folder(into)

@@ -81,7 +81,7 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True)
 class RecordingEvent:
-    """Something that happened during a recording."""
+    """An event beside images and wrenches: lost images, a tare, a new object, an undone contact, a remark."""
 
     stamp_ns: int
     kind: EventKind
@@ -196,7 +196,7 @@ def decode_warnings(data: bytes) -> list[str]:
     return [status.message for status in _decode(Topic.WARNINGS, data).status]
 
 
-def decode_label(data: bytes, stamp_ns: int) -> PairLabel:
+def decode_pair_label_message(data: bytes, stamp_ns: int) -> PairLabel:
     """Return the label of a message."""
     fields = json.loads(_decode(Topic.LABELS, data).data)
     wrench = fields.pop("wrench")

@@ -27,7 +27,7 @@ NO_OBJECT = "none"
 
 
 @dataclass(frozen=True)
-class ReferenceImages:
+class TareReferenceImages:
     """The reference images (no contact) of a tare, which belong to the pairs that follow it."""
 
     id: str
@@ -53,7 +53,7 @@ class SavedPair:
     """The stamp of the image, monotonic clock of the recording machine."""
     sensor: str
     """Name of the tactile sensor, as in its sensor.toml; its folder is attached to the recording."""
-    reference: ReferenceImages
+    reference: TareReferenceImages
 
 
 def read_saved_pairs(recording: Path | str) -> Iterator[SavedPair]:
@@ -103,13 +103,13 @@ class _SavedPairReader:
         return dict(zip(stamps_ns, self.recording.positions(Topic.IMAGES), strict=True))
 
     @cached_property
-    def references(self) -> dict[int, ReferenceImages]:
+    def references(self) -> dict[int, TareReferenceImages]:
         """The reference images of each tare."""
         from ninedtact.recording.ros_messages import Topic
 
         frames = groupby(self.recording.frames(Topic.REFERENCE), key=lambda frame: frame.index)
         return {
-            tare: ReferenceImages(
+            tare: TareReferenceImages(
                 f"{self.recording.metadata.id}-u{tare:03d}", tuple(_read_only(frame.image) for frame in of_tare)
             )
             for tare, of_tare in frames

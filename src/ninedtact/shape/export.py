@@ -77,7 +77,7 @@ def read_height_png(path: Path | str) -> HeightMap:
 
 def decode_height_png(png: bytes) -> HeightMap:
     """Return the height map in the bytes of a PNG."""
-    text = dict(data.decode("latin-1").split("\0", 1) for kind, data in chunks(png) if kind == b"tEXt")
+    text = dict(data.decode("latin-1").split("\0", 1) for kind, data in iterate_png_chunks(png) if kind == b"tEXt")
     image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint16 or image.ndim != 2:
         raise ValueError("an image that is not 16-bit grey")
@@ -88,7 +88,7 @@ def decode_height_png(png: bytes) -> HeightMap:
     return HeightMap(z_mm, source, **numbers, stamp_ns=int(text["stamp_ns"]))
 
 
-def chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:
+def iterate_png_chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:
     """Yield the type and content of every chunk; raises `ValueError` or `struct.error` where one is damaged or missing."""
     if not png.startswith(SIGNATURE):
         raise ValueError("no PNG")

@@ -63,7 +63,7 @@ def summarise_shape(height: HeightMap, rule: ContactRule = ContactRule()) -> Sha
         displaced_volume_mm3=float(volume_mm3.sum(dtype=np.float64)),
         contact_centre_mm=contact_centre_mm(height, volume_mm3),
         contact_threshold_mm=rule.threshold_mm(height.noise_mm),
-        extrapolated_share=share(height.source == HeightSource.EXTRAPOLATED, touched),
+        extrapolated_share=overlap_fraction(height.source == HeightSource.EXTRAPOLATED, touched),
     )
 
 
@@ -98,6 +98,6 @@ def contact_centre_mm(height: HeightMap, weight: Float32[Array, "rows cols"]) ->
     return float(along_x @ u / total), float(along_y @ v / total)
 
 
-def share(part: Bool[Array, "rows cols"], whole: Bool[Array, "rows cols"]) -> float:
+def overlap_fraction(part: Bool[Array, "rows cols"], whole: Bool[Array, "rows cols"]) -> float:
     """Return the fraction of `whole` that is also in `part`; 0 where `whole` is empty."""
     return float((part & whole).sum()) / max(float(whole.sum()), 1.0)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.design import FieldOfView
+from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import FileFormatError
 from ninedtact.quantities import Frame, HeightSource, Rectified, centred_axis_mm
 from ninedtact.shape.lens import Projection
@@ -79,7 +79,7 @@ class Rectification:
 
 def rectification_of_projection(
     projection: Projection,
-    field_of_view: FieldOfView,
+    field_of_view: RectifiedImageSize,
     mm_per_px: float,
     raw_shape: tuple[int, int],
     calibrated_area_mm: Area,

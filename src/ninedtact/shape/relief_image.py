@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ninedtact.quantities import HeightMap, HeightSource
-from ninedtact.shape.height_map_image import (
+from ninedtact.shape.coloured_height_map import (
     INK,
     LEFT_PX,
     PALE_INK,
@@ -27,7 +27,14 @@ from ninedtact.shape.height_map_image import (
 )
 from ninedtact.shape.measures import max_bulge_mm, max_indentation_mm, summarise_shape
 from ninedtact.shape.orthorectification import orthorectify
-from ninedtact.shape.relief_renderer import Block, Viewpoint, paint_skin, render_block, trace_sightlines, viewpoint_of
+from ninedtact.shape.relief_renderer import (
+    Block,
+    Viewpoint,
+    fit_viewpoint_to_corners,
+    paint_skin,
+    render_block,
+    trace_sightlines,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -140,7 +147,7 @@ def draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
     """Draw the block and the numbers along its edges, in axes whose coordinates are the pixels of its viewpoint."""
     rows, cols = round(HEIGHT_PX * FINER), round(WIDTH_PX * FINER)
     block, margin = block_under(height, times), NUMBERS_PX * FINER
-    view = viewpoint_of(block.corners, (margin, margin), (cols - margin, rows - margin))
+    view = fit_viewpoint_to_corners(block.corners, (margin, margin), (cols - margin, rows - margin))
     image = render_block(block, paint_skin(height, fit_colour_scale(height)), trace_sightlines(block, view, rows, cols))
     shown = cv2.resize(image, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
     axes.imshow(shown, extent=(-0.5, cols - 0.5, rows - 0.5, -0.5), aspect="auto")

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import HeightMap, HeightSource
-from ninedtact.shape.height_map_image import EXTRAPOLATED, ColourScale, colourise_heights, rgb_of_hex
+from ninedtact.shape.coloured_height_map import EXTRAPOLATED, ColourScale, colourise_heights, rgb_of_hex
 
 TOWARDS_EYE = np.array([0.36, -0.80, 0.74]) / np.linalg.norm([0.36, -0.80, 0.74])
 """Direction from the skin to the eye: outside, in front of the edge of smallest y, a little to the right."""
@@ -43,7 +43,7 @@ class Viewpoint:
         return np.asarray(np.einsum("ij,irc->jrc", self.axes, here), np.float32)
 
 
-def viewpoint_of(
+def fit_viewpoint_to_corners(
     corners: Float[Array, "n 3"], top_left_px: tuple[float, float], bottom_right_px: tuple[float, float]
 ) -> Viewpoint:
     """Return the viewpoint from which all `corners` appear as large as fits between two pixels (x, y)."""
@@ -242,7 +242,7 @@ def render_block(
     light = cv2.remap(shading(block), sight.col, sight.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     image = np.full(skin.shape, 255, np.uint8)
     image[sight.on_skin] = np.minimum(skin * light[..., None], 255)[sight.on_skin]
-    image[sight.on_wall] = wall_colours(block, sight)[sight.on_wall]
+    image[sight.on_wall] = gel_block_wall_greys(block, sight)[sight.on_wall]
     return image
 
 
@@ -253,7 +253,7 @@ def shading(block: Block) -> Float32[Array, "skin_rows skin_cols"]:
     return np.asarray(AMBIENT + (1 - AMBIENT) * np.maximum(facing, 0) / LIGHT[2], np.float32)
 
 
-def wall_colours(block: Block, sight: SightlineGrid) -> Float32[Array, "rows cols 3"]:
+def gel_block_wall_greys(block: Block, sight: SightlineGrid) -> Float32[Array, "rows cols 3"]:
     """Return the grey of the walls, darker on the side and towards the base."""
     brightness = np.where(sight.row < AT_THE_EDGE, np.float32(1), SIDE_WALL)
     depth = (block.high[2] - sight.z) / (block.high[2] - block.low[2])

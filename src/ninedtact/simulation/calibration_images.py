@@ -6,13 +6,13 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.capture.image_file import average_images
+from ninedtact.capture.strict_image_reading import average_images
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.renderer import BgrImage
-from ninedtact.simulation.scripted_press import ScriptedPress
 from ninedtact.simulation.twin import Twin
 
 BOARD_GRID_PITCH_MM = 0.05

@@ -237,7 +237,7 @@ def _format_press_wrench(wrench: Wrench) -> list[str]:
 
 
 @dataclass(frozen=True)
-class PressComparison:
+class ReconstructedPress:
     """One press of a twin, its true heights, and the heights that a sensor reconstructed from its image."""
 
     name: str
@@ -257,7 +257,7 @@ class PressComparison:
         return mean_height_error_mm(self.true, self.seen)
 
 
-def plot_presses_beside_reconstructions(presses: Sequence[PressComparison]) -> bytes:
+def plot_presses_beside_reconstructions(presses: Sequence[ReconstructedPress]) -> bytes:
     """Return a figure of all presses below each other as a PNG file."""
     from matplotlib.figure import Figure
 
@@ -285,12 +285,12 @@ def plot_presses_beside_reconstructions(presses: Sequence[PressComparison]) -> b
     return buffer.getvalue()
 
 
-def _lowest_shown_mm(press: PressComparison) -> float:
+def _lowest_shown_mm(press: ReconstructedPress) -> float:
     """Return the larger maximum indentation of both height maps."""
     return max(*press.peaks_mm, 0.05)
 
 
-def _highest_shown_mm(press: PressComparison) -> float:
+def _highest_shown_mm(press: ReconstructedPress) -> float:
     """Return the larger bulge of both height maps."""
     return float(max(press.true.z_mm.max(), press.seen.z_mm.max(), 0.05))
 
@@ -302,7 +302,7 @@ def _plot_height_map(axes: "Axes", height: HeightMap, deepest: float, highest: f
     return axes.imshow(height.z_mm, cmap="RdBu_r", norm=TwoSlopeNorm(0, -deepest, highest))
 
 
-def _format_comparison(press: PressComparison) -> str:
+def _format_comparison(press: ReconstructedPress) -> str:
     """Return indentations, mean error and wrench as text."""
     true, seen = press.peaks_mm
     lines = [

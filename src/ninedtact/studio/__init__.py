@@ -5,7 +5,7 @@
     page thread:    SensorSnapshot ──render──▶ ReadingView ──▶ browser  at the display rate
 
 A `Sensor` and wrench sources go in; a page comes out that shows image, heights, wrenches, rates and warnings, and saves readings
-as files. `sensor_poller` and `wrench_poller` read in threads of their own. `page_controller` decides what is shown (read it
+as files. `sensor_poller` and `wrench_poller` read in threads of their own. `displayed_reading` decides what is shown (read it
 first). `page` is the page itself with its web server, `scene_3d` its 3D part, `page_cards` its pieces of HTML. `reading_view`
-renders one reading, and `page_sources` has the sources that only the page needs.
+renders one reading, and `looped_recording_and_estimates` has the sources that only the page needs.
 """

@@ -6,9 +6,9 @@ import numpy as np
 from viser import GuiUplotHandle, ViserServer, uplot
 
 from ninedtact.quantities import Wrench
-from ninedtact.shape.height_map_image import ColourScale
+from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
-from ninedtact.studio.page_controller import SensorStatus
+from ninedtact.studio.displayed_reading import SensorStatus
 from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
 from ninedtact.studio.wrench_poller import WrenchSnapshot

@@ -8,8 +8,8 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
+from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.height_map_image import ColourScale, colourise_heights
 from ninedtact.shape.measures import ShapeSummary, summarise_shape
 from ninedtact.shape.surface import point_cloud, triangulate_view
 

@@ -14,7 +14,7 @@ from viser import ArrowsHandle, LabelHandle, LineSegmentsHandle, MeshHandle, Poi
 from ninedtact.design import Gel
 from ninedtact.quantities import Wrench
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.page_controller import DisplayOptions
+from ninedtact.studio.displayed_reading import DisplayOptions
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
 
 Point = tuple[float, float, float]

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
+from ninedtact.capture.frame_pacing import NoRecentFrame
 from ninedtact.capture.frame_source import SourceEnded
-from ninedtact.capture.latest_frame import NoRecentFrame
 from ninedtact.errors import CameraError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
@@ -78,7 +78,7 @@ class _IndentationHistory:
         return np.stack([(depths[:, 0] - now_ns) / NS_PER_S, depths[:, 1]])
 
 
-class RecordingTooShort(CameraError):
+class ReferenceRecordingTooShort(CameraError):
     """Raised where a recording ended before the reference images were complete."""
 
 
@@ -202,7 +202,7 @@ class SensorPoller:
         if self._reading is not None:
             return SensorPhase.ENDED, None
         source, wanted = self.sensor.source.name, self.sensor.reference_frames
-        return SensorPhase.FAILED, RecordingTooShort(
+        return SensorPhase.FAILED, ReferenceRecordingTooShort(
             f"expected {source} to begin with {wanted} reference images (no contact) and then to continue, got "
             f"{self.sensor.frames_read} images in all; give reference images with --reference"
         )

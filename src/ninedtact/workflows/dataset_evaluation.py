@@ -1,7 +1,7 @@
 """Evaluation of a force estimator on a data set: its wrenches beside the true ones, and the tables of a model card.
 
-`predict_dataset` estimates the wrench of every image with the calibration of the image's own sensor. `evaluate_by_mechanics` scores
-a model on simulated sensors by the mechanics of their gels.
+`predict_dataset` estimates the wrench of every image with the calibration of the image's own sensor. `evaluate_per_mechanics_kind`
+scores a model on simulated sensors by the mechanics of their gels.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -107,7 +107,7 @@ def _build_estimator(
     return calibrate_on_simulated_loads(estimator, member, sensor.shape)
 
 
-def evaluate_by_mechanics(
+def evaluate_per_mechanics_kind(
     model: Path, data: Path, workers: int, progress: bool, notify: Callable[[str], None] = lambda _: None
 ) -> dict[str, dict[str, Any]]:
     """Evaluate a model on a data set of simulated sensors for its card: one table for each kind of mechanics, and one for all.

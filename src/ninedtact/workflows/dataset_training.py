@@ -35,7 +35,7 @@ class HeldOutSettings:
     seed: int = 0
 
     def rows(self, ids: Sequence[str], examples: TrainingExamples) -> SplitRows:
-        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitUnfit`."""
+        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitFileUnusable`."""
         train = np.arange(len(ids)) if self.split is None else read_split(self.split).rows(ids).train
         names, objects, sensors = (
             np.asarray(column)[train].tolist() for column in (ids, examples.objects, examples.sensors)

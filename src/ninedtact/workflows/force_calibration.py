@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.image_and_video_files import ImageList
-from ninedtact.capture.image_file import read_image
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import BOTH, NONE, load_unscaled_estimator

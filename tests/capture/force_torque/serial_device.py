@@ -9,7 +9,7 @@ from time import perf_counter, sleep
 
 import numpy as np
 
-from ninedtact.capture.force_torque.serial_port import SerialFrame
+from ninedtact.capture.force_torque.serial_driver import SerialFrame
 
 
 class SerialDevice:

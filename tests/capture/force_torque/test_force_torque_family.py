@@ -14,15 +14,15 @@ import pytest
 from rdt_server import RdtServer, ati_page
 from serial_device import SerialDevice
 
-from ninedtact.capture.force_torque.netft import ATI, NetFtDriver
-from ninedtact.capture.force_torque.pipeline import (
+from ninedtact.capture.force_torque.driver_source import DriverWrenchSource
+from ninedtact.capture.force_torque.mounted_wrench_source import (
     MountedWrenchSource,
     WrenchPipelineSettings,
     build_wrench_source,
     force_torque_sensor_for,
 )
+from ninedtact.capture.force_torque.netft import ATI, NetFtDriver
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SkippingWrenchSource
-from ninedtact.capture.force_torque.sensor import ForceTorqueSensor
 from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
@@ -60,21 +60,21 @@ class Bench:
         self.server: RdtServer
         self.device: SerialDevice
 
-    def onrobot(self) -> ForceTorqueSensor:
+    def onrobot(self) -> DriverWrenchSource:
         self.server = self.resources.enter_context(RdtServer())
         return force_torque_sensor_for(f"onrobot:{self.server.place}")
 
-    def ati(self) -> ForceTorqueSensor:
+    def ati(self) -> DriverWrenchSource:
         self.server = self.resources.enter_context(RdtServer())
         host, port = self.server.place.split(":")
         http_port = self.resources.enter_context(ati_page())
-        return ForceTorqueSensor(NetFtDriver("netft:bench", host, ATI, int(port), http_port))
+        return DriverWrenchSource(NetFtDriver("netft:bench", host, ATI, int(port), http_port))
 
-    def serial(self) -> ForceTorqueSensor:
+    def serial(self) -> DriverWrenchSource:
         self.device = self.resources.enter_context(SerialDevice(self.folder))
         return force_torque_sensor_for(f"serial:{self.device.port}")
 
-    def bota(self) -> ForceTorqueSensor:
+    def bota(self) -> DriverWrenchSource:
         config = self.folder / "dummy.json"
         config.write_text(json.dumps(DUMMY))
         return force_torque_sensor_for(f"bota:{config}")

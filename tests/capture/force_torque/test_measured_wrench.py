@@ -6,9 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from played import MS, Played, noisy
 
-from ninedtact.capture.force_torque.pipeline import MountedWrenchSource, WrenchPipelineSettings, build_wrench_source
+from ninedtact.capture.force_torque.driver_source import DeviceClock, SampleCounter
+from ninedtact.capture.force_torque.mounted_wrench_source import (
+    MountedWrenchSource,
+    WrenchPipelineSettings,
+    build_wrench_source,
+)
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
-from ninedtact.capture.force_torque.sensor import DeviceClock, SampleCounter
 from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareRefused, TareSettings
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import (

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ninedtact.capture.force_torque.serial_port import (
+from ninedtact.capture.force_torque.serial_driver import (
     BEGIN,
     FRAME_BYTES,
     SerialFrame,

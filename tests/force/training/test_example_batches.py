@@ -6,8 +6,8 @@ import torch
 from toy import of_heights, of_images
 
 from ninedtact.force.network_input import InputChannels
+from ninedtact.force.training.error_scale_and_model_card import LAPLACE_QUANTILES, fit_scale_correction
 from ninedtact.force.training.examples import BatchDataset, SeededBatchSampler
-from ninedtact.force.training.trained_network import LAPLACE_QUANTILES, fit_scale_correction
 
 
 def test_processes_share_an_epoch_and_every_epoch_is_shuffled_anew() -> None:

@@ -18,7 +18,7 @@ from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.errors import NinedtactError
-from ninedtact.force.deformation import rectified_from_stored_image
+from ninedtact.force.brightness_channels import rectified_from_stored_image
 from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,

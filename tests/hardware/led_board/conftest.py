@@ -4,9 +4,9 @@ import pytest
 
 pytest.importorskip("shapely", reason="expected the extra [hardware]; install it")
 
-from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.fabrication_files import write_led_board
-from ninedtact.hardware.led_board.layout import BoardLayout, lay_out_board
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,9 @@ from gerbonara import LayerStack
 from read_back import edge_of, hits_of, shape_of, slots_of
 from shapely import LineString, Point, union_all
 
-from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import BoardOutline, LedBoardImpossible
+from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.components import BoardSide
 from ninedtact.hardware.led_board.copper_geometry import (
     bare_board_polygon,
@@ -21,7 +22,6 @@ from ninedtact.hardware.led_board.copper_geometry import (
 )
 from ninedtact.hardware.led_board.design_rule_check import list_copper_pieces
 from ninedtact.hardware.led_board.fabrication_files import build_board_files, write_led_board
-from ninedtact.hardware.led_board.layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.silkscreen import place_designators
 
 PUBLISHED_AREA_MM2 = 551.23

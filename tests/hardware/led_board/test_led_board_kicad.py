@@ -13,9 +13,9 @@ import pytest
 from read_back import shape_of
 from shapely import affinity
 
-from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.kicad import SHEET_CENTRE_MM, format_kicad_board
-from ninedtact.hardware.led_board.layout import BoardLayout, lay_out_board
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 SCRIPT = Path(__file__).with_name("kicad_report.py")

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from ninedtact.design import DesignImpossible
 from ninedtact.hardware.design import read_hardware_design
-from ninedtact.hardware.led_board.board_design import led_board_for_design
 from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
+from ninedtact.hardware.led_board.board_parameters import led_board_for_design
+from ninedtact.hardware.led_board.complete_layout import lay_out_board
 from ninedtact.hardware.led_board.fabrication_files import format_fabrication_notes
-from ninedtact.hardware.led_board.layout import lay_out_board
 from ninedtact.hardware.led_board.led_current import compute_operating_point, resistor_for_brightness
 
 

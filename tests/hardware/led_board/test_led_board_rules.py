@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 from shapely import LineString
 
 from ninedtact.design import DesignImpossible
-from ninedtact.hardware.led_board.board_design import BoardDesignRules, CopperWidths, LedBoard
 from ninedtact.hardware.led_board.board_outline import BoardOutline, LedBoardImpossible
+from ninedtact.hardware.led_board.board_parameters import BoardDesignRules, CopperWidths, LedBoard
+from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.design_rule_check import (
     find_open_nets,
     find_violations,
     list_copper_pieces,
     require_no_violations,
 )
-from ninedtact.hardware.led_board.layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.routing import Routes, Track
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY
 from ninedtact.calibration.board.board_fit import MAX_MISSING_FRACTION
-from ninedtact.calibration.sensor_record import BallQuality, BoardQuality, Certificate
+from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
 
 CheckLevel = Literal["pass", "warn", "fail"]
 CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")

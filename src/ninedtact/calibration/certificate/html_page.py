@@ -16,7 +16,7 @@ from ninedtact.calibration.certificate.plot_ball import (
 )
 from ninedtact.calibration.certificate.plot_board import plot_leave_one_out_errors, plot_pin_detection
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_record import BallQuality, BoardQuality, SensorRecord
+from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, SensorRecord
 from ninedtact.design import SensorDesign
 
 IMAGES = {

@@ -20,7 +20,7 @@ from ninedtact.calibration.certificate.plot_style import (
     stretch_contrast,
 )
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_record import BoardPressTable, TwinTable
+from ninedtact.calibration.sensor_toml_schema import BoardPressTable, TwinTable
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.shape.depth import BrightnessSignal, DepthCurve
 

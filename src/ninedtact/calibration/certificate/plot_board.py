@@ -26,7 +26,7 @@ from ninedtact.calibration.certificate.plot_style import (
     stretch_contrast,
 )
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_record import PinMapTable
+from ninedtact.calibration.sensor_toml_schema import PinMapTable
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.shape.lens import Points
 

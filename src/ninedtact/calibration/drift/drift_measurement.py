@@ -22,7 +22,7 @@ from ninedtact.calibration.brightness import (
 from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
 from ninedtact.calibration.drift.skin_motion import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.image_file import require_image_size
+from ninedtact.capture.strict_image_reading import require_image_size
 from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification

@@ -22,7 +22,7 @@ from jaxtyping import Float, Float32, Int32, Shaped
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.design import FieldOfView
+from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import FileFormatError
 
 NAME = re.compile(r"sensor_\w+")
@@ -126,12 +126,12 @@ class OriginalCalibration:
         """Scale of the rectified image."""
         return float(self.position_scale[2])
 
-    def start(self, view: FieldOfView) -> tuple[int, int]:
+    def start(self, view: RectifiedImageSize) -> tuple[int, int]:
         """Return the first row and column of the crop, truncated to whole pixels as in the original."""
         row, col = self.position_scale[:2]
         return int(row - view.rows / 2), int(col - view.cols / 2)
 
-    def source_px(self, view: FieldOfView) -> Float32[Array, "view_rows view_cols 2"]:
+    def source_px(self, view: RectifiedImageSize) -> Float32[Array, "view_rows view_cols 2"]:
         """Return the raw pixel (x, y) of every pixel of the crop; `OUT_OF_VIEW_PX` where there is none."""
         row, col = self.start(view)
         crop = np.s_[row : row + view.rows, col : col + view.cols]
@@ -140,7 +140,7 @@ class OriginalCalibration:
         return source
 
 
-def read_original_calibration(folder: Path, view: FieldOfView) -> OriginalCalibration:
+def read_original_calibration(folder: Path, view: RectifiedImageSize) -> OriginalCalibration:
     """Read `sensor_N`, or the one `sensor_N` in a folder; raises `OriginalFolderDamaged`."""
     where = find_original_sensor_folder(folder, ORIGINAL_FILES)
     row_index, col_index = _read_index_map(where / ROW_INDEX, 0), _read_index_map(where / COL_INDEX, 1)
@@ -210,7 +210,7 @@ def _require_equal_shapes(folder: Path, shape: tuple[int, ...], other: tuple[int
         )
 
 
-def _require_crop_inside(folder: Path, calibration: OriginalCalibration, view: FieldOfView) -> None:
+def _require_crop_inside(folder: Path, calibration: OriginalCalibration, view: RectifiedImageSize) -> None:
     """Refuse maps that do not contain the crop."""
     shape = calibration.row_index.shape
     row, col = calibration.position_scale[:2] - np.array([view.rows, view.cols]) / 2

@@ -44,7 +44,7 @@ from ninedtact.calibration.sensor_folder import (
     build_projection,
     load_sensor,
 )
-from ninedtact.calibration.sensor_record import (
+from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
     DepthTable,
     GridTable,

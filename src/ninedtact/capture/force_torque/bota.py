@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ninedtact.capture.force_torque.sensor import (
+from ninedtact.capture.force_torque.driver_source import (
     RECEIVE_TIMEOUT_S,
     DeviceClock,
     ForceTorqueDriver,

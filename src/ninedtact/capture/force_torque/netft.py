@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ninedtact.capture.force_torque.sensor import RECEIVE_TIMEOUT_S, ForceTorqueDriver, ForceTorqueSample
+from ninedtact.capture.force_torque.driver_source import RECEIVE_TIMEOUT_S, ForceTorqueDriver, ForceTorqueSample
 from ninedtact.capture.wrench_source import (
     ForceTorqueAddressUnknown,
     ForceTorqueLibraryMissing,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 
@@ -68,7 +68,7 @@ class Estimate:
         references = self.references
         depth = shape.depth_reader(*references) if references else None
         with Sensor(self.frames(), shape, depth_reader=depth, estimator=estimator) as sensor:
-            for name, reading in name_readings(self.source, sensor):
+            for name, reading in iterate_named_readings(self.source, sensor):
                 yield name, reading
                 if self.images_are_separate:
                     estimator.forget()
@@ -102,7 +102,7 @@ class Estimate:
     @property
     def references(self) -> "list[Frame]":
         """The reference images that were given."""
-        from ninedtact.capture.image_file import read_image
+        from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
 
         return [Frame(read_image(path)) for path in self.reference]
@@ -128,7 +128,7 @@ def is_image(text: str) -> bool:
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
-def name_readings(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
+def iterate_named_readings(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
     """Yield every reading with its name: the file of a single image, or the number of a frame."""
     for number, reading in enumerate(sensor):
         yield (source[number] if is_image(source[0]) else str(reading.frame.index)), reading

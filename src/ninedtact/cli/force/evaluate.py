@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ninedtact.cli.terminal import print_notice, print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""ninedtact model card | make: what a force model says about itself, and a force model from nothing."""
+"""ninedtact model card | make: print the model card of a force model, or make a force model from simulation alone."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -9,13 +9,13 @@ import tyro
 
 from ninedtact.cli.force.train import require_training_packages
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default
-from ninedtact.cli.terminal import print_notice, print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.errors import ForceError
 
 if TYPE_CHECKING:
-    from ninedtact.workflows.force_model_pipeline import ForceModelResult
+    from ninedtact.workflows.force_model_from_simulation import ForceModelResult
 
-DESCRIPTION = "Force models: print a model card, or make a model from nothing."
+DESCRIPTION = "Force models: print a model card, or make a model from simulation alone."
 
 
 class ModelMakingStopped(ForceError):
@@ -44,8 +44,8 @@ class _ShowModelCard:
 
 @dataclass(frozen=True)
 class _MakeForceModel:
-    """Make a force model from nothing: simulate sensors and contacts, train, validate on other sensors and objects, and estimate
-    live on one more simulated sensor.
+    """Make a force model from simulation alone: simulate sensors and contacts, train, validate on other sensors and objects, and
+    estimate live on one more simulated sensor.
 
     Run again after a stop, it continues where it was.
     """
@@ -66,7 +66,7 @@ class _MakeForceModel:
     def run(self) -> int:
         """Do all steps that are not done yet; raises `ModelMakingStopped`."""
         require_training_packages()
-        from ninedtact.workflows.force_model_pipeline import RECIPES, make_force_model
+        from ninedtact.workflows.force_model_from_simulation import RECIPES, make_force_model
 
         recipe = replace(RECIPES[self.recipe], design=read_design_or_default(self.design_file))
         try:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.terminal import print_notice, print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.errors import MissingLibraryError
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ninedtact.cli.dataset import DatasetStopped
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 
 if TYPE_CHECKING:
     from ninedtact.dataset.generation.generate import GenerationResult

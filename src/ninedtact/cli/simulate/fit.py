@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.sensor_record import TwinFitQuality, TwinTable
+    from ninedtact.calibration.sensor_toml_schema import TwinFitQuality, TwinTable
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
-from ninedtact.cli.terminal import print_result
+from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.design import SensingArea
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from ninedtact.mechanics.contact_result import Contact
     from ninedtact.mechanics.indenter import Indenter
-    from ninedtact.simulation import scripted_press as simulated
+    from ninedtact.simulation import press_drag_twist as simulated
     from ninedtact.simulation.twin import Twin
 
 Pair = tuple[float, float]
@@ -66,7 +66,7 @@ class Press:
     @property
     def press(self) -> "simulated.Press":
         """The same in radians; raises `PressImpossible`."""
-        from ninedtact.simulation import scripted_press as simulated
+        from ninedtact.simulation import press_drag_twist as simulated
 
         tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
         return simulated.ScriptedPress(

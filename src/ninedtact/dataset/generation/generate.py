@@ -29,7 +29,7 @@ from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_stat
 from ninedtact.dataset.stored_images import encode_png
 from ninedtact.simulation.batched.device import Device, find_device
 from ninedtact.simulation.batched.executor import BatchExecutor, run_sessions
-from ninedtact.simulation.batched.requests import run_on_processor
+from ninedtact.simulation.batched.session_requests import run_on_processor
 
 SESSIONS_PER_BATCH = 256
 """Sessions that a GPU advances together. More are not faster, and hold some 3 MB of images each in memory."""

@@ -17,7 +17,7 @@ from ninedtact.design import SensingArea
 from ninedtact.mechanics.contact_result import ContactLeavesGrid, InvalidLoad
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.simulation.batched.requests import ContactSummary, RequestGenerator, SimulatedSetup, StepRequest
+from ninedtact.simulation.batched.session_requests import ContactSummary, RequestGenerator, SimulatedSetup, StepRequest
 from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 
 _Pair = tuple[float, float]
@@ -84,7 +84,7 @@ class PressSettings:
 
 
 @dataclass
-class DatasetPress:
+class SimulatedPressTrajectory:
     """One press of an object on a simulated sensor. Its steps are generators of simulation requests."""
 
     setup: SimulatedSetup

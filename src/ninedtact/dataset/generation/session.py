@@ -6,13 +6,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from ninedtact.capture.sampling_rule import SamplingRule
-from ninedtact.dataset.generation.press_trajectory import DatasetPress
+from ninedtact.capture.training_pair_rule import SamplingRule
+from ninedtact.dataset.generation.press_trajectory import SimulatedPressTrajectory
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow
 from ninedtact.dataset.stored_images import encode_png
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.simulation.batched.requests import ContactSummary, RenderRequest, RequestGenerator, SimulatedSetup
+from ninedtact.simulation.batched.session_requests import (
+    ContactSummary,
+    RenderRequest,
+    RequestGenerator,
+    SimulatedSetup,
+)
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px, rectified_renderer
 
@@ -88,9 +93,9 @@ class GenerationSession:
             if not self._missing["rule"]:
                 return
 
-    def _start_press(self, object_name: str) -> DatasetPress:
+    def _start_press(self, object_name: str) -> SimulatedPressTrajectory:
         indenter = load_object(object_name, self.settings.objects_seed)
-        return DatasetPress(self.setup, indenter, self.settings.press, self._rng)
+        return SimulatedPressTrajectory(self.setup, indenter, self.settings.press, self._rng)
 
     def _add_row(self, contact: ContactSummary | None, object_name: str, kind: str) -> RequestGenerator[None]:
         """Request an image of the contact and add it with its wrench."""

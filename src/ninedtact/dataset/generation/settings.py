@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from ninedtact.capture.sampling_rule import SamplingRuleSettings
+from ninedtact.capture.training_pair_rule import SamplingRuleSettings
 from ninedtact.dataset.generation.press_trajectory import PressSettings
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError

@@ -20,13 +20,13 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.capture.image_and_video_files import IMAGE_SUFFIXES, natural_sort_key
-from ninedtact.capture.image_file import read_image
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, SourceUnknown
 from ninedtact.dataset.stored_images import encode_png
 from ninedtact.errors import FileFormatError, NinedtactError
-from ninedtact.force.deformation import NotAMixedImage, decode_mixed_image, rectified_from_stored_image
+from ninedtact.force.brightness_channels import NotAMixedImage, decode_mixed_image, rectified_from_stored_image
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 
 _IMAGE, _MIXED, _WRENCH = "image", "mixed_image", "wrench"
@@ -42,7 +42,7 @@ _GreyImage = UInt8[Array, "rows cols"]
 _Faults = list[tuple[PairFault, str]]
 
 
-class WrenchUnreadable(FileFormatError):
+class WrenchFileUnreadable(FileFormatError):
     """Raised for a file that does not hold six numbers."""
 
 
@@ -119,7 +119,7 @@ class _PairFiles:
                 if np.isfinite(wrench).all() and not difference < _NORM_TOLERANCE:
                     message = f"{self.norm.name} differs by {difference:.2g} of the range"
                     faults.append((PairFault.NORM_DIFFERS, message))
-            except WrenchUnreadable as error:
+            except WrenchFileUnreadable as error:
                 faults.append((PairFault.NORM_DIFFERS, str(error)))
         return wrench
 
@@ -146,15 +146,15 @@ class _PairFiles:
 
 
 def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
-    """Return six numbers of a .npy file, finite or not; raises `WrenchUnreadable`."""
+    """Return six numbers of a .npy file, finite or not; raises `WrenchFileUnreadable`."""
     try:
         numbers = np.load(path, allow_pickle=False)
     except (ValueError, EOFError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError, OSError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise WrenchUnreadable(f"expected six numbers in {path}, got: {reason}; copy the file again") from error
+        raise WrenchFileUnreadable(f"expected six numbers in {path}, got: {reason}; copy the file again") from error
     if not isinstance(numbers, np.ndarray) or numbers.dtype.kind not in "iuf" or numbers.size != 6:
         got = f"{numbers.dtype} of shape {numbers.shape}" if isinstance(numbers, np.ndarray) else "an archive"
-        raise WrenchUnreadable(f"expected six numbers in {path}, got {got}; copy the file again")
+        raise WrenchFileUnreadable(f"expected six numbers in {path}, got {got}; copy the file again")
     return numbers.astype(float).ravel()
 
 

@@ -17,7 +17,7 @@ from ninedtact.dataset.sources.source import Source, SourcePart, find_source_fil
 from ninedtact.dataset.stored_images import encode_png
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
-from ninedtact.recording.saved_pairs import ReferenceImages, SavedPair
+from ninedtact.recording.saved_pairs import SavedPair, TareReferenceImages
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.rectification import Rectification
 
@@ -56,12 +56,12 @@ class _RecordingPart(SourcePart):
 
     def _load_rectification(self) -> Rectification:
         """Return the rectification of the given or attached sensor folder; raises `RecordingUnreadable`, `SensorFolderDamaged`."""
-        from ninedtact.recording.reader import restore_sensor_folder
+        from ninedtact.recording.reader import extract_sensor_folder
 
         if self.sensor_folder is not None:
             return load_sensor(self.sensor_folder).rectification
         with TemporaryDirectory() as folder:
-            return load_sensor(restore_sensor_folder(self.file, Path(folder) / "sensor")).rectification
+            return load_sensor(extract_sensor_folder(self.file, Path(folder) / "sensor")).rectification
 
     def _make_row(self, pair: SavedPair, step: int, rectify: Rectification) -> DatasetRow:
         stamps_ns = pair.wrench.stamp_ns, pair.time_ns
@@ -82,7 +82,7 @@ class _RecordingPart(SourcePart):
         )
 
 
-def _mean_reference(references: ReferenceImages, sensor: str, rectify: Rectification) -> ReferenceImage:
+def _mean_reference(references: TareReferenceImages, sensor: str, rectify: Rectification) -> ReferenceImage:
     """Return the mean of the reference images, as the live sensor computes it."""
     mean = mean_rectified_image([rectify(Frame(image)) for image in references.images])
     return ReferenceImage(references.id, _encode_grey_levels(mean.grey), sensor)

@@ -57,7 +57,7 @@ PAPER_OBJECT_SPLIT_STD = ("0.31", "0.36", "0.44", "15", "14", "3")
 """Scores for held-out objects as printed in the paper, N and N·mm; the individual predictions were not published."""
 
 
-def published_scores_about(point_mm: tuple[float, float, float] | None) -> PublishedScores:
+def published_scores_about_torque_point(point_mm: tuple[float, float, float] | None) -> PublishedScores:
     """Return the published scores with torques about the skin's centre for (0, 0, 0), else about the paper's point."""
     return PUBLISHED_SCORES_AT_SKIN if point_mm == (0.0, 0.0, 0.0) else PUBLISHED_SCORES
 
@@ -170,7 +170,7 @@ class WrenchEvaluation:
             "coverage": {f"{100 * found.share:g}": _six_to_json(found.covered) for found in self.coverage},
             "by_object": _groups_to_json(self.by_object),
             "by_sensor": _groups_to_json(self.by_sensor),
-            "published": asdict(published_scores_about(self.predictions.about_mm)),
+            "published": asdict(published_scores_about_torque_point(self.predictions.about_mm)),
         }
 
 

@@ -19,7 +19,7 @@ from ninedtact.force.evaluation.evaluation import (
     GroupScores,
     WrenchEvaluation,
     force_torque_means,
-    published_scores_about,
+    published_scores_about_torque_point,
 )
 from ninedtact.force.evaluation.plots import plot_evaluation
 from ninedtact.force.evaluation.predictions import AXES, Six
@@ -71,7 +71,7 @@ def format_evaluation_report(evaluation: WrenchEvaluation) -> Iterator[str]:
     for what, groups in (("objects", evaluation.by_object), ("sensors", evaluation.by_sensor)):
         if groups:
             yield _best_and_worst_text(what, groups)
-    yield published_scores_about(evaluation.predictions.about_mm).what
+    yield published_scores_about_torque_point(evaluation.predictions.about_mm).what
 
 
 def write_evaluation_report(out: Path, evaluation: WrenchEvaluation) -> Iterator[tuple[str, Path]]:
@@ -102,7 +102,7 @@ def _render_html(evaluation: WrenchEvaluation, figures: dict[str, bytes]) -> str
         evaluation=evaluation,
         pair_count=_pair_count_text(evaluation),
         torque_reference=_torque_reference_text(evaluation),
-        published=published_scores_about(evaluation.predictions.about_mm),
+        published=published_scores_about_torque_point(evaluation.predictions.about_mm),
         headings=_HEADINGS,
         scores=[*_score_rows(evaluation)],
         object_split=[_ReportRow("MAE", PAPER_OBJECT_SPLIT_MAE), _ReportRow("Std of |error|", PAPER_OBJECT_SPLIT_STD)],
@@ -116,7 +116,7 @@ def _render_html(evaluation: WrenchEvaluation, figures: dict[str, bytes]) -> str
 
 def _score_rows(evaluation: WrenchEvaluation) -> Iterator[_ReportRow]:
     """Yield all scores, each followed by the published network's score where it is known."""
-    published = published_scores_about(evaluation.predictions.about_mm)
+    published = published_scores_about_torque_point(evaluation.predictions.about_mm)
     for name, (field, kind) in _SCORE_ROWS.items():
         yield _ReportRow(name, _format_cells(getattr(evaluation.scores, field), kind))
         if hasattr(published, field):

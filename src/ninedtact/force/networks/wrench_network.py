@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from ninedtact.errors import InputError
 from ninedtact.force.network_input import NetworkInputSettings
-from ninedtact.force.networks.published_architectures import (
+from ninedtact.force.networks.standard_backbones import (
     DENSENET_LAYERS,
     RESNET_LAYERS,
     VIT_PATCH_PX,
@@ -178,7 +178,7 @@ class WrenchNetwork(nn.Module):
         self.offset: Tensor
         self.gain: Tensor
         self.power: Tensor
-        """The returned scale is gain · scale^power in units of the labels, from held-out images (`training.trained_network`)."""
+        """The returned scale is gain · scale^power in units of the labels, from held-out images (`error_scale_and_model_card`)."""
 
     def forward(self, x: Tensor) -> tuple[Tensor, ...]:
         """Return the wrench (n, 6) for images (n, channels, rows, cols) and, for networks with a scale, that scale (n, 6)."""

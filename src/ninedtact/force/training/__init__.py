@@ -5,8 +5,8 @@ settings.py          the settings of a training, and the presets `default` and `
 examples.py          the examples, in memory or mapped from a file, and their batches in a seeded order
 augmentation.py      random changes of an example: geometric ones of image and wrench, and perturbations of the image alone
 training_module.py   the loss and one optimisation step, as a Lightning module
-lightning_compat.py  checkpoints, metrics, progress bar and interrupts, adapted to Lightning
-trained_network.py   the scale of errors calibrated, the evaluation on held-out pairs, and the model card
+lightning_adaptations.py  checkpoints, metrics, progress bar and interrupts, adapted to Lightning
+error_scale_and_model_card.py   the scale of errors calibrated, the evaluation on held-out pairs, and the model card
 onnx_export.py       the network with its card as one ONNX file
 
 The package is built on Lightning: accelerator, devices, nodes and precision are Lightning's flags (`settings.ComputeSettings`).

@@ -20,7 +20,7 @@ from ninedtact.force.onnx_model import (
     parse_force_model,
     read_force_model,
 )
-from ninedtact.force.training.lightning_compat import silence_loggers
+from ninedtact.force.training.lightning_adaptations import silence_loggers
 
 _PARITY_TOLERANCE = 1e-3
 """Largest difference between ONNX Runtime and torch, relative to the labels' unit plus the predicted value."""

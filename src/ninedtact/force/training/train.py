@@ -25,6 +25,7 @@ from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
 from ninedtact.force.evaluation.plots import plot_training_curves
 from ninedtact.force.onnx_model import ForceModel
+from ninedtact.force.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact.force.training.examples import (
     SeededBatchSampler,
     TrainingBatch,
@@ -33,10 +34,10 @@ from ninedtact.force.training.examples import (
     move_torque_reference,
     require_trainable,
 )
-from ninedtact.force.training.lightning_compat import (
+from ninedtact.force.training.lightning_adaptations import (
     AtomicCheckpointIO,
     MetricsHistory,
-    ProgressBar,
+    TrainingProgressBar,
     interrupt_as_training_stopped,
     load_checkpoint,
     resumable_checkpoint,
@@ -44,7 +45,6 @@ from ninedtact.force.training.lightning_compat import (
 )
 from ninedtact.force.training.onnx_export import export_model
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
-from ninedtact.force.training.trained_network import TrainedNetwork
 from ninedtact.force.training.training_module import MONITORED_METRIC, ForceTrainingModule, fit_label_scaling
 
 _SETTINGS_FILE, MODEL_FILE, _CURVES_FILE, _METRICS_FILE = "settings.json", "model.onnx", "curves.png", "metrics.csv"
@@ -197,7 +197,7 @@ def _build_trainer(
             precision=machine.precision,
             max_epochs=module.settings.epochs,
             logger=TensorBoardLogger(str(out), name=_TENSORBOARD_FOLDER, version=""),
-            callbacks=[history, checkpoints, *([ProgressBar()] if progress else [])],
+            callbacks=[history, checkpoints, *([TrainingProgressBar()] if progress else [])],
             plugins=[AtomicCheckpointIO()],
             default_root_dir=str(out),
             use_distributed_sampler=False,

@@ -58,7 +58,7 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
         yield "shell.relief_left_mm", shell.relief_left_mm
 
 
-def check_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
+def check_isolation_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the isolation ring's cone opens from its bore to its land within its height."""
     ring, levels = design.ring, design.heights
     wider = (design.plan_view.ring_side - ring.bore_mm) / 2 - ring.land_mm

@@ -9,8 +9,8 @@ from ninedtact.hardware.buildability.mechanical_rules import (
     check_cable_ramp,
     check_clearances,
     check_insert_boss_positions,
+    check_isolation_ring_cone,
     check_post_positions,
-    check_ring_cone,
     check_usb_slot,
     check_wall_thickness,
 )
@@ -32,7 +32,7 @@ from ninedtact.hardware.design import HardwareDesign
 DesignRule = Callable[[HardwareDesign], Iterator[BrokenRule]]
 DESIGN_RULES: tuple[DesignRule, ...] = (
     check_wall_thickness,
-    check_ring_cone,
+    check_isolation_ring_cone,
     check_clearances,
     check_boss_distances,
     check_insert_boss_positions,

@@ -252,7 +252,7 @@ def _flatten_row(row: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in row.items() if name not in several} | split
 
 
-def plot_comparison(found: Sequence[ExploredDesign]) -> bytes:
+def plot_design_comparison(found: Sequence[ExploredDesign]) -> bytes:
     """Return a PNG with one panel of bars for each quantity and one bar for each design."""
     # matplotlib is slow to import, and only this function needs it; its global state is never touched.
     from matplotlib.figure import Figure

@@ -14,7 +14,7 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import build_traction_force
-from ninedtact.hardware.derived_design import DerivedDesign
+from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.lens_coverage import lens_reach_mm
 from ninedtact.mechanics.alternating_solver import SolverSettings
@@ -25,7 +25,7 @@ from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import mean_height_error_mm, true_height_map_like
-from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.twin import Twin, twin_from_design
 
 MAX_INDENTATION_FRACTION = 0.75
@@ -72,7 +72,7 @@ class PerformancePrediction:
 
 def predict_performance(design: HardwareDesign) -> PerformancePrediction:
     """Build the parts of a design and press its twin; raises `DesignRulesBroken`, `LedBoardImpossible`."""
-    sensor, twin = DerivedDesign(design), twin_from_design(design.sensor)
+    sensor, twin = CompleteDesign(design), twin_from_design(design.sensor)
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
     at_load = ScriptedPress(load_n=LOAD_N).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
     at_depth = ScriptedPress(deepest).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)

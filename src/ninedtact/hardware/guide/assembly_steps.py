@@ -6,7 +6,7 @@ from typing import Literal
 
 from ninedtact.design import SensorDesign
 from ninedtact.hardware.bill_of_materials import clamp_screw_length_mm
-from ninedtact.hardware.derived_design import DerivedDesign
+from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.materials import BLACK_GEL_SILICONE, TRANSLUCENT_SILICONE, TRANSPARENT_SILICONE, Silicone
 from ninedtact.simulation.twin import radius_mm_per_rad
 
@@ -43,14 +43,14 @@ class GuideStep:
     """How to check that it worked, before the next step makes it hard to repair."""
 
 
-def list_guide_steps(sensor: DerivedDesign) -> Iterator[GuideStep]:
+def list_guide_steps(sensor: CompleteDesign) -> Iterator[GuideStep]:
     """Yield all steps with the dimensions of this design."""
     yield from _preparation_steps(sensor)
     yield from _casting_steps(sensor)
     yield from _assembly_steps(sensor)
 
 
-def _preparation_steps(sensor: DerivedDesign) -> Iterator[GuideStep]:
+def _preparation_steps(sensor: CompleteDesign) -> Iterator[GuideStep]:
     """Yield the steps before any silicone is poured."""
     design = sensor.design
     yield GuideStep(
@@ -72,7 +72,7 @@ def _preparation_steps(sensor: DerivedDesign) -> Iterator[GuideStep]:
     )
 
 
-def _casting_steps(sensor: DerivedDesign) -> Iterator[GuideStep]:
+def _casting_steps(sensor: CompleteDesign) -> Iterator[GuideStep]:
     """Yield the steps that cast the three layers."""
     design = sensor.design
     rim = design.heights.rim - design.heights.floor_top
@@ -118,7 +118,7 @@ def _casting_steps(sensor: DerivedDesign) -> Iterator[GuideStep]:
     )
 
 
-def _assembly_steps(sensor: DerivedDesign) -> Iterator[GuideStep]:
+def _assembly_steps(sensor: CompleteDesign) -> Iterator[GuideStep]:
     """Yield the steps that mount camera, light and screws, and calibrate."""
     design = sensor.design
     own = "" if design.sensor == SensorDesign() else OWN_DESIGN
@@ -164,7 +164,7 @@ def _assembly_steps(sensor: DerivedDesign) -> Iterator[GuideStep]:
     )
 
 
-def _mixture(sensor: DerivedDesign, silicone: Silicone) -> str:
+def _mixture(sensor: CompleteDesign, silicone: Silicone) -> str:
     """State the mass to mix for one layer, the product and the ratio of its components."""
     mass_g = silicone.grams(sensor.parts[silicone.part].volume_mm3)
     return f"{mass_g:.1f} g of {silicone.product}, {silicone.ratio} by weight"

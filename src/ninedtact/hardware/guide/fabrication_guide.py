@@ -10,7 +10,7 @@ from build123d import Axis, Part, Pos, Rot
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import SensorDesign
 from ninedtact.hardware.assembly_images import colour_bodies, cut_bodies_open
-from ninedtact.hardware.derived_design import DerivedDesign
+from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import HardwareDesign, hardware_design_of_variant
 from ninedtact.hardware.guide.assembly_steps import AssemblyState, GuideStep, list_guide_steps
 from ninedtact.hardware.materials import MATERIAL_OF_PART
@@ -43,7 +43,7 @@ class _AssemblyScene:
 class _AssemblyScenes:
     """The scenes of all states of one sensor's parts."""
 
-    sensor: DerivedDesign
+    sensor: CompleteDesign
 
     def scene(self, state: AssemblyState) -> _AssemblyScene:
         """Return the scene of a state."""
@@ -144,7 +144,7 @@ prints and UV glue that are not fully cured. Before you pour, let a drop of each
 DAYS = 2
 
 
-def format_guide(sensor: DerivedDesign) -> str:
+def format_guide(sensor: CompleteDesign) -> str:
     """Return the fabrication guide of a design as Markdown."""
     design = sensor.design
     area = f"{design.sensor.sensing_area.width_mm:g} x {design.sensor.sensing_area.height_mm:g}"
@@ -176,7 +176,7 @@ def _image_name(number: int, step: GuideStep) -> str:
     return f"fabrication_{number:02d}_{step.state}.png"
 
 
-def write_fabrication_guide(sensor: DerivedDesign, out: Path) -> Iterator[Path]:
+def write_fabrication_guide(sensor: CompleteDesign, out: Path) -> Iterator[Path]:
     """Write the page and its images, yielding each path once it is written; raises `FileNotWritten`."""
     (out / IMAGES).mkdir(parents=True, exist_ok=True)
     states = _AssemblyScenes(sensor)

@@ -9,6 +9,7 @@ from shapely import Polygon, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import PointMm
+from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout
 from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.copper_geometry import (
     bare_board_polygon,
@@ -19,7 +20,6 @@ from ninedtact.hardware.led_board.copper_geometry import (
     track_polygon,
     via_polygon,
 )
-from ninedtact.hardware.led_board.layout import SIDES, BoardLayout
 from ninedtact.hardware.led_board.silkscreen import place_designators
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from math import cos, radians, sin
 from typing import Literal
 
-from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import PointMm
+from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.footprints import (
     Footprint,
     chip_0805_footprint,

@@ -8,7 +8,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import BoardOutline, PointMm
 from ninedtact.hardware.led_board.components import PlacedComponent
-from ninedtact.hardware.led_board.pads import BoardPad, DrilledHole
+from ninedtact.hardware.led_board.netlist_and_pads import BoardPad, DrilledHole
 from ninedtact.hardware.led_board.routing import Track, Via
 
 SEGMENTS_PER_QUARTER = 16

@@ -8,9 +8,10 @@ from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_image import render_board_image
 from ninedtact.hardware.led_board.board_outline import outline_segments
+from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout
 from ninedtact.hardware.led_board.components import BoardComponent, BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
 from ninedtact.hardware.led_board.gerber_and_drill import (
@@ -21,7 +22,6 @@ from ninedtact.hardware.led_board.gerber_and_drill import (
     list_layer_shapes,
 )
 from ninedtact.hardware.led_board.kicad import format_kicad_board, format_kicad_project
-from ninedtact.hardware.led_board.layout import SIDES, BoardLayout
 from ninedtact.hardware.led_board.led_current import operating_point_of_board
 from ninedtact.hardware.led_board.silkscreen import place_designators
 

@@ -11,10 +11,10 @@ from shapely import Polygon, affinity
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import OutlineSegment, PointMm
+from ninedtact.hardware.led_board.complete_layout import BoardLayout
 from ninedtact.hardware.led_board.components import BoardSide
 from ninedtact.hardware.led_board.copper_geometry import merge_polygon_holes, pad_polygon, split_polygons
-from ninedtact.hardware.led_board.layout import BoardLayout
-from ninedtact.hardware.led_board.pads import BoardPad, DrilledHole
+from ninedtact.hardware.led_board.netlist_and_pads import BoardPad, DrilledHole
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 
 BoardLayer = Literal["copper", "mask", "paste", "silk"]
@@ -92,10 +92,10 @@ def _paste_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, .
     """Return the openings of the stencil."""
     whole = [flash_pad(pad, 0.0) for pad in layout.pads if pad.sides == (side,) and pad.land.paste]
     split = [pad for pad in layout.pads if pad.sides == (side,) and not pad.land.paste]
-    return (*whole, *(window for pad in split for window in paste_windows(pad)))
+    return (*whole, *(window for pad in split for window in solder_paste_openings(pad)))
 
 
-def paste_windows(pad: BoardPad) -> tuple[_FlashedRectangle, ...]:
+def solder_paste_openings(pad: BoardPad) -> tuple[_FlashedRectangle, ...]:
     """Return the openings of the stencil for the driver's large thermal pad."""
     x, y = pad.at_mm
     return tuple(

@@ -12,8 +12,9 @@ from itertools import pairwise
 from typing import Any, NewType
 from uuid import NAMESPACE_URL, uuid5
 
-from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import BoardOutline, PointMm, outline_segments
+from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout
 from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.copper_geometry import merge_polygon_holes
 from ninedtact.hardware.led_board.gerber_and_drill import (
@@ -21,10 +22,9 @@ from ninedtact.hardware.led_board.gerber_and_drill import (
     THERMAL_PASTE_MM,
     FlashedPolygon,
     flash_pad,
-    paste_windows,
+    solder_paste_openings,
 )
-from ninedtact.hardware.led_board.layout import SIDES, BoardLayout
-from ninedtact.hardware.led_board.pads import GROUND, BoardPad
+from ninedtact.hardware.led_board.netlist_and_pads import GROUND, BoardPad
 from ninedtact.hardware.led_board.routing import Routes
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 
@@ -181,7 +181,7 @@ def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
 def _paste_pads(pad: BoardPad, part: PlacedComponent, letter: str) -> list[Expression]:
     """Return the windows of paste on the thermal pad."""
     layers, size = ("layers", _quote(f"{letter}.Paste")), ("size", THERMAL_PASTE_MM, THERMAL_PASTE_MM)
-    places = [_relative_point("at", window.at_mm, part.at_mm) for window in paste_windows(pad)]
+    places = [_relative_point("at", window.at_mm, part.at_mm) for window in solder_paste_openings(pad)]
     return [("pad", _quote(""), "smd", "rect", place, size, layers) for place in places]
 
 

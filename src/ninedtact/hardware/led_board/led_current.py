@@ -7,8 +7,8 @@ differ with their forward voltages.
 
 from dataclasses import dataclass
 
-from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
+from ninedtact.hardware.led_board.board_parameters import LedBoard
 
 SETTING_V = 1800.0
 """Product of the driver's current and its resistor in volts: 1800 A·Ω."""

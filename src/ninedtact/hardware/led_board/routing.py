@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import dist, hypot
 
-from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import PointMm
+from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.components import BoardSide
-from ninedtact.hardware.led_board.pads import GROUND, LED_LINE, SETTING, SUPPLY, BoardPad, pad_position
+from ninedtact.hardware.led_board.netlist_and_pads import GROUND, LED_LINE, SETTING, SUPPLY, BoardPad, pad_position
 
 
 @dataclass(frozen=True)

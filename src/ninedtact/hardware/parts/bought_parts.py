@@ -9,7 +9,7 @@ from ninedtact.hardware.parts.primitives import (
     extrude_along_x,
     extrude_along_y,
     make_cylinder,
-    make_cylinders,
+    make_cylinders_at,
     make_plate,
     require_single_solid,
 )
@@ -50,8 +50,8 @@ def build_led_board(design: HardwareDesign) -> Part:
     heights = levels.board_bottom, levels.board_top
     beyond = levels.board_bottom - CUT_MARGIN_MM, levels.board_top + CUT_MARGIN_MM
     made = make_plate(plan.led_board, heights)
-    made -= make_cylinders(2 * board.notch_mm, beyond, plan.shell_screws)
-    made -= make_cylinders(board.locating_mm, beyond, plan.posts)
+    made -= make_cylinders_at(2 * board.notch_mm, beyond, plan.shell_screws)
+    made -= make_cylinders_at(board.locating_mm, beyond, plan.posts)
     made -= make_cylinder(board.lens_hole_mm, beyond)
     made += [_box_on(board.led_mm, place, levels.board_top) for place in plan.leds]
     made += _usb_receptacle(design)

@@ -13,7 +13,7 @@ from build123d import Part
 from ninedtact.hardware.assembly_dimensions import XY
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.parts.bought_parts import build_camera, build_led_board
-from ninedtact.hardware.parts.primitives import make_cylinders, make_plate, require_single_solid
+from ninedtact.hardware.parts.primitives import make_cylinders_at, make_plate, require_single_solid
 from ninedtact.hardware.parts.printed_parts import (
     CUT_MARGIN_MM,
     build_acrylic_window,
@@ -27,7 +27,7 @@ from ninedtact.hardware.parts.printed_parts import (
 def build_base_board(design: HardwareDesign) -> Part:
     """Build the base board, on which the shell is screwed while the gels are poured."""
     thick = design.moulds.base_mm
-    holes = make_cylinders(
+    holes = make_cylinders_at(
         design.moulds.shell_screw_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan_view.shell_screws
     )
     return require_single_solid(_clamping_plate(design, thick) - holes)
@@ -54,7 +54,7 @@ def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> P
 def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
     """Return the outline and the clamping holes that all plates share."""
     body = make_plate(design.plan_view.plate, (0, thick), design.moulds.corner_radius_mm)
-    return body - make_cylinders(
+    return body - make_cylinders_at(
         design.moulds.hole_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan_view.clamps
     )
 

@@ -43,7 +43,7 @@ def extrude_along_z(outline: Sketch | Face, heights: ZRange, at: XY = (0.0, 0.0)
     return Part() + extrude(Pos(*at, heights[0]) * outline, amount=heights[1] - heights[0])
 
 
-def make_cylinders(diameter_mm: float, heights: ZRange, places: Iterable[XY]) -> list[Part]:
+def make_cylinders_at(diameter_mm: float, heights: ZRange, places: Iterable[XY]) -> list[Part]:
     """Return equal cylinders along z, one at each position."""
     return [make_cylinder(diameter_mm, heights, place) for place in places]
 

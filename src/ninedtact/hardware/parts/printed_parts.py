@@ -12,7 +12,7 @@ from ninedtact.hardware.parts.primitives import (
     extrude_along_z,
     make_cone,
     make_cylinder,
-    make_cylinders,
+    make_cylinders_at,
     make_plate,
     nearest_vertex,
     require_single_solid,
@@ -26,13 +26,13 @@ def build_sensor_base(design: HardwareDesign) -> Part:
     """Build the base: plate, bosses and posts, then pocket, channel and holes."""
     base, plan, levels = design.base, design.plan_view, design.heights
     body = make_plate(plan.outer, (0, levels.plate_top), base.corner_radius_mm)
-    body += make_cylinders(base.boss_mm, (base.floor_mm, levels.boss_top), plan.mount_inserts)
-    body += make_cylinders(base.post_mm, (base.floor_mm, levels.board_bottom), plan.posts)
+    body += make_cylinders_at(base.boss_mm, (base.floor_mm, levels.boss_top), plan.mount_inserts)
+    body += make_cylinders_at(base.post_mm, (base.floor_mm, levels.board_bottom), plan.posts)
     body += _locating_pins(design)
-    body -= make_cylinders(base.bore_mm, (base.floor_mm, levels.boss_top + CUT_MARGIN_MM), plan.mount_inserts)
-    body -= make_cylinders(base.bolt_mm, (-CUT_MARGIN_MM, base.floor_mm), plan.mount_inserts)
-    body -= make_cylinders(base.shell_screw_mm, (0, levels.plate_top + CUT_MARGIN_MM), plan.shell_screws)
-    body -= make_cylinders(base.counterbore_mm, (-CUT_MARGIN_MM, base.counterbore_deep_mm), plan.shell_screws)
+    body -= make_cylinders_at(base.bore_mm, (base.floor_mm, levels.boss_top + CUT_MARGIN_MM), plan.mount_inserts)
+    body -= make_cylinders_at(base.bolt_mm, (-CUT_MARGIN_MM, base.floor_mm), plan.mount_inserts)
+    body -= make_cylinders_at(base.shell_screw_mm, (0, levels.plate_top + CUT_MARGIN_MM), plan.shell_screws)
+    body -= make_cylinders_at(base.counterbore_mm, (-CUT_MARGIN_MM, base.counterbore_deep_mm), plan.shell_screws)
     return require_single_solid(body - _camera_pocket(design))
 
 
@@ -40,7 +40,7 @@ def _locating_pins(design: HardwareDesign) -> list[Part]:
     """Return the locating pins on the posts, rounded at their tips."""
     base, levels = design.base, design.heights
     tip = levels.board_bottom + base.pin_tall_mm
-    pins = make_cylinders(base.pin_mm, (levels.plate_top, tip), design.plan_view.posts)
+    pins = make_cylinders_at(base.pin_mm, (levels.plate_top, tip), design.plan_view.posts)
     if not base.pin_round_mm:
         return pins
     return [fillet(pin.faces().sort_by(Axis.Z)[-1].edges(), base.pin_round_mm) for pin in pins]
@@ -87,7 +87,7 @@ def build_sensor_shell(design: HardwareDesign) -> Part:
     hole = shell.hole_mm, shell.hole_mm
     body -= make_plate(hole, (levels.ceiling - CUT_MARGIN_MM, levels.floor_top + CUT_MARGIN_MM))
     bottom = levels.plate_top
-    body -= make_cylinders(shell.bore_mm, (bottom - CUT_MARGIN_MM, bottom + shell.bore_deep_mm), plan.shell_screws)
+    body -= make_cylinders_at(shell.bore_mm, (bottom - CUT_MARGIN_MM, bottom + shell.bore_deep_mm), plan.shell_screws)
     return require_single_solid(body - _usb_slot(design))
 
 
@@ -103,7 +103,7 @@ def _led_cavity(design: HardwareDesign) -> Part:
     shell, plan, levels = design.shell, design.plan_view, design.heights
     heights = levels.plate_top - CUT_MARGIN_MM, levels.ceiling
     air = make_plate(plan.cavity, heights)
-    air -= make_cylinders(shell.boss_mm, heights, plan.shell_screws)
+    air -= make_cylinders_at(shell.boss_mm, heights, plan.shell_screws)
     if not shell.fillet_mm:
         return air
     return fillet(air.faces().sort_by(Axis.Z)[-1].edges(), shell.fillet_mm)

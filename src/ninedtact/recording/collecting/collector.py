@@ -13,10 +13,10 @@ from itertools import count
 
 import numpy as np
 
-from ninedtact.capture.sampling_rule import SamplingRule
+from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.collecting.pair_counts import CountedPair, PairCounts
+from ninedtact.recording.collecting.force_coverage import CountedPair, PairCounts
 from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,

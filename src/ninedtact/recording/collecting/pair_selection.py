@@ -10,10 +10,10 @@ import numpy as np
 
 from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 from ninedtact.capture.force_torque.tare import TareSettings
-from ninedtact.capture.sampling_rule import SamplingRule, SamplingRuleSettings, SixFloats
+from ninedtact.capture.training_pair_rule import SamplingRule, SamplingRuleSettings, SixFloats
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.collecting.pair_counts import PairCounts
+from ninedtact.recording.collecting.force_coverage import PairCounts
 from ninedtact.recording.saved_pairs import PairKind
 
 

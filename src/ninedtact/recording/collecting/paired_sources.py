@@ -14,7 +14,7 @@ import numpy as np
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-from ninedtact.capture.force_torque.pipeline import MountedWrenchSource
+from ninedtact.capture.force_torque.mounted_wrench_source import MountedWrenchSource
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
@@ -26,8 +26,8 @@ from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams,
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
-from ninedtact.simulation.scripted_press import ScriptedPress
+from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.trajectory import (
     HOVER_MM,

@@ -38,7 +38,12 @@ from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.shrinking_batch import expand_over_grid, max_over_grid, to_scalars
 from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, Skin
-from ninedtact.simulation.batched.requests import ContactSummary, SimulatedSetup, StepRequest, summarize_contacts
+from ninedtact.simulation.batched.session_requests import (
+    ContactSummary,
+    SimulatedSetup,
+    StepRequest,
+    summarize_contacts,
+)
 
 StepResponse = ContactSummary | StepRequest | NinedtactError
 """The response to a contact step: a contact, a request to be computed in place of the first one, or a refusal."""

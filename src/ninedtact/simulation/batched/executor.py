@@ -20,14 +20,14 @@ from ninedtact.mechanics.height_grid_indenter import HeightGridStore
 from ninedtact.simulation.batch_renderer import BatchRenderer
 from ninedtact.simulation.batched.contact_batch import ContactBatch, SkinStack, StepResponse, refusal_before_solving
 from ninedtact.simulation.batched.device import Device, is_out_of_memory
-from ninedtact.simulation.batched.requests import (
+from ninedtact.simulation.batched.session_requests import (
     BrightnessFactor,
     RenderRequest,
     Request,
     RequestGenerator,
     SimulatedSetup,
     StepRequest,
-    send_response,
+    resume_session,
 )
 
 
@@ -178,6 +178,6 @@ class _SessionRunner:
             self.pending = response
             return
         try:
-            self.pending = send_response(self.requests, response)
+            self.pending = resume_session(self.requests, response)
         except StopIteration:
             self.pending = None

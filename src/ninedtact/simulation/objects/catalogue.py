@@ -17,8 +17,8 @@ from pathlib import Path
 from ninedtact.errors import InputError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.indenter_primitives import Ball, Cone, Cylinder, Ellipsoid, FlatPunch
-from ninedtact.simulation.objects.height_grid import DimensionSampler, HeightfieldFunction, HeightGrid
+from ninedtact.mechanics.indenter_primitives import Ball, Cone, Ellipsoid, FlatPunch, LyingCylinder
+from ninedtact.simulation.objects.grid_and_dimension_sampler import DimensionSampler, HeightfieldFunction, HeightGrid
 from ninedtact.simulation.objects.household_objects import HOUSEHOLD_OBJECTS
 from ninedtact.simulation.objects.lettering import LETTERING
 from ninedtact.simulation.objects.machine_parts import MACHINE_PARTS
@@ -89,14 +89,14 @@ def generate_object(name: str, seed: int = 0) -> HeightGridIndenter:
 
 PRIMITIVES: dict[str, tuple[str, Callable[..., Indenter]]] = {
     "ball": ("RADIUS", Ball),
-    "cylinder": ("RADIUS,LENGTH", Cylinder),
+    "cylinder": ("RADIUS,LENGTH", LyingCylinder),
     "cone": ("SLOPE_DEG,TIP_RADIUS,BASE_RADIUS", lambda slope=30.0, *rest: Cone(radians(slope), *rest)),
     "punch": ("RADIUS,EDGE", FlatPunch),
     "ellipsoid": ("HALF_LENGTH,HALF_WIDTH,HALF_HEIGHT", Ellipsoid),
 }
 
 
-class MeshNotClosed(UserWarning):
+class MeshNotClosedWarning(UserWarning):
     """A warning for a mesh with holes: it is usable, but its inside may count where a hole faces the skin."""
 
 
@@ -179,7 +179,7 @@ def _warn_if_not_closed(mesh: MeshObject) -> Indenter:
     if not mesh.closed:
         warnings.warn(
             f"{mesh.relief.name} is not closed: where a hole faces the skin, the inside of the mesh is used",
-            MeshNotClosed,
+            MeshNotClosedWarning,
             stacklevel=3,
         )
     return mesh.relief

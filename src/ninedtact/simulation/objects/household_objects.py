@@ -5,15 +5,20 @@ To add an object, write its function and list it in `HOUSEHOLD_OBJECTS`.
 
 import numpy as np
 
-from ninedtact.simulation.objects.height_grid import DimensionSampler, Heightfield, HeightfieldFunction, HeightGrid
+from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+    DimensionSampler,
+    Heightfield,
+    HeightfieldFunction,
+    HeightGrid,
+)
 from ninedtact.simulation.objects.signed_distance import (
     box_sdf,
     flat_face,
     polygon_corners,
     polyline_sdf,
     raise_outside,
-    recess,
-    round_bar,
+    recess_heights,
+    round_bar_heights,
     smooth_abs,
     wrap_to_pitch,
 )
@@ -37,8 +42,8 @@ def _flower(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     petals, radius = sample.integer(4, 9), sample.between(3, 5)
     size = radius * np.sin(np.pi / petals) * sample.between(0.85, 1.1)
     places = polygon_corners(petals, radius).tolist()
-    domes = [size * 0.5 * round_bar(np.hypot(grid.x - x, grid.y - y) / size, 1.0) for x, y in places]
-    heart = round_bar(grid.r, sample.between(1, 2))
+    domes = [size * 0.5 * round_bar_heights(np.hypot(grid.x - x, grid.y - y) / size, 1.0) for x, y in places]
+    heart = round_bar_heights(grid.r, sample.between(1, 2))
     return np.minimum(np.minimum.reduce(domes) + sample.between(0, 0.4), heart)
 
 
@@ -60,7 +65,7 @@ def _button(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     outline = grid.r - radius
     for x, y in polygon_corners(holes, 0.28 * radius).tolist():
         outline = np.maximum(outline, 0.13 * radius - np.hypot(grid.x - x, grid.y - y))
-    well = recess(grid.r - radius * sample.between(0.55, 0.8), sample.between(0.4, 1), 0.8)
+    well = recess_heights(grid.r - radius * sample.between(0.55, 0.8), sample.between(0.4, 1), 0.8)
     return well + flat_face(outline, 0.3)
 
 
@@ -89,11 +94,11 @@ def _puzzle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _paw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Return the heights of a paw: a pad and toes."""
     toes, size = sample.integer(3, 5), sample.between(2.4, 3.6)
-    pad = 2 * round_bar(np.hypot(grid.x / size, (grid.y - 2) / (0.85 * size)), 1.0)
+    pad = 2 * round_bar_heights(np.hypot(grid.x / size, (grid.y - 2) / (0.85 * size)), 1.0)
     angles = np.linspace(-1, 1, toes) * sample.between(0.8, 1.1) - np.pi / 2
     toe = [
         1.2
-        * round_bar(
+        * round_bar_heights(
             np.hypot(grid.x - 1.75 * size * np.cos(a), grid.y - 2 - 1.75 * size * np.sin(a)) / (0.4 * size), 1.0
         )
         for a in angles.tolist()
@@ -130,7 +135,7 @@ def _pretzel(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     t = np.linspace(0, 2 * np.pi, 120)
     reach = size * (0.58 + 0.42 * np.cos(lobes * t))
     curve = np.stack([reach * np.cos(t), reach * np.sin(t)], axis=1)
-    return round_bar(polyline_sdf(grid.x, grid.y, curve), bar) + 0.15 * (1 + np.cos(3 * grid.angle))
+    return round_bar_heights(polyline_sdf(grid.x, grid.y, curve), bar) + 0.15 * (1 + np.cos(3 * grid.angle))
 
 
 def _maze(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:

@@ -7,13 +7,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from ninedtact.simulation.objects.height_grid import DimensionSampler, Heightfield, HeightfieldFunction, HeightGrid
+from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+    DimensionSampler,
+    Heightfield,
+    HeightfieldFunction,
+    HeightGrid,
+)
 from ninedtact.simulation.objects.signed_distance import (
     box_sdf,
     flat_face,
     polyline_sdf,
     raise_outside,
-    recess,
+    recess_heights,
     segment_sdf,
     wrap_to_pitch,
 )
@@ -78,7 +83,7 @@ def _stamp(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     count = 3 if height > 3.8 else 4
     rows = [_written(grid.x, grid.y + shift * height * 0.75, _signs(sample, count), height) for shift in (-1, 1)]
     plate = box_sdf(grid.x, grid.y, height * count + 1.5, 3 * height, 1)
-    return recess(np.minimum(*rows) - height * 0.11, depth, 0.25) + flat_face(plate)
+    return recess_heights(np.minimum(*rows) - height * 0.11, depth, 0.25) + flat_face(plate)
 
 
 def _coin(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:

@@ -5,7 +5,12 @@ To add a part, write its function and list it in `MACHINE_PARTS`.
 
 import numpy as np
 
-from ninedtact.simulation.objects.height_grid import DimensionSampler, Heightfield, HeightfieldFunction, HeightGrid
+from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+    DimensionSampler,
+    Heightfield,
+    HeightfieldFunction,
+    HeightGrid,
+)
 from ninedtact.simulation.objects.punches import star_corners
 from ninedtact.simulation.objects.signed_distance import (
     box_sdf,
@@ -14,8 +19,8 @@ from ninedtact.simulation.objects.signed_distance import (
     polygon_sdf,
     polyline_sdf,
     raise_outside,
-    recess,
-    round_bar,
+    recess_heights,
+    round_bar_heights,
     segment_sdf,
     wrap_to_pitch,
 )
@@ -28,7 +33,7 @@ def _screw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     radius, pitch, length = sample.between(1.5, 4.5), sample.between(0.8, 2), sample.between(10, 18)
     across = np.arcsin(np.clip(grid.y / radius, -1, 1))
     groove = np.abs(wrap_to_pitch(grid.x + pitch * across / (2 * np.pi), pitch)) * 1.1
-    return round_bar(grid.y, radius) + groove + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
+    return round_bar_heights(grid.y, radius) + groove + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
 
 
 def _bolt(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -44,7 +49,7 @@ def _bolt(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     )[drive]
     hexagon = polygon_sdf(grid.x, grid.y, polygon_corners(6, radius, HEXAGON))
     head = hexagon if sample.fraction() < 0.4 else grid.r - radius
-    return recess(drive_recess, depth) + sample.between(0, 1.2) * (grid.r / radius) ** 2 + flat_face(head, 0.4)
+    return recess_heights(drive_recess, depth) + sample.between(0, 1.2) * (grid.r / radius) ** 2 + flat_face(head, 0.4)
 
 
 def _nut(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -74,7 +79,7 @@ def _spring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     across = np.arcsin(np.clip(grid.y / radius, -1, 1))
     coil = wrap_to_pitch(grid.x + pitch * across / (2 * np.pi), pitch)
     tube = np.where(np.abs(coil) < wire, wire - np.sqrt(np.maximum(wire**2 - coil**2, 0)), np.inf)
-    return round_bar(grid.y, radius) + tube + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.3)
+    return round_bar_heights(grid.y, radius) + tube + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.3)
 
 
 def _chain(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -84,7 +89,7 @@ def _chain(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     for step in range(-1, 3):
         x = grid.x - (step - 0.5) * pitch
         oval = segment_sdf(x, grid.y, (-pitch / 2, 0.0), (pitch / 2, 0.0)) - pitch * 0.33
-        links.append(round_bar(oval, wire) + (step % 2) * wire * 0.6)
+        links.append(round_bar_heights(oval, wire) + (step % 2) * wire * 0.6)
     return np.minimum.reduce(links)
 
 
@@ -92,7 +97,9 @@ def _bearing(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Return the heights of a ball bearing: balls between two races."""
     balls, radius = sample.integer(6, 12), sample.between(4, 6.5)
     size = 0.8 * radius * np.sin(np.pi / balls)
-    beads = [round_bar(np.hypot(grid.x - x, grid.y - y), size) for x, y in polygon_corners(balls, radius).tolist()]
+    beads = [
+        round_bar_heights(np.hypot(grid.x - x, grid.y - y), size) for x, y in polygon_corners(balls, radius).tolist()
+    ]
     races = np.abs(np.abs(grid.r - radius) - 1.25 * size) - sample.between(0.3, 0.6)
     return np.minimum(np.minimum.reduce(beads), flat_face(races, 0.25) + sample.between(0, 0.4))
 
@@ -121,7 +128,7 @@ def _cable(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     turn = 2 * np.pi * grid.x / lay
     place = [turn + 2 * np.pi * strand / strands for strand in range(strands)]
     size = radius / (1.2 if strands == 2 else 1.6)
-    wires = [round_bar(grid.y - radius * np.sin(at), size) + radius * (1 - np.cos(at)) for at in place]
+    wires = [round_bar_heights(grid.y - radius * np.sin(at), size) + radius * (1 - np.cos(at)) for at in place]
     return np.minimum.reduce(wires) + flat_face(box_sdf(grid.x, grid.y, sample.between(12, 18), 12), 0.3)
 
 
@@ -135,7 +142,7 @@ def _spanner(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     shaft = box_sdf(x - 0.3, y, 10, 2 * handle)
     shaft = np.maximum(shaft, 0.62 * jaw - np.hypot(x - 6.5, y))
     whole = np.minimum(np.minimum(np.maximum(head, -mouth), end), shaft)
-    return recess(box_sdf(x - 0.2, y, 6, handle, 0.3), 0.4) + flat_face(whole, 0.3)
+    return recess_heights(box_sdf(x - 0.2, y, 6, handle, 0.3), 0.4) + flat_face(whole, 0.3)
 
 
 def _sheet_frame(x: Heightfield, y: Heightfield, angle_rad: float) -> tuple[Heightfield, Heightfield]:
@@ -154,7 +161,7 @@ def _key(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     blade = np.maximum(box_sdf(x - 3, y, 13, width, 0.3), y - width / 2 + np.broadcast_to(edge, y.shape))
     grip = np.maximum(np.hypot(x + 6, y) - bow, 0.35 * bow - np.hypot(x + 7, y))
     groove = box_sdf(x - 3, y + 0.2 * width, 13, 0.22 * width)
-    return recess(np.maximum(groove, -x - 2), 0.45, 0.25) + flat_face(np.minimum(grip, blade), 0.2)
+    return recess_heights(np.maximum(groove, -x - 2), 0.45, 0.25) + flat_face(np.minimum(grip, blade), 0.2)
 
 
 def _cutter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -163,7 +170,7 @@ def _cutter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     turn = np.mod(grid.angle * teeth / (2 * np.pi), 1)
     outline = grid.r - radius * (1 - rake * turn * 0.8)
     hub = np.minimum(outline, grid.r - 0.5 * radius)
-    return recess(0.6 * radius - grid.r, 0.5, 0.6) + flat_face(np.maximum(hub, 0.16 * radius - grid.r), 0.25)
+    return recess_heights(0.6 * radius - grid.r, 0.5, 0.6) + flat_face(np.maximum(hub, 0.16 * radius - grid.r), 0.25)
 
 
 def _spline(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -184,7 +191,7 @@ def _circuit(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     )
     leg = np.maximum(row, np.abs(y) - body / 2 - 2)
     mark = np.hypot(x + length / 2 - 1, y) - 0.5
-    case = flat_face(box_sdf(x, y, length, body, 0.3), 0.3) + recess(mark, 0.4)
+    case = flat_face(box_sdf(x, y, length, body, 0.3), 0.3) + recess_heights(mark, 0.4)
     return np.minimum(case, flat_face(leg, 0.2) + 0.7 - 0.35 * np.maximum(np.abs(y) - body / 2 - 0.3, 0))
 
 
@@ -198,7 +205,7 @@ def _hook(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
         np.r_[bow[::-1] - np.array([1, 0]), np.array([1, 0]) - bow[1:]],
         np.array([[-2, 1], [2, 1], [2, -1], [-2, -1], [-2, 0.4], [1.3, 0.4], [1.3, -0.4], [-1, -0.4]]) * 1.1,
     )
-    return round_bar(polyline_sdf(*grid.rotated_axes(sample.between(0, np.pi)), paths[kind] * size), wire)
+    return round_bar_heights(polyline_sdf(*grid.rotated_axes(sample.between(0, np.pi)), paths[kind] * size), wire)
 
 
 MACHINE_PARTS: dict[str, HeightfieldFunction] = {

@@ -5,7 +5,12 @@ To add a punch, write its function and list it in `PUNCHES`.
 
 import numpy as np
 
-from ninedtact.simulation.objects.height_grid import DimensionSampler, Heightfield, HeightfieldFunction, HeightGrid
+from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+    DimensionSampler,
+    Heightfield,
+    HeightfieldFunction,
+    HeightGrid,
+)
 from ninedtact.simulation.objects.signed_distance import (
     Points,
     box_sdf,
@@ -13,7 +18,7 @@ from ninedtact.simulation.objects.signed_distance import (
     polygon_corners,
     polygon_sdf,
     polyline_sdf,
-    recess,
+    recess_heights,
     segment_sdf,
 )
 
@@ -137,7 +142,7 @@ def _slotted_disc(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     starts = ends * sample.random.uniform(0.25, 0.6, (slots, 1))
     pairs = zip(starts.tolist(), ends.tolist(), strict=True)
     cuts = np.minimum.reduce([segment_sdf(grid.x, grid.y, (a[0], a[1]), (b[0], b[1])) for a, b in pairs])
-    return recess(cuts - width / 2, 1.2) + flat_face(grid.r - radius)
+    return recess_heights(cuts - width / 2, 1.2) + flat_face(grid.r - radius)
 
 
 PUNCHES: dict[str, HeightfieldFunction] = {

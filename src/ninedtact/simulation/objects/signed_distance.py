@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.simulation.objects.height_grid import Heightfield
+from ninedtact.simulation.objects.grid_and_dimension_sampler import Heightfield
 
 Points = Float[Array, "points 2"]
 
@@ -65,12 +65,12 @@ def raise_outside(distance: Heightfield, height_mm: float, flank_mm: float = 0.3
     return height_mm * part**2 * (3 - 2 * part)
 
 
-def recess(distance: Heightfield, depth_mm: float, flank_mm: float = 0.3) -> Heightfield:
+def recess_heights(distance: Heightfield, depth_mm: float, flank_mm: float = 0.3) -> Heightfield:
     """Return a recess: a depth inside the outline, zero outside."""
     return raise_outside(-distance, depth_mm, flank_mm)
 
 
-def round_bar(distance: Heightfield, radius_mm: float) -> Heightfield:
+def round_bar_heights(distance: Heightfield, radius_mm: float) -> Heightfield:
     """Return a round bar on the plane along the zero line of a distance; infinite beside it."""
     left = radius_mm**2 - distance**2
     return np.where(left > 0, radius_mm - np.sqrt(np.maximum(left, 0)), np.inf)

@@ -5,14 +5,19 @@ To add a solid, write its function and list it in `SOLIDS`.
 
 import numpy as np
 
-from ninedtact.simulation.objects.height_grid import DimensionSampler, Heightfield, HeightfieldFunction, HeightGrid
+from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+    DimensionSampler,
+    Heightfield,
+    HeightfieldFunction,
+    HeightGrid,
+)
 from ninedtact.simulation.objects.signed_distance import (
     box_sdf,
     flat_face,
     polygon_corners,
     polygon_sdf,
     raise_outside,
-    round_bar,
+    round_bar_heights,
     segment_sdf,
     smooth_abs,
 )
@@ -20,21 +25,21 @@ from ninedtact.simulation.objects.signed_distance import (
 
 def _ball(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Return the heights of a sphere."""
-    return round_bar(grid.r, sample.between(2, 8))
+    return round_bar_heights(grid.r, sample.between(2, 8))
 
 
 def _ellipsoid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Return the heights of an ellipsoid with three different axes."""
     x, y = grid.rotated_axes(sample.between(0, np.pi))
     length, width, height = sample.between(4, 9), sample.between(2, 4), sample.between(2, 6)
-    return height * round_bar(np.hypot(x / length, y / width), 1.0)
+    return height * round_bar_heights(np.hypot(x / length, y / width), 1.0)
 
 
 def _cylinder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Return the heights of a cylinder that lies on its side."""
     radius, length = sample.between(1.5, 7), sample.between(8, 19)
     x, y = grid.rotated_axes(sample.between(0, np.pi))
-    return round_bar(y, radius) + flat_face(box_sdf(x, y, length, 2 * radius), 0.3)
+    return round_bar_heights(y, radius) + flat_face(box_sdf(x, y, length, 2 * radius), 0.3)
 
 
 def _capsule(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -42,7 +47,7 @@ def _capsule(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     radius, half, bend = sample.between(1, 3.5), sample.between(3, 6), sample.between(-1.2, 1.2)
     arm = segment_sdf(grid.x, grid.y, (0.0, 0.0), (-half, 0.0))
     other = segment_sdf(grid.x, grid.y, (0.0, 0.0), (half * np.cos(bend), half * np.sin(bend)))
-    return round_bar(np.minimum(arm, other), radius)
+    return round_bar_heights(np.minimum(arm, other), radius)
 
 
 def _cone(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -83,7 +88,7 @@ def _cross_roof(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
 def _torus(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     """Return the heights of a torus with a round section, whose ring is round or oval."""
     tube, radius = sample.between(0.6, 2.2), sample.between(3, 7)
-    return round_bar(np.hypot(grid.x, grid.y * sample.between(1, 1.6)) - radius, tube)
+    return round_bar_heights(np.hypot(grid.x, grid.y * sample.between(1, 1.6)) - radius, tube)
 
 
 def _saddle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -116,7 +121,9 @@ def _pebbles(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     lift = sample.random.uniform(0, 0.5, count)
     places = sample.scatter(count, spread)
     rows = zip(places.tolist(), sizes.tolist(), lift.tolist(), strict=True)
-    return np.minimum.reduce([up + round_bar(np.hypot(grid.x - x, grid.y - y), size) for (x, y), size, up in rows])
+    return np.minimum.reduce(
+        [up + round_bar_heights(np.hypot(grid.x - x, grid.y - y), size) for (x, y), size, up in rows]
+    )
 
 
 def _caltrop(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:

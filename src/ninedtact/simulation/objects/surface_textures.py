@@ -5,15 +5,20 @@ To add a texture, write its function and list it in `PATTERNS` or `ROUGH_SURFACE
 
 import numpy as np
 
-from ninedtact.simulation.objects.height_grid import DimensionSampler, Heightfield, HeightfieldFunction, HeightGrid
+from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+    DimensionSampler,
+    Heightfield,
+    HeightfieldFunction,
+    HeightGrid,
+)
 from ninedtact.simulation.objects.signed_distance import (
     box_sdf,
     flat_face,
     polygon_corners,
     polygon_sdf,
     raise_outside,
-    recess,
-    round_bar,
+    recess_heights,
+    round_bar_heights,
     smooth_abs,
     wrap_to_pitch,
 )
@@ -95,7 +100,7 @@ def _knurl(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     along = np.arcsin(np.clip(grid.y / radius, -1, 1)) * radius
     grooves = [np.abs(wrap_to_pitch(grid.x + sign * along, 2 * pitch)) for sign in (-1, 1)]
     relief = 0.45 * np.maximum(*grooves)
-    return round_bar(grid.y, radius) + relief + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
+    return round_bar_heights(grid.y, radius) + relief + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
 
 
 def _honeycomb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
@@ -103,7 +108,7 @@ def _honeycomb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     pitch, wall, depth = sample.between(2.2, 4.5), sample.between(0.25, 0.5), sample.between(0.6, 1.5)
     x, y = _hexagon_frame(*grid.rotated_axes(sample.between(0, np.pi)), pitch)
     border = np.maximum.reduce([np.abs(nx * x + ny * y) for nx, ny in polygon_corners(6, 1.0)[:3].tolist()]) - pitch / 2
-    return recess(border + wall, depth, 0.35) + _plate(sample, grid)
+    return recess_heights(border + wall, depth, 0.35) + _plate(sample, grid)
 
 
 def _hexagon_frame(x: Heightfield, y: Heightfield, pitch_mm: float) -> tuple[Heightfield, Heightfield]:
@@ -147,7 +152,9 @@ def _ladder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     width, pitch, bar = sample.between(4, 8), sample.between(2, 4), sample.between(0.4, 0.8)
     rails = np.hypot(np.abs(grid.y) - width / 2, 0)
     rungs = np.hypot(wrap_to_pitch(grid.x, pitch), np.maximum(np.abs(grid.y) - width / 2, 0))
-    bars = np.minimum(round_bar(rails, bar), round_bar(rungs, bar * sample.between(0.7, 1)) + sample.between(0, 0.3))
+    bars = np.minimum(
+        round_bar_heights(rails, bar), round_bar_heights(rungs, bar * sample.between(0.7, 1)) + sample.between(0, 0.3)
+    )
     return bars + flat_face(np.abs(grid.x) - sample.between(6, 9))
 
 
@@ -190,7 +197,9 @@ def _tread(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     sideways = np.abs(wrap_to_pitch(grid.x + slant * np.abs(grid.y), pitch)) - 0.13 * pitch
     grooves = np.minimum(sideways, np.abs(np.abs(grid.y) - sample.between(1.5, 3.5)) - 0.35)
     return (
-        recess(grooves, depth) + 0.02 * grid.y**2 + flat_face(box_sdf(grid.x, grid.y, 17, sample.between(9, 14), 0.5))
+        recess_heights(grooves, depth)
+        + 0.02 * grid.y**2
+        + flat_face(box_sdf(grid.x, grid.y, 17, sample.between(9, 14), 0.5))
     )
 
 

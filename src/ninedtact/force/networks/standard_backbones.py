@@ -59,7 +59,7 @@ class DenseNet(nn.Module):
             ("relu0", nn.ReLU()),
             ("pool0", nn.MaxPool2d(3, stride=2, padding=1)),
         ]
-        widths = list(widths_of(growth, blocks, first))
+        widths = list(dense_block_channels(growth, blocks, first))
         for number, (layers, (width, end)) in enumerate(zip(blocks, widths, strict=True), 1):
             parts.append((f"denseblock{number}", dense_block(width, growth, layers)))
             if number < len(blocks):
@@ -73,7 +73,7 @@ class DenseNet(nn.Module):
         return self.classifier(torch.relu(self.features(x)).mean((2, 3)))
 
 
-def widths_of(growth: int, blocks: tuple[int, ...], first: int) -> list[tuple[int, int]]:
+def dense_block_channels(growth: int, blocks: tuple[int, ...], first: int) -> list[tuple[int, int]]:
     """Return the numbers of channels before and after every dense block."""
     befores = [first]
     for layers in blocks:

@@ -119,7 +119,7 @@ class SampleCounter:
         return max(passed - 1, 0)
 
 
-class ForceTorqueSensor(WrenchSource):
+class DriverWrenchSource(WrenchSource):
     """A force/torque device that is read sample by sample: the load on its tool side, in its own frame about its own origin.
 
     `read` raises `WrenchSampleRejected` for a sample that the device itself marks as bad, and continues with the next one when

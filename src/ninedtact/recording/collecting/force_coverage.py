@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.sampling_rule import SixFloats
+from ninedtact.capture.training_pair_rule import SixFloats
 from ninedtact.recording.saved_pairs import PairKind
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from shapely import Polygon, union_all
 from shapely.geometry.base import BaseGeometry
 
-from ninedtact.hardware.led_board.board_design import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent, place_components
 from ninedtact.hardware.led_board.copper_geometry import (
     bare_board_polygon,
@@ -15,7 +15,7 @@ from ninedtact.hardware.led_board.copper_geometry import (
     track_polygon,
     via_polygon,
 )
-from ninedtact.hardware.led_board.pads import (
+from ninedtact.hardware.led_board.netlist_and_pads import (
     GROUND,
     BoardPad,
     DrilledHole,

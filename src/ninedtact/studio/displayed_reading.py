@@ -13,8 +13,8 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import InputError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
+from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.export import export_shape
-from ninedtact.shape.height_map_image import ColourScale
 from ninedtact.studio.reading_view import ReadingView, render_reading, session_colour_scale
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.wrench_poller import WrenchPoller, WrenchSnapshot

@@ -1,4 +1,4 @@
-"""Opens the camera, stream or file that a source address (the text after --source) names."""
+"""The camera, stream or file that a source address (the text after --source) names, as a source that is not yet open."""
 
 from pathlib import Path
 

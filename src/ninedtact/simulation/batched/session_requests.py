@@ -116,7 +116,7 @@ def run_on_processor(requests: RequestGenerator[Result]) -> Result:
     try:
         request = next(requests)
         while True:
-            request = send_response(requests, respond_on_processor(request))
+            request = resume_session(requests, respond_on_processor(request))
     except StopIteration as end:
         return end.value
 
@@ -129,7 +129,7 @@ def respond_on_processor(request: Request) -> Any:
         return refusal
 
 
-def send_response(requests: RequestGenerator[Any], response: Any) -> Request:
+def resume_session(requests: RequestGenerator[Any], response: Any) -> Request:
     """Send a response to a session, or throw a refusal into it, and return its next request.
 
     Raises `StopIteration` where the session has ended.

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from ninedtact.hardware.led_board.board_design import LedBoard
 from ninedtact.hardware.led_board.board_outline import PointMm
+from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent, place_components
 from ninedtact.hardware.led_board.footprints import Land
 

@@ -83,11 +83,11 @@ KEPT_CONTACTS, KEPT_WRENCHES = 16, 1024
 """Number of the newest steps that are stored."""
 
 
-class EmptyPressSimulation(SimulationError):
+class PressSimulationWithoutObjects(SimulationError):
     """Raised for a simulation whose trajectories take no time, or that has no rate."""
 
 
-class SimulationStepExpired(SimulationError):
+class SimulationStepNoLongerStored(SimulationError):
     """Raised for a requested step that is older than all stored ones."""
 
 
@@ -124,7 +124,7 @@ class PressSimulation:
 
     def __post_init__(self) -> None:
         if not self.trajectories or not self.round_s > 0 or not self.hz > 0:
-            raise EmptyPressSimulation(
+            raise PressSimulationWithoutObjects(
                 f"expected trajectories that take time and a rate above zero, got {len(self.trajectories)} at {self.hz} Hz; "
                 "add a trajectory"
             )
@@ -157,7 +157,7 @@ class PressSimulation:
     def contact(self, number: int) -> Contact:
         """Return the contact at a step, in real time at the nearest step that was not skipped.
 
-        Raises `SimulationStepExpired`.
+        Raises `SimulationStepNoLongerStored`.
         """
         with self.lock:
             self._solve_to(number)
@@ -170,7 +170,7 @@ class PressSimulation:
     def wrench_six_at(self, at_s: float) -> Float64[Array, "6"]:
         """Return the true wrench (N, N·m) about the centre of the skin at a time, interpolated linearly between steps.
 
-        Raises `SimulationStepExpired`.
+        Raises `SimulationStepNoLongerStored`.
         """
         step = at_s * self.hz
         with self.lock:
@@ -213,9 +213,9 @@ class PressSimulation:
         index = min(int(np.searchsorted(self.ends_s, within_s, side="right")), len(self.trajectories) - 1)
         return int(rounds) * len(self.trajectories) + index, within_s - (self.ends_s[index - 1] if index else 0.0)
 
-    def _step_expired(self, step: int, memory: dict[int, Contact] | dict[int, Array]) -> SimulationStepExpired:
+    def _step_expired(self, step: int, memory: dict[int, Contact] | dict[int, Array]) -> SimulationStepNoLongerStored:
         """Return the error for a step that is no longer stored."""
-        return SimulationStepExpired(
+        return SimulationStepNoLongerStored(
             f"expected a step of the simulation from {next(iter(memory))} on, got {step}, which is no longer stored; open all "
             "sources together, and read them in turn"
         )

@@ -17,10 +17,10 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.force_torque.bota import BotaDriver
+from ninedtact.capture.force_torque.driver_source import DriverWrenchSource, ForceTorqueDriver
 from ninedtact.capture.force_torque.netft import NetFtDriver
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
-from ninedtact.capture.force_torque.sensor import ForceTorqueDriver, ForceTorqueSensor
-from ninedtact.capture.force_torque.serial_port import SerialPortDriver
+from ninedtact.capture.force_torque.serial_driver import SerialPortDriver
 from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import ForceTorqueAddressUnknown, WrenchSensorLost, WrenchSource
@@ -40,7 +40,7 @@ _ACCEPTED = (
 )
 
 
-def force_torque_sensor_for(address: str) -> ForceTorqueSensor:
+def force_torque_sensor_for(address: str) -> DriverWrenchSource:
     """Return the sensor that the address names, not yet opened; raises `ForceTorqueAddressUnknown`.
 
     with force_torque_sensor_for("netft:192.168.1.1") as device:
@@ -49,7 +49,7 @@ def force_torque_sensor_for(address: str) -> ForceTorqueSensor:
     kind, _, rest = address.partition(":")
     if kind not in DRIVERS or not rest:
         raise ForceTorqueAddressUnknown(f"expected {_ACCEPTED}, got '{address}', which is none of these; correct it")
-    return ForceTorqueSensor(DRIVERS[kind](address))
+    return DriverWrenchSource(DRIVERS[kind](address))
 
 
 class MountedWrenchSource(WrenchSource):

@@ -24,7 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from ninedtact.capture.force_torque.sensor import RECEIVE_TIMEOUT_S, DeviceClock, ForceTorqueDriver, ForceTorqueSample
+from ninedtact.capture.force_torque.driver_source import (
+    RECEIVE_TIMEOUT_S,
+    DeviceClock,
+    ForceTorqueDriver,
+    ForceTorqueSample,
+)
 from ninedtact.capture.wrench_source import (
     ForceTorqueAddressUnknown,
     ForceTorqueLibraryMissing,

@@ -12,6 +12,7 @@ import numpy as np
 from viser import GuiEvent, GuiUplotHandle, Icon, ViserServer, uplot
 
 from ninedtact.errors import DeviceError, NinedtactError
+from ninedtact.studio.displayed_reading import WAITING_STATUS, DisplayOptions, PageController, PageReport
 from ninedtact.studio.page_cards import (
     WrenchCard,
     colour_legend_html,
@@ -19,7 +20,6 @@ from ninedtact.studio.page_cards import (
     shape_summary_html,
     status_html,
 )
-from ninedtact.studio.page_controller import WAITING_STATUS, DisplayOptions, PageController, PageReport
 from ninedtact.studio.reading_view import ReadingView
 from ninedtact.studio.scene_3d import GelBlock, SkinScene
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
@@ -29,13 +29,13 @@ LAST_WORDS_S = 0.1
 IN_USE = "it in use (another 'ninedtact live'?)"
 
 
-class PortRefused(DeviceError):
+class PagePortRefused(DeviceError):
     """Raised where the page cannot be served at this address."""
 
 
 @contextmanager
 def page_server(host: str, port: int) -> Iterator[ViserServer]:
-    """Serve until the `with` block ends; port 0 takes any free port. Raises `PortRefused`."""
+    """Serve until the `with` block ends; port 0 takes any free port. Raises `PagePortRefused`."""
     _require_port_free(host, port)
     server = _start_without_banner(host, port)
     try:
@@ -57,7 +57,7 @@ def _start_without_banner(host: str, port: int) -> ViserServer:
 
 
 def _require_port_free(host: str, port: int) -> None:
-    """Refuse a port in use or an unknown host, which viser itself does not report; raises `PortRefused`."""
+    """Refuse a port in use or an unknown host, which viser itself does not report; raises `PagePortRefused`."""
     if not 0 <= port <= 65535:
         raise _port_refusal(host, port, "a number that is not a port")
     try:
@@ -67,9 +67,9 @@ def _require_port_free(host: str, port: int) -> None:
         raise _port_refusal(host, port, IN_USE if taken else f"'{trouble.strerror}'") from trouble
 
 
-def _port_refusal(host: str, port: int, got: str) -> PortRefused:
+def _port_refusal(host: str, port: int, got: str) -> PagePortRefused:
     """Return the error for a port that cannot be used."""
-    return PortRefused(
+    return PagePortRefused(
         f"expected port {port} on {host} to be free for the page, got {got}; choose another with --port, or a host of "
         "this machine with --host"
     )

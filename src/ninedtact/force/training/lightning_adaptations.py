@@ -146,7 +146,7 @@ def _metrics_csv(epochs: list[EpochMetrics]) -> bytes:
     return text.getvalue().encode()
 
 
-class ProgressBar(Callback):
+class TrainingProgressBar(Callback):
     """Lightning callback that shows one bar over all epochs with the remaining time."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:

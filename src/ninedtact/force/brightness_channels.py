@@ -1,4 +1,4 @@
-"""Deformation channels of a rectified image: darker, brighter, reference, as force networks take them (9DTact, section IV).
+"""Brightness channels of a rectified image: darker, brighter, reference, as force networks take them (9DTact, section IV).
 
 Recording, training and live use all call these functions. Differences are computed in floating point, so they do not wrap. An
 image and its reference are resized in the same way before they are compared: the noise of single pixels, split by its sign into
@@ -62,7 +62,7 @@ class DeformationReader:
         """Return the deformation of an image at the requested size; raises `ImagesDoNotMatch`."""
         require_match(rectified, self.reference)
         small = resize_to(rectified, self.shape)
-        darker, brighter = split_brightness_change(small.grey, self.small_reference.grey)
+        darker, brighter = split_darker_brighter(small.grey, self.small_reference.grey)
         return Deformation(
             darker, brighter, self.small_reference.grey.copy(), self.small_reference.mm_per_px, rectified.stamp_ns
         )
@@ -76,7 +76,7 @@ class DeformationReader:
 def compute_image_deformation(
     rectified: Rectified, reference: Rectified, shape: tuple[int, int] | None = None
 ) -> Deformation:
-    """Return the deformation of one image relative to its reference; raises `ImagesDoNotMatch`.
+    """Return the darker, brighter and reference channels of one image; raises `ImagesDoNotMatch`.
 
     shape: rows and columns of the result; None keeps those of the image.
     """
@@ -93,7 +93,7 @@ def resize_to(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
     return Rectified(grey, rectified.mm_per_px * cols / shape[1], rectified.stamp_ns)
 
 
-def split_brightness_change(images: Any, references: Any) -> tuple[Any, Any]:
+def split_darker_brighter(images: Any, references: Any) -> tuple[Any, Any]:
     """Return the darker and the brighter part of the change from references to images (…, rows, cols).
 
     Both are NumPy or torch arrays of one size, of any numeric type.

@@ -28,12 +28,12 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names, indenter_from_name
-from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import Twin
-from ninedtact.workflows.dataset_evaluation import evaluate_by_mechanics
+from ninedtact.workflows.dataset_evaluation import evaluate_per_mechanics_kind
 from ninedtact.workflows.dataset_sensors import calibrate_simulated_sensor
 from ninedtact.workflows.dataset_training import HeldOutSettings, fit_input_to_dataset, train_on_dataset
 
@@ -117,7 +117,7 @@ RECIPES = {
 
 
 @dataclass(frozen=True)
-class DemonstrationSample:
+class TrueAndEstimatedWrench:
     """True and estimated wrench at one moment of a demonstration, N and N·m."""
 
     seconds: float
@@ -134,7 +134,7 @@ class ForceModelResult:
     sensor: Path
     """Sensor folder of the demonstration."""
     card: ModelCard
-    demonstration: list[DemonstrationSample]
+    demonstration: list[TrueAndEstimatedWrench]
 
 
 def make_force_model(
@@ -173,7 +173,7 @@ def make_force_model(
     notify("3 of 4: validate on sensors and objects that were not trained on")
     trained = out / _TRAINING_FOLDER / MODEL_FILE
     card = read_force_model(trained).card
-    tables = evaluate_by_mechanics(trained, out / VALIDATION_DATA_FOLDER, workers, progress, notify)
+    tables = evaluate_per_mechanics_kind(trained, out / VALIDATION_DATA_FOLDER, workers, progress, notify)
     card = msgspec.structs.replace(card, evaluation={**card.evaluation, **tables})
     rewrite_card(trained, card, out / _MODEL_FILE)
     write_file_atomically(out / _CARD_FILE, format_model_card(card).encode())
@@ -184,7 +184,7 @@ def make_force_model(
 
 def _demonstrate_force_model(
     model: Path, sensor_folder: Path, design: SensorDesign = SensorDesign()
-) -> Iterator[DemonstrationSample]:
+) -> Iterator[TrueAndEstimatedWrench]:
     """Yield samples of a press of a simulated sensor of this design, which is calibrated first into `sensor_folder`.
 
     Its gel has the true shear modulus, as a force calibration would give it.
@@ -202,7 +202,7 @@ def _demonstrate_force_model(
         for reading in sensor:
             if reading.frame.index % _EVERY == 0 and reading.force is not None:
                 true = simulation.contact(reading.frame.index).wrench().six
-                yield DemonstrationSample(reading.frame.index / _RATE_HZ, true, reading.force.wrench.six)
+                yield TrueAndEstimatedWrench(reading.frame.index / _RATE_HZ, true, reading.force.wrench.six)
 
 
 def _simulate_press(twin: Twin, depth_mm: float) -> PressSimulation:

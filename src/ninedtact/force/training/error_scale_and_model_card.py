@@ -23,7 +23,7 @@ from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.onnx_model import MODEL_FORMAT, ModelCard, TrainingSummary, WrenchPrediction
 from ninedtact.force.out_of_distribution import StatisticRange, input_statistics, statistic_ranges
 from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_torque_reference
-from ninedtact.force.training.lightning_compat import MetricsHistory
+from ninedtact.force.training.lightning_adaptations import MetricsHistory
 from ninedtact.force.training.settings import TrainingSettings
 
 _SHARES = (0.5, 0.9)

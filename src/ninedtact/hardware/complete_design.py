@@ -10,9 +10,9 @@ from ninedtact.hardware.bill_of_materials import BillItem, build_bill_of_materia
 from ninedtact.hardware.buildability.rule_check import require_buildable_design
 from ninedtact.hardware.clearances import Clearance, list_clearances
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.led_board.board_design import led_board_for_design
+from ninedtact.hardware.led_board.board_parameters import led_board_for_design
+from ninedtact.hardware.led_board.complete_layout import BoardLayout
 from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
-from ninedtact.hardware.led_board.layout import BoardLayout
 from ninedtact.hardware.lens_coverage import lens_reach_mm, sensing_corner_radius_mm
 from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_parts
 from ninedtact.hardware.published_specifications import (
@@ -27,7 +27,7 @@ from ninedtact.hardware.sensor_assembly import AssemblyBody, BodyPair, find_adja
 
 
 @dataclass(frozen=True)
-class DerivedDesign:
+class CompleteDesign:
     """A design that keeps all rules and has a valid LED board. Its solids are built on first access.
 
     Raises `DesignRulesBroken`, `LedBoardImpossible`.
@@ -116,7 +116,7 @@ class DerivedDesign:
             yield f"  {each.feature}: paper {each.paper or 'states nothing'}; files {each.files}; here {each.here}"
 
 
-def _format_interferences(sensor: DerivedDesign) -> Iterator[str]:
+def _format_interferences(sensor: CompleteDesign) -> Iterator[str]:
     """Yield a line for each interference, and their number."""
     for pair in sensor.interferences:
         yield f"  INTERFERES: {pair.first} and {pair.second} overlap by {pair.overlap_mm3:.3f} mm³"
