@@ -68,7 +68,7 @@ def draw_row(row: np.ndarray, contact: Contact, estimate: WrenchEstimate, grey: 
     most = float(true.pressure_mpa.max())
     wrench = contact.wrench()
     draw(row[1], true, most, "true: " + told(wrench.force_n, wrench.torque_nm))
-    error = " ± " + ", ".join(f"{value:.2f}" for value in estimate.error[:3])
+    error = " ± " + ", ".join(f"{value:.2f}" for value in estimate.std[:3])
     draw(row[2], read, most, "read: " + told(estimate.wrench.force_n, estimate.wrench.torque_nm) + f"\n(N {error})")
 
 

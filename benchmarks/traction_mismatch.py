@@ -132,7 +132,7 @@ def line(case: Case, contacts: list[Contact]) -> None:
         estimate = estimator.estimate(reading(case, contact, rng))
         true.append(contact.wrench().six)
         read.append(estimate.wrench.six)
-        error.append(estimate.error)
+        error.append(estimate.std)
     ms = (process_time() - start) * 1e3 / len(contacts)
     t, r, e = (np.array(rows) for rows in (true, read, error))
     skills = 1 - np.abs(t - r).mean(axis=0) / np.abs(t - np.median(t, axis=0)).mean(axis=0)

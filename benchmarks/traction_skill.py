@@ -223,7 +223,7 @@ def show(title: str, found: list[Judged]) -> None:
         return
     true = np.array([one.true for one in found])
     read = np.array([one.estimate.wrench.six for one in found])
-    error = np.array([one.estimate.error for one in found])
+    error = np.array([one.estimate.std for one in found])
     print(f"{title}, {len(found)} images")
     line("covered by 2 deviations", (np.abs(true - read) < 2 * error).mean(axis=0))
     line("skill, torques about the skin's centre", skill(true, read))

@@ -49,7 +49,7 @@ with Sensor(SimulatedCamera(stage), shape, depth_reader=untouched, estimator=est
             told = ", ".join(
                 f"{axis} {value:+.2f} ± {error:.2f} ({exact:+.2f}) N"
                 for axis, value, error, exact in zip(
-                    "xyz", found.wrench.force_n, found.error, true.force_n, strict=False
+                    "xyz", found.wrench.force_n, found.std, true.force_n, strict=False
                 )
             )
             warnings = "".join(f", {warning}" for warning in found.warnings)

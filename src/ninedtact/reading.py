@@ -48,7 +48,7 @@ class Reading:
     @property
     def wrench_std(self) -> Float64[Array, "6"] | None:
         """One standard deviation of F_x, F_y, F_z in N and T_x, T_y, T_z in N·m; None where the sensor has no estimator."""
-        return None if self.force is None else self.force.error
+        return None if self.force is None else self.force.std
 
     @property
     def warnings(self) -> tuple[EstimateWarning, ...]:

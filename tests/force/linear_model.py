@@ -24,7 +24,7 @@ SUMMARY = TrainingSummary(10, 2, 3, 1, 1, 1, 1.0, {}, {})
 
 
 def a_card(settings: NetworkInputSettings = SMALL, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ModelCard:
-    likeness: dict[str, StatisticRange] = {"deepest": (0.0, 0.1), "changed": (0.0, 0.1)}
+    input_ranges: dict[str, StatisticRange] = {"max_indentation": (0.0, 0.1), "mean_change": (0.0, 0.1)}
     return ModelCard(
         format=MODEL_FORMAT,
         name="linear",
@@ -32,9 +32,9 @@ def a_card(settings: NetworkInputSettings = SMALL, about_mm: tuple[float, float,
         input=settings,
         about_mm=about_mm,
         modulus_mpa=0.093,
-        lowest=(-9.0,) * 6,
-        highest=(9.0,) * 6,
-        likeness=likeness,
+        wrench_min=(-9.0,) * 6,
+        wrench_max=(9.0,) * 6,
+        input_ranges=input_ranges,
         training=SUMMARY,
         evaluation={"validation": {"skill": [0.5, None]}},
         licence="MIT",

@@ -86,7 +86,7 @@ def test_all_six_axes_their_errors_and_the_tractions_are_scaled_together() -> No
     six = np.array([0.5, -0.3, -4.0, 0.01, 0.02, -0.003])
     found = ScaledForceEstimator(Constant(six), ForceScale(1.5, error=0.04)).estimate(reading())
     assert found.wrench.six == pytest.approx(1.5 * six)
-    assert found.error == pytest.approx(np.hypot(0.15, 0.04 * 1.5 * np.abs(six)))
+    assert found.std == pytest.approx(np.hypot(0.15, 0.04 * 1.5 * np.abs(six)))
     assert found.traction is not None and found.traction.pressure_mpa == pytest.approx(0.15)
 
 

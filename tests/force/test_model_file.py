@@ -47,13 +47,13 @@ def with_card(card: ModelCard | bytes) -> bytes:
 def test_what_is_another_thing_is_refused() -> None:
     assert "whole ONNX" in told(b"this is no model")
     assert "without its card" in told(linear_model(a_card(), keyed=False).SerializeToString())
-    assert "format 2" in told(with_card(msgspec.structs.replace(a_card(), format=2)))
+    assert "format 1" in told(with_card(msgspec.structs.replace(a_card(), format=1)))
     assert "(1, 60, 80)" in told(
         with_card(msgspec.structs.replace(a_card(), input=NetworkInputSettings(SMALL.channels)))
     )
     other_order = msgspec.json.encode(a_card()).replace(b"height / gel thickness", b"thickness / height")
     assert "thickness / height" in told(with_card(other_order))
-    assert "card" in told(with_card(b"[1, 2]")) and "card" in told(with_card(b'{"format": 1}'))
+    assert "card" in told(with_card(b"[1, 2]")) and "card" in told(with_card(b'{"format": 2}'))
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:

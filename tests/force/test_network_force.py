@@ -35,17 +35,17 @@ def estimator(about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), gel: Gel =
 def test_without_contact_the_wrench_is_zero_exactly() -> None:
     found = estimator().estimate(reading(0.0))
     assert not found.touching and not found.wrench.six.any() and found.wrench.stamp_ns == 7 and found.warnings == ()
-    assert np.isfinite(found.error).all() and (found.error > 0).all()
+    assert np.isfinite(found.std).all() and (found.std > 0).all()
 
 
 def test_error_is_the_deviation_of_the_scale_and_all_grows_with_the_modulus() -> None:
     found = estimator().estimate(reading(0.5))
     assert found.touching and found.wrench.stamp_ns == 7
     assert found.wrench.force_n[2] == pytest.approx(-0.5 / 2.5 * 100 * (MM_PER_PX / SMALL.mm_per_px) ** 2, rel=0.2)
-    np.testing.assert_allclose(found.error, np.sqrt(2) * np.arange(1, 7))
+    np.testing.assert_allclose(found.std, np.sqrt(2) * np.arange(1, 7))
     stiff = estimator(gel=Gel(shear_modulus_mpa=2 * 0.093)).estimate(reading(0.5))
     np.testing.assert_allclose(stiff.wrench.six, 2 * found.wrench.six)
-    np.testing.assert_allclose(stiff.error, 2 * found.error)
+    np.testing.assert_allclose(stiff.std, 2 * found.std)
 
 
 def test_torques_are_told_about_the_centre_of_the_skin() -> None:
@@ -55,7 +55,7 @@ def test_torques_are_told_about_the_centre_of_the_skin() -> None:
     expected = Wrench(force, np.zeros(3), np.array(below)).about(np.zeros(3))
     np.testing.assert_allclose(found.wrench.torque_nm, expected.torque_nm)
     variance = (np.arange(4, 7) ** 2) + (0.035**2) * np.array([2.0**2, 1.0, 0.0])
-    np.testing.assert_allclose(found.error[3:], np.sqrt(2 * variance))
+    np.testing.assert_allclose(found.std[3:], np.sqrt(2 * variance))
 
 
 def test_what_training_did_not_see_is_doubted() -> None:
@@ -71,8 +71,8 @@ def test_what_training_did_not_see_is_doubted() -> None:
 def test_two_results_share_no_memory() -> None:
     network = estimator()
     first = network.estimate(reading(0.0))
-    first.error[:] = 9
-    assert network.estimate(reading(0.0)).error[0] != 9
+    first.std[:] = 9
+    assert network.estimate(reading(0.0)).std[0] != 9
 
 
 def test_a_model_with_sensor_features_refuses_to_run_without_them() -> None:

@@ -44,10 +44,10 @@ class FusedForceEstimator(ForceEstimator):
             std = np.minimum(self.network.no_contact_std(reading), NO_CONTACT_STD)
             return WrenchEstimate(zero_wrench(stamp_ns), std, touching=False)
         network, physics = self.network.estimate_contact(reading), self.physics.estimate(reading)
-        std = np.minimum(network.error, physics.error)
+        std = np.minimum(network.std, physics.std)
         if not physics.touching:
             return WrenchEstimate(zero_wrench(stamp_ns), std, touching=False)
-        six = inverse_variance_mean(network.wrench.six, network.error, physics.wrench.six, physics.error)
+        six = inverse_variance_mean(network.wrench.six, network.std, physics.wrench.six, physics.std)
         warnings = tuple(dict.fromkeys((*network.warnings, *physics.warnings)))
         return WrenchEstimate(Wrench(six[:3], six[3:], stamp_ns=stamp_ns), std, True, warnings, physics.traction)
 

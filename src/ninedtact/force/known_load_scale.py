@@ -87,8 +87,8 @@ class ForceScale:
         wrench = estimate.wrench
         factor = self.at(-float(wrench.force_n[2]))
         scaled = Wrench(wrench.force_n * factor, wrench.torque_nm * factor, wrench.about_mm, wrench.stamp_ns)
-        error = np.hypot(estimate.error * factor, self.error * np.abs(scaled.six))
-        return replace(estimate, wrench=scaled, error=error, traction=scaled_traction(estimate.traction, factor))
+        std = np.hypot(estimate.std * factor, self.error * np.abs(scaled.six))
+        return replace(estimate, wrench=scaled, std=std, traction=scaled_traction(estimate.traction, factor))
 
 
 def scaled_traction(traction: Traction | None, factor: float) -> Traction | None:

@@ -113,5 +113,5 @@ def _markdown_row(words: str, six: Any, written: str) -> str:
 
 def format_limits_section(card: ModelCard) -> str:
     """Return the section on the model's limits."""
-    low, high = (", ".join(f"{value:.3g}" for value in six) for six in (card.lowest, card.highest))
+    low, high = (", ".join(f"{value:.3g}" for value in six) for six in (card.wrench_min, card.wrench_max))
     return LIMITS.format(modulus=card.modulus_mpa, low=f"({low})", high=f"({high})")

@@ -102,11 +102,11 @@ def prediction_warnings(
     inputs: Float32[Array, "channels rows cols"], wrench: Float64[Array, "6"], card: ModelCard
 ) -> Iterator[EstimateWarning]:
     """Yield a warning where the wrench, or the input, is outside what the training covered."""
-    low, high = np.array(card.lowest), np.array(card.highest)
+    low, high = np.array(card.wrench_min), np.array(card.wrench_max)
     margin = _RANGE_MARGIN * (high - low)
     if (wrench < low - margin).any() or (wrench > high + margin).any():
         yield EstimateWarning.OUT_OF_RANGE
-    if is_out_of_distribution(inputs, card.input.channels, card.likeness):
+    if is_out_of_distribution(inputs, card.input.channels, card.input_ranges):
         yield EstimateWarning.UNLIKE_TRAINING
 
 

@@ -86,7 +86,7 @@ class InputChannels(StrEnum):
 
     HEIGHTS = "height / gel thickness"
     HEIGHTS_AND_GEL = "height / gel thickness, gel thickness / 2.5 mm"
-    HEIGHTS_AND_SENSOR = "height / gel thickness, traits of the sensor / usual ones"
+    HEIGHTS_AND_SENSOR = "height / gel thickness, sensor features / typical values"
     DEFORMATION = ChannelLayout.PLAIN.value
     MIXED = ChannelLayout.ORIGINAL.value
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SHIPPED_MODEL = Path(__file__).parent / "shipped.onnx"
 
 
-MODEL_FORMAT = 1
+MODEL_FORMAT = 2
 """Format number, raised when older versions of this package can no longer use the file."""
 SixNumbers = tuple[float, float, float, float, float, float]
 
@@ -58,10 +58,11 @@ class ModelCard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Point of the graph's torques."""
     modulus_mpa: float
     """Shear modulus of the gel that the graph's wrench is for; the wrench is proportional to a sensor's own modulus."""
-    lowest: SixNumbers
-    highest: SixNumbers
-    """Largest of the training's wrenches on each axis, as `lowest` the smallest; about the skin's centre."""
-    likeness: dict[str, StatisticRange]
+    wrench_min: SixNumbers
+    """Smallest of the training's wrenches on each axis, about the skin's centre."""
+    wrench_max: SixNumbers
+    """Largest of them."""
+    input_ranges: dict[str, StatisticRange]
     """Ranges of the statistics of the training's inputs (`out_of_distribution`)."""
     training: TrainingSummary
     evaluation: dict[str, Any]

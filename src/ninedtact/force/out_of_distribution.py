@@ -1,11 +1,11 @@
 """Detection of out-of-distribution inputs: simple statistics of a network's input, compared with their ranges in training.
 
-deepest      largest indentation, or largest darkening for image channels
-touched      fraction of the image that is pressed in or darker
-changed      mean magnitude of the change from the state without contact
-rough        standard deviation of the difference from a mean over 3 × 3 pixels: noise, and sharp edges
-reference    mean brightness of the reference image (image channels only)
-trait 1 …    features of the sensor (for networks that have them as channels)
+max_indentation       largest indentation, or largest darkening for image channels
+pressed_fraction      fraction of the image that is pressed in or darker
+mean_change           mean magnitude of the change from the state without contact
+roughness             standard deviation of the difference from a mean over 3 × 3 pixels: noise, and sharp edges
+reference_brightness  mean brightness of the reference image (image channels only)
+sensor_feature_1 …    features of the sensor (for networks that have them as channels)
 
 The ranges are stored in the model's card, and an input beyond them gets a warning.
 """
@@ -20,8 +20,8 @@ from ninedtact.force.network_input import InputChannels
 
 Inputs = Float32[Array, "n channels rows cols"]
 StatisticRange = tuple[float, float]
-TOUCHED_AT = {True: 0.02, False: 5.0}
-"""Threshold of `touched`: in gel thicknesses for height channels (True), in grey levels for image channels (False)."""
+_PRESSED_ABOVE = {True: 0.02, False: 5.0}
+"""Threshold of `pressed_fraction`: in gel thicknesses for height channels (True), in grey levels for image channels (False)."""
 SHARES = (0.1, 99.9)
 """Percentiles of the training's statistics that bound each range."""
 MARGIN = 0.2
@@ -33,15 +33,15 @@ def input_statistics(inputs: Inputs, channels: InputChannels) -> dict[str, Float
     pressed = inward_signal(inputs, channels)
     flat = pressed.reshape(len(inputs), -1)
     found: dict[str, Any] = {
-        "deepest": flat.max(1),
-        "touched": (flat > TOUCHED_AT[channels.of_heights]).mean(1),
-        "changed": np.abs(flat).mean(1),
-        "rough": (pressed[:, 1:-1, 1:-1] - means_of_nine(pressed)).std((1, 2)),
+        "max_indentation": flat.max(1),
+        "pressed_fraction": (flat > _PRESSED_ABOVE[channels.of_heights]).mean(1),
+        "mean_change": np.abs(flat).mean(1),
+        "roughness": (pressed[:, 1:-1, 1:-1] - means_of_nine(pressed)).std((1, 2)),
     }
     if channels.of_heights:
-        found |= {f"trait {number}": inputs[:, number, 0, 0] for number in range(1, channels.number)}
+        found |= {f"sensor_feature_{number}": inputs[:, number, 0, 0] for number in range(1, channels.number)}
     else:
-        found["reference"] = inputs[:, 0 if channels is InputChannels.MIXED else 2].mean((1, 2))
+        found["reference_brightness"] = inputs[:, 0 if channels is InputChannels.MIXED else 2].mean((1, 2))
     return {name: np.asarray(values, np.float64) for name, values in found.items()}
 
 

@@ -102,7 +102,7 @@ class WrenchEstimate:
     """A wrench that was estimated from an image, with its uncertainty."""
 
     wrench: Wrench
-    error: Float64[Array, "6"]
+    std: Float64[Array, "6"]
     """Standard deviation of each component of `wrench.six`, in N and N·m."""
     touching: bool
     """Whether there is contact; without contact the wrench is exactly zero."""

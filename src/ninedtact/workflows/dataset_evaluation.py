@@ -78,7 +78,7 @@ def predict_dataset(
         estimate = estimator.estimate(pair.reading)
         truth.append(pair.wrench)
         predicted.append(estimate.wrench.six)
-        std.append(estimate.error)
+        std.append(estimate.std)
         objects.append(pair.object)
         names.append(pair.sensor)
     six = [np.array(rows, float).reshape(-1, 6) for rows in (truth, predicted, std)]

@@ -56,11 +56,11 @@ def test_the_file_says_all_about_itself(trained: TrainingResult) -> None:
     wrench = of_heights().wrench[ROWS.train]
     assert card == trained.model.card
     assert (card.input, card.about_mm, card.modulus_mpa) == (toy_settings().input, (0.0, 0.0, 0.0), 0.093)
-    np.testing.assert_allclose([card.lowest, card.highest], [wrench.min(0), wrench.max(0)])
+    np.testing.assert_allclose([card.wrench_min, card.wrench_max], [wrench.min(0), wrench.max(0)])
     assert (card.training.pairs, card.training.validation_pairs) == (128, 32)
     assert (card.training.objects, card.training.sensors) == (5, 2)
     assert card.training.settings == toy_settings().to_json_dict() and card.training.versions["torch"]
-    low, high = card.likeness["deepest"]
+    low, high = card.input_ranges["max_indentation"]
     assert 0 <= low < 0.1 < high < 0.6
     assert len(card.evaluation["validation"]["skill"]) == 6
 

@@ -118,7 +118,7 @@ class Estimate:
             "image": name,
             "time_ns": reading.frame.stamp_ns,
             "touching": force.touching,
-            **dict(zip(COLUMNS, [*wrench.six.tolist(), *force.error.tolist()], strict=True)),
+            **dict(zip(COLUMNS, [*wrench.six.tolist(), *force.std.tolist()], strict=True)),
             "warnings": [str(warning) for warning in force.warnings],
         }
 
