@@ -238,7 +238,7 @@ def test_the_command_ends_with_the_diagnosis(
 
 
 def test_a_command_without_images_says_so(sensor: SensorFolder) -> None:
-    with pytest.raises(NoImageToCheck, match="at least one image"):
+    with pytest.raises(NoImageToCheck, match="at least one reference image"):
         CheckCommand(sensor.path, ()).run()
 
 

@@ -76,7 +76,7 @@ def handler_of(camera: MjpegCamera) -> type[BaseHTTPRequestHandler]:
             if self.path != "/stream.mjpg":
                 self.send_error(404)
                 return
-            self.resume_session(200)
+            self.send_response(200)
             self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
             self.end_headers()
             for jpeg in camera.jpegs():

@@ -73,7 +73,7 @@ class AtiPage(BaseHTTPRequestHandler):
             b'<?xml version="1.0"?><netft><prodname>bench</prodname><setcfgsel>0</setcfgsel><cfgcpf>10000</cfgcpf>'
             b"<cfgcpt>100</cfgcpt><scfgfu>N</scfgfu><scfgtu>N-mm</scfgtu><comrdte>Enabled</comrdte></netft>"
         )
-        self.resume_session(200)
+        self.send_response(200)
         self.send_header("Content-Length", str(len(page)))
         self.end_headers()
         self.wfile.write(page)
