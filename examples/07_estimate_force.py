@@ -48,9 +48,7 @@ with Sensor(SimulatedCamera(stage), shape, depth_reader=untouched, estimator=est
             found, true = reading.force, stage.contact(reading.frame.index).wrench()
             told = ", ".join(
                 f"{axis} {value:+.2f} ± {error:.2f} ({exact:+.2f}) N"
-                for axis, value, error, exact in zip(
-                    "xyz", found.wrench.force_n, found.std, true.force_n, strict=False
-                )
+                for axis, value, error, exact in zip("xyz", found.wrench.force_n, found.std, true.force_n, strict=False)
             )
             warnings = "".join(f", {warning}" for warning in found.warnings)
             print(f"{reading.frame.index / stage.hz:.1f} s, {reading.stage_ms['force']:4.1f} ms: {told}{warnings}")
