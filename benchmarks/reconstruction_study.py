@@ -21,7 +21,7 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.depth import DepthReader, Smoothing
-from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
+from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
@@ -73,9 +73,7 @@ def sensor_errors(who: SampledSensor, presses: int, seed: int) -> dict[str, Erro
     """One sensor, calibrated and pressed."""
     twin = who.twin()
     made = calibrate(
-        CalibrationImages(
-            **vars(simulate_calibration_images(twin, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES))
-        )
+        CalibrationImages(**vars(simulate_calibration_images(twin, presses=GUIDED_PRESSES, frames=GUIDED_FRAMES)))
     )
     untouched = mean_rectified_image([made.rectify(Frame(twin.renderer(None, 100 + number))) for number in range(10)])
     readers, rng = dict(readings(made, untouched)), np.random.default_rng(seed)

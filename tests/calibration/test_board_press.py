@@ -12,7 +12,7 @@ from ninedtact.calibration.twin.lens_refinement import fit_board_press
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact.simulation.calibration_images import CalibrationPresses, simulate_calibration_images
 from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.rectified_renderer import interpolate_image
 from ninedtact.simulation.twin import Twin, default_twin
@@ -38,7 +38,7 @@ def twin() -> Twin:
 
 @pytest.fixture(scope="module")
 def images(twin: Twin) -> CalibrationImages:
-    return CalibrationImages(**vars(simulate_calibration_images(twin, board_depth_mm=IMPRINT_MM, frames=8)))
+    return CalibrationImages(**vars(simulate_calibration_images(twin, presses=CalibrationPresses(IMPRINT_MM), frames=8)))
 
 
 @pytest.fixture(scope="module")

@@ -20,13 +20,29 @@ GRID_POINTS_PER_PIN_PITCH = 20
 """Grid points per pitch of the pins; an integer, so that all pins lie alike on the grid."""
 PIN_HEIGHT_MM = 1.5
 """Height of the pins over the floor of the published board."""
-BOARD_DEPTH_MM = 0.7
 GUIDED_FRAMES, GUIDED_BOARD_MM = 8, 0.85
 """Number of frames that a guided calibration averages, and the depth at which imprints of the board are as dark as real ones."""
-BALL_DEPTH_MM = 1.8
-BALL_DRAG_MM = 0.2, -0.12
-"""Sideways drag of the ball, because a press by hand is never exactly vertical."""
 CALIBRATION_SOLVER_SETTINGS = SolverSettings(tolerance=5e-3)
+
+
+@dataclass(frozen=True)
+class CalibrationPresses:
+    """How a person presses pin board and ball. Presses by hand are never exactly vertical: boards tilt, and balls are dragged."""
+
+    board_depth_mm: float = 0.7
+    board_tilt_rad: tuple[float, float] = (0.0, 0.0)
+    """Tilts about x and y."""
+    ball_depth_mm: float = 1.8
+    ball_drag_mm: tuple[float, float] = (0.2, -0.12)
+
+    def scaled(self, factor: float) -> "CalibrationPresses":
+        """Return presses whose depths are multiplied by a factor."""
+        return replace(self, board_depth_mm=self.board_depth_mm * factor, ball_depth_mm=self.ball_depth_mm * factor)
+
+
+DEFAULT_PRESSES = CalibrationPresses()
+GUIDED_PRESSES = CalibrationPresses(board_depth_mm=GUIDED_BOARD_MM)
+"""The presses of a guided calibration."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +59,7 @@ def simulate_calibration_images(
     twin: Twin,
     design: SensorDesign = SensorDesign(),
     first_number: int = 0,
-    board_depth_mm: float = BOARD_DEPTH_MM,
+    presses: CalibrationPresses = DEFAULT_PRESSES,
     frames: int = 1,
 ) -> SimulatedCalibrationImages:
     """Return the four calibration images of a twin.
@@ -54,8 +70,9 @@ def simulate_calibration_images(
     settings = CALIBRATION_SOLVER_SETTINGS
     finer = replace(twin, pitch_mm=design.pin_board.pitch_mm / GRID_POINTS_PER_PIN_PITCH)
     thinner = min(1.0, design.gel.thickness_mm / SensorDesign().gel.thickness_mm)
-    board_press = ScriptedPress(board_depth_mm * thinner)
-    ball_press = ScriptedPress(BALL_DEPTH_MM * thinner, drag_mm=BALL_DRAG_MM)
+    scaled = presses.scaled(thinner)
+    board_press = ScriptedPress(scaled.board_depth_mm, tilt_rad=scaled.board_tilt_rad)
+    ball_press = ScriptedPress(scaled.ball_depth_mm, drag_mm=scaled.ball_drag_mm)
     board = board_press.simulate(finer, pin_board_indenter(design.pin_board), settings)
     ball = ball_press.simulate(twin, Ball(design.ball.radius_mm), settings)
     contacts = None, board, None, ball

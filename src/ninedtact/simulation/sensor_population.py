@@ -26,6 +26,7 @@ from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_model import finite_strain_height_mm, finite_strain_traction_mpa
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
+from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPresses
 from ninedtact.simulation.illumination import BrightnessModel, saturating_response_mm, synthetic_reference_image
 from ninedtact.simulation.pixel_map import PixelMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
@@ -229,6 +230,8 @@ class SampledSensor:
     misalignment: CalibrationMisalignment = field(default_factory=CalibrationMisalignment)
     design: SensorDesign = SensorDesign()
     """The design from which the sensor deviates."""
+    presses: CalibrationPresses = GUIDED_PRESSES
+    """The presses with which it is calibrated."""
 
     @property
     def pixel_map(self) -> PixelMap:

@@ -21,7 +21,7 @@ from ninedtact.dataset.calibrated_readings import CalibratedSensor, SensorCalibr
 from ninedtact.dataset.folder import SENSORS_FILE
 from ninedtact.dataset.parquet_files import run_in_processes
 from ninedtact.errors import NinedtactError
-from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
+from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
 
 _REFUSAL_FILE = "refused.txt"
@@ -97,9 +97,7 @@ def _was_tried(folder: Path) -> bool:
 
 def calibrate_simulated_sensor(member: SampledSensor, out: Path) -> None:
     """Write the sensor folder of a simulated sensor, or the reason why it could not be calibrated."""
-    images = simulate_calibration_images(
-        member.twin(), member.design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES
-    )
+    images = simulate_calibration_images(member.twin(), member.design, presses=member.presses, frames=GUIDED_FRAMES)
     try:
         made = calibrate(CalibrationImages(**vars(images)), member.design, sensor_id=member.name)
     except NinedtactError as refusal:

@@ -23,7 +23,7 @@ from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, GUIDED_FRAMES, simulate_calibration_images
+from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import mean_height_error_mm, true_height_map_like
 from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.twin import Twin, twin_from_design
@@ -134,7 +134,7 @@ def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErr
     Raises `BoardNotFound`, `BallPressUnusable` where the design cannot be calibrated, and what pressing raises.
     """
     twin = twin_from_design(design)
-    images = simulate_calibration_images(twin, design, board_depth_mm=GUIDED_BOARD_MM, frames=GUIDED_FRAMES)
+    images = simulate_calibration_images(twin, design, presses=GUIDED_PRESSES, frames=GUIDED_FRAMES)
     made = calibrate(CalibrationImages(**vars(images)), design)
     shape, gel = SensorFolder(Path(), made.record).shape, made.record.twin.gel if made.record.twin else design.gel
     contact = _validation_press(design).simulate(twin, VALIDATION_BALL)

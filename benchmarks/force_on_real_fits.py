@@ -1,0 +1,197 @@
+"""Force on the twins of six real sensors, each calibrated from its own four images, each image estimated alone.
+
+300 presses on each sensor: objects of all families, 0.3 to 12 N, dragged, twisted and tilted. The modulus is known. Skill is one
+less the mean absolute error over that of always answering the median. Run it with `make benchmarks/force_on_real_fits`; the presses
+are kept in out/force_on_real_fits and made once.
+"""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import process_time
+
+import cv2
+import numpy as np
+import tyro
+
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
+from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+from ninedtact.dataset.generation.press_trajectory import PressSettings, SimulatedPressTrajectory
+from ninedtact.dataset.parquet_files import run_in_processes
+from ninedtact.design import SensorDesign
+from ninedtact.force.estimator_loading import build_estimator
+from ninedtact.force.evaluation import WrenchPredictions, evaluate_predictions
+from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading
+from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_on_processor
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
+from ninedtact.simulation.real_fits import twins_of_real_fits
+from ninedtact.simulation.rectified_renderer import rectified_renderer
+from ninedtact.simulation.sensor_population import SampledSensor
+
+AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+ESTIMATORS = ("physics", "network", "both")
+LOADS_N = 0.3, 12.0
+BELOW_SKIN_MM = (0.0, 0.0, -35.0)
+REFERENCES = 10
+BOOTSTRAPS = 400
+
+
+def force_on_real_fits(
+    presses: int = 300,
+    out: Path = Path("out/force_on_real_fits"),
+    sensors: tuple[str, ...] = ("A", "I", "L", "P", "Q", "R"),
+    estimators: tuple[str, ...] = ESTIMATORS,
+    calibration: str = "",
+    workers: int = 2,
+) -> None:
+    """Print a table for each sensor, and the mean and worst of all.
+
+    presses: number on each sensor. calibration: a word after which folders of other calibrations are named, to compare changes.
+    """
+    cv2.setNumThreads(1)
+    members = {name: twin for name, twin in twins_of_real_fits().items() if name in sensors}
+    jobs = [(member, out / f"{name}_{presses}.npz", presses) for name, member in members.items()]
+    for _ in run_in_processes(make_presses, [job for job in jobs if not job[1].is_file()], workers):
+        pass
+    folders = [(member, out / f"sensor_{name}{calibration}") for name, member in members.items()]
+    for _ in run_in_processes(
+        calibrate_twin, [job for job in folders if not (job[1] / SENSOR_FILE).is_file()], workers
+    ):
+        pass
+    jobs = [
+        (member, folder, file, spec)
+        for (member, folder), (_, file, _) in zip(folders, jobs, strict=True)
+        for spec in estimators
+    ]
+    found = dict(run_in_processes(judge, jobs, workers))
+    results = {(jobs[number][0].name, jobs[number][3]): found[number] for number in sorted(found)}
+    for spec in estimators:
+        show(spec, {name: results[name, spec] for name in members})
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The estimates of one estimator on one sensor."""
+
+    predictions: WrenchPredictions
+    warned: np.ndarray
+    ms: float
+
+
+def make_presses(member: SampledSensor, file: Path, presses: int) -> None:
+    """Press objects on the twin and store one image of each press with its wrench."""
+    twin = replace(member.twin(), solver_settings=SolverSettings(tolerance=5e-3))
+    setup = SimulatedSetup(member, twin, rectified_renderer(member, (92, 69)))
+    rng = np.random.default_rng([11, *map(ord, member.name)])
+    names = generated_object_names(PAPER_COUNT)
+    images, wrenches, objects = [], [], []
+    while len(images) < presses:
+        name = str(rng.choice(names))
+        load_n = float(np.exp(rng.uniform(*np.log(LOADS_N))))
+        settings = PressSettings(load_n=(load_n, 0.0), load_range_n=LOADS_N, targets=(2, 2))
+        press = SimulatedPressTrajectory(setup, generate_object(name), settings, rng)
+        last = None
+        for target in press.targets():
+            contact = run_on_processor(press.step_towards(target))
+            if contact is None:
+                break
+            last = contact
+        if last is None or not -last.wrench.force_n[2] >= LOADS_N[0]:
+            continue
+        images.append(encoded(twin.renderer(last.corrected, len(images))))
+        wrenches.append(last.wrench.six)
+        objects.append(name)
+    references = [encoded(twin.renderer(None, -1 - number)) for number in range(REFERENCES)]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    packed = {
+        f"{kind}_{number}": image
+        for kind, some in (("image", images), ("reference", references))
+        for number, image in enumerate(some)
+    }
+    np.savez(file, wrenches=np.array(wrenches), objects=json.dumps(objects), **packed)
+
+
+def calibrate_twin(member: SampledSensor, folder: Path) -> None:
+    """Calibrate the twin from single images of its own presses, as a person would: only the board's pitch is known."""
+    images = simulate_calibration_images(member.twin(), member.design, presses=member.presses)
+    design = replace(SensorDesign(), pin_board=member.design.pin_board)
+    save_sensor(folder, calibrate(CalibrationImages(**vars(images)), design, sensor_id=member.name))
+
+
+def judge(member: SampledSensor, folder: Path, file: Path, spec: str) -> Judged:
+    """Estimate every image alone."""
+    sensor = load_sensor(folder)
+    gel = replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa)
+    estimator = build_estimator(spec, sensor.shape, gel)
+    with np.load(file) as stored:
+        wrenches, objects = stored["wrenches"], json.loads(str(stored["objects"]))
+        references = [Frame(decoded(stored[f"reference_{number}"])) for number in range(REFERENCES)]
+        images = [decoded(stored[f"image_{number}"]) for number in range(len(wrenches))]
+    depth_reader = sensor.shape.depth_reader(*references)
+    read, std, warned, ms = [], [], [], []
+    for image in images:
+        frame = Frame(image)
+        rectified = sensor.shape.rectify(frame)
+        reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
+        estimator.forget()
+        start = process_time()
+        estimate = estimator.estimate(reading)
+        ms.append((process_time() - start) * 1e3)
+        read.append(estimate.wrench.six)
+        std.append(estimate.std)
+        warned.append([warning.value for warning in estimate.warnings])
+    predictions = WrenchPredictions(
+        wrenches,
+        np.array(read),
+        np.array(std),
+        objects=objects,
+        sensors=[member.name] * len(objects),
+        about_mm=(0.0, 0.0, 0.0),
+    )
+    return Judged(predictions, np.array([bool(one) for one in warned]), float(np.median(ms)))
+
+
+def show(spec: str, found: dict[str, Judged]) -> None:
+    """Print skill, slope and coverage of every sensor, and the mean and the worst."""
+    print(
+        f"\n{spec}: skill about the skin's centre | of Tx, Ty 35 mm below | slope of Fz | truth within 1σ, 2σ | warned | ms"
+    )
+    rows = {name: numbers(one) for name, one in found.items()}
+    for name, row in rows.items():
+        print(f"  {name:6s}" + line(row) + f"  {found[name].warned.mean():4.0%}  {found[name].ms:4.1f}")
+    table = np.array(list(rows.values()))
+    print(f"  {'mean':6s}" + line(table.mean(axis=0)))
+    print(f"  {'worst':6s}" + line(table.min(axis=0)), flush=True)
+
+
+def numbers(one: Judged) -> np.ndarray:
+    """Return six skills, two 35 mm below, the slope of F_z, and two coverages."""
+    centre = evaluate_predictions(one.predictions).scores
+    below = evaluate_predictions(one.predictions.about(BELOW_SKIN_MM)).scores
+    off = np.abs(one.predictions.error) / one.predictions.std
+    return np.array([*centre.skill, *below.skill[3:5], centre.slope_with_offset[2], (off < 1).mean(), (off < 2).mean()])
+
+
+def line(row: np.ndarray) -> str:
+    """Format one row."""
+    skill, below, slope, one, two = row[:6], row[6:8], *row[8:]
+    texts = (" ".join(f"{value:.2f}" for value in some) for some in (skill, below, (slope,), (one, two)))
+    return "  |  ".join(texts)
+
+
+def encoded(image: np.ndarray) -> np.ndarray:
+    """Return an image as the bytes of a PNG file."""
+    return cv2.imencode(".png", image)[1]
+
+
+def decoded(content: np.ndarray) -> np.ndarray:
+    """Return the image in the bytes of a PNG file."""
+    return cv2.imdecode(content, cv2.IMREAD_COLOR)
+
+
+if __name__ == "__main__":
+    tyro.cli(force_on_real_fits)
