@@ -38,7 +38,9 @@ def twin() -> Twin:
 
 @pytest.fixture(scope="module")
 def images(twin: Twin) -> CalibrationImages:
-    return CalibrationImages(**vars(simulate_calibration_images(twin, presses=CalibrationPresses(IMPRINT_MM), frames=8)))
+    return CalibrationImages(
+        **vars(simulate_calibration_images(twin, presses=CalibrationPresses(IMPRINT_MM), frames=8))
+    )
 
 
 @pytest.fixture(scope="module")

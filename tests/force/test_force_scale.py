@@ -8,6 +8,7 @@ import pytest
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.known_load_scale import (
     FORCE_SCALE_FILE,
+    UNCALIBRATED,
     ForceScale,
     ForceScaleFileDamaged,
     ForceScaleImpossible,
@@ -66,7 +67,7 @@ class Constant(ForceEstimator):
         pressed = np.full((4, 6), 0.1, np.float32)
         traction = Traction(pressed, np.zeros((2, 4, 6), np.float32), 0.5)
         return WrenchEstimate(
-            Wrench(self.six[:3], self.six[3:]), np.full(6, 0.1), bool(self.six.any()), traction=traction
+            Wrench(self.six[:3], self.six[3:]), 0.01 * np.eye(6), bool(self.six.any()), traction=traction
         )
 
     def forget(self) -> None:
@@ -100,7 +101,7 @@ def test_the_file_keeps_one_table_for_each_estimator(tmp_path: Path) -> None:
     write_force_scale(tmp_path, "physics", one)
     write_force_scale(tmp_path, "network", other)
     assert (read_force_scale(tmp_path, "physics"), read_force_scale(tmp_path, "network")) == (one, other)
-    assert read_force_scale(tmp_path, "another") == ForceScale()
+    assert read_force_scale(tmp_path, "another") == UNCALIBRATED
 
 
 @pytest.mark.parametrize("text", ["[physics]\nfactor = 'two'", "[physics\n", "physics = 3", "\x00"])

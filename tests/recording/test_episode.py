@@ -47,7 +47,10 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         episode.write_measured(Wrench(SIX[:3], SIX[3:], np.array([0.0, 0.0, -35.0]), BEGAN_NS))
         episode.write_estimated(
             WrenchEstimate(
-                Wrench(-SIX[:3], SIX[3:], stamp_ns=BEGAN_NS), np.arange(6.0), True, (EstimateWarning.PART_UNSEEN,)
+                Wrench(-SIX[:3], SIX[3:], stamp_ns=BEGAN_NS),
+                np.diag(np.arange(6.0) ** 2),
+                True,
+                (EstimateWarning.PART_UNSEEN,),
             ),
             5,
         )

@@ -196,7 +196,7 @@ class Guessing(ForceEstimator):
         force_n = np.array([0.0, 0.0, float((reading.rectified.grey - reading.reference.grey).mean())])
         return WrenchEstimate(
             Wrench(force_n, np.zeros(3), stamp_ns=reading.frame.stamp_ns),
-            np.array([2.0, 1, 1, 1, 1, 1]),
+            np.diag([4.0, 1, 1, 1, 1, 1]),
             True,
             (EstimateWarning.OUT_OF_RANGE,),
         )

@@ -19,7 +19,7 @@ class ConstantForce(ForceEstimator):
     name = "constant"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        return WrenchEstimate(Wrench(np.array([0.0, 0.0, -2.0]), np.zeros(3)), STD, touching=True)
+        return WrenchEstimate(Wrench(np.array([0.0, 0.0, -2.0]), np.zeros(3)), np.diag(STD**2), touching=True)
 
     def forget(self) -> None: ...
 

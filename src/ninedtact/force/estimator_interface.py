@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ninedtact.quantities import Wrench, WrenchEstimate
+from ninedtact.quantities import Wrench, WrenchEstimate, independent_errors
 from ninedtact.reading import Reading
 
 
@@ -13,6 +13,11 @@ class ForceEstimator(ABC):
 
     name: str
     """The name that is displayed, and the key of the force scale in a sensor folder."""
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """Sentences that a person must know of every estimate."""
+        return ()
 
     @abstractmethod
     def estimate(self, reading: Reading) -> WrenchEstimate:
@@ -30,7 +35,9 @@ class NoForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return a wrench of zero with an infinite standard deviation."""
-        return WrenchEstimate(zero_wrench(reading.frame.stamp_ns), np.full(6, np.inf), touching=False)
+        return WrenchEstimate(
+            zero_wrench(reading.frame.stamp_ns), independent_errors(np.full(6, np.inf)), touching=False
+        )
 
     def forget(self) -> None:
         """Do nothing: no reading is remembered."""

@@ -45,7 +45,9 @@ class CalibratedSensorFolder(Protocol):
 
 
 def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
-    """Return the estimator of a calibrated sensor, with the force scale of its folder where there is one.
+    """Return the estimator of a calibrated sensor with the force scale of its folder.
+
+    Where the folder has none, the spread of the gel's modulus is part of the stated errors.
 
     spec: `physics`, `network` (the shipped model), `both`, `both:MODEL.onnx`, `none`, or the path of a force model (.onnx) or of
     the original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`.
@@ -53,8 +55,9 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
     from ninedtact.force.known_load_scale import ScaledForceEstimator, read_force_scale
 
     estimator = load_unscaled_estimator(spec, folder)
-    scale = read_force_scale(folder.path, estimator.name)
-    return ScaledForceEstimator(estimator, scale) if scale.presses else estimator
+    if spec == NONE:
+        return estimator
+    return ScaledForceEstimator(estimator, read_force_scale(folder.path, estimator.name))
 
 
 def load_unscaled_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":

@@ -1,8 +1,10 @@
 """Force scale of a sensor: the factor from estimated to true forces, fitted to a few presses with known loads.
 
 Images show strain, not stress. The gel's shear modulus varies by a quarter from batch to batch and is an unknown factor on all six
-axes, which presses on a kitchen scale determine. The factor may also depend on the load, because the gel stiffens as it thins:
-F_true = k·F·(F/F_0)^c. Leave-one-out errors decide between a constant factor and this power law.
+axes, which presses on a kitchen scale determine. Until then, a quarter of every force is part of its stated error. The factor may
+also depend on the load, because the gel stiffens as it thins: F_true = k·F·(F/F_0)^c. Leave-one-out errors decide between a
+constant factor and this power law. The power law was fitted to loads: F_z and the torques T_x and T_y, which F_z makes about the
+skin's centre, follow it; shear and the twist T_z have its factor at light load.
 
 The fitted scale is kept in `force.toml` in the sensor folder, in one table for each estimator.
 """
@@ -74,29 +76,49 @@ class ForceScale:
     error: float = 0.0
     """Relative error of a scaled force: root mean square over presses that are left out of the fit one at a time."""
     presses: int = 0
+    """Number of presses of known load that the scale was fitted to."""
 
     def at(self, load_n: float) -> float:
         """Return the factor for a wrench with this estimated load."""
-        if self.curve == 0 or load_n <= 0:
+        if self.curve == 0:
             return self.factor
         nearby = np.clip(load_n / self.about_n, 1 / WIDEST_FACTOR, WIDEST_FACTOR)
         return float(self.factor * nearby**self.curve)
 
     def __call__(self, estimate: WrenchEstimate) -> WrenchEstimate:
-        """Return the estimate with wrench, standard deviation and tractions scaled, and the error of the scale included."""
+        """Return the estimate with wrench, covariance and tractions scaled; the error of the scale, common to all axes, is
+        included.
+
+        The estimate's torques are about the skin's centre.
+        """
         wrench = estimate.wrench
-        factor = self.at(-float(wrench.force_n[2]))
-        scaled = Wrench(wrench.force_n * factor, wrench.torque_nm * factor, wrench.about_mm, wrench.stamp_ns)
-        std = np.hypot(estimate.std * factor, self.error * np.abs(scaled.six))
-        return replace(estimate, wrench=scaled, std=std, traction=scaled_traction(estimate.traction, factor))
+        under_load, light = self.at(-float(wrench.force_n[2])), self.at(0.0)
+        factors = np.array([light, light, under_load, under_load, under_load, light])
+        six = wrench.six * factors
+        scaled = Wrench(six[:3], six[3:], wrench.about_mm, wrench.stamp_ns)
+        with np.errstate(
+            invalid="ignore"
+        ):  # estimates without a stated error have infinite variances, which stay infinite
+            covariance = estimate.covariance * np.outer(factors, factors) + self.error**2 * np.outer(six, six)
+        traction = None if estimate.traction is None else _scale_traction(estimate.traction, under_load, light)
+        return replace(estimate, wrench=scaled, covariance=covariance, traction=traction)
 
 
-def scaled_traction(traction: Traction | None, factor: float) -> Traction | None:
-    """Return tractions multiplied by a factor; None stays None."""
-    if traction is None:
-        return None
-    times = np.float32(factor)
-    return replace(traction, pressure_mpa=traction.pressure_mpa * times, shear_mpa=traction.shear_mpa * times)
+UNCALIBRATED = ForceScale(error=0.25)
+"""The scale of a sensor that was never pressed with known loads: silicone of one name and hardness varies by a quarter."""
+_UNCALIBRATED_NOTICE = (
+    f"gel not calibrated for force: all forces ±{UNCALIBRATED.error:.0%}, which is part of the stated errors; "
+    "see 'ninedtact adapt'"
+)
+
+
+def _scale_traction(traction: Traction, pressure_factor: float, shear_factor: float) -> Traction:
+    """Return a traction with pressure and shear multiplied by their factors."""
+    return replace(
+        traction,
+        pressure_mpa=traction.pressure_mpa * np.float32(pressure_factor),
+        shear_mpa=traction.shear_mpa * np.float32(shear_factor),
+    )
 
 
 class ScaledForceEstimator(ForceEstimator):
@@ -104,6 +126,11 @@ class ScaledForceEstimator(ForceEstimator):
 
     def __init__(self, estimator: ForceEstimator, adaptation: ForceScale) -> None:
         self.name, self.estimator, self.adaptation = estimator.name, estimator, adaptation
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """A sentence on the unknown modulus of a sensor without a force calibration, and those of the estimator."""
+        return self.estimator.notices if self.adaptation.presses else (_UNCALIBRATED_NOTICE, *self.estimator.notices)
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the scaled estimate; a wrench of zero stays exactly zero."""
@@ -180,11 +207,11 @@ class ForceScaleFileDamaged(FileFormatError):
 
 
 def read_force_scale(sensor: Path, estimator: str) -> ForceScale:
-    """Return the force scale of a sensor folder for this estimator, or a scale of one where there is none.
+    """Return the force scale of a sensor folder for this estimator, or `UNCALIBRATED` where there is none.
 
     Raises `ForceScaleFileDamaged`.
     """
-    return read_force_scale_tables(sensor).get(estimator, ForceScale())
+    return read_force_scale_tables(sensor).get(estimator, UNCALIBRATED)
 
 
 def write_force_scale(sensor: Path, estimator: str, adaptation: ForceScale) -> Path:

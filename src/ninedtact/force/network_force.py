@@ -19,7 +19,7 @@ from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
 from ninedtact.force.onnx_model import ForceModel, ModelCard, WrenchPrediction
 from ninedtact.force.out_of_distribution import is_out_of_distribution
-from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, independent_errors
 from ninedtact.reading import Reading
 
 STD_PER_LAPLACE_SCALE = sqrt(2)
@@ -61,7 +61,9 @@ class NetworkForce(ForceEstimator):
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
         if self.contact_test(reading):
             return self.estimate_contact(reading)
-        return WrenchEstimate(zero_wrench(reading.frame.stamp_ns), self.no_contact_std(reading), touching=False)
+        return WrenchEstimate(
+            zero_wrench(reading.frame.stamp_ns), independent_errors(self.no_contact_std(reading)), touching=False
+        )
 
     def estimate_contact(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of a reading in which contact is detected already."""
@@ -70,7 +72,8 @@ class NetworkForce(ForceEstimator):
         six = prediction.wrench[0]
         wrench = Wrench(six[:3], six[3:], stamp_ns=reading.frame.stamp_ns)
         warnings = tuple(prediction_warnings(inputs, six / self.relative_modulus, self.model.card))
-        return WrenchEstimate(wrench, STD_PER_LAPLACE_SCALE * prediction.scale[0], touching=True, warnings=warnings)
+        covariance = independent_errors(STD_PER_LAPLACE_SCALE * prediction.scale[0])
+        return WrenchEstimate(wrench, covariance, touching=True, warnings=warnings)
 
     def estimate_many(self, inputs: Float32[Array, "n channels rows cols"]) -> WrenchPrediction:
         """Return wrenches about the skin's centre for this gel, and the scales of their Laplace distributions, without contact

@@ -23,7 +23,7 @@ from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input
 from ninedtact.force.networks.standard_backbones import DenseNet, build_densenet
-from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, independent_errors
 from ninedtact.reading import Reading
 
 NETWORK = "densenet169"
@@ -47,15 +47,15 @@ class OriginalNetworkForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
-        error, stamp_ns = np.array(PUBLISHED_SCORES_AT_SKIN.rmse), reading.frame.stamp_ns
+        errors, stamp_ns = independent_errors(np.array(PUBLISHED_SCORES_AT_SKIN.rmse)), reading.frame.stamp_ns
         if not self.contact_test(reading):
-            return WrenchEstimate(zero_wrench(stamp_ns), error, touching=False)
+            return WrenchEstimate(zero_wrench(stamp_ns), errors, touching=False)
         parts = self.parts(reading)
         six = WRENCH_MIN + parts.clip(0, 1) * (WRENCH_MAX - WRENCH_MIN)
         wrench = Wrench(six[:3], six[3:], np.array(ForceTorqueMount().origin_mm), stamp_ns).about(np.zeros(3))
         at_an_end = ((parts < 0) | (parts > 1)).any()
         return WrenchEstimate(
-            wrench, error, touching=True, warnings=(EstimateWarning.OUT_OF_RANGE,) if at_an_end else ()
+            wrench, errors, touching=True, warnings=(EstimateWarning.OUT_OF_RANGE,) if at_an_end else ()
         )
 
     def parts(self, reading: Reading) -> Float64[Array, "6"]:

@@ -15,7 +15,14 @@ from ninedtact.quantities.shape import (
     Rectified,
     centred_axis_mm,
 )
-from ninedtact.quantities.wrench_and_traction import Deformation, EstimateWarning, Traction, Wrench, WrenchEstimate
+from ninedtact.quantities.wrench_and_traction import (
+    Deformation,
+    EstimateWarning,
+    Traction,
+    Wrench,
+    WrenchEstimate,
+    independent_errors,
+)
 
 __all__ = [
     "Deformation",
@@ -30,4 +37,5 @@ __all__ = [
     "Wrench",
     "WrenchEstimate",
     "centred_axis_mm",
+    "independent_errors",
 ]

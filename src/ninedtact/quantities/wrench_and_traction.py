@@ -25,6 +25,13 @@ class Wrench:
         arm_m = (self.about_mm - point_mm) / 1e3
         return replace(self, torque_nm=self.torque_nm + np.cross(arm_m, self.force_n), about_mm=point_mm)
 
+    def shift_matrix(self, point_mm: Float64[Array, "3"]) -> Float64[Array, "6 6"]:
+        """Return the matrix that turns `six` into that of the same wrench about another point."""
+        x, y, z = ((self.about_mm - point_mm) / 1e3).tolist()
+        shift = np.eye(6)
+        shift[3:, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+        return shift
+
     @property
     def six(self) -> Float64[Array, "6"]:
         """F_x, F_y, F_z in N and T_x, T_y, T_z in N·m."""
@@ -95,6 +102,8 @@ class EstimateWarning(StrEnum):
     """The solver stopped before it converged."""
     PART_UNSEEN = "part unseen"
     """The contact extends beyond the camera's view."""
+    ESTIMATORS_DISAGREE = "estimators disagree"
+    """Network and physics differ by more than three standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +111,27 @@ class WrenchEstimate:
     """A wrench that was estimated from an image, with its uncertainty."""
 
     wrench: Wrench
-    std: Float64[Array, "6"]
-    """Standard deviation of each component of `wrench.six`, in N and N·m."""
+    covariance: Float64[Array, "6 6"]
+    """Covariance of the errors of `wrench.six`, N², N²·m and N²·m²; infinite variances where no error is stated."""
     touching: bool
     """Whether there is contact; without contact the wrench is exactly zero."""
     warnings: tuple[EstimateWarning, ...] = ()
     traction: Traction | None = None
     """The traction, where the estimator computes it."""
+
+    @property
+    def std(self) -> Float64[Array, "6"]:
+        """One standard deviation of each component of `wrench.six`, N and N·m."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def about(self, point_mm: Float64[Array, "3"]) -> "WrenchEstimate":
+        """Return the same estimate with torques, and their errors, about another point."""
+        if not np.isfinite(self.covariance).all():
+            return replace(self, wrench=self.wrench.about(point_mm))
+        shift = self.wrench.shift_matrix(point_mm)
+        return replace(self, wrench=self.wrench.about(point_mm), covariance=shift @ self.covariance @ shift.T)
+
+
+def independent_errors(std: Float64[Array, "6"]) -> Float64[Array, "6 6"]:
+    """Return the covariance of errors of these standard deviations that are independent of each other."""
+    return np.diag(std**2)

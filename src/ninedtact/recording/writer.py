@@ -106,7 +106,7 @@ class RecordingWriter:
         stamp_ns = estimate.wrench.stamp_ns
         wall_ns = self.metadata.wall_ns(stamp_ns)
         self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns), index)
-        self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(np.diag(estimate.std**2)), index)
+        self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(estimate.covariance), index)
         if estimate.warnings:
             warnings = encode_warnings([warning.value for warning in estimate.warnings], self.metadata.sensor, wall_ns)
             self._add(Topic.WARNINGS, stamp_ns, warnings, index)

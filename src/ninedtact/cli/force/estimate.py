@@ -58,8 +58,13 @@ class Estimate:
             found = [self.row(name, reading) for name, reading in self.readings(folder.shape, estimator)]
         if self.out is not None:
             write_csv(self.out, found)
-        figures = {"estimator": estimator.name, "about_mm": self.about_mm, "wrenches": found}
-        return print_result(self.json, figures, format_estimates(found, self.out))
+        figures = {
+            "estimator": estimator.name,
+            "about_mm": self.about_mm,
+            "notices": estimator.notices,
+            "wrenches": found,
+        }
+        return print_result(self.json, figures, [*format_estimates(found, self.out), *estimator.notices])
 
     def readings(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
@@ -113,12 +118,12 @@ class Estimate:
 
         force = reading.force
         assert force is not None
-        wrench = force.wrench.about(np.array(self.about_mm, float))
+        force = force.about(np.array(self.about_mm, float))
         return {
             "image": name,
             "time_ns": reading.frame.stamp_ns,
             "touching": force.touching,
-            **dict(zip(COLUMNS, [*wrench.six.tolist(), *force.std.tolist()], strict=True)),
+            **dict(zip(COLUMNS, [*force.wrench.six.tolist(), *force.std.tolist()], strict=True)),
             "warnings": [str(warning) for warning in force.warnings],
         }
 

@@ -27,7 +27,7 @@ from ninedtact.force.traction.observation import (
     TractionImpossible,
     build_brightness_observation_model,
 )
-from ninedtact.quantities import EstimateWarning, HeightMap, Traction, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, HeightMap, Traction, WrenchEstimate, independent_errors
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 
@@ -38,9 +38,9 @@ NO_CONTACT_STD = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
 """Standard deviation of the wrench where no contact is detected; half of all contacts of 0.05 N are detected
 (docs/force_physics.md)."""
 
-_LINEAR_GEL_FRACTION = 0.7
-"""Indentation over the gel's thickness up to which the linear gel model holds. At this indentation a gel that stiffens as it thins
-bears a quarter more than the estimate (docs/force_physics.md)."""
+_LINEAR_GEL_FRACTION = 0.5
+"""Indentation over the gel's thickness up to which the linear gel model holds. A gel stiffens as it thins
+(docs/force_physics.md)."""
 
 
 @dataclass
@@ -77,7 +77,9 @@ class TractionForce(ForceEstimator):
         region = self._find_region(observation)
         if region is None:
             self.forget()
-            return WrenchEstimate(zero_wrench(reading.frame.stamp_ns), NO_CONTACT_STD.copy(), touching=False)
+            return WrenchEstimate(
+                zero_wrench(reading.frame.stamp_ns), independent_errors(NO_CONTACT_STD), touching=False
+            )
         self.last = inversion.invert(observation, region, self.last)
         return self._to_estimate(reading, observation, self.last)
 
@@ -104,8 +106,8 @@ class TractionForce(ForceEstimator):
             result.skin_mm[:rows, :cols].copy(),
         )
         wrench = traction.wrench()
-        std = self.uncertainty.wrench_std(result, wrench.six, mpa)
-        return WrenchEstimate(wrench, std, True, tuple(self._warnings(observation, result)), traction)
+        covariance = self.uncertainty.wrench_covariance(result, wrench.six, mpa)
+        return WrenchEstimate(wrench, covariance, True, tuple(self._warnings(observation, result)), traction)
 
     def _warnings(self, observation: Observation, result: InversionResult) -> list[EstimateWarning]:
         """Return the reasons for which the result may be wrong."""

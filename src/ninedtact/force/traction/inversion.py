@@ -42,6 +42,8 @@ class SolverSettings:
     """Largest number of linear solves for each quadratic programme."""
     target_decrement: float = 1.0
     """Newton decrement, in standard deviations of any sum of the unknowns, at which the iteration ends."""
+    max_warm_decrement: float = 2.0
+    """Newton decrement above which a result that started from the previous image is discarded."""
     max_trusted_decrement: float = 5.0
     """Newton decrement above which the result counts as not converged."""
 
@@ -83,16 +85,24 @@ class TractionInversion:
     solver: SolverSettings = SolverSettings()
 
     def invert(self, observation: Observation, region: View, last: InversionResult | None = None) -> InversionResult:
-        """Return the tractions in a contact region; the previous image's result, given as `last`, saves iterations.
+        """Return the tractions in a contact region. The result of a stream's previous image, given as `last`, saves iterations.
 
-        Where the previous result has no pressure in the region, the iteration starts from the observed heights instead.
+        The iteration starts from the observed heights where the previous result has no pressure in the region, or where the
+        iterations from it do not converge: the result then does not depend on the previous image.
         """
-        follows = last is not None and bool((last.tractions[0] * region).any())
-        if last is not None and follows:
+        if last is not None and bool((last.tractions[0] * region).any()):
             guess = InitialGuess(last.tractions, last.skin_mm, last.misfit)
-        else:
-            guess = self._guess_from_heights(observation, region)
-        max_iterations = self.solver.max_warm_iterations if follows else self.solver.max_iterations
+            result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
+            if result.newton_decrement <= self.solver.max_warm_decrement:
+                return result
+        return self._converge(
+            observation, region, self._guess_from_heights(observation, region), self.solver.max_iterations
+        )
+
+    def _converge(
+        self, observation: Observation, region: View, guess: InitialGuess, max_iterations: int
+    ) -> InversionResult:
+        """Iterate from a guess until the target is reached, or as often as allowed."""
         result = self._iterate(observation, region, guess)
         while result.iterations < max_iterations and result.newton_decrement > self.solver.target_decrement:
             result = self._iterate(observation, region, result)
@@ -167,8 +177,6 @@ docs/force_physics.md)."""
 class UncertaintyModel:
     """Relative standard deviations that cannot be estimated from a single image."""
 
-    modulus: float = 0.05
-    """Relative error of the gel's shear modulus after a calibration with a known load."""
     thickness: float = 0.02
     """Relative error of the gel's thickness, as fitted to the ball press."""
     model: float = 0.08
@@ -179,13 +187,15 @@ class UncertaintyModel:
 
     @property
     def relative_std(self) -> float:
-        """The combined relative standard deviation of modulus, model and thickness."""
-        return float(np.hypot(np.hypot(self.modulus, self.model), _THICKNESS_EXPONENT * self.thickness))
+        """The combined relative standard deviation of model and thickness."""
+        return float(np.hypot(self.model, _THICKNESS_EXPONENT * self.thickness))
 
-    def wrench_std(self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float) -> Float64[Array, "6"]:
-        """Return the standard deviation of each of the six components of the wrench, N and N·m."""
-        open_std = self.correlation * np.sqrt(np.diag(_wrench_covariance(result))) * modulus_mpa
-        return np.hypot(open_std, self.relative_std * np.abs(six))
+    def wrench_covariance(
+        self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float
+    ) -> Float64[Array, "6 6"]:
+        """Return the covariance of the wrench, N and N·m, without the error of the shear modulus, which scales all of it."""
+        from_image = _wrench_covariance(result) * (self.correlation * modulus_mpa) ** 2
+        return from_image + np.diag((self.relative_std * six) ** 2)
 
 
 def _wrench_covariance(result: InversionResult) -> Float64[Array, "6 6"]:
