@@ -27,6 +27,8 @@ class RealFit:
     """What the calibration found in the images of one real sensor."""
 
     name: str
+    thickness_mm: float
+    """The thickness with which the gel acts."""
     light: BrightnessModel
     noise_grey_levels: float
     ball_depth_mm: float
@@ -35,14 +37,14 @@ class RealFit:
 
 
 REAL_FITS = (
-    RealFit("A", BrightnessModel(0.095, 0.87, 0.369, 0.47, 1.18, 0.061, 1.89), 0.63, 2.18, (0.07, -0.06)),
-    RealFit("I", BrightnessModel(0.079, 2.84, 0.425, 0.47, 1.36, 0.000, 1.90), 0.65, 1.48, (0.48, 0.95)),
-    RealFit("L", BrightnessModel(0.139, 1.42, 0.546, 0.42, 0.96, 0.014, 1.97), 0.66, 1.52, (0.39, -0.55)),
-    RealFit("P", BrightnessModel(0.122, 0.62, 0.365, 0.47, 0.97, 0.033, 2.61), 0.57, 1.99, (-0.57, 0.23), 3.1),
-    RealFit("Q", BrightnessModel(0.120, 0.31, 0.438, 0.38, 2.20, 0.062, 3.20), 0.57, 1.97, (-0.35, -0.19), 3.1),
-    RealFit("R", BrightnessModel(0.134, 4.90, 0.477, 0.49, 0.57, 0.020, 1.56), 0.68, 0.99, (0.0, -0.15)),
+    RealFit("A", 1.89, BrightnessModel(0.095, 0.87, 0.369, 0.47, 1.18, 0.061), 0.63, 2.18, (0.07, -0.06)),
+    RealFit("I", 1.90, BrightnessModel(0.079, 2.84, 0.425, 0.47, 1.36, 0.000), 0.65, 1.48, (0.48, 0.95)),
+    RealFit("L", 1.97, BrightnessModel(0.139, 1.42, 0.546, 0.42, 0.96, 0.014), 0.66, 1.52, (0.39, -0.55)),
+    RealFit("P", 2.61, BrightnessModel(0.122, 0.62, 0.365, 0.47, 0.97, 0.033), 0.57, 1.99, (-0.57, 0.23), 3.1),
+    RealFit("Q", 3.20, BrightnessModel(0.120, 0.31, 0.438, 0.38, 2.20, 0.062), 0.57, 1.97, (-0.35, -0.19), 3.1),
+    RealFit("R", 1.56, BrightnessModel(0.134, 4.90, 0.477, 0.49, 0.57, 0.020), 0.68, 0.99, (0.0, -0.15)),
 )
-"""The six sensors. The ball had a radius of 4 mm; the thickness is the one with which the gel acts."""
+"""The six sensors. The ball had a radius of 4 mm; the brightness law assumes the design's thickness."""
 
 
 def twins_of_real_fits() -> dict[str, SampledSensor]:
@@ -54,7 +56,7 @@ def _simulated_sensor(fit: RealFit, number: int) -> SampledSensor:
     """Return the simulated sensor of a fit."""
     drawn, area = sample_sensor(number, _SEED), SensingArea()
     wider = fit.board_pitch_mm / PinBoard().pitch_mm
-    gel = Gel(thickness_mm=fit.light.thickness_mm)
+    gel = Gel(thickness_mm=fit.thickness_mm)
     deepest_mm = _MAX_BALL_DEPTH_FRACTION * gel.thickness_mm
     return SampledSensor(
         name=fit.name,

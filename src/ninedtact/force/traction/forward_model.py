@@ -56,12 +56,17 @@ class ForwardModel:
         below = partial(bonded_layer_compliance, gel=gel) if self.base is None else layered_compliance((gel, self.base))
         parts = Skin(self.cells.patch, below, np.zeros(())).fourier_symbols
         up = np.stack([-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"]])
-        return up.astype(np.complex64)
+        # A traction is uniform over its cell: its spectrum is that of a point times the sinc of each axis.
+        wave_x, wave_y = self.cells.patch.wave_vectors
+        turns = self.cells.pitch_mm / (2 * np.pi)
+        return (up * np.sinc(wave_x * turns) * np.sinc(wave_y * turns)).astype(np.complex64)
 
     @cached_property
     def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
         """Weights with which light scatters from the skin into the view, one axis at a time."""
-        down, across = (_gaussian_weights(self.cells, axis, self.point_spread_mm) for axis in (0, 1))
+        # The signal is the mean over a cell, which is a point spread of variance pitch²/12 on each axis.
+        sigma_mm = float(np.hypot(self.point_spread_mm, self.cells.pitch_mm / np.sqrt(12)))
+        down, across = (_gaussian_weights(self.cells, axis, sigma_mm) for axis in (0, 1))
         return down, np.ascontiguousarray(across.T)
 
     def heights(self, tractions: Tractions) -> SkinField:
