@@ -7,6 +7,7 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
+from ninedtact.shape.image_check import find_image_warnings
 from ninedtact.shape.measures import ShapeSummary, summarise_shape
 from ninedtact.shape.surface import point_cloud
 
@@ -52,8 +53,14 @@ class Reading:
 
     @property
     def warnings(self) -> tuple[EstimateWarning, ...]:
-        """Reasons to distrust the wrench, for example a press beyond the calibrated range; empty where there are none."""
-        return () if self.force is None else self.force.warnings
+        """Reasons to distrust the reading, for example a press beyond the calibrated range; empty where there are none."""
+        of_force = () if self.force is None else self.force.warnings
+        return tuple(dict.fromkeys((*self.image_warnings, *of_force)))
+
+    @cached_property
+    def image_warnings(self) -> tuple[EstimateWarning, ...]:
+        """Reasons why the image cannot be a press on this sensor, for example a failed LED; empty for a plausible image."""
+        return () if self.reference is None else find_image_warnings(self.rectified, self.reference, self.height)
 
     @cached_property
     def summary(self) -> ShapeSummary:

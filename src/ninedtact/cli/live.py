@@ -175,7 +175,7 @@ def _estimate_pollers(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
 
     estimator = PublishingEstimator(load_estimator(force, folder))
     sensor.estimator = estimator
-    return [WrenchPoller(estimator.wrenches, f"estimated, {estimator.name}")]
+    return [WrenchPoller(estimator.wrenches, f"estimated, {estimator.name}", estimator.notices)]
 
 
 def require_display_rate(display_hz: float) -> None:

@@ -45,6 +45,7 @@ class ReconstructCommand:
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
+        from ninedtact.shape.image_check import find_image_warnings, require_plausible_image
 
         if not self.images:
             raise NoImageToReconstruct(
@@ -54,7 +55,9 @@ class ReconstructCommand:
         depth = shape.depth_reader(*[Frame(read_image(path)) for path in self.reference])
         results = []
         for path, name in zip(self.images, _output_names(self.images), strict=True):
-            height = depth(shape.rectify(Frame(read_image(path))))
+            rectified = shape.rectify(Frame(read_image(path)))
+            height = depth(rectified)
+            require_plausible_image(str(path), find_image_warnings(rectified, depth.reference, height))
             results.append(self.result(path, name, height, depth))
         found: dict[str, Any] = {"sensor": str(self.sensor), "images": results}
         return print_result(self.json, found, _format_results(results))

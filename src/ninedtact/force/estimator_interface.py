@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ninedtact.quantities import Wrench, WrenchEstimate, independent_errors
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
 
@@ -35,12 +35,15 @@ class NoForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return a wrench of zero with an infinite standard deviation."""
-        return WrenchEstimate(
-            zero_wrench(reading.frame.stamp_ns), independent_errors(np.full(6, np.inf)), touching=False
-        )
+        return unknown_wrench(reading.frame.stamp_ns)
 
     def forget(self) -> None:
         """Do nothing: no reading is remembered."""
+
+
+def unknown_wrench(stamp_ns: int, warnings: tuple[EstimateWarning, ...] = ()) -> WrenchEstimate:
+    """Return the estimate where nothing is known: a wrench of zero with an infinite standard deviation."""
+    return WrenchEstimate(zero_wrench(stamp_ns), np.diag(np.full(6, np.inf)), touching=False, warnings=warnings)
 
 
 def zero_wrench(stamp_ns: int = 0) -> Wrench:

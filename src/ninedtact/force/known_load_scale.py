@@ -23,7 +23,7 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import FileFormatError, ForceError
-from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench
 from ninedtact.quantities import Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
@@ -133,7 +133,14 @@ class ScaledForceEstimator(ForceEstimator):
         return self.estimator.notices if self.adaptation.presses else (_UNCALIBRATED_NOTICE, *self.estimator.notices)
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """Return the scaled estimate; a wrench of zero stays exactly zero."""
+        """Return the scaled estimate; a wrench of zero stays exactly zero.
+
+        Nothing is estimated from an image that cannot be a press on this sensor: its wrench is zero with an infinite standard
+        deviation, and carries a warning.
+        """
+        if reading.image_warnings:
+            self.estimator.forget()
+            return unknown_wrench(reading.frame.stamp_ns, reading.image_warnings)
         return self.adaptation(self.estimator.estimate(reading))
 
     def forget(self) -> None:

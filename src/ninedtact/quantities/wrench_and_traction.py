@@ -92,7 +92,7 @@ class Traction:
 
 
 class EstimateWarning(StrEnum):
-    """The reason why an estimate is doubtful."""
+    """The reason why an estimate is doubtful. After the reasons that begin with *image*, nothing is estimated."""
 
     OUT_OF_RANGE = "out of range"
     """The force is outside the range for which the estimator was made."""
@@ -104,6 +104,12 @@ class EstimateWarning(StrEnum):
     """The contact extends beyond the camera's view."""
     ESTIMATORS_DISAGREE = "estimators disagree"
     """Network and physics differ by more than three standard deviations."""
+    IMAGE_DARK = "image dark"
+    """The image is too dark to show anything: light off, lens covered, exposure changed."""
+    IMAGE_OVEREXPOSED = "image overexposed"
+    """Most of the image is white."""
+    IMAGE_UNLIKE_REFERENCE = "image unlike its reference"
+    """No press can turn the reference image into this image: another sensor, other light, a failed LED, images exchanged."""
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
 import cv2
+import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import InputError
+from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -22,7 +24,7 @@ from ninedtact.studio.wrench_poller import WrenchPoller, WrenchSnapshot
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
 
-Tone = Literal["live", "busy", "held", "lost"]
+Tone = Literal["live", "busy", "held", "lost", "warned"]
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,10 @@ def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, n
         return WAITING_STATUS
     if frozen:
         return SensorStatus("held", f"frozen, what is shown is {_format_duration(age_ms)} old")
+    if reading.image_warnings:
+        return SensorStatus(
+            "warned", f"{', '.join(reading.image_warnings)}: nothing is estimated; check light and sensor"
+        )
     return SensorStatus("live", f"live, {age_ms:.0f} ms old")
 
 
@@ -123,6 +129,13 @@ class PageReport:
     """Time that drawing and sending the last reading took."""
     wrenches: tuple[WrenchSnapshot, ...] = ()
     """State of each wrench source at the time of the shown reading."""
+
+    def estimate_of(self, moment: WrenchSnapshot) -> WrenchEstimate | None:
+        """Return the estimate of the shown reading where a wrench source shows just this estimate."""
+        estimate = None if self.shown is None else self.shown.force
+        if estimate is None or moment.wrench is None or moment.wrench.stamp_ns != estimate.wrench.stamp_ns:
+            return None
+        return estimate if np.array_equal(moment.wrench.six, estimate.wrench.six) else None
 
 
 @runtime_checkable

@@ -67,6 +67,11 @@ class PublishingEstimator(ForceEstimator):
         self.name, self.estimator = estimator.name, estimator
         self.wrenches = EstimateSource(estimator.name)
 
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """The notices of the estimator."""
+        return self.estimator.notices
+
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the estimate for a reading, and publish its wrench."""
         found = self.estimator.estimate(reading)

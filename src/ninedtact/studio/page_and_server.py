@@ -133,7 +133,7 @@ class SensorPage:
     def _show_wrenches(self, report: PageReport) -> None:
         with self._server.atomic():
             for card, moment in zip(self._wrenches, report.wrenches, strict=True):
-                card.show_numbers(moment, report.status.is_past)
+                card.show_numbers(moment, report.status.is_past, report.estimate_of(moment))
             first = report.wrenches[0].wrench if report.wrenches and not report.status.is_past else None
             self._scene.show_wrench(first)
 

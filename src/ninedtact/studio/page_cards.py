@@ -3,9 +3,11 @@
 from html import escape
 
 import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray as Array
 from viser import GuiUplotHandle, ViserServer, uplot
 
-from ninedtact.quantities import Wrench
+from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.displayed_reading import SensorStatus
@@ -13,7 +15,7 @@ from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_t
 from ninedtact.studio.sensor_poller import HISTORY_S
 from ninedtact.studio.wrench_poller import WrenchSnapshot
 
-TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a"}
+TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a", "warned": "#c92a2a"}
 DIM = "color:var(--mantine-color-dimmed)"
 PALE = 0.35
 """Opacity of numbers that are not current."""
@@ -103,9 +105,9 @@ class WrenchCard:
         self._forces = _add_curves(server, "force (N)", "F", LEAST_N)
         self._torques = _add_curves(server, "torque (N·mm)", "T", LEAST_NMM)
 
-    def show_numbers(self, moment: WrenchSnapshot, is_past: bool) -> None:
-        """Show the six components."""
-        self._text.content = wrench_html(moment, is_past)
+    def show_numbers(self, moment: WrenchSnapshot, is_past: bool, estimate: WrenchEstimate | None = None) -> None:
+        """Show the six components; those of an estimate with their standard deviations and warnings."""
+        self._text.content = wrench_html(moment, is_past, estimate)
 
     def draw_curves(self, moment: WrenchSnapshot) -> None:
         """Draw the last seconds as curves."""
@@ -115,26 +117,34 @@ class WrenchCard:
             plot.scales = _curve_scales(max(float(np.abs(values).max(initial=0)) * 1.1, least))
 
 
-def wrench_html(moment: WrenchSnapshot, is_past: bool) -> str:
-    """Return the six components and the scale of the arrow as HTML."""
-    rows = "" if moment.wrench is None else "".join(_axis_row_html(axis, moment.wrench) for axis in "xyz")
-    trouble = (
-        "" if moment.trouble is None else f'<div style="color:{TONES["lost"]}">{escape(str(moment.trouble))}</div>'
+def wrench_html(moment: WrenchSnapshot, is_past: bool, estimate: WrenchEstimate | None = None) -> str:
+    """Return the six components and the scale of the arrow as HTML.
+
+    estimate: the estimate that the wrench belongs to; its standard deviations and warnings are shown.
+    """
+    std = None if estimate is None else estimate.std
+    rows = "" if moment.wrench is None else "".join(_axis_row_html(axis, moment.wrench, std) for axis in "xyz")
+    warnings = "" if estimate is None else ", ".join(estimate.warnings)
+    lines = [(TONES["busy"], warnings), (TONES["lost"], str(moment.trouble or ""))]
+    lines += [(TONES["busy"], notice) for notice in moment.notices]
+    below = "".join(
+        f'<div style="font-size:0.85em;color:{colour}">{escape(line)}</div>' for colour, line in lines if line
     )
     scale = f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_NMM:g}° per N·mm of twist"
     return (
         f'<div style="margin:0.3em 0.9em;opacity:{PALE if is_past else 1}"><b>{escape(moment.name)}</b>'
-        f'<table style="width:100%;font-variant-numeric:tabular-nums">{rows}</table>{trouble}'
+        f'<table style="width:100%;font-variant-numeric:tabular-nums">{rows}</table>{below}'
         f'<div style="font-size:0.75em;{DIM}">{scale}</div></div>'
     )
 
 
-def _axis_row_html(axis: str, wrench: Wrench) -> str:
-    """Return force and torque along one axis as a row of a table."""
+def _axis_row_html(axis: str, wrench: Wrench, std: Float64[Array, "6"] | None) -> str:
+    """Return force and torque along one axis as a row of a table, with one standard deviation of each where they are known."""
     number = "xyz".index(axis)
+    stds = (np.nan, np.nan) if std is None else (std[number], 1e3 * std[3 + number])
     force, torque = (
-        f"{value:+.2f}".replace("-", "\N{MINUS SIGN}")
-        for value in (wrench.force_n[number], 1e3 * wrench.torque_nm[number])
+        f"{value:+.2f}".replace("-", "\N{MINUS SIGN}") + (f" ± {error:.2f}" if np.isfinite(error) else "")
+        for value, error in zip((wrench.force_n[number], 1e3 * wrench.torque_nm[number]), stds, strict=True)
     )
     name = f'<td style="color:{COLOURS[axis]};font-weight:600">{{}}<sub>{axis}</sub></td>'
     value = '<td style="text-align:right">{} <span style="' + DIM + '">{}</span></td>'

@@ -30,13 +30,15 @@ class WrenchSnapshot:
     """Seconds before now (negative); F_x, F_y, F_z in N; T_x, T_y, T_z in N·m."""
     trouble: BaseException | None = None
     """Why no more wrenches will arrive."""
+    notices: tuple[str, ...] = ()
+    """Sentences that hold for every wrench of the source."""
 
 
 class WrenchPoller:
     """Reads a wrench source in its own thread while it is open (`with`)."""
 
-    def __init__(self, source: WrenchSource, name: str) -> None:
-        self.name, self._source = name, source
+    def __init__(self, source: WrenchSource, name: str, notices: tuple[str, ...] = ()) -> None:
+        self.name, self.notices, self._source = name, notices, source
         self._samples: deque[tuple[int, Wrench]] = deque()
         self._trouble: BaseException | None = None
         self._lock, self._closing = Lock(), Event()
@@ -48,7 +50,7 @@ class WrenchPoller:
             samples, trouble = list(self._samples), self._trouble
         history = np.array([(at - now_ns, *wrench.six) for at, wrench in samples], float).reshape(-1, 7).T
         history[0] /= NS_PER_S
-        return WrenchSnapshot(self.name, _nearest_sample(samples, at_ns), history, trouble)
+        return WrenchSnapshot(self.name, _nearest_sample(samples, at_ns), history, trouble, self.notices)
 
     def __enter__(self) -> "WrenchPoller":
         """Open the source, raising what it raises, and start reading."""

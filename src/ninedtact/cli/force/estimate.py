@@ -69,11 +69,14 @@ class Estimate:
     def readings(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
         from ninedtact.sensor import Sensor
+        from ninedtact.shape.image_check import require_plausible_image
 
         references = self.references
         depth = shape.depth_reader(*references) if references else None
         with Sensor(self.frames(), shape, depth_reader=depth, estimator=estimator) as sensor:
             for name, reading in iterate_named_readings(self.source, sensor):
+                if self.images_are_separate:
+                    require_plausible_image(name, reading.image_warnings)
                 yield name, reading
                 if self.images_are_separate:
                     estimator.forget()
@@ -157,7 +160,8 @@ def format_estimates(rows: list[dict[str, Any]], out: Path | None) -> Iterator[s
     """Yield the lines that a person reads, one per image; torques in N·mm."""
     for row in rows:
         if not row["touching"]:
-            yield f"{row['image']}: nothing touches"
+            nothing = "nothing touches" if not row["warnings"] else f"not estimated ({', '.join(row['warnings'])})"
+            yield f"{row['image']}: {nothing}"
             continue
         forces = "  ".join(f"{name[:2]} {row[name]:+.2f} ± {row['e' + name[:2]]:.2f} N" for name in COLUMNS[:3])
         torques = "  ".join(

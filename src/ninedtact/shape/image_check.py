@@ -1,0 +1,103 @@
+"""Checks whether an image can be a press on the sensor that its reference image shows, before anything is read from it.
+
+Light is lost or gained as a whole where an LED fails, a lamp shines in or the exposure changes. A press changes it locally: gel
+keeps its volume, so dents and bulges balance over the view, and half of the view keeps nearly the brightness of the reference
+image. The limits leave a factor of two or more around 600 simulated presses of up to 12 N on six sensors and the images of real
+ones. An image of another sensor of the same make, under the same light, is not recognised by this check; `ninedtact check` compares
+the fine structure of the skin.
+"""
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32
+from numpy import ndarray as Array
+
+from ninedtact.errors import InputError
+from ninedtact.quantities import EstimateWarning, HeightMap, HeightSource, Rectified
+
+_COLS, _ROWS = 32, 24
+"""Number of cells of the coarse image on which light is compared."""
+_EVERY_PX = 4
+_MIN_GREY, _MAX_GREY = 15.0, 250.0
+"""Mean grey level below which an image is dark, and level from which a cell is overexposed."""
+_MAX_OVEREXPOSED = 0.5
+_DARKEST_MEDIAN = 0.6
+_MEDIAN_RANGE = 0.8, 1.2
+"""Median brightness relative to the reference image; wide deep presses dim the whole image by up to a tenth."""
+_MAX_BRIGHTENING = 1.3
+"""Brightness relative to the reference image above which gel cannot bulge."""
+_BRIGHT_PERCENTILE = 99.5
+_MAX_MEAN_HEIGHT_MM = 0.12
+"""Largest mean height of the view, either way: gel that is pressed in bulges elsewhere, and little of it beyond the view."""
+_UNCHANGED_SHARE = 0.6
+"""Share of the view, that nearest to the median, in which the structure of the light is compared."""
+_MAX_SPREAD = 0.06
+"""Largest deviation of the relative brightness from its median within that share."""
+_STRUCTURE_RANGE = 0.75, 1.3
+"""Slope of the image's log brightness over the reference image's within that share; zero for an image without structure."""
+_MIN_STRUCTURE = 0.03
+"""Standard deviation of the reference image's log brightness from which the slope is known."""
+
+_ADVICE = {
+    EstimateWarning.IMAGE_DARK: "an image taken with the sensor's light on, got a dark one; switch the light on and take it again",
+    EstimateWarning.IMAGE_OVEREXPOSED: "an image that is not overexposed, got a white one; lower the exposure and take it again",
+    EstimateWarning.IMAGE_UNLIKE_REFERENCE: "a press on the skin that the reference image shows, got an image that no press
+    explains; " "give images of one sensor and one session, the reference image without contact, and check that every LED lights",
+}
+
+_Cells = Float32[Array, "rows cols"]
+
+
+class ImageImplausible(InputError):
+    """An image cannot be a press on the sensor that its reference image shows."""
+
+
+def require_plausible_image(name: str, warnings: tuple[EstimateWarning, ...]) -> None:
+    """Raise `ImageImplausible` for the first reason that `find_image_warnings` found, if any."""
+    for warning in warnings:
+        if warning in _ADVICE:
+            raise ImageImplausible(f"{name}: expected {_ADVICE[warning]}")
+
+
+def find_image_warnings(image: Rectified, reference: Rectified, height: HeightMap) -> tuple[EstimateWarning, ...]:
+    """Return why an image cannot be a press on this sensor; empty for a plausible image.
+
+    height: the height map read from the image against the reference image.
+    """
+    now, then = _shrink(image.grey), np.maximum(_shrink(reference.grey), np.float32(1))
+    seen = _shrink((height.source != HeightSource.OUT_OF_VIEW).astype(np.float32)) > 0.9
+    if not seen.any():
+        return ()
+    ratio = (now / then)[seen]
+    median = float(np.median(ratio))
+    if now[seen].mean() < _MIN_GREY or median < _DARKEST_MEDIAN:
+        return (EstimateWarning.IMAGE_DARK,)
+    if (now[seen] >= _MAX_GREY).mean() > _MAX_OVEREXPOSED:
+        return (EstimateWarning.IMAGE_OVEREXPOSED,)
+    mean_height_mm = float(_shrink(height.z_mm)[seen].mean())
+    differs = (
+        not _MEDIAN_RANGE[0] <= median <= _MEDIAN_RANGE[1]
+        or np.percentile(ratio, _BRIGHT_PERCENTILE) > _MAX_BRIGHTENING
+        or abs(mean_height_mm) > _MAX_MEAN_HEIGHT_MM
+        or not _has_same_structure(np.log(np.maximum(now, 1)), np.log(then), seen)
+    )
+    return (EstimateWarning.IMAGE_UNLIKE_REFERENCE,) if differs else ()
+
+
+def _has_same_structure(now: _Cells, then: _Cells, seen: Bool[Array, "rows cols"]) -> bool:
+    """Return whether the least changed part of the view has the light distribution of the reference image; logarithms of both."""
+    change = now[seen] - then[seen]
+    deviation = np.abs(change - np.median(change))
+    spread = float(np.quantile(deviation, _UNCHANGED_SHARE))
+    near, reference = now[seen][deviation <= spread], then[seen][deviation <= spread]
+    structure = reference - reference.mean()
+    if structure.std() < _MIN_STRUCTURE:
+        return spread <= _MAX_SPREAD
+    slope = float(structure @ (near - near.mean()) / (structure @ structure))
+    return spread <= _MAX_SPREAD and _STRUCTURE_RANGE[0] <= slope <= _STRUCTURE_RANGE[1]
+
+
+def _shrink(field: Float32[Array, "a b"]) -> _Cells:
+    """Return the means of a field over the cells, from every fourth row and column, which is quick."""
+    few = np.ascontiguousarray(field[::_EVERY_PX, ::_EVERY_PX])
+    return np.asarray(cv2.resize(few, (_COLS, _ROWS), interpolation=cv2.INTER_AREA))
