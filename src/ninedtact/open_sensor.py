@@ -32,6 +32,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     force: str = "physics",
     reference: PathLike | Sequence[PathLike] | None = None,
     settings: "CameraSettings | None" = None,
+    follow_reference: bool = True,
 ) -> "Sensor":
     """Return a calibrated sensor on a source, to be used in a `with` statement.
 
@@ -50,11 +51,14 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         frames, and nothing may touch the gel then.
     settings
         Exposure and white balance of a camera on this computer; fixed by default.
+    follow_reference
+        Whether the reference image follows slow changes of light and gel while nothing touches (`reference_following`).
 
     Raises
     ------
-    SensorFolderDamaged, SourceUnknown, EstimatorUnknown, SensorNotGiven
-        The sensor, the source or the estimator is not usable. Opening the returned sensor raises what its source raises.
+    SensorFolderDamaged, SourceUnknown, EstimatorUnknown, SensorNotGiven, ReferenceImplausible
+        The sensor, the source, the estimator or the given reference image is not usable. Opening the returned sensor raises what
+        its source raises.
 
     Examples
     --------
@@ -63,8 +67,10 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
+    from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
+    from ninedtact.reference_following import FollowingSettings
     from ninedtact.sensor import Sensor
 
     with load_named_sensor(sensor, source) as folder:
@@ -75,10 +81,19 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         frames = LatestFrameSource(frames)
     depth_reader = None
     if reference is not None:
-        depth_reader = shape.depth_reader(*_read_references(reference))
+        references = _read_references(reference)
+        require_reference_of_sensor(folder, *(frame.image for frame in references))
+        depth_reader = shape.depth_reader(*references)
     elif source == SIMULATED:
         depth_reader = _twin_reference(folder)
-    return Sensor(frames, shape, depth_reader=depth_reader, estimator=estimator)
+    return Sensor(
+        frames,
+        shape,
+        depth_reader=depth_reader,
+        estimator=estimator,
+        find_reference_faults=folder.find_reference_faults,
+        following=FollowingSettings() if follow_reference else None,
+    )
 
 
 def source_for(

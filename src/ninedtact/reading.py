@@ -31,6 +31,9 @@ class Reading:
     force: WrenchEstimate | None = None
     """The estimate with all its parts; None where the sensor has no estimator."""
 
+    reference_warnings: tuple[EstimateWarning, ...] = ()
+    """Reasons why the reference image cannot be that of the calibrated sensor; empty where it was not checked."""
+
     @property
     def image(self) -> UInt8[Array, "rows cols 3"]:
         """The raw camera image, BGR, shape (rows, cols, 3)."""
@@ -55,7 +58,7 @@ class Reading:
     def warnings(self) -> tuple[EstimateWarning, ...]:
         """Reasons to distrust the reading, for example a press beyond the calibrated range; empty where there are none."""
         of_force = () if self.force is None else self.force.warnings
-        return tuple(dict.fromkeys((*self.image_warnings, *of_force)))
+        return tuple(dict.fromkeys((*self.reference_warnings, *self.image_warnings, *of_force)))
 
     @cached_property
     def image_warnings(self) -> tuple[EstimateWarning, ...]:

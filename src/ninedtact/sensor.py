@@ -3,7 +3,7 @@
 source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap ──estimator──▶ WrenchEstimate
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from time import monotonic_ns, perf_counter
 from types import TracebackType
@@ -11,8 +11,9 @@ from types import TracebackType
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.quantities import Frame
+from ninedtact.quantities import EstimateWarning, Frame, Rectified
 from ninedtact.reading import Reading
+from ninedtact.reference_following import FollowingSettings, ReferenceFollower
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
@@ -22,6 +23,11 @@ REFERENCE_FRAMES = 10
 
 class ReferenceMissing(CalibrationError):
     """A reading was asked for before the sensor had a reference image."""
+
+
+def _assume_faultless(_: Sequence[Frame]) -> Sequence[str]:
+    """Return no fault."""
+    return ()
 
 
 @dataclass
@@ -39,10 +45,17 @@ class Sensor:
     new one."""
     estimator: ForceEstimator | None = None
     """Estimates the wrench of every reading; None leaves `Reading.wrench` empty."""
+    find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = _assume_faultless
+    """Returns why frames cannot be reference images of the calibrated sensor; called once for every reference that is taken."""
+    reference_faults: tuple[str, ...] = field(default=(), init=False)
+    """What `find_reference_faults` returned for the present reference."""
+    following: FollowingSettings | None = None
+    """How the reference image follows slow changes while nothing touches; None keeps it as it was taken."""
     frames_read: int = field(default=0, init=False)
     """Number of frames read since the sensor was opened, reference frames included."""
     last_frame_ns: int = field(default=0, init=False)
     """Stamp of the newest frame, or the time of opening when none has arrived yet."""
+    _follower: ReferenceFollower | None = field(default=None, init=False)
     _took_reference: bool = field(default=False, init=False)
     """Whether the present reference was taken by the sensor itself, so that the next opening replaces it."""
 
@@ -60,12 +73,29 @@ class Sensor:
         height = depth(rectified)
         watch.mark("depth")
         dropped = frame.index + 1 - self.frames_read
-        reading = Reading(frame, rectified, height, watch.stage_ms, dropped, depth.reference)
-        if self.estimator is None:
+        doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self.reference_faults else ()
+        reading = Reading(frame, rectified, height, watch.stage_ms, dropped, depth.reference, None, doubts)
+        if self.estimator is not None:
+            estimate = self.estimator.estimate(reading)
+            watch.mark("force")
+            reading = replace(reading, force=estimate)
+        return reading if self.following is None else self._follow(reading, depth.reference, self.following)
+
+    def _follow(self, reading: Reading, reference: Rectified, settings: FollowingSettings) -> Reading:
+        """Let the reference follow for the next reading; return this one with the error of gel that is still settling."""
+        if self._follower is None:
+            self._follower = ReferenceFollower(reference, settings)
+        moved = self._follower.follow(reading)
+        if moved is not None:
+            self.depth_reader = self.shape.reader_against(moved)
+        if reading.force is None:
             return reading
-        estimate = self.estimator.estimate(reading)
-        watch.mark("force")
-        return replace(reading, force=estimate)
+        return replace(reading, force=self._follower.with_settling_error(reading.force))
+
+    @property
+    def reference_drift(self) -> float:
+        """Relative change of the reference image's mean brightness since it was taken; zero where it does not follow."""
+        return 0.0 if self._follower is None else self._follower.drift
 
     def take_reference(self) -> None:
         """Average the next frames into a new reference image. Nothing may touch the gel meanwhile.
@@ -74,6 +104,8 @@ class Sensor:
         """
         frames = [self._next_frame() for _ in range(self.reference_frames)]
         self.depth_reader, self._took_reference = self.shape.depth_reader(*frames), True
+        self.reference_faults = tuple(self.find_reference_faults(frames))
+        self._follower = None
         if self.estimator is not None:
             self.estimator.forget()
 
@@ -83,6 +115,7 @@ class Sensor:
         With `take_reference=False` the caller takes it later. Raises what the source raises; the source is closed then.
         """
         self.source.open()
+        self._follower = None
         self.frames_read, self.last_frame_ns = 0, monotonic_ns()
         if self._took_reference:
             self.depth_reader, self._took_reference = None, False

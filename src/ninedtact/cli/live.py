@@ -51,6 +51,8 @@ class Live:
     """Estimator of force and torque: physics, network, both, a force model (.onnx), or none."""
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
+    follow_reference: bool = True
+    """Let the reference image follow slow changes of light and gel while nothing touches."""
     automatic: bool = False
     """Keep automatic exposure and white balance on, for a camera that cannot switch them off; heights then drift."""
     loop: bool = False
@@ -82,7 +84,7 @@ class Live:
             from ninedtact.simulation.simulated_sources import demo_sources
 
             return page_sources_of_twin(folder.shape, demo_sources(build_sensor_twin(folder)), self.references)
-        return self.sensor_at_source(folder.shape), []
+        return self.sensor_at_source(folder), []
 
     @property
     def references(self) -> "list[Frame]":
@@ -92,10 +94,12 @@ class Live:
 
         return [Frame(read_image(path)) for path in self.reference]
 
-    def sensor_at_source(self, shape: "CalibratedShape") -> "Sensor":
+    def sensor_at_source(self, folder: "SensorFolder") -> "Sensor":
         """Return the sensor on a camera or a recording, not yet opened."""
+        from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
         from ninedtact.capture.frame_pacing import LatestFrameSource
         from ninedtact.capture.reconnecting import ReconnectingFrameSource
+        from ninedtact.reference_following import FollowingSettings
         from ninedtact.sensor import Sensor
 
         references = self.references
@@ -104,8 +108,14 @@ class Live:
             on_lost=lambda loss: print_notice(f"{loss}; waiting for it"),
             on_back=lambda: print_notice("it is back"),
         )
+        if references:
+            require_reference_of_sensor(folder, *(frame.image for frame in references))
         return Sensor(
-            LatestFrameSource(source), shape, depth_reader=shape.depth_reader(*references) if references else None
+            LatestFrameSource(source),
+            folder.shape,
+            depth_reader=folder.shape.depth_reader(*references) if references else None,
+            find_reference_faults=folder.find_reference_faults,
+            following=FollowingSettings() if self.follow_reference else None,
         )
 
     def named_source(self) -> "FrameSource":

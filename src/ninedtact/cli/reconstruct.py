@@ -42,6 +42,7 @@ class ReconstructCommand:
 
     def run(self) -> int:
         """Reconstruct every image and write its files; the first unreadable image ends the command."""
+        from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
@@ -51,8 +52,10 @@ class ReconstructCommand:
             raise NoImageToReconstruct(
                 "expected at least one image of the pressed skin, got none; name it after the options"
             )
-        shape = load_sensor(self.sensor).shape
-        depth = shape.depth_reader(*[Frame(read_image(path)) for path in self.reference])
+        folder = load_sensor(self.sensor)
+        shape, references = folder.shape, [Frame(read_image(path)) for path in self.reference]
+        depth = shape.depth_reader(*references)
+        require_reference_of_sensor(folder, *(frame.image for frame in references))
         results = []
         for path, name in zip(self.images, _output_names(self.images), strict=True):
             rectified = shape.rectify(Frame(read_image(path)))

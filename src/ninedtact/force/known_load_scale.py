@@ -141,7 +141,8 @@ class ScaledForceEstimator(ForceEstimator):
         if reading.image_warnings:
             self.estimator.forget()
             return unknown_wrench(reading.frame.stamp_ns, reading.image_warnings)
-        return self.adaptation(self.estimator.estimate(reading))
+        scaled = self.adaptation(self.estimator.estimate(reading))
+        return replace(scaled, warnings=(*reading.reference_warnings, *scaled.warnings))
 
     def forget(self) -> None:
         """Forget the previous reading."""

@@ -104,6 +104,8 @@ class EstimateWarning(StrEnum):
     """The contact extends beyond the camera's view."""
     ESTIMATORS_DISAGREE = "estimators disagree"
     """Network and physics differ by more than three standard deviations."""
+    REFERENCE_UNLIKE_CALIBRATION = "reference unlike the calibrated one"
+    """The reference image of this session shows another sensor, or something that touches the gel."""
     IMAGE_DARK = "image dark"
     """The image is too dark to show anything: light off, lens covered, exposure changed."""
     IMAGE_OVEREXPOSED = "image overexposed"

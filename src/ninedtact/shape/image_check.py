@@ -39,10 +39,16 @@ _MIN_STRUCTURE = 0.03
 """Standard deviation of the reference image's log brightness from which the slope is known."""
 
 _ADVICE = {
-    EstimateWarning.IMAGE_DARK: "an image taken with the sensor's light on, got a dark one; switch the light on and take it again",
-    EstimateWarning.IMAGE_OVEREXPOSED: "an image that is not overexposed, got a white one; lower the exposure and take it again",
-    EstimateWarning.IMAGE_UNLIKE_REFERENCE: "a press on the skin that the reference image shows, got an image that no press
-    explains; " "give images of one sensor and one session, the reference image without contact, and check that every LED lights",
+    EstimateWarning.IMAGE_DARK: (
+        "an image taken with the sensor's light on, got a dark one; switch the light on and take it again"
+    ),
+    EstimateWarning.IMAGE_OVEREXPOSED: (
+        "an image that is not overexposed, got a white one; lower the exposure and take it again"
+    ),
+    EstimateWarning.IMAGE_UNLIKE_REFERENCE: (
+        "a press on the skin of the reference image, got an image that no press explains; give images of one sensor and one "
+        "session, the reference image without contact, and check that every LED lights"
+    ),
 }
 
 _Cells = Float32[Array, "rows cols"]

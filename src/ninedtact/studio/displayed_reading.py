@@ -60,6 +60,10 @@ def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, n
         return WAITING_STATUS
     if frozen:
         return SensorStatus("held", f"frozen, what is shown is {_format_duration(age_ms)} old")
+    if reading.reference_warnings:
+        return SensorStatus(
+            "warned", f"{', '.join(reading.reference_warnings)}; take it again, or name the right sensor"
+        )
     if reading.image_warnings:
         return SensorStatus(
             "warned", f"{', '.join(reading.image_warnings)}: nothing is estimated; check light and sensor"

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.image_and_video_files import ImageList
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
@@ -25,6 +26,7 @@ from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.image_check import require_plausible_image
 from ninedtact.simulation.sensor_population import SampledSensor
 
 _BALL_RADIUS_MM, _START_DEPTH_MM = 5.0, 0.8
@@ -69,7 +71,7 @@ def calibrate_force(
         )
     folder = load_sensor(sensor_folder)
     estimator = load_unscaled_estimator(force, folder)
-    estimated = list(_estimate_presses(estimator, folder.shape, reference, presses))
+    estimated = list(_estimate_presses(estimator, folder, reference, presses))
     fit = fit_force_scale(estimated)
     file = write_force_scale(sensor_folder, estimator.name, fit.adaptation) if save else None
     return ForceCalibration(estimator.name, fit, estimated, file)
@@ -77,15 +79,18 @@ def calibrate_force(
 
 def _estimate_presses(
     estimator: ForceEstimator,
-    shape: CalibratedShape,
+    folder: SensorFolder,
     reference: Sequence[Path],
     presses: Sequence[tuple[Path, float]],
 ) -> Iterator[KnownLoadPress]:
     """Yield the estimated force of every press with its load; raises `ForceScaleImpossible`, naming the image."""
-    depth_reader = shape.depth_reader(*[Frame(read_image(path)) for path in reference])
+    references, shape = [Frame(read_image(path)) for path in reference], folder.shape
+    require_reference_of_sensor(folder, *(frame.image for frame in references))
+    depth_reader = shape.depth_reader(*references)
     images = ImageList([path for path, _ in presses])
     with Sensor(images, shape, depth_reader=depth_reader, estimator=estimator) as sensor:
         for (path, grams), reading in zip(presses, sensor, strict=True):
+            require_plausible_image(str(path), reading.image_warnings)
             estimator.forget()
             assert reading.force is not None
             try:

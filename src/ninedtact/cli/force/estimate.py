@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 
 if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
-    from ninedtact.shape.calibrated_shape import CalibratedShape
 
 Point = tuple[float, float, float]
 COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
@@ -55,7 +55,7 @@ class Estimate:
             from ninedtact.force.estimator_loading import load_estimator
 
             estimator = load_estimator(self.force, folder)
-            found = [self.row(name, reading) for name, reading in self.readings(folder.shape, estimator)]
+            found = [self.row(name, reading) for name, reading in self.readings(folder, estimator)]
         if self.out is not None:
             write_csv(self.out, found)
         figures = {
@@ -66,14 +66,25 @@ class Estimate:
         }
         return print_result(self.json, figures, [*format_estimates(found, self.out), *estimator.notices])
 
-    def readings(self, shape: "CalibratedShape", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
+    def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
+        from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
         from ninedtact.sensor import Sensor
         from ninedtact.shape.image_check import require_plausible_image
 
-        references = self.references
+        references, shape = self.references, folder.shape
+        if references:
+            require_reference_of_sensor(folder, *(frame.image for frame in references))
         depth = shape.depth_reader(*references) if references else None
-        with Sensor(self.frames(), shape, depth_reader=depth, estimator=estimator) as sensor:
+        with Sensor(
+            self.frames(),
+            shape,
+            depth_reader=depth,
+            estimator=estimator,
+            find_reference_faults=folder.find_reference_faults,
+        ) as sensor:
+            for fault in sensor.reference_faults:
+                print_notice(f"the reference image is doubtful; {fault}")
             for name, reading in iterate_named_readings(self.source, sensor):
                 if self.images_are_separate:
                     require_plausible_image(name, reading.image_warnings)
