@@ -17,7 +17,7 @@ LAYERS = [
     {"mechanics", "capture", "shape"},
     {"reading"},
     {"force", "simulation"},
-    {"calibration"},
+    {"calibration", "reference_following"},
     {"recording", "sensor"},
     {"dataset", "open_sensor"},
     {"studio", "hardware", "interop", "workflows"},

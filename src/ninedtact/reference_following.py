@@ -4,7 +4,9 @@ LEDs warm up, lamps change and gel creeps after a long press: the image without 
 minutes, which would be read as a light touch. While nothing touches, the reference image is therefore an exponential average of the
 images. It stays within a bound of the image that was taken, and it rests under contact and for some seconds after one.
 
-After a release the gel is still settling. Until it has settled, a part of the last force is added to the stated error.
+After a release, an imprint and the drift of the light during the press remain. They are faint beside the press, and fade; what is
+fainter than a small part of the press that has just ended is therefore not taken for a contact here, until it grows. The gel is
+still settling then, and a part of the last force is added to the stated error.
 """
 
 import logging
@@ -14,7 +16,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
-from ninedtact.force.contact_detection import detect_contact
+from ninedtact.force.contact_detection import measure_darkening
 from ninedtact.quantities import Rectified, WrenchEstimate
 from ninedtact.reading import Reading
 
@@ -28,7 +30,7 @@ _LOGGED_STEP = 0.01
 class FollowingSettings:
     """How the reference image follows."""
 
-    time_constant_s: float = 20.0
+    time_constant_s: float = 10.0
     """Time constant of the average."""
     every_s: float = 1.0
     """Time between two images that enter the average; each costs a new reference image on all stages."""
@@ -36,6 +38,10 @@ class FollowingSettings:
     """Largest change of any pixel's brightness, relative to the reference image that was taken."""
     rest_s: float = 5.0
     """Time after a contact before the reference follows again, so that it does not adopt the imprint of the contact."""
+    residue: float = 0.04
+    """Part of the darkening of the last press below which what remains after its release counts as its imprint."""
+    max_residue: float = 0.005
+    """Largest darkening that counts as an imprint, about 0.04 mm."""
     settling: float = 0.03
     """Part of the last force that the gel still shows at the moment of release, as one standard deviation."""
     settling_s: float = 10.0
@@ -55,6 +61,10 @@ class ReferenceFollower:
     """Stamp of the last image with contact."""
     _last_force: Float64[Array, "6"] = field(init=False)
     """Magnitude of the wrench at the last image with contact."""
+    _peak: float = field(default=0.0, init=False)
+    """Largest darkening of the last contact."""
+    _residue: float = field(default=0.0, init=False)
+    """Smallest darkening seen since the last contact was released."""
     _logged: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
@@ -69,7 +79,7 @@ class ReferenceFollower:
     def follow(self, reading: Reading) -> Rectified | None:
         """Take notice of a reading; return the new reference image where it has moved, None where it has not."""
         now_ns = reading.stamp_ns
-        if self._is_touched(reading):
+        if not reading.image_warnings and self._is_touched(reading):
             self._touched_ns = now_ns
             if reading.wrench is not None:
                 self._last_force = np.abs(reading.wrench.six)
@@ -96,8 +106,17 @@ class ReferenceFollower:
         return replace(estimate, covariance=estimate.covariance + np.diag((part * self._last_force) ** 2))
 
     def _is_touched(self, reading: Reading) -> bool:
-        """Return whether something touches, as the estimator found, or by contact detection where there is none."""
-        return detect_contact(reading) if reading.force is None else reading.force.touching
+        """Return whether something touches, as opposed to the imprint of the last contact."""
+        darkening, limit = measure_darkening(reading)
+        if darkening <= limit:
+            self._peak = 0.0
+            return False
+        imprint = min(self.settings.residue * self._peak, self.settings.max_residue)
+        if darkening < imprint and darkening < self._residue + limit:
+            self._residue = min(self._residue, darkening)
+            return False
+        self._peak, self._residue = max(self._peak, darkening), np.inf
+        return True
 
     @staticmethod
     def _seconds_since(then_ns: int | None, now_ns: int) -> float:

@@ -27,6 +27,7 @@ from ninedtact.force.traction.linearisation import (
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
 from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
 from ninedtact.mechanics.layer_compliance import layered_compliance
+from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.surface_displacement import Skin, gel_skin
 from ninedtact.quantities import Traction
 from ninedtact.shape.depth import DepthCurve, LightLoss
@@ -56,8 +57,30 @@ def test_heights_are_those_of_the_contact_mechanics() -> None:
     tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
     tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
     response = gel_skin(CELLS.patch, Gel(2.5, 1.0)).operators
-    true = response.displacement_mm(tractions[0], tractions[1:])[0]
+    true = response.displacement_mm(*spread_over_cells(tractions))[0]
     np.testing.assert_allclose(FORWARD.heights(tractions[:, : CELLS.rows, : CELLS.cols]), true, atol=1e-4)
+
+
+def spread_over_cells(tractions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tractions at points of the grid that have the spectrum of tractions that are uniform over each cell."""
+    kx, ky = CELLS.patch.wave_vectors
+    uniform = np.sinc(kx * CELLS.pitch_mm / 2 / np.pi) * np.sinc(ky * CELLS.pitch_mm / 2 / np.pi)
+    spread = np.fft.irfft2(np.fft.rfft2(tractions) * uniform, s=CELLS.patch.shape).astype(np.float32)
+    return spread[0], spread[1:]
+
+
+def test_a_uniform_traction_on_cells_deforms_the_skin_as_on_a_finer_grid() -> None:
+    finer = 4
+    fine = PeriodicGrid(CELLS.patch.rows * finer, CELLS.patch.cols * finer, CELLS.pitch_mm / finer)
+    tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
+    tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
+    blocks = np.repeat(np.repeat(tractions, finer, axis=1), finer, axis=2)
+    fine_height = gel_skin(fine, Gel(2.5, 1.0)).operators.displacement_mm(blocks[0], blocks[1:])[0]
+    # The centre of a cell lies between the middle points of its blocks.
+    middle = [fine_height[finer // 2 - a :: finer, finer // 2 - b :: finer] for a in (0, 1) for b in (0, 1)]
+    found = FORWARD.heights(tractions[:, : CELLS.rows, : CELLS.cols])
+    scale = float(np.abs(found).max())
+    np.testing.assert_allclose(found, np.mean(middle, axis=0), atol=0.03 * scale)
 
 
 def test_the_columns_are_what_the_unknowns_do_to_the_light() -> None:
@@ -185,6 +208,6 @@ def test_heights_on_a_base_that_yields_are_those_of_the_contact_mechanics() -> N
     tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
     tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
     skin = Skin(CELLS.patch, layered_compliance((Gel(2.5, 1.0), COMPLIANT_BASE)))
-    true = skin.operators.displacement_mm(tractions[0], tractions[1:])[0]
+    true = skin.operators.displacement_mm(*spread_over_cells(tractions))[0]
     found = ForwardModel(CELLS, 2.5, 0.5, 0.6, COMPLIANT_BASE).heights(tractions[:, : CELLS.rows, : CELLS.cols])
     np.testing.assert_allclose(found, true, atol=1e-4)

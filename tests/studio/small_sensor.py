@@ -30,14 +30,21 @@ RECORDED = SensorRecord(
     design=SensorDesign(field_of_view=RectifiedImageSize(30, 40, 64)),
     grid=GridTable(MM_PER_PX, *RAW_SHAPE, calibrated_area_mm=(-10.0, 10.0, -7.5, 7.5)),
     lens=LensModelTable((PX_PER_MM, 0.0, 0.0, 0.0, PX_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
-    depth=DepthTable("ratio", noise_mm=0.001, smoothing=Smoothing(), curve=CURVE),
+    depth=DepthTable("ratio", noise_mm=0.001, smoothing=Smoothing(0.0, 0.0), curve=CURVE),
 )
 SHAPE = SensorFolder(Path(), RECORDED).shape
 
 
+PRESSED_PX, DARK = 8, 10
+"""Side of the square in the middle that is pressed in; level below which the light is off."""
+
+
 def skin(level: int) -> np.ndarray:
-    """An image of skin that is pressed in by the same everywhere."""
-    return np.full((*RAW_SHAPE, 3), level, np.uint8)
+    """An image of skin that is pressed in by the same all over a square in the middle, or an image without light."""
+    image = np.full((*RAW_SHAPE, 3), UNTOUCHED if level > DARK else level, np.uint8)
+    middle = tuple(slice((side - PRESSED_PX) // 2, (side + PRESSED_PX) // 2) for side in RAW_SHAPE)
+    image[middle] = level
+    return image
 
 
 def sensor_folder(path: Path) -> Path:

@@ -111,7 +111,14 @@ class Collect:
         metadata = self._metadata(folder, settings, setup)
         writer = RecordingWriter(self.out, metadata, COLLECTED_TOPICS, sensor_folder_attachments(folder.path))
         names = chain(self.objects, (f"object_{number:03d}" for number in count(1)))
-        collector = Collector(writer, settings, names, np.random.default_rng(self.seed))
+        collector = Collector(
+            writer,
+            settings,
+            names,
+            np.random.default_rng(self.seed),
+            folder.find_reference_faults,
+            screen.show_message,
+        )
         with (
             stop_on_signal(self.seconds) as until,
             writer,

@@ -69,9 +69,15 @@ _RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 def detect_contact(reading: Reading, threshold: ContactThreshold = ContactThreshold()) -> bool:
-    """Return whether the skin is darker somewhere than noise would make it.
+    """Return whether the skin is darker somewhere than noise would make it."""
+    darkening, limit = measure_darkening(reading, threshold)
+    return bool(darkening > limit)
 
-    For a reading without a reference image, heights are compared instead of brightness.
+
+def measure_darkening(reading: Reading, threshold: ContactThreshold = ContactThreshold()) -> tuple[float, float]:
+    """Return the largest relative darkening, smoothed over about a millimetre, and the limit above which it is a contact.
+
+    For a reading without a reference image, heights in mm are compared instead of brightness.
     """
     if reading.reference is None:
         signal = _average_over_cells(reading.height.z_mm, reading.height.mm_per_px)
@@ -85,7 +91,7 @@ def detect_contact(reading: Reading, threshold: ContactThreshold = ContactThresh
         min_noise, min_change = _MIN_NOISE, threshold.min_darkening
     noise = max(estimate_cell_noise(signal), min_noise)
     darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
-    return bool(darkening.max() > _noise_limit(noise, threshold.noise_stds, min_change, _SMOOTHING_CELLS))
+    return float(darkening.max()), float(_noise_limit(noise, threshold.noise_stds, min_change, _SMOOTHING_CELLS))
 
 
 def find_contact_region(

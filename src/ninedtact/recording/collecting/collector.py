@@ -7,7 +7,7 @@ Only stamps count, never the time of processing: live devices, simulated sensors
 
 from bisect import bisect_left
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -98,6 +98,10 @@ class Collector:
     objects: Iterator[str] = field(default_factory=lambda: (f"object_{number:03d}" for number in count(1)))
     """Names of the objects, in turn."""
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
+    find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
+    """Returns why reference images cannot be those of the calibrated sensor."""
+    notify: Callable[[str], None] = lambda _: None
+    """Receives a sentence for the person who collects."""
 
     def __post_init__(self) -> None:
         self.selector = PairSelector(self.settings, SamplingRule(self.settings.rule, self.rng))
@@ -195,6 +199,9 @@ class Collector:
         self.reference, self.tare_in_progress = reference, None
         for frame in reference.frames:
             self.writer.write_reference(frame, reference.number)
+        for fault in self.find_reference_faults(reference.frames):
+            self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.REMARK, "reference image", fault))
+            self.notify(f"the reference image is doubtful; {fault}")
         zero = " ".join(f"{number:.6g}" for number in reference.zero)
         self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.TARED, str(reference.number), zero))
         self.sample_faults.confirm_zero()

@@ -1,0 +1,49 @@
+"""Errors of a wrench move with its torques, and the scale of a sensor is common to all axes."""
+
+import numpy as np
+
+from ninedtact.force.known_load_scale import UNCALIBRATED, ForceScale
+from ninedtact.quantities import Wrench, WrenchEstimate, independent_errors
+
+SIX = np.array([1.0, -0.5, -6.0, 0.01, 0.02, 0.003])
+STD = np.array([0.1, 0.2, 0.3, 1e-3, 2e-3, 1e-4])
+BELOW_MM = np.array([0.0, 0.0, -35.0])
+
+
+def estimate(std: np.ndarray = STD) -> WrenchEstimate:
+    return WrenchEstimate(Wrench(SIX[:3], SIX[3:]), independent_errors(std), touching=True)
+
+
+def test_errors_of_forces_add_to_those_of_torques_about_another_point() -> None:
+    moved = estimate().about(BELOW_MM)
+    np.testing.assert_allclose(moved.wrench.six, estimate().wrench.about(BELOW_MM).six)
+    np.testing.assert_allclose(moved.std[:3], STD[:3])
+    np.testing.assert_allclose(moved.std[3:5], np.hypot(STD[3:5], 0.035 * STD[[1, 0]]))
+    np.testing.assert_allclose(moved.about(np.zeros(3)).covariance, estimate().covariance, atol=1e-15)
+
+
+def test_the_matrix_of_a_shift_is_the_shift() -> None:
+    wrench, point = estimate().wrench, np.array([3.0, -2.0, 7.0])
+    np.testing.assert_allclose(wrench.shift_matrix(point) @ wrench.six, wrench.about(point).six)
+
+
+def test_unknown_errors_stay_unknown() -> None:
+    moved = estimate(np.full(6, np.inf)).about(BELOW_MM)
+    assert np.isinf(moved.std).all()
+    assert np.isinf(ForceScale(2.0, error=0.1)(estimate(np.full(6, np.inf))).std).all()
+
+
+def test_a_quarter_of_every_force_is_in_the_error_until_the_sensor_is_calibrated_for_force() -> None:
+    scaled = UNCALIBRATED(estimate())
+    np.testing.assert_array_equal(scaled.wrench.six, SIX)
+    np.testing.assert_allclose(scaled.std, np.hypot(STD, 0.25 * np.abs(SIX)))
+    # It is one factor: the error of a lever arm, the ratio of torque to force, does not grow.
+    arm = np.array([0, 0, SIX[3] / SIX[2] ** 2, -1 / SIX[2], 0, 0])
+    assert arm @ scaled.covariance @ arm < 1.01 * (arm @ estimate().covariance @ arm)
+
+
+def test_a_curve_of_the_load_scales_what_the_load_makes_and_shear_has_the_factor_of_light_loads() -> None:
+    scale = ForceScale(1.2, curve=0.2, about_n=2.0)
+    light, loaded = scale.at(0.0), scale.at(6.0)
+    assert light < scale.at(2.0) == 1.2 < loaded
+    np.testing.assert_allclose(scale(estimate()).wrench.six / SIX, [light, light, loaded, loaded, loaded, light])

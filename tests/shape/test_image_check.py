@@ -1,0 +1,82 @@
+"""Images that cannot be a press: dark, white, without structure, exchanged, with a failed LED."""
+
+import numpy as np
+import pytest
+
+from ninedtact.calibration.drift.reference_check import ReferenceImplausible, require_reference_of_sensor
+from ninedtact.calibration.procedure import Calibration, CalibrationImages
+from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
+from ninedtact.quantities import EstimateWarning, Frame
+from ninedtact.shape.image_check import ImageImplausible, find_image_warnings, require_plausible_image
+from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.simulation.twin import default_twin
+
+UNLIKE = EstimateWarning.IMAGE_UNLIKE_REFERENCE
+Image = np.ndarray
+
+
+def warnings_of(sensor: SensorFolder, reference: Image, image: Image) -> tuple[EstimateWarning, ...]:
+    depth_reader = sensor.shape.depth_reader(Frame(reference))
+    rectified = sensor.shape.rectify(Frame(image))
+    return find_image_warnings(rectified, depth_reader.reference, depth_reader(rectified))
+
+
+def with_failed_led(image: Image, part: float) -> Image:
+    """One corner darker by a part."""
+    y, x = np.mgrid[0 : image.shape[0], 0 : image.shape[1]]
+    shade = 1 - part * np.exp(-((x - 60) ** 2 + (y - 60) ** 2) / 2 / 130**2)
+    return (image * shade[..., None]).astype(np.uint8)
+
+
+WRONG = {
+    "black": (lambda image: 0 * image, EstimateWarning.IMAGE_DARK),
+    "nearly black": (lambda image: 0 * image + 5, EstimateWarning.IMAGE_DARK),
+    "white": (lambda image: 0 * image + 255, EstimateWarning.IMAGE_OVEREXPOSED),
+    "uniform": (lambda image: 0 * image + 150, UNLIKE),
+    "noise": (lambda image: np.random.default_rng(0).integers(0, 255, image.shape, dtype=np.uint8), UNLIKE),
+    "exposure changed": (lambda image: (0.85 * image).astype(np.uint8), UNLIKE),
+    "failed LED": (lambda image: with_failed_led(image, 0.5), UNLIKE),
+    "dim LED": (lambda image: with_failed_led(image, 0.15), UNLIKE),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_an_image_that_is_no_press_is_named(name: str, twin_sensor: SensorFolder) -> None:
+    spoil, expected = WRONG[name]
+    reference = default_twin().renderer(None, 1)
+    assert warnings_of(twin_sensor, reference, spoil(reference)) == (expected,)
+    with pytest.raises(ImageImplausible, match=r"^press.png: expected .*, got .*; "):
+        require_plausible_image("press.png", (expected,))
+
+
+@pytest.mark.parametrize(
+    "press", [(Ball(4.0), 1.8), (Ball(8.0), 1.2), (FlatPunch(3.0), 0.8)], ids=["ball", "wide ball", "punch"]
+)
+def test_a_press_is_plausible_and_exchanged_images_are_not(press: tuple, twin_sensor: SensorFolder) -> None:
+    twin = default_twin()
+    reference = twin.renderer(None, 1)
+    pressed = twin.renderer(ScriptedPress(press[1]).simulate(twin, press[0]), 2)
+    assert warnings_of(twin_sensor, reference, pressed) == ()
+    assert warnings_of(twin_sensor, reference, twin.renderer(None, 3)) == ()
+    if press[1] > 1.5:
+        assert warnings_of(twin_sensor, pressed, reference) == (UNLIKE,)
+
+
+def test_real_presses_are_plausible_and_exchanged_ones_are_not(
+    calibrated_a: Calibration, real_images: dict[str, CalibrationImages], tmp_path: object
+) -> None:
+    sensor, images = save_sensor(tmp_path / "a", calibrated_a), real_images["a"]  # type: ignore[operator]
+    assert warnings_of(sensor, images.ball_reference, images.ball) == ()
+    assert warnings_of(sensor, images.board_reference, images.board) == ()
+    assert warnings_of(sensor, images.ball, images.ball_reference) == (UNLIKE,)
+    assert warnings_of(sensor, images.board, images.board_reference) == (UNLIKE,)
+    require_reference_of_sensor(sensor, images.ball_reference)
+    require_reference_of_sensor(sensor, images.board_reference)
+    for wrong in (images.ball, images.board, images.ball_reference[:, ::-1].copy()):
+        with pytest.raises(ReferenceImplausible, match="without contact"):
+            require_reference_of_sensor(sensor, wrong)
+    for letter in "ij":
+        with pytest.raises(ReferenceImplausible, match="another skin"):
+            require_reference_of_sensor(sensor, real_images[letter].ball_reference)
