@@ -127,3 +127,9 @@ def test_one_press_is_too_few() -> None:
 
 def test_a_kilogram_weighs_what_it_weighs() -> None:
     assert weight_of_grams_n(1000) == pytest.approx(9.80665)
+
+
+def test_presses_that_contradict_each_other_are_refused() -> None:
+    presses = [KnownLoadPress(1.0, 0.5), KnownLoadPress(2.0, 6.0), KnownLoadPress(4.0, 1.5), KnownLoadPress(3.0, 9.0)]
+    with pytest.raises(ForceScaleImpossible, match="agree on one force scale"):
+        fit_force_scale(presses)

@@ -8,6 +8,7 @@ import pytest
 from linear_model import SMALL, a_card, linear_model, written
 from onnx import helper
 
+from ninedtact.force import onnx_model
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.onnx_model import METADATA_KEY, ForceModelUnusable, ModelCard, parse_force_model, read_force_model
 
@@ -59,3 +60,15 @@ def test_what_is_another_thing_is_refused() -> None:
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ForceModelUnusable, match="No such file"):
         read_force_model(tmp_path / "none.onnx")
+
+
+def test_a_network_with_weights_that_are_no_numbers_is_refused() -> None:
+    per_input = np.full((48, 6), np.nan)
+    assert "not a number" in told(linear_model(a_card(), per_input).SerializeToString())
+
+
+def test_a_shipped_model_with_other_content_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = written(tmp_path / "shipped.onnx", linear_model(a_card()))
+    monkeypatch.setattr(onnx_model, "SHIPPED_MODEL", other)
+    with pytest.raises(ForceModelUnusable, match="install ninedtact again"):
+        read_force_model(other)

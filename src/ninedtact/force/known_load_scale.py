@@ -33,6 +33,8 @@ WIDEST_FACTOR = 5.0
 """Largest ratio between known and estimated load, in either direction; a larger one means a wrong unit or a wrong sensor."""
 CURVE_MUST_GAIN = 0.8
 """The power law is used where its leave-one-out error is below this fraction of that of a constant factor."""
+_MAX_ERROR = 0.35
+"""Leave-one-out error (root mean square, relative) above which presses contradict each other."""
 STANDARD_GRAVITY = 9.80665
 
 
@@ -175,6 +177,11 @@ def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
     about = float(np.exp(load.mean()))
     curve, factor = (*line(load - load.mean(), wanted),) if bends else (0.0, wanted.mean())
     error = by_curve if bends and by_curve is not None else by_factor
+    if error > _MAX_ERROR:
+        raise ForceScaleImpossible(
+            f"expected presses that agree on one force scale to {_MAX_ERROR:.0%}, got a scatter of {error:.0%}; check that each "
+            "image belongs to its weight, and that the scale was set to zero with the sensor on it"
+        )
     found = ForceScale(float(np.exp(factor)), float(curve), about, error, len(presses))
     return ForceScaleFit(found, rms(wanted), by_factor, by_curve)
 

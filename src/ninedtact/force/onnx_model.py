@@ -8,6 +8,7 @@ errors also return `scale` (n, 6), the scale of the wrench's Laplace distributio
 """
 
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 
 SHIPPED_MODEL = Path(__file__).parent / "shipped.onnx"
+_SHIPPED_SHA256 = "ab39b59f3307037196bd7fd1f07abc60975dd63b2fa022b680cd6c82de293d40"
 
 
 MODEL_FORMAT = 2
@@ -107,6 +109,10 @@ def read_force_model(path: Path | str) -> ForceModel:
         content = Path(path).read_bytes()
     except OSError as trouble:
         raise ForceModelUnusable(f"expected a force model, got: {trouble}; give the .onnx file of one") from trouble
+    if Path(path) == SHIPPED_MODEL and sha256(content).hexdigest() != _SHIPPED_SHA256:
+        raise ForceModelUnusable(
+            f"expected the model that ships with this version, got other content in {path}; install ninedtact again"
+        )
     return parse_force_model(content, str(path))
 
 
@@ -115,7 +121,9 @@ def parse_force_model(content: bytes, name: str) -> ForceModel:
     session = session_of(content, name)
     card = read_model_card(session, name)
     require_graph(session, card, name)
-    return ForceModel(card, session)
+    model = ForceModel(card, session)
+    _require_finite_answer(model, name)
+    return model
 
 
 def session_of(content: bytes, name: str) -> "InferenceSession":
@@ -172,6 +180,15 @@ def require_graph(session: "InferenceSession", card: ModelCard, name: str) -> No
         raise ForceModelUnusable(
             f"expected a graph in {name} from {expected[0][1]} to {WRENCH_NAME} and {SCALE_NAME}, got "
             f"{format_tensor_names(taken)} to {format_tensor_names(given)}; train it again"
+        )
+
+
+def _require_finite_answer(model: ForceModel, name: str) -> None:
+    """Raise `ForceModelUnusable` for a network that has no finite wrench for untouched skin: its weights are not all numbers."""
+    prediction = model(np.zeros((1, *model.card.input.shape), np.float32))
+    if not np.isfinite(prediction.wrench).all() or np.isnan(prediction.scale).any():
+        raise ForceModelUnusable(
+            f"expected finite weights in {name}, got a network whose wrench is not a number; copy or train it again"
         )
 
 

@@ -44,6 +44,9 @@ class SolverSettings:
     """Newton decrement, in standard deviations of any sum of the unknowns, at which the iteration ends."""
     max_warm_decrement: float = 2.0
     """Newton decrement above which a result that started from the previous image is discarded."""
+    max_warm_change: float = 0.25
+    """Change of the pressure, relative to its sum, above which such a result is discarded: shear is carried by the pressure of the
+    previous image."""
     max_trusted_decrement: float = 5.0
     """Newton decrement above which the result counts as not converged."""
 
@@ -93,11 +96,17 @@ class TractionInversion:
         if last is not None and bool((last.tractions[0] * region).any()):
             guess = InitialGuess(last.tractions, last.skin_mm, last.misfit)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
-            if result.newton_decrement <= self.solver.max_warm_decrement:
+            if self._followed(last.tractions[0], result):
                 return result
         return self._converge(
             observation, region, self._guess_from_heights(observation, region), self.solver.max_iterations
         )
+
+    def _followed(self, before: View, result: InversionResult) -> bool:
+        """Return whether a search that started from the pressure of the previous image has arrived."""
+        pressure = result.tractions[0]
+        change = float(np.abs(pressure - before).sum()) / max(float(pressure.sum()), 1e-9)
+        return result.newton_decrement <= self.solver.max_warm_decrement and change <= self.solver.max_warm_change
 
     def _converge(
         self, observation: Observation, region: View, guess: InitialGuess, max_iterations: int
