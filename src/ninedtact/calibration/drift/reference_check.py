@@ -15,7 +15,7 @@ from ninedtact.capture.strict_image_reading import average_images
 from ninedtact.errors import InputError
 
 _DISQUALIFYING: frozenset[DriftDiagnosis] = frozenset(("something touches the gel", "another skin"))
-_REFERENCE_BEFORE_BALL = "ball_reference"
+_CALIBRATION_REFERENCES = frozenset(("board_reference", "ball_reference"))
 
 
 class ReferenceImplausible(InputError):
@@ -28,7 +28,7 @@ def find_reference_faults(folder: SensorFolder, *images: BgrImage) -> tuple[str,
     A sensor folder without its calibration images (an imported one) has nothing to compare with. Raises `ImageUnusable` for dark or
     overexposed images, and `ImageSizeWrong`.
     """
-    if _REFERENCE_BEFORE_BALL not in folder.record.images:
+    if not folder.record.images.keys() >= _CALIBRATION_REFERENCES:
         return ()
     drift = measure_drift(load_calibrated_reference(folder), average_images([np.asarray(image) for image in images]))
     findings = diagnose_drift(drift)

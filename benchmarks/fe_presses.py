@@ -1,0 +1,147 @@
+"""Presses of an independent finite-element gel beside the twin's mechanics and force by physics.
+
+The presses (`--presses`, by default ../shared/fe/presses.npz) were computed with other code: three-dimensional neo-Hookean bricks
+at finite strain, Coulomb friction, a gel of 1.973 mm bonded below. For each press the twin's linear mechanics and its finite-strain
+correction press the same object to the same pose, and force by physics reads the image that the finite-element surface makes on the
+twin of the real sensor L. These presses report; nothing is fitted to them.
+"""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tyro
+from force_on_real_fits import calibrate_twin
+from scipy.interpolate import griddata
+
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+from ninedtact.design import Gel
+from ninedtact.force.estimator_loading import build_estimator
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.indenter_primitives import Ball, LyingCylinder
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame, WrenchEstimate
+from ninedtact.reading import Reading
+from ninedtact.simulation.real_fits import twins_of_real_fits
+from ninedtact.simulation.sensor_population import apply_finite_strain
+from ninedtact.simulation.twin import Twin
+
+SENSOR = "L"
+MODULUS_MPA = 0.093
+FE_THICKNESS_MM = 1.973
+OBJECTS: dict[str, Indenter] = {"ball4": Ball(4.0), "ball8": Ball(8.0), "cyl5": LyingCylinder(2.5, 10.0)}
+LENGTH_UNKNOWN = "cyl5"
+"""The length of this cylinder is not stated: only what is read from its surface is compared."""
+REFERENCES, STEP_MM = 10, 0.25
+
+
+@dataclass(frozen=True)
+class FePress:
+    """One press of the finite-element gel."""
+
+    name: str
+    indenter: Indenter
+    pose: Pose
+    points_mm: np.ndarray
+    """(n, 3) places of the surface nodes after the press."""
+    wrench: np.ndarray
+    """Six numbers about the skin's centre, N and N·m."""
+
+
+def fe_presses(
+    presses: Path = Path(__file__).parents[2] / "shared/fe/presses.npz", out: Path = Path("out/force_on_real_fits")
+) -> None:
+    """Print loads and lateral forces over those of the finite elements, and heights where the object presses."""
+    member = twins_of_real_fits()[SENSOR]
+    member = replace(member, gel=Gel(FE_THICKNESS_MM, MODULUS_MPA))
+    folder = out / f"sensor_{SENSOR}_fe"
+    if not (folder / SENSOR_FILE).is_file():
+        calibrate_twin(member, folder)
+    sensor, twin = load_sensor(folder), member.twin()
+    estimator = build_estimator("physics", sensor.shape, replace(sensor.gel, shear_modulus_mpa=MODULUS_MPA))
+    references = [Frame(twin.renderer(None, -1 - number)) for number in range(REFERENCES)]
+    depth_reader = sensor.shape.depth_reader(*references)
+    print(
+        "F_z, and F_xy where dragged: N, and over the finite elements'. Height: RMS of the corrected twin where it is pressed."
+    )
+    columns = ("linear", "finite", "physics")
+    print(
+        f"{'press':14s} {'F_z':>7s} "
+        + " ".join(f"{name:>7s}" for name in columns)
+        + "    ± |    F_xy  finite  physics | µm"
+    )
+    for number, press in enumerate(read_presses(presses)):
+        linear = press_twin(twin, press)
+        finite = apply_finite_strain(linear, FE_THICKNESS_MM)
+        drawn = draw_surface(linear, press)
+        frame = Frame(twin.renderer(drawn, number))
+        rectified = sensor.shape.rectify(frame)
+        estimator.forget()
+        read = estimator.estimate(Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference))
+        print(row(press, linear, finite, read, drawn))
+
+
+def read_presses(path: Path) -> list[FePress]:
+    """Return the presses of the file, fine meshes left out."""
+    with np.load(path) as stored:
+        names = sorted({key.rsplit("/", 1)[0] for key in stored.files})
+        return [read_press(name, stored) for name in names if not name.startswith("fine")]
+
+
+def read_press(name: str, stored: np.lib.npyio.NpzFile) -> FePress:
+    """Return one press in N, N·m and mm."""
+    meta = json.loads(str(stored[f"{name}/meta"]))
+    at = meta["pose"]
+    pose = Pose(at["x"], at["y"], at["depth"], *np.radians([at["twist"], at["tilt_x"], at["tilt_y"]]).tolist())
+    six = stored[f"{name}/wrench"] * MODULUS_MPA * np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])
+    return FePress(name, OBJECTS[meta["object"]], pose, stored[f"{name}/surface"].reshape(-1, 3), six)
+
+
+def press_twin(twin: Twin, press: FePress) -> Contact:
+    """Press the same object down to the same depth, then drag it to the same place, by the linear mechanics."""
+    start = FIRST_PLACE.get(press.name, (press.pose.x_mm, press.pose.y_mm))
+    contact = twin.model.initial_contact()
+    down = replace(press.pose, x_mm=start[0], y_mm=start[1])
+    for depth in np.linspace(0, press.pose.depth_mm, int(np.ceil(press.pose.depth_mm / STEP_MM)) + 1)[1:]:
+        contact = twin.step(contact, press.indenter, replace(down, depth_mm=float(depth)))
+    return contact if down == press.pose else twin.step(contact, press.indenter, press.pose)
+
+
+FIRST_PLACE = {"ball4_light_1": (3.0, -2.0), "ball8_mid_5": (0.0, 0.0), "ball8_off_1": (-6.0, -4.0)}
+"""Where the dragged objects came down."""
+
+
+def draw_surface(contact: Contact, press: FePress) -> Contact:
+    """Return the twin's contact with the height of the finite-element surface, at the places where its skin is now."""
+    x, y, _ = contact.surface_points_mm
+    height = griddata(press.points_mm[:, :2], press.points_mm[:, 2], (x, y), method="cubic", fill_value=0.0)
+    return replace(contact, height_mm=height.astype(np.float32))
+
+
+def row(press: FePress, linear: Contact, finite: Contact, read: WrenchEstimate, drawn: Contact) -> str:
+    """Format one press."""
+    true, load = press.wrench, press.wrench[2]
+    pressed = np.asarray(linear.pressure_mpa) > 0
+    height_um = 1e3 * float(
+        np.sqrt(np.mean((np.asarray(finite.height_mm) - np.asarray(drawn.height_mm))[pressed] ** 2))
+    )
+    known = press.indenter is not OBJECTS[LENGTH_UNKNOWN]
+    mechanics = [contact.wrench().six[2] / load if known else np.nan for contact in (linear, finite)]
+    texts = [
+        f"{press.name:14s} {load:7.2f} {mechanics[0]:7.2f} {mechanics[1]:7.2f}",
+        f"{read.wrench.six[2] / load:8.2f} {read.std[2] / abs(load):5.2f} |",
+    ]
+    lateral = float(np.hypot(*true[:2]))
+    if press.name in FIRST_PLACE:
+        ratios = [float(np.hypot(*six[:2])) / lateral for six in (finite.wrench().six, read.wrench.six)]
+        texts.append(f"{lateral:7.2f} {ratios[0]:7.2f} {ratios[1]:8.2f} |")
+    else:
+        texts.append(f"{'':7s} {'':7s} {'':8s} |")
+    height = f"{height_um:6.0f}" if known else f"{'':6s}"
+    return " ".join([*texts, f"{height}  {', '.join(read.warnings)}"])
+
+
+if __name__ == "__main__":
+    tyro.cli(fe_presses)
