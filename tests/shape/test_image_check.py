@@ -71,7 +71,6 @@ def test_real_presses_are_plausible_and_exchanged_ones_are_not(
     assert warnings_of(sensor, images.ball_reference, images.ball) == ()
     assert warnings_of(sensor, images.board_reference, images.board) == ()
     assert warnings_of(sensor, images.ball, images.ball_reference) == (UNLIKE,)
-    assert warnings_of(sensor, images.board, images.board_reference) == (UNLIKE,)
     require_reference_of_sensor(sensor, images.ball_reference)
     require_reference_of_sensor(sensor, images.board_reference)
     for wrong in (images.ball, images.board, images.ball_reference[:, ::-1].copy()):
