@@ -25,7 +25,8 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 	touch $@
 
 test: .venv/ready lint types
-	.venv/bin/python -m pytest -n 2
+	.venv/bin/python -m pytest -n 2 --ignore tests/mechanics
+	NINEDTACT_CHECK_MECHANICS=1 .venv/bin/python -m pytest -n 2 tests/mechanics
 
 lint: .venv/ready
 	.venv/bin/ruff check .

@@ -1,13 +1,22 @@
-"""What all tests share. Shapes and types of every annotated function are checked while the tests run."""
+"""What all tests share. Shapes and types of annotated functions are checked while the tests run.
+
+The inner loops of the contact solvers take twice as long when they are checked. They are checked in the tests of `mechanics`, which
+run by themselves (`make test`), and unchecked in all others.
+"""
+
+import os
+from pathlib import Path
 
 from jaxtyping import install_import_hook
 
-install_import_hook("ninedtact", "type_checker.checked")
+_SOURCES = Path(__file__).parents[1] / "src" / "ninedtact"
+_UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
+install_import_hook(
+    sorted(f"ninedtact.{path.stem}" for path in _SOURCES.iterdir() if path.stem not in _UNCHECKED),
+    "type_checker.checked",
+)
 
-import os  # noqa: E402 - the hook comes before anything that may import the package
-from pathlib import Path  # noqa: E402
-
-import pytest  # noqa: E402
+import pytest  # noqa: E402 - the hook comes before anything that may import the package
 
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
 from ninedtact.calibration.save import save_sensor  # noqa: E402
