@@ -67,7 +67,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
-    from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
     from ninedtact.reference_following import FollowingSettings

@@ -12,7 +12,7 @@ from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.brightness import BgrImage, ImageUnusable
-from ninedtact.calibration.drift.diagnosis import diagnose_drift
+from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
     DriftMeasurement,

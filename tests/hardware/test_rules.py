@@ -12,7 +12,14 @@ from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, Se
 from ninedtact.hardware.buildability.mechanical_rules import DesignRulesBroken
 from ninedtact.hardware.buildability.rule_check import DESIGN_RULES, find_broken_rules, require_buildable_design
 from ninedtact.hardware.complete_design import CompleteDesign
-from ninedtact.hardware.design import PART_TABLES, HardwareDesign, default_hardware_design, original_hardware_design
+from ninedtact.hardware.design import (
+    PART_TABLES,
+    HardwareDesign,
+    default_hardware_design,
+    lens_reach_mm,
+    original_hardware_design,
+    required_camera_distance_mm,
+)
 from ninedtact.hardware.dimensions.bought_parts import CameraDimensions, FastenerDimensions, LedBoardDimensions
 from ninedtact.hardware.dimensions.gels_and_moulds import GelLayerDimensions, MouldDimensions
 from ninedtact.hardware.dimensions.printed_parts import (
@@ -25,7 +32,6 @@ from ninedtact.hardware.dimensions.printed_parts import (
 from ninedtact.hardware.explore.design_sweep import DesignChoice
 from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
 from ninedtact.hardware.led_board.design_rule_check import find_violations
-from ninedtact.hardware.lens_coverage import lens_reach_mm, required_camera_distance_mm
 
 
 def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 9, rows: int = 7) -> SensorDesign:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.calibration.drift.reference_check import ReferenceImplausible, require_reference_of_sensor
+from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, require_reference_of_sensor
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder

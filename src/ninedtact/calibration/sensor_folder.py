@@ -128,7 +128,7 @@ class SensorFolder:
 
         Raises `ImageUnusable` for dark or overexposed images.
         """
-        from ninedtact.calibration.drift.reference_check import find_reference_faults
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import find_reference_faults
 
         return find_reference_faults(self, *(frame.image for frame in frames))
 

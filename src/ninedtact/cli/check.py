@@ -12,7 +12,7 @@ from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.diagnosis import DriftFinding
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import DriftFinding
     from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
 
 
@@ -36,7 +36,7 @@ class CheckCommand:
 
     def run(self) -> int:
         """Judge every image; 1 where one is not fine."""
-        from ninedtact.calibration.drift.diagnosis import diagnose_drift
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
         from ninedtact.calibration.drift.drift_measurement import load_calibrated_reference, measure_drift
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.strict_image_reading import read_image

@@ -96,7 +96,7 @@ class Live:
 
     def sensor_at_source(self, folder: "SensorFolder") -> "Sensor":
         """Return the sensor on a camera or a recording, not yet opened."""
-        from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
         from ninedtact.capture.frame_pacing import LatestFrameSource
         from ninedtact.capture.reconnecting import ReconnectingFrameSource
         from ninedtact.reference_following import FollowingSettings

@@ -42,7 +42,7 @@ class ReconstructCommand:
 
     def run(self) -> int:
         """Reconstruct every image and write its files; the first unreadable image ends the command."""
-        from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame

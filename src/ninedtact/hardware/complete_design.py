@@ -9,11 +9,10 @@ from typing import Any
 from ninedtact.hardware.bill_of_materials import BillItem, build_bill_of_materials, sensor_cost_usd
 from ninedtact.hardware.buildability.rule_check import require_buildable_design
 from ninedtact.hardware.clearances import Clearance, list_clearances
-from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.design import HardwareDesign, lens_reach_mm, sensing_corner_radius_mm
 from ninedtact.hardware.led_board.board_parameters import led_board_for_design
 from ninedtact.hardware.led_board.complete_layout import BoardLayout
 from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
-from ninedtact.hardware.lens_coverage import lens_reach_mm, sensing_corner_radius_mm
 from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_parts
 from ninedtact.hardware.published_specifications import (
     PUBLICATION_DISCREPANCIES,

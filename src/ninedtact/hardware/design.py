@@ -4,16 +4,19 @@ design files. Lengths in mm.
 Assembly frame: x along the long side, y along the short side, z towards the skin. The origin lies in the middle of the
 base's outer bottom face, z is the optical axis, and cable and USB leave at -y. In a design file the tables
 `[hardware.shell]` and so on change the parts of a variant.
+
+The functions at the end give the radius that the lens sees, by refraction from the lens front through air, acrylic and silicone.
 """
 
 import tomllib
 from dataclasses import asdict, dataclass, fields, replace
+from math import asin, hypot, radians, sin, tan
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import tomli_w
 
-from ninedtact.design import SensorDesign
+from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, SensorDesign
 from ninedtact.design_file import (
     HARDWARE_TABLE,
     DesignFileUnreadable,
@@ -155,3 +158,44 @@ def hardware_design_to_toml(design: HardwareDesign) -> str:
     """Return a design file with every dimension, which `read_hardware_design` reads back as the same design."""
     parts = {name: asdict(getattr(design, name)) for name in PART_TABLES}
     return f"{design_to_toml(design.sensor)}\n{tomli_w.dumps({HARDWARE_TABLE: {VARIANT_KEY: design.variant, **parts}})}"
+
+
+def lens_reach_mm(design: HardwareDesign, height_mm: float | None = None) -> float:
+    """Return the radius in mm that the lens sees at a height in the assembly; at the skin if none is given.
+
+    The pupil is taken to be at the lens front, where wide-angle lenses have it nearly.
+    """
+    levels, angle = design.heights, _lens_half_angle_rad(design)
+    height = levels.skin if height_mm is None else height_mm
+    air = levels.floor_top - levels.lens_front
+    acrylic = min(max(height - levels.floor_top, 0.0), design.window.thick_mm)
+    silicone = max(height - levels.window_top, 0.0)
+    return (
+        air * tan(angle)
+        + acrylic * _refracted_slope(angle, ACRYLIC_REFRACTIVE_INDEX)
+        + silicone * _refracted_slope(angle, SILICONE_REFRACTIVE_INDEX)
+    )
+
+
+def sensing_corner_radius_mm(design: HardwareDesign) -> float:
+    """Return the distance from the optical axis to a corner of the sensing area, which the lens must reach."""
+    area = design.sensor.sensing_area
+    return hypot(area.width_mm, area.height_mm) / 2
+
+
+def required_camera_distance_mm(design: HardwareDesign) -> float:
+    """Return the least camera distance from which the lens sees the corner of the sensing area."""
+    more = (sensing_corner_radius_mm(design) - lens_reach_mm(design)) / _refracted_slope(
+        _lens_half_angle_rad(design), SILICONE_REFRACTIVE_INDEX
+    )
+    return design.sensor.camera.distance_mm + more
+
+
+def _lens_half_angle_rad(design: HardwareDesign) -> float:
+    """Return half the angle that the lens sees in air."""
+    return radians(design.sensor.camera.lens_angle_deg / 2)
+
+
+def _refracted_slope(angle_rad: float, index: float) -> float:
+    """Return the radius gained per mm of height in a material, by Snell's law."""
+    return tan(asin(sin(angle_rad) / index))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
+from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.image_and_video_files import ImageList
 from ninedtact.capture.strict_image_reading import read_image

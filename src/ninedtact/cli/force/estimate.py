@@ -68,7 +68,7 @@ class Estimate:
 
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
-        from ninedtact.calibration.drift.reference_check import require_reference_of_sensor
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
         from ninedtact.sensor import Sensor
         from ninedtact.shape.image_check import require_plausible_image
 

@@ -5,8 +5,7 @@ from typing import Annotated
 import tyro
 
 from ninedtact.cli.simulate.dataset import SimulateDatasetCommand
-from ninedtact.cli.simulate.fit import Fit
-from ninedtact.cli.simulate.objects import Objects
+from ninedtact.cli.simulate.fit_and_objects import Fit, Objects
 from ninedtact.cli.simulate.press import Press
 
 Simulate = (

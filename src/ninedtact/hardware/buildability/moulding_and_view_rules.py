@@ -4,8 +4,12 @@ from collections.abc import Iterator
 from math import sqrt
 
 from ninedtact.hardware.buildability.mechanical_rules import BrokenRule
-from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.lens_coverage import lens_reach_mm, required_camera_distance_mm, sensing_corner_radius_mm
+from ninedtact.hardware.design import (
+    HardwareDesign,
+    lens_reach_mm,
+    required_camera_distance_mm,
+    sensing_corner_radius_mm,
+)
 
 MIN_MOULD_MM = 1.5
 """Half an M3 screw: a thinner acrylic plate bends or cracks between the clamps, and the gel runs out under it."""

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from ninedtact.design import SensingArea, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact.errors import InputError, NinedtactError
-from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.design import HardwareDesign, required_camera_distance_mm
 from ninedtact.hardware.explore.performance_prediction import (
     PerformancePrediction,
     SimulatedCalibrationErrors,
     predict_performance,
     simulate_calibration_errors,
 )
-from ninedtact.hardware.lens_coverage import required_camera_distance_mm
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,8 +15,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.hardware.complete_design import CompleteDesign
-from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.lens_coverage import lens_reach_mm
+from ninedtact.hardware.design import HardwareDesign, lens_reach_mm
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter_primitives import Ball
