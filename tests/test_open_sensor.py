@@ -1,7 +1,9 @@
 """`ninedtact.open`: the program of the README on a sensor's twin, and what it refuses."""
 
+import doctest
 import re
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -45,6 +47,26 @@ def test_the_program_of_the_readme_runs_as_printed(
     monkeypatch.chdir(physical_sensor.path.parent)
     exec(compile(code, "README.md", "exec"), {})
     assert len(capsys.readouterr().out.splitlines()) == 3
+
+
+def test_every_example_of_the_public_names_runs_as_printed(
+    physical_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    copytree(physical_sensor.path, tmp_path / "my_sensor")
+    monkeypatch.chdir(tmp_path)
+    given = {"ninedtact": ninedtact, "np": np, "Path": Path}
+    finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner()
+    elsewhere = {"load_dataset", "save_sensor", "NinedtactError"}  # with their data sets, images and errors
+    names = [name for name in ninedtact.__all__ if name not in elsewhere and not name.startswith("__")]
+    found = [
+        test
+        for name in names
+        for test in finder.find(getattr(ninedtact, name), name, globs=dict(given))
+        if test.examples
+    ]
+    assert len(found) >= 10
+    for test in found:
+        assert runner.run(test).failed == 0, test.name
 
 
 def test_a_source_without_a_sensor_is_refused_unless_it_is_a_recording() -> None:

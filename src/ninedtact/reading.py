@@ -17,6 +17,11 @@ class Reading:
     """Everything computed from one frame, with the cost of each stage.
 
     Measures of the contact and points are computed when they are first asked for.
+
+    >>> with ninedtact.open("my_sensor", source="sim", force="none") as sensor:
+    ...     reading = sensor.read()
+    >>> reading.image.shape, reading.height.z_mm.shape, reading.warnings
+    ((480, 640, 3), (345, 460), ())
     """
 
     frame: Frame

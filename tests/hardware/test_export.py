@@ -27,7 +27,7 @@ from ninedtact.hardware.export.parts_folder import ExportFolderRefused, require_
 from ninedtact.hardware.export.solid_files import STL_HEADER_BYTES, STL_RECORD, part_to_step, part_to_stl
 from ninedtact.hardware.materials import WHITE_NYLON
 from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
-from ninedtact.hardware.parts.printed_parts import build_sensor_shell
+from ninedtact.hardware.parts.printed_and_cut_parts import build_sensor_shell
 from ninedtact.hardware.sensor_assembly import AssemblyBody
 
 NET_AREA_MM2 = {"base_board": 2802.15, "first_mould": 2153.12, "second_mould": 2069.28, "acrylic_window": 196.0}

@@ -22,7 +22,7 @@ from ninedtact.hardware.design import (
 )
 from ninedtact.hardware.dimensions.bought_parts import CameraDimensions, FastenerDimensions, LedBoardDimensions
 from ninedtact.hardware.dimensions.gels_and_moulds import GelLayerDimensions, MouldDimensions
-from ninedtact.hardware.dimensions.printed_parts import (
+from ninedtact.hardware.dimensions.printed_and_cut_parts import (
     BaseDimensions,
     CalibrationBoardDimensions,
     IsolationRingDimensions,

@@ -15,8 +15,8 @@ from ninedtact.shape.depth import Deblurring, DepthCurve, LightLoss, Smoothing
 from ninedtact.simulation.illumination import BrightnessModel
 
 SENSOR_FORMAT = 4
-"""Format number, raised with every change that makes older files unreadable. Such a file is refused, and the sensor is calibrated
-again from its images.
+"""Format number, raised with every change that makes older files unreadable. `sensor_folder` refuses such a file with the
+command that calibrates the sensor again from its images.
 """
 
 

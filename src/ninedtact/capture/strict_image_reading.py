@@ -112,6 +112,9 @@ def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:
 
     A grey image is repeated in all three channels; a fully opaque alpha channel is dropped. Raises `ImageUnreadable` for
     everything else: missing, empty, cut short or damaged files, animations, 16 bits, transparency.
+
+    >>> ninedtact.read_image("my_sensor/images/ball.png").shape
+    (480, 640, 3)
     """
     path = Path(path)
     content = _read_file_bytes(path)

@@ -3,5 +3,6 @@
     by physics     HeightMap ──gel compliance──▶ Traction ──▶ Wrench
     by learning    Rectified ──deformation──▶ Deformation ──network──▶ Wrench
 
-All estimators implement `estimator.ForceEstimator` and are interchangeable. `estimator_loading.load_estimator` builds one by name.
+All estimators implement `estimator_interface.ForceEstimator` and are interchangeable. `estimator_loading.load_estimator` builds one
+by name.
 """

@@ -51,6 +51,10 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
 
     spec: `physics`, `network` (the shipped model), `both`, `both:MODEL.onnx`, `none`, or the path of a force model (.onnx) or of
     the original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`.
+
+    >>> estimator = ninedtact.load_estimator("physics", ninedtact.load_sensor("my_sensor"))
+    >>> estimator.name
+    'force by physics'
     """
     from ninedtact.force.known_load_scale import ScaledForceEstimator, read_force_scale
 

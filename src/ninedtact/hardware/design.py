@@ -34,7 +34,7 @@ from ninedtact.hardware.dimensions.bought_parts import (
     LedBoardDimensions,
 )
 from ninedtact.hardware.dimensions.gels_and_moulds import ORIGINAL_MOULDS, GelLayerDimensions, MouldDimensions
-from ninedtact.hardware.dimensions.printed_parts import (
+from ninedtact.hardware.dimensions.printed_and_cut_parts import (
     ORIGINAL_BASE,
     ORIGINAL_RING,
     ORIGINAL_SHELL,

@@ -12,7 +12,12 @@ from ninedtact.quantities.shape import centred_axis_mm
 
 @dataclass(frozen=True)
 class Wrench:
-    """Force and torque that the object applies to the skin, in the sensor frame; pressing gives F_z < 0."""
+    """Force and torque that the object applies to the skin, in the sensor frame; pressing gives F_z < 0.
+
+    >>> wrench = ninedtact.Wrench(np.array([0.0, 0.0, -2.0]), np.zeros(3))
+    >>> float(wrench.about(np.array([10.0, 0.0, 0.0])).torque_nm[1])
+    -0.02
+    """
 
     force_n: Float64[Array, "3"]
     torque_nm: Float64[Array, "3"]

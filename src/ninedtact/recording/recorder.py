@@ -49,7 +49,11 @@ def record(
     Returns the closed writer, which has the numbers of messages and dropped images. Raises `RecordingRefused`,
     `RecordingStopped` and what a lost device raises; the file keeps everything recorded before.
 
-        record(source_for("0"), "press.mcap", load_sensor("my_sensor"), seconds=60)
+    >>> sensor = ninedtact.load_sensor("my_sensor")
+    >>> writer = ninedtact.record(ninedtact.source_for("sim"), "press.mcap", sensor, seconds=0.5)
+    >>> with ninedtact.Recording("press.mcap") as recording:
+    ...     recording.metadata.sensor
+    'my_sensor'
     """
     estimates = RecordedEstimates(sensor.shape, estimator or NoForce(), heights) if heights or estimator else None
     topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}

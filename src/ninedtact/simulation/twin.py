@@ -120,7 +120,13 @@ class Twin:
 
 
 def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
-    """Return the twin of the published design with an average brightness model and lens; the seed picks its reference image."""
+    """Return the twin of the published design with an average brightness model and lens; the seed picks its reference image.
+
+    >>> twin = ninedtact.default_twin()
+    >>> contact = ninedtact.ScriptedPress(depth_mm=0.5).simulate(twin, ninedtact.indenter_from_name("ball:4"))
+    >>> bool(contact.wrench().force_n[2] < -0.5), twin.renderer(contact).shape
+    (True, (480, 640, 3))
+    """
     pixel_map = WideAngleLens().pixel_map()
     reference, noise = (
         synthetic_reference_image(pixel_map, seed=seed),

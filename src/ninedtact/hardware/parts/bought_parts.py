@@ -13,7 +13,7 @@ from ninedtact.hardware.parts.primitives import (
     make_plate,
     require_single_solid,
 )
-from ninedtact.hardware.parts.printed_parts import CUT_MARGIN_MM
+from ninedtact.hardware.parts.printed_and_cut_parts import CUT_MARGIN_MM
 
 Block = tuple[float, float, float]
 

@@ -14,7 +14,7 @@ from ninedtact.hardware.assembly_dimensions import XY
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.parts.bought_parts import build_camera, build_led_board
 from ninedtact.hardware.parts.primitives import make_cylinders_at, make_plate, require_single_solid
-from ninedtact.hardware.parts.printed_parts import (
+from ninedtact.hardware.parts.printed_and_cut_parts import (
     CUT_MARGIN_MM,
     build_acrylic_window,
     build_calibration_board,

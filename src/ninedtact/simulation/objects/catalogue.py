@@ -104,6 +104,9 @@ def indenter_from_name(text: str, seed: int = 0) -> Indenter:
     """Return the indenter with this name; the seed is that of generated objects.
 
     Raises `UnknownObject` with a list of what is accepted, or what the named kind of object raises.
+
+    >>> [ninedtact.indenter_from_name(name).name for name in ("ball:4", "cylinder:3,11", "gear_07")]
+    ['ball_8mm', 'cylinder_6x11mm', 'gear_07']
     """
     kind, _, rest = text.partition(":")
     if kind in PRIMITIVES:
