@@ -14,14 +14,14 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
 from ninedtact.cli.live import page_sources_of_twin
-from ninedtact.quantities import Wrench
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME, demo_sources
 from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_cards import wrench_html
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-from ninedtact.studio.wrench_poller import WrenchPoller
+from ninedtact.studio.wrench_poller import WrenchPoller, WrenchSnapshot
 
 PATIENCE_S = 90.0
 
@@ -87,6 +87,17 @@ def test_the_card_has_six_numbers_with_units() -> None:
         wait_until(lambda: loop.snapshot(None, 0).wrench is not None)
         said = wrench_html(loop.snapshot(None, 0), is_past=False)
     assert said.count("N·mm</span>") == 3 and said.count(">N</span>") == 3 and "weight" in said
+
+
+def test_the_card_of_an_estimate_has_its_errors_warnings_and_notices() -> None:
+    wrench = pushed((0.5, 0.0, -3.0), (0.0, 0.0))
+    moment = WrenchSnapshot("estimated", wrench, np.zeros((7, 0)), notices=("gel not calibrated for force",))
+    std = np.array([0.1, 0.2, 0.4, 1e-3, 2e-3, 3e-4])
+    estimate = WrenchEstimate(wrench, np.diag(std**2), True, (EstimateWarning.OUT_OF_RANGE,))
+    said = wrench_html(moment, False, estimate)
+    assert "+0.50 ± 0.10" in said and "\N{MINUS SIGN}3.00 ± 0.40" in said and "± 0.30" in said
+    assert "out of range" in said and "gel not calibrated" in said
+    assert "±" not in wrench_html(moment, False)
 
 
 def test_a_browser_shows_the_twin_move_and_its_true_wrench(
