@@ -24,9 +24,10 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 	$(INSTALL) -e '.[docs]'
 	touch $@
 
+# The tests of a file run on one worker, so that what they share is made once.
 test: .venv/ready lint types
-	.venv/bin/python -m pytest -n 2 --ignore tests/mechanics
-	NINEDTACT_CHECK_MECHANICS=1 .venv/bin/python -m pytest -n 2 tests/mechanics
+	.venv/bin/python -m pytest -n 2 --dist loadfile --ignore tests/mechanics
+	NINEDTACT_CHECK_MECHANICS=1 .venv/bin/python -m pytest -n 2 --dist loadfile tests/mechanics
 
 lint: .venv/ready
 	.venv/bin/ruff check .
@@ -37,7 +38,7 @@ types: .venv/ready
 
 # Line coverage of the whole test suite, and the page of the ten least covered files.
 coverage: .venv/ready
-	.venv/bin/python -m pytest -n 2 --cov=ninedtact --cov-report=json:out/coverage.json
+	.venv/bin/python -m pytest -n 2 --dist loadfile --cov=ninedtact --cov-report=json:out/coverage.json
 	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
 
 # The documentation site, in out/site. Warnings and broken links are errors.
