@@ -2,17 +2,29 @@
 
 import doctest
 import re
+from dataclasses import replace
 from pathlib import Path
-from shutil import copytree
+from shutil import copytree, rmtree
 
+import cv2
 import numpy as np
 import pytest
 
 import ninedtact
-from ninedtact import SensorFolder
+from ninedtact import EstimateWarning, Frame, SensorFolder
+from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_check
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.recording.errors import SensorNotGiven
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.writer import RecordingWriter
+from ninedtact.simulation.press_drag_twist import ScriptedPress
 
 README = Path(__file__).parents[1] / "README.md"
+FRAME_NS = 40_000_000
+PRESSED = range(30, 50)
+RECORDED_FRAMES = 80
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +35,19 @@ def physical_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     images = ninedtact.CalibrationImages(**vars(simulate_calibration_images(ninedtact.default_twin())))
     folder = tmp_path_factory.mktemp("physical") / "my_sensor"
     return ninedtact.save_sensor(folder, ninedtact.calibrate(images, sensor_id="my_sensor"))
+
+
+@pytest.fixture(scope="module")
+def recording(physical_sensor: SensorFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of the sensor's twin that carries its sensor: nothing touches, a press in the middle, nothing again."""
+    path, twin = tmp_path_factory.mktemp("recording") / "press.mcap", physical_sensor.twin()
+    contact = ScriptedPress(0.8).simulate(twin, Ball(5.0))
+    metadata = RecordingMetadata(physical_sensor.id)
+    with RecordingWriter(path, metadata, attachments=sensor_folder_attachments(physical_sensor.path)) as writer:
+        for number in range(RECORDED_FRAMES):
+            image = twin.renderer(contact if number in PRESSED else None, number)
+            writer.write_image(Frame(image, 1_000_000 + number * FRAME_NS, number))
+    return path
 
 
 def test_the_twin_opens_with_force_and_starts_without_contact(physical_sensor: SensorFolder) -> None:
@@ -82,3 +107,44 @@ def test_sim_is_a_source_like_any_other() -> None:
 def test_without_force_there_is_no_wrench(physical_sensor: SensorFolder) -> None:
     with ninedtact.open(physical_sensor, source="sim", force="none") as sensor:
         assert sensor.read().wrench is None
+
+
+def test_a_recording_opens_with_the_sensor_that_it_carries_and_serves_every_frame(recording: Path) -> None:
+    with ninedtact.open(source=str(recording), force="none") as sensor:
+        assert sensor.reference_faults == ()
+        first, *others = sensor
+    assert first.warnings == () and first.frame.index == sensor.reference_frames
+    assert [reading.frame.index for reading in others] == list(range(sensor.reference_frames + 1, RECORDED_FRAMES))
+    assert max(reading.max_indentation_mm for reading in others) > 0.5
+
+
+def test_a_reference_check_needs_no_folder_once_it_is_loaded(physical_sensor: SensorFolder, tmp_path: Path) -> None:
+    folder = load_sensor(copytree(physical_sensor.path, tmp_path / "copy"))
+    check, frame = load_reference_check(folder), physical_sensor.stored_image("ball_reference")
+    rmtree(folder.path)
+    assert check.find_faults([frame]) == ()
+    check.require_faultless([frame])
+
+
+@pytest.mark.parametrize(("grey", "fault"), [(255, "overexposed"), (0, "dark")])
+def test_a_reference_of_one_grey_level_is_a_fault_and_no_crash(
+    grey: int, fault: str, physical_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    check, frame = load_reference_check(physical_sensor), physical_sensor.stored_image("ball_reference")
+    (found,) = check.find_faults([replace(frame, image=np.full_like(frame.image, grey))])
+    assert found.startswith(f"{fault}: ")
+    cv2.imwrite(str(tmp_path / "reference.png"), np.full_like(frame.image, grey))
+    with pytest.raises(ReferenceImplausible, match=f"expected a reference image of sensor my_sensor .*; {fault}: "):
+        ninedtact.open(physical_sensor, source="sim", force="none", reference=tmp_path / "reference.png")
+
+
+def test_a_white_reference_that_the_sensor_takes_itself_is_reported(
+    physical_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    white = np.full((480, 640, 3), 255, np.uint8)
+    for number in range(12):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), white)
+    with ninedtact.open(physical_sensor, source=str(tmp_path), force="none") as sensor:
+        (fault,) = sensor.reference_faults
+        assert fault.startswith("overexposed: ")
+        assert EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in sensor.read().warnings

@@ -14,7 +14,6 @@ from ninedtact.recording.errors import SensorNotGiven, SourcesMismatched, requir
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
-    from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
     from ninedtact.shape.depth import DepthReader
 
@@ -67,23 +66,22 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
     from ninedtact.reference_following import FollowingSettings
     from ninedtact.sensor import Sensor
 
     with load_named_sensor(sensor, source) as folder:
-        shape = folder.shape
+        shape, check = folder.shape, load_reference_check(folder)
         estimator = None if force == "none" else folder.estimator(force)
     frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
-    if isinstance(source, str) and source != SIMULATED and frames.recorded_hz is None:
+    if isinstance(source, str) and source != SIMULATED and frames.is_live:
         frames = LatestFrameSource(frames)
     depth_reader = None
     if reference is not None:
-        references = _read_references(reference)
-        require_reference_of_sensor(folder, *(frame.image for frame in references))
-        depth_reader = shape.depth_reader(*references)
+        paths = [reference] if isinstance(reference, Path | str) else reference
+        depth_reader = shape.depth_reader(*check.read_images([Path(path) for path in paths]))
     elif source == SIMULATED:
         depth_reader = _twin_reference(folder)
     return Sensor(
@@ -91,7 +89,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         shape,
         depth_reader=depth_reader,
         estimator=estimator,
-        find_reference_faults=folder.find_reference_faults,
+        find_reference_faults=check.find_faults,
         following=FollowingSettings() if follow_reference else None,
     )
 
@@ -178,14 +176,6 @@ def load_named_sensor(
 
     with TemporaryDirectory(prefix="ninedtact_") as folder:
         yield load_sensor(extract_sensor_folder(Path(source).expanduser(), Path(folder) / "sensor"))
-
-
-def _read_references(reference: PathLike | Sequence[PathLike]) -> "list[Frame]":
-    from ninedtact.capture.strict_image_reading import read_image
-    from ninedtact.quantities import Frame
-
-    paths = [reference] if isinstance(reference, Path | str) else list(reference)
-    return [Frame(read_image(path)) for path in paths]
 
 
 def _twin_reference(sensor: "SensorFolder") -> "DepthReader":

@@ -115,6 +115,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 @pytest.mark.parametrize("member", FAMILY)
 def test_every_source_keeps_the_contract(bench: Bench, member: str) -> None:
     source = FAMILY[member](bench)
+    assert source.is_live != any(name in member for name in RECORDED)  # known before it is open
     with pytest.raises(SourceNotOpen, match="with source"):
         source.read()
     for _ in range(2):  # a source that was closed opens again as if new

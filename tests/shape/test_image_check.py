@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, require_reference_of_sensor
+from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_check
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -71,11 +71,12 @@ def test_real_presses_are_plausible_and_exchanged_ones_are_not(
     assert warnings_of(sensor, images.ball_reference, images.ball) == ()
     assert warnings_of(sensor, images.board_reference, images.board) == ()
     assert warnings_of(sensor, images.ball, images.ball_reference) == (UNLIKE,)
-    require_reference_of_sensor(sensor, images.ball_reference)
-    require_reference_of_sensor(sensor, images.board_reference)
+    check = load_reference_check(sensor)
+    check.require_faultless([Frame(images.ball_reference)])
+    check.require_faultless([Frame(images.board_reference)])
     for wrong in (images.ball, images.board, images.ball_reference[:, ::-1].copy()):
         with pytest.raises(ReferenceImplausible, match="without contact"):
-            require_reference_of_sensor(sensor, wrong)
+            check.require_faultless([Frame(wrong)])
     for letter in "ij":
         with pytest.raises(ReferenceImplausible, match="another skin"):
-            require_reference_of_sensor(sensor, real_images[letter].ball_reference)
+            check.require_faultless([Frame(real_images[letter].ball_reference)])

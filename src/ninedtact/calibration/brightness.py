@@ -2,6 +2,9 @@
 pixel, and the checks that refuse unusable images.
 """
 
+from dataclasses import dataclass
+from typing import Literal
+
 import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -16,6 +19,8 @@ BgrImage = UInt8[Array, "_ _ 3"]
 MIN_REFERENCE_GREY = 8.0
 """Grey level of the reference image below which a relative change is mostly noise."""
 OVEREXPOSED = 250
+"""Grey level from which a pixel counts as overexposed."""
+_MAX_OVEREXPOSED_SHARE = 0.2
 
 
 class ImageUnusable(CalibrationError):
@@ -44,20 +49,41 @@ def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:
     return float(max(np.median(second) / 0.6745 / np.sqrt(6), 0.1))
 
 
-def require_usable_exposure(name: str, image: BgrImage) -> None:
-    """Refuse an image that is black or overexposed."""
+@dataclass(frozen=True)
+class ExposureFault:
+    """Why the exposure of an image makes it unusable."""
+
+    kind: Literal["dark", "overexposed"]
+    expected: str
+    """What is expected of an image, in words."""
+    sentence: str
+    """What was found, and what to do."""
+
+
+def find_exposure_fault(image: BgrImage) -> ExposureFault | None:
+    """Return why an image is too dark or too bright to be measured, or None."""
     grey = to_grey_float(image)
     if grey.mean() < MIN_LIT_GREY_LEVEL:
-        raise ImageUnusable(
-            f"expected a lit image for the {name}, got a mean grey level of {grey.mean():.0f} of 255; "
-            "switch the sensor's light on and raise the exposure"
+        return ExposureFault(
+            "dark",
+            "a lit image",
+            f"a mean grey level of {grey.mean():.0f} of 255; switch the sensor's light on and raise the exposure",
         )
-    burnt = float((grey >= OVEREXPOSED).mean())
-    if burnt > 0.2:
-        raise ImageUnusable(
-            f"expected grey levels below {OVEREXPOSED} for the {name}, got {burnt:.0%} of the image overexposed; "
-            "lower exposure or gain"
+    overexposed_share = float((grey >= OVEREXPOSED).mean())
+    if overexposed_share > _MAX_OVEREXPOSED_SHARE:
+        return ExposureFault(
+            "overexposed",
+            f"grey levels below {OVEREXPOSED}",
+            f"{overexposed_share:.0%} of the image overexposed; lower exposure or gain",
         )
+    return None
+
+
+def require_usable_exposure(name: str, image: BgrImage) -> None:
+    """Raise `ImageUnusable` for an image that is black or overexposed."""
+    fault = find_exposure_fault(image)
+    if fault is not None:
+        raise ImageUnusable(f"expected {fault.expected} for the {name}, got {fault.sentence}")
 
 
 def require_same_image_size(name: str, reference: BgrImage, press: BgrImage) -> None:

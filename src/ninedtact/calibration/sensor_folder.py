@@ -5,7 +5,6 @@ twin and a force estimator. Writing is in `calibration.save`.
 """
 
 import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -123,15 +122,6 @@ class SensorFolder:
         from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 
         return build_sensor_twin(self)
-
-    def find_reference_faults(self, frames: "Sequence[Frame]") -> tuple[str, ...]:
-        """Return why frames cannot be reference images (no contact) of this sensor; empty where they can be.
-
-        Raises `ImageUnusable` for dark or overexposed images.
-        """
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import find_reference_faults
-
-        return find_reference_faults(self, *(frame.image for frame in frames))
 
     def estimator(self, spec: str = "physics") -> "ForceEstimator":
         """Load a force estimator for this sensor: `physics`, `network`, `both`, `none`, or the path of a force model (.onnx).

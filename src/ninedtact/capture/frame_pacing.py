@@ -28,7 +28,7 @@ class LatestFrameSource(FrameSource):
     """
 
     def __init__(self, source: FrameSource, max_age_ms: float = 200.0, timeout_ms: float = 2000.0) -> None:
-        self.name = source.name
+        self.name, self.is_live = source.name, source.is_live
         self.dropped = 0
         """Frames that were too old or replaced by a newer one before anybody read them."""
         self._source = source
@@ -116,7 +116,7 @@ class LivePlayback(FrameSource):
     """
 
     def __init__(self, source: FrameSource) -> None:
-        self.name = source.name
+        self.name, self.is_live = source.name, source.is_live
         self._source = source
         self._closing = Event()
         self._due_at = 0.0

@@ -71,8 +71,10 @@ class Openable(ABC):
 class FrameSource(Openable):
     """The interface of every source of frames; `open` raises `CameraNotFound`, `CameraSettingRefused` or `ImageUnreadable`."""
 
+    is_live: bool = True
+    """Whether images show the present: a camera, a stream or a simulated camera. False for recordings, videos and images."""
     recorded_hz: float | None = None
-    """Images per second at which a recording was made; None for a live source, which paces itself."""
+    """Images per second at which a recording was made, known once it is open; None for a live source, which paces itself."""
 
     @abstractmethod
     def read(self) -> Frame:

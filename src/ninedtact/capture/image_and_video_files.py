@@ -31,6 +31,7 @@ class VideoFile(CameraBackend):
     """A frame source of every image of a video file. The stamp of an image is the time at which it was read."""
 
     address_help = "a video file"
+    is_live = False
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -78,6 +79,8 @@ class VideoFile(CameraBackend):
 class ImageList(FrameSource):
     """A frame source of the given image files in this order, all of one size."""
 
+    is_live = False
+
     def __init__(self, images: Sequence[Path], name: str = "images", recorded_hz: float | None = 10.0) -> None:
         self.images = tuple(images)
         self.name = name
@@ -119,6 +122,7 @@ class ImageFolder(CameraBackend):
     """A frame source of the images of a folder in the order of their names (2 before 10), all of one size."""
 
     address_help = "a folder of images"
+    is_live = False
 
     def __init__(self, folder: str | Path, recorded_hz: float = 10.0) -> None:
         self.folder = Path(folder)

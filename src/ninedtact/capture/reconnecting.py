@@ -81,7 +81,7 @@ class ReconnectingFrameSource(FrameSource):
         on_back: Callable[[], None] = lambda: None,
         retry_ms: float = 500.0,
     ) -> None:
-        self.name = source.name
+        self.name, self.is_live = source.name, source.is_live
         self._source = source
         self._reconnector = _Reconnector(source, CameraNotFound, on_lost, on_back, retry_ms)
         self._first_index = self._next_index = 0

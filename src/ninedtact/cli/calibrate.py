@@ -178,7 +178,7 @@ def _open_camera(source: str, automatic: bool) -> "Iterator[FrameSource]":
     from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
     camera = source_for(source, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
-    with LatestFrameSource(camera) if camera.recorded_hz is None else camera as frames:
+    with LatestFrameSource(camera) if camera.is_live else camera as frames:
         yield frames
 
 

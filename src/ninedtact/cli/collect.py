@@ -104,6 +104,7 @@ class Collect:
         """Collect until the end and return the collector, its recording closed."""
         import numpy as np
 
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
         from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
         from ninedtact.recording.reader import sensor_folder_attachments
         from ninedtact.recording.writer import RecordingWriter
@@ -116,7 +117,7 @@ class Collect:
             settings,
             names,
             np.random.default_rng(self.seed),
-            folder.find_reference_faults,
+            load_reference_check(folder).find_faults,
             screen.show_message,
         )
         with (

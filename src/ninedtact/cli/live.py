@@ -16,6 +16,7 @@ from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import SIMULATED, live_source_for, load_named_sensor
 
 if TYPE_CHECKING:
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceCheck
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.quantities import Frame
@@ -79,42 +80,37 @@ class Live:
 
     def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchPoller]]":
         """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench."""
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+
+        check = load_reference_check(folder)
         if self.source == SIMULATED:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
             from ninedtact.simulation.simulated_sources import demo_sources
 
-            return page_sources_of_twin(folder.shape, demo_sources(build_sensor_twin(folder)), self.references)
-        return self.sensor_at_source(folder), []
+            shown = demo_sources(build_sensor_twin(folder))
+            sensor, wrenches = page_sources_of_twin(folder.shape, shown, check.read_images(self.reference))
+            sensor.find_reference_faults = check.find_faults
+            return sensor, wrenches
+        return self.sensor_at_source(folder.shape, check), []
 
-    @property
-    def references(self) -> "list[Frame]":
-        """The reference images that were given."""
-        from ninedtact.capture.strict_image_reading import read_image
-        from ninedtact.quantities import Frame
-
-        return [Frame(read_image(path)) for path in self.reference]
-
-    def sensor_at_source(self, folder: "SensorFolder") -> "Sensor":
+    def sensor_at_source(self, shape: "CalibratedShape", check: "ReferenceCheck") -> "Sensor":
         """Return the sensor on a camera or a recording, not yet opened."""
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
         from ninedtact.capture.frame_pacing import LatestFrameSource
         from ninedtact.capture.reconnecting import ReconnectingFrameSource
         from ninedtact.reference_following import FollowingSettings
         from ninedtact.sensor import Sensor
 
-        references = self.references
+        references = check.read_images(self.reference)
         source = ReconnectingFrameSource(
             self.named_source(),
             on_lost=lambda loss: print_notice(f"{loss}; waiting for it"),
             on_back=lambda: print_notice("it is back"),
         )
-        if references:
-            require_reference_of_sensor(folder, *(frame.image for frame in references))
         return Sensor(
             LatestFrameSource(source),
-            folder.shape,
-            depth_reader=folder.shape.depth_reader(*references) if references else None,
-            find_reference_faults=folder.find_reference_faults,
+            shape,
+            depth_reader=shape.depth_reader(*references) if references else None,
+            find_reference_faults=check.find_faults,
             following=FollowingSettings() if self.follow_reference else None,
         )
 

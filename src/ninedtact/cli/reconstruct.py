@@ -42,7 +42,7 @@ class ReconstructCommand:
 
     def run(self) -> int:
         """Reconstruct every image and write its files; the first unreadable image ends the command."""
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
@@ -53,9 +53,8 @@ class ReconstructCommand:
                 "expected at least one image of the pressed skin, got none; name it after the options"
             )
         folder = load_sensor(self.sensor)
-        shape, references = folder.shape, [Frame(read_image(path)) for path in self.reference]
-        depth = shape.depth_reader(*references)
-        require_reference_of_sensor(folder, *(frame.image for frame in references))
+        shape = folder.shape
+        depth = shape.depth_reader(*load_reference_check(folder).read_images(self.reference))
         results = []
         for path, name in zip(self.images, _output_names(self.images), strict=True):
             rectified = shape.rectify(Frame(read_image(path)))

@@ -110,7 +110,7 @@ class EstimateWarning(StrEnum):
     ESTIMATORS_DISAGREE = "estimators disagree"
     """Network and physics differ by more than three standard deviations."""
     REFERENCE_UNLIKE_CALIBRATION = "reference unlike the calibrated one"
-    """The reference image of this session shows another sensor, or something that touches the gel."""
+    """The reference image of this session shows another sensor or something that touches the gel, or is overexposed."""
     IMAGE_DARK = "image dark"
     """The image is too dark to show anything: light off, lens covered, exposure changed."""
     IMAGE_OVEREXPOSED = "image overexposed"

@@ -25,6 +25,8 @@ class RecordedSource(FrameSource):
             print(frame.index, frame.stamp_ns)
     """
 
+    is_live = False
+
     def __init__(self, path: Path | str) -> None:
         self._messages = _TopicPlayer(Path(path), Topic.IMAGES)
         self.path, self.name = self._messages.path, self._messages.name

@@ -15,7 +15,7 @@ class RepeatingSource(FrameSource):
     """Wraps a source and starts it again when it ends; frame indices continue to count."""
 
     def __init__(self, source: FrameSource) -> None:
-        self.name = source.name
+        self.name, self.is_live = source.name, source.is_live
         self._source = source
         self._first_index = self._next_index = 0
         self._is_open = False

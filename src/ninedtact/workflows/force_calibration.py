@@ -4,10 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
+from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.image_and_video_files import ImageList
-from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import BOTH, NONE, load_unscaled_estimator
@@ -84,9 +83,8 @@ def _estimate_presses(
     presses: Sequence[tuple[Path, float]],
 ) -> Iterator[KnownLoadPress]:
     """Yield the estimated force of every press with its load; raises `ForceScaleImpossible`, naming the image."""
-    references, shape = [Frame(read_image(path)) for path in reference], folder.shape
-    require_reference_of_sensor(folder, *(frame.image for frame in references))
-    depth_reader = shape.depth_reader(*references)
+    shape = folder.shape
+    depth_reader = shape.depth_reader(*load_reference_check(folder).read_images(reference))
     images = ImageList([path for path, _ in presses])
     with Sensor(images, shape, depth_reader=depth_reader, estimator=estimator) as sensor:
         for (path, grams), reading in zip(presses, sensor, strict=True):

@@ -4,24 +4,31 @@
 cause, and advice. The limits are wide enough that reference images of real sensors, taken before the board and before the ball,
 give none.
 
-`find_reference_faults` checks a reference image once, before anything is measured against it. Heights and forces are changes since
+`ReferenceCheck` checks a reference image once, before anything is measured against it. Heights and forces are changes since
 the reference image. A reference image of another sensor, a mirrored one or one that was taken while something touched the gel makes
 all of them wrong without a sign of it. Slow changes of light and small motions of the camera do not count here: a new reference
 image takes them up, and `ninedtact check` reports them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.brightness import BgrImage
+from ninedtact.calibration.brightness import find_exposure_fault
 from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, SkinMark
-from ninedtact.calibration.drift.drift_measurement import DriftMeasurement, load_calibrated_reference, measure_drift
+from ninedtact.calibration.drift.drift_measurement import (
+    CalibratedReference,
+    DriftMeasurement,
+    load_calibrated_reference,
+    measure_drift,
+)
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.strict_image_reading import average_images
+from ninedtact.capture.strict_image_reading import average_images, read_image
 from ninedtact.errors import InputError
-from ninedtact.quantities import centred_axis_mm
+from ninedtact.quantities import Frame, centred_axis_mm
 
 DriftDiagnosis = Literal[
     "fine",
@@ -211,27 +218,52 @@ class ReferenceImplausible(InputError):
     """A reference image does not show the calibrated sensor without contact."""
 
 
-def find_reference_faults(folder: SensorFolder, *images: BgrImage) -> tuple[str, ...]:
-    """Return why the mean of raw images (rows, cols, 3) cannot be the reference image of a sensor; empty where it can be.
+@dataclass(frozen=True)
+class ReferenceCheck:
+    """Checks whether images can be reference images (no contact) of one calibrated sensor. It reads no file after it was loaded."""
 
-    A sensor folder without its calibration images (an imported one) has nothing to compare with. Raises `ImageUnusable` for dark or
-    overexposed images, and `ImageSizeWrong`.
-    """
-    if not folder.record.images.keys() >= _CALIBRATION_REFERENCES:
-        return ()
-    drift = measure_drift(load_calibrated_reference(folder), average_images([np.asarray(image) for image in images]))
-    findings = diagnose_drift(drift)
-    return tuple(
-        f"{finding.diagnosis}: {finding.sentence}"
-        for finding in findings
-        if finding.diagnosis in _DISQUALIFYING or drift.flipped is not None
-    )
+    sensor: str
+    """Name of the sensor, for messages."""
+    known: CalibratedReference | None
+    """Reference images of the calibration; None for an imported sensor, which has none, so that only the exposure is checked."""
 
+    def find_faults(self, frames: Sequence[Frame]) -> tuple[str, ...]:
+        """Return why the mean of raw images cannot be the reference image of the sensor; empty where it can be.
 
-def require_reference_of_sensor(folder: SensorFolder, *images: BgrImage) -> None:
-    """Raise `ReferenceImplausible` for images that cannot be the reference image of a sensor, and what `find_reference_faults`
-    raises."""
-    for fault in find_reference_faults(folder, *images):
-        raise ReferenceImplausible(
-            f"expected a reference image of {folder.path} without contact, got one with a fault; {fault}"
+        Raises `ImageSizeWrong` for images of another size than the calibrated one.
+        """
+        today = average_images([np.asarray(frame.image) for frame in frames])
+        exposure = find_exposure_fault(today)
+        if exposure is not None:
+            return (f"{exposure.kind}: {exposure.sentence}",)
+        if self.known is None:
+            return ()
+        drift = measure_drift(self.known, today)
+        return tuple(
+            f"{finding.diagnosis}: {finding.sentence}"
+            for finding in diagnose_drift(drift)
+            if finding.diagnosis in _DISQUALIFYING or drift.flipped is not None
         )
+
+    def require_faultless(self, frames: Sequence[Frame]) -> None:
+        """Raise `ReferenceImplausible` for frames with a fault, and what `find_faults` raises."""
+        for fault in self.find_faults(frames):
+            raise ReferenceImplausible(
+                f"expected a reference image of sensor {self.sensor} without contact, got one with a fault; {fault}"
+            )
+
+    def read_images(self, paths: Sequence[Path]) -> list[Frame]:
+        """Read the reference images of a session from files; raises `ReferenceImplausible` and what reading an image raises."""
+        frames = [Frame(read_image(path)) for path in paths]
+        if frames:
+            self.require_faultless(frames)
+        return frames
+
+
+def load_reference_check(folder: SensorFolder) -> ReferenceCheck:
+    """Load the check of a sensor's reference images with everything that it needs; the folder may be deleted afterwards.
+
+    Raises `SensorFolderDamaged`.
+    """
+    has_images = folder.record.images.keys() >= _CALIBRATION_REFERENCES
+    return ReferenceCheck(folder.id, load_calibrated_reference(folder) if has_images else None)

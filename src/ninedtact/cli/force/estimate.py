@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.force.estimator_interface import ForceEstimator
-    from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
 
@@ -68,20 +67,19 @@ class Estimate:
 
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import require_reference_of_sensor
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
         from ninedtact.sensor import Sensor
         from ninedtact.shape.image_check import require_plausible_image
 
-        references, shape = self.references, folder.shape
-        if references:
-            require_reference_of_sensor(folder, *(frame.image for frame in references))
+        shape, check = folder.shape, load_reference_check(folder)
+        references = check.read_images(self.reference)
         depth = shape.depth_reader(*references) if references else None
         with Sensor(
             self.frames(),
             shape,
             depth_reader=depth,
             estimator=estimator,
-            find_reference_faults=folder.find_reference_faults,
+            find_reference_faults=check.find_faults,
         ) as sensor:
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
@@ -117,14 +115,6 @@ class Estimate:
                 "images; run the command once for each"
             )
         return source_for(self.source[0])
-
-    @property
-    def references(self) -> "list[Frame]":
-        """The reference images that were given."""
-        from ninedtact.capture.strict_image_reading import read_image
-        from ninedtact.quantities import Frame
-
-        return [Frame(read_image(path)) for path in self.reference]
 
     def row(self, name: str, reading: "Reading") -> dict[str, Any]:
         """Return the estimate of one image as plain numbers: forces in N, torques in N·m."""
