@@ -118,6 +118,21 @@ def test_a_recording_opens_with_the_sensor_that_it_carries_and_serves_every_fram
     assert max(reading.max_indentation_mm for reading in others) > 0.5
 
 
+def test_only_the_reference_of_live_sources_follows_unless_told_otherwise(
+    physical_sensor: SensorFolder, recording: Path, tmp_path: Path
+) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), physical_sensor.stored_image("ball_reference").image)
+    (tmp_path / "video.avi").touch()
+
+    def follows(source: str, follow_reference: bool | None = None) -> bool:
+        opened = ninedtact.open(physical_sensor, source, force="none", follow_reference=follow_reference)
+        return opened.following is not None
+
+    assert all(map(follows, ("0", "http://127.0.0.1/stream.mjpg", "sim")))
+    assert not any(map(follows, (str(recording), str(tmp_path), str(tmp_path / "video.avi"))))
+    assert follows(str(recording), True) and not follows("sim", False)
+
+
 def test_a_reference_check_needs_no_folder_once_it_is_loaded(physical_sensor: SensorFolder, tmp_path: Path) -> None:
     folder = load_sensor(copytree(physical_sensor.path, tmp_path / "copy"))
     check, frame = load_reference_check(folder), physical_sensor.stored_image("ball_reference")

@@ -1,9 +1,11 @@
 """A reference image that follows slow changes: an hour of drifting light, a long press, and gel that creeps after it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from ninedtact.force.contact_detection import detect_contact
+from ninedtact.force.contact_detection import detect_contact, measure_darkening
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.reference_following import FollowingSettings, ReferenceFollower
@@ -87,7 +89,7 @@ def test_the_error_of_settling_gel_decays_after_a_release() -> None:
     follower = ReferenceFollower(taken, settings)
     wrench = Wrench(np.array([0.0, 1.0, -8.0]), np.zeros(3), stamp_ns=0)
     touched = WrenchEstimate(wrench, np.eye(6), touching=True)
-    follower.follow(Reading(*parts_of(reading_of(SKIN * (1 - 0.2 * DENT), taken, 0)), reference=taken, force=touched))
+    follower.follow(reading_of(SKIN * (1 - 0.2 * DENT), taken, 0), touched)
     stds = []
     for second in (1, 11, 200):
         nothing = WrenchEstimate(
@@ -99,5 +101,43 @@ def test_the_error_of_settling_gel_decays_after_a_release() -> None:
     assert follower.with_settling_error(touched) is touched
 
 
-def parts_of(reading: Reading) -> tuple:
-    return reading.frame, reading.rectified, reading.height
+def pressing(force_z_n: float, stamp_ns: int) -> WrenchEstimate:
+    return WrenchEstimate(Wrench(np.array([0.0, 0.0, force_z_n]), np.zeros(3), stamp_ns=stamp_ns), np.eye(6), True)
+
+
+def test_the_settling_error_is_that_of_the_largest_force_of_the_contact_between_looks_too() -> None:
+    taken, pressed = Rectified(SKIN, MM_PER_PX), SKIN * (1 - 0.2 * DENT)
+    settings = FollowingSettings(settling=0.05, settling_s=10.0, look_every_s=0.1)
+    follower = ReferenceFollower(taken, settings)
+    # 50 images a second: the force rises to 8 N in an image that is not looked at, and is 1 N in the last one with contact.
+    for number, force_z_n in enumerate([-1.0, -4.0, -8.0, -4.0, -3.0, -2.0, -1.0, -1.0]):
+        reading = replace(reading_of(pressed, taken, 0), frame=frame_at(20_000_000 * number))
+        assert follower.follow(reading, pressing(force_z_n, 20_000_000 * number)) is None
+    released_ns = 200_000_000
+    follower.follow(replace(reading_of(SKIN, taken, 0), frame=frame_at(released_ns)), nothing_at(released_ns))
+    assert follower.with_settling_error(nothing_at(released_ns)).std[2] == pytest.approx(0.05 * 8, rel=0.02)
+    # A light touch after that does not hide that the gel is still settling from the strong one.
+    later_ns = 1_200_000_000
+    follower.follow(replace(reading_of(pressed, taken, 0), frame=frame_at(later_ns)), pressing(-0.5, later_ns))
+    assert follower.with_settling_error(nothing_at(later_ns)).std[2] == pytest.approx(0.05 * 8 * np.exp(-0.1), rel=0.02)
+
+
+def test_contact_is_looked_for_ten_times_a_second_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = []
+    monkeypatch.setattr(
+        "ninedtact.reference_following.measure_darkening",
+        lambda reading: looks.append(reading.stamp_ns) or measure_darkening(reading),
+    )
+    taken = Rectified(SKIN, MM_PER_PX)
+    follower = ReferenceFollower(taken)
+    for number in range(100):  # two seconds
+        follower.follow(replace(reading_of(SKIN, taken, 0), frame=frame_at(20_000_000 * number)))
+    assert len(looks) == 20 and min(np.diff(looks)) >= 1e8
+
+
+def frame_at(stamp_ns: int) -> Frame:
+    return Frame(np.zeros((2, 2, 3), np.uint8), stamp_ns)
+
+
+def nothing_at(stamp_ns: int) -> WrenchEstimate:
+    return WrenchEstimate(Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns), np.zeros((6, 6)), False)

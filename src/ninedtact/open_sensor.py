@@ -31,7 +31,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     force: str = "physics",
     reference: PathLike | Sequence[PathLike] | None = None,
     settings: "CameraSettings | None" = None,
-    follow_reference: bool = True,
+    follow_reference: bool | None = None,
 ) -> "Sensor":
     """Return a calibrated sensor on a source, to be used in a `with` statement.
 
@@ -51,7 +51,8 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     settings
         Exposure and white balance of a camera on this computer; fixed by default.
     follow_reference
-        Whether the reference image follows slow changes of light and gel while nothing touches (`reference_following`).
+        Whether the reference image follows slow changes of light and gel while nothing touches (`reference_following`). By
+        default it follows on live sources (cameras, streams, the twin), and stays as it was taken on recordings, videos and images.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
-    from ninedtact.reference_following import FollowingSettings
+    from ninedtact.reference_following import following_settings_for
     from ninedtact.sensor import Sensor
 
     with load_named_sensor(sensor, source) as folder:
@@ -90,7 +91,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         depth_reader=depth_reader,
         estimator=estimator,
         find_reference_faults=check.find_faults,
-        following=FollowingSettings() if follow_reference else None,
+        following=following_settings_for(frames, follow_reference),
     )
 
 

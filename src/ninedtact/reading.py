@@ -1,5 +1,6 @@
 """The result of one frame: the image, the shape of the gel surface and, where an estimator runs, the wrench."""
 
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -35,9 +36,16 @@ class Reading:
     """Rectified reference image (no contact) that the heights were computed against."""
     force: WrenchEstimate | None = None
     """The estimate with all its parts; None where the sensor has no estimator."""
-
     reference_warnings: tuple[EstimateWarning, ...] = ()
     """Reasons why the reference image cannot be that of the calibrated sensor; empty where it was not checked."""
+
+    def with_force(self, estimate: WrenchEstimate) -> "Reading":
+        """Return the same reading with an estimate; what has been computed from the image is kept, not computed again."""
+        reading = copy(
+            self
+        )  # with the cached properties, unlike `dataclasses.replace`; none of them depends on the force
+        object.__setattr__(reading, "force", estimate)
+        return reading
 
     @property
     def image(self) -> UInt8[Array, "rows cols 3"]:

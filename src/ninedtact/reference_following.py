@@ -6,7 +6,7 @@ images. It stays within a bound of the image that was taken, and it rests under 
 
 After a release, an imprint and the drift of the light during the press remain. They are faint beside the press, and fade; what is
 fainter than a small part of the press that has just ended is therefore not taken for a contact here, until it grows. The gel is
-still settling then, and a part of the last force is added to the stated error.
+still settling then, and a part of the largest force of the contact is added to the stated error.
 """
 
 import logging
@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
+from ninedtact.capture.frame_source import FrameSource
 from ninedtact.force.contact_detection import measure_darkening
-from ninedtact.quantities import Rectified, WrenchEstimate
+from ninedtact.quantities import Rectified, WrenchEstimate, independent_errors
 from ninedtact.reading import Reading
 
 _LOG = logging.getLogger(__name__)
@@ -30,6 +31,8 @@ _LOGGED_STEP = 0.01
 class FollowingSettings:
     """How the reference image follows."""
 
+    look_every_s: float = 0.1
+    """Time between two images in which contact is looked for; those in between only add to the largest force."""
     time_constant_s: float = 10.0
     """Time constant of the average."""
     every_s: float = 1.0
@@ -43,9 +46,17 @@ class FollowingSettings:
     max_residue: float = 0.005
     """Largest darkening that counts as an imprint, about 0.04 mm."""
     settling: float = 0.03
-    """Part of the last force that the gel still shows at the moment of release, as one standard deviation."""
+    """Part of the largest force of a contact that the gel still shows at its release, as one standard deviation."""
     settling_s: float = 10.0
     """Time constant with which this part decays."""
+
+
+def following_settings_for(source: FrameSource, follow: bool | None = None) -> FollowingSettings | None:
+    """Return how the reference follows on a source, None where it does not: by default on live sources alone.
+
+    The images of a recording may be separate in time, and the same recording should give the same readings from any image on.
+    """
+    return FollowingSettings() if (source.is_live if follow is None else follow) else None
 
 
 @dataclass
@@ -57,10 +68,16 @@ class ReferenceFollower:
     _mean: Float32[Array, "rows cols"] = field(init=False, repr=False)
     _followed_ns: int | None = field(default=None, init=False)
     """Stamp of the last image that entered the average."""
+    _looked_ns: int | None = field(default=None, init=False)
+    """Stamp of the last image in which contact was looked for."""
+    _in_contact: bool = field(default=False, init=False)
+    """Whether that image showed contact."""
     _touched_ns: int | None = field(default=None, init=False)
     """Stamp of the last image with contact."""
-    _last_force: Float64[Array, "6"] = field(init=False)
-    """Magnitude of the wrench at the last image with contact."""
+    _largest_force: Float64[Array, "6"] = field(init=False)
+    """Largest magnitude of each component of the wrench in the last contact, or what has not decayed since a stronger one."""
+    _unassigned_force: Float64[Array, "6"] = field(init=False)
+    """The same of the images since the last look without contact, which belong to a contact if the next look finds one."""
     _peak: float = field(default=0.0, init=False)
     """Largest darkening of the last contact."""
     _residue: float = field(default=0.0, init=False)
@@ -69,22 +86,24 @@ class ReferenceFollower:
 
     def __post_init__(self) -> None:
         self._mean = self.taken.grey.copy()
-        self._last_force = np.zeros(6)
+        self._largest_force, self._unassigned_force = np.zeros(6), np.zeros(6)
 
     @property
     def drift(self) -> float:
         """Relative change of the mean brightness since the reference image was taken."""
         return float(self._mean.mean() / max(float(self.taken.grey.mean()), 1.0)) - 1
 
-    def follow(self, reading: Reading) -> Rectified | None:
-        """Take notice of a reading; return the new reference image where it has moved, None where it has not."""
+    def follow(self, reading: Reading, estimate: WrenchEstimate | None = None) -> Rectified | None:
+        """Take notice of a reading and its estimate; return the new reference image where it has moved, None where it has not."""
         now_ns = reading.stamp_ns
-        if not reading.image_warnings and self._is_touched(reading):
-            self._touched_ns = now_ns
-            if reading.wrench is not None:
-                self._last_force = np.abs(reading.wrench.six)
+        self._add_force(estimate)
+        if self._seconds_since(self._looked_ns, now_ns) < self.settings.look_every_s:
             return None
-        if reading.image_warnings or self._seconds_since(self._touched_ns, now_ns) < self.settings.rest_s:
+        self._looked_ns = now_ns
+        if reading.image_warnings:
+            return None
+        self._look(reading)
+        if self._seconds_since(self._touched_ns, now_ns) < self.settings.rest_s:
             return None
         elapsed_s = self._seconds_since(self._followed_ns, now_ns)
         if elapsed_s < self.settings.every_s:
@@ -101,9 +120,33 @@ class ReferenceFollower:
         """Return an estimate without contact with the error of gel that is still settling; others as they are."""
         if estimate.touching or self._touched_ns is None:
             return estimate
-        since_s = self._seconds_since(self._touched_ns, estimate.wrench.stamp_ns)
-        part = self.settings.settling * np.exp(-max(since_s, 0.0) / self.settings.settling_s)
-        return replace(estimate, covariance=estimate.covariance + np.diag((part * self._last_force) ** 2))
+        std = self.settings.settling * self._unsettled_part(estimate.wrench.stamp_ns) * self._largest_force
+        return replace(estimate, covariance=estimate.covariance + independent_errors(std))
+
+    def _add_force(self, estimate: WrenchEstimate | None) -> None:
+        """Take the wrench of an estimate into the largest one of the contact."""
+        if estimate is None or not estimate.touching:
+            return
+        magnitude = np.abs(estimate.wrench.six)
+        if self._in_contact:
+            self._largest_force = np.maximum(self._largest_force, magnitude)
+        else:
+            self._unassigned_force = np.maximum(self._unassigned_force, magnitude)
+
+    def _look(self, reading: Reading) -> None:
+        """Look for contact; at the beginning of one, the force since the last look becomes part of it."""
+        is_touched = self._is_touched(reading)
+        if is_touched and not self._in_contact:
+            remaining = self._unsettled_part(reading.stamp_ns) * self._largest_force
+            self._largest_force = np.maximum(remaining, self._unassigned_force)
+        if is_touched:
+            self._touched_ns = reading.stamp_ns
+        self._in_contact, self._unassigned_force = is_touched, np.zeros(6)
+
+    def _unsettled_part(self, now_ns: int) -> float:
+        """Return the part of the settling error that has not decayed since the last contact."""
+        since_s = max(self._seconds_since(self._touched_ns, now_ns), 0.0)
+        return float(np.exp(-since_s / self.settings.settling_s))
 
     def _is_touched(self, reading: Reading) -> bool:
         """Return whether something touches, as opposed to the imprint of the last contact."""

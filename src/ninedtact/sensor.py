@@ -4,14 +4,14 @@ source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ Hei
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import monotonic_ns, perf_counter
 from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.quantities import EstimateWarning, Frame, Rectified
+from ninedtact.quantities import EstimateWarning, Frame, Rectified, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.reference_following import FollowingSettings, ReferenceFollower
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -75,22 +75,24 @@ class Sensor:
         dropped = frame.index + 1 - self.frames_read
         doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self.reference_faults else ()
         reading = Reading(frame, rectified, height, watch.stage_ms, dropped, depth.reference, None, doubts)
+        estimate = None
         if self.estimator is not None:
             estimate = self.estimator.estimate(reading)
             watch.mark("force")
-            reading = replace(reading, force=estimate)
-        return reading if self.following is None else self._follow(reading, depth.reference, self.following)
+        if self.following is not None:
+            estimate = self._follow(reading, estimate, depth.reference, self.following)
+        return reading if estimate is None else reading.with_force(estimate)
 
-    def _follow(self, reading: Reading, reference: Rectified, settings: FollowingSettings) -> Reading:
-        """Let the reference follow for the next reading; return this one with the error of gel that is still settling."""
+    def _follow(
+        self, reading: Reading, estimate: WrenchEstimate | None, reference: Rectified, settings: FollowingSettings
+    ) -> WrenchEstimate | None:
+        """Let the reference follow for the next reading; return the estimate with the error of gel that is still settling."""
         if self._follower is None:
             self._follower = ReferenceFollower(reference, settings)
-        moved = self._follower.follow(reading)
+        moved = self._follower.follow(reading, estimate)
         if moved is not None:
             self.depth_reader = self.shape.reader_against(moved)
-        if reading.force is None:
-            return reading
-        return replace(reading, force=self._follower.with_settling_error(reading.force))
+        return None if estimate is None else self._follower.with_settling_error(estimate)
 
     @property
     def reference_drift(self) -> float:

@@ -16,7 +16,6 @@ from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import SIMULATED, live_source_for, load_named_sensor
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceCheck
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.quantities import Frame
@@ -53,7 +52,7 @@ class Live:
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
     follow_reference: bool = True
-    """Let the reference image follow slow changes of light and gel while nothing touches."""
+    """Let the reference image of a live source follow slow changes of light and gel while nothing touches."""
     automatic: bool = False
     """Keep automatic exposure and white balance on, for a camera that cannot switch them off; heights then drift."""
     loop: bool = False
@@ -81,38 +80,34 @@ class Live:
     def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchPoller]]":
         """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench."""
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+        from ninedtact.reference_following import following_settings_for
 
         check = load_reference_check(folder)
         if self.source == SIMULATED:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
             from ninedtact.simulation.simulated_sources import demo_sources
 
-            shown = demo_sources(build_sensor_twin(folder))
-            sensor, wrenches = page_sources_of_twin(folder.shape, shown, check.read_images(self.reference))
-            sensor.find_reference_faults = check.find_faults
-            return sensor, wrenches
-        return self.sensor_at_source(folder.shape, check), []
+            shown, references = demo_sources(build_sensor_twin(folder)), check.read_images(self.reference)
+            sensor, wrenches = page_sources_of_twin(folder.shape, shown, references)
+        else:
+            sensor, wrenches = self.sensor_at_source(folder.shape, check.read_images(self.reference)), []
+        sensor.find_reference_faults = check.find_faults
+        sensor.following = following_settings_for(sensor.source) if self.follow_reference else None
+        return sensor, wrenches
 
-    def sensor_at_source(self, shape: "CalibratedShape", check: "ReferenceCheck") -> "Sensor":
+    def sensor_at_source(self, shape: "CalibratedShape", references: "Sequence[Frame]") -> "Sensor":
         """Return the sensor on a camera or a recording, not yet opened."""
         from ninedtact.capture.frame_pacing import LatestFrameSource
         from ninedtact.capture.reconnecting import ReconnectingFrameSource
-        from ninedtact.reference_following import FollowingSettings
         from ninedtact.sensor import Sensor
 
-        references = check.read_images(self.reference)
         source = ReconnectingFrameSource(
             self.named_source(),
             on_lost=lambda loss: print_notice(f"{loss}; waiting for it"),
             on_back=lambda: print_notice("it is back"),
         )
-        return Sensor(
-            LatestFrameSource(source),
-            shape,
-            depth_reader=shape.depth_reader(*references) if references else None,
-            find_reference_faults=check.find_faults,
-            following=FollowingSettings() if self.follow_reference else None,
-        )
+        depth_reader = shape.depth_reader(*references) if references else None
+        return Sensor(LatestFrameSource(source), shape, depth_reader=depth_reader)
 
     def named_source(self) -> "FrameSource":
         """Return the source, which repeats if --loop is given."""
