@@ -11,6 +11,7 @@ import pytest
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.cli import main
+from ninedtact.cli.force.estimate import COLUMNS, format_estimates
 from ninedtact.force.known_load_scale import STANDARD_GRAVITY
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
@@ -96,6 +97,37 @@ def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pyte
 def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     at_skin, below = estimated(desk, capsys), estimated(desk, capsys, "--about-mm", "0", "0", "-35")
     assert below[:, 4] == pytest.approx(at_skin[:, 4] + 0.035 * at_skin[:, 0])
+
+
+def test_an_image_that_is_not_estimated_is_null_in_json_and_says_so_in_text(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = cv2.VideoWriter(str(tmp_path / "dark.avi"), cv2.VideoWriter.fourcc(*"FFV1"), 30.0, (640, 480))
+    for image in (cv2.imread(str(desk / "reference.png")), cv2.imread(str(presses(desk)[0])), np.zeros((480, 640, 3))):
+        video.write(np.asarray(image, np.uint8))
+    video.release()
+    words = ["estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", tmp_path / "dark.avi"]
+    assert main([*map(str, words), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    untouched, press, dark = found["wrenches"]
+    errors = ("eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
+    assert [dark[name] for name in errors] == [None] * 6 and dark["warnings"] == ["image dark"]
+    assert not any(row[name] is None for row in (untouched, press) for name in errors)
+    assert main([*map(str, words)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "0: nothing touches" and lines[2] == "2: not estimated  (image dark)"
+    assert "not estimated" not in lines[1] and "inf" not in "".join(lines)
+
+
+def test_a_component_without_an_error_is_not_estimated() -> None:
+    numbers = dict(
+        zip(COLUMNS, [1.0, 0.0, -2.0, 0.001, 0.0, 0.0, 0.1, 0.1, 0.2, float("inf"), 0.001, 0.001], strict=True)
+    )
+    (line,) = format_estimates([{"image": "a.png", "touching": True, "warnings": [], **numbers}], None)
+    assert line == (
+        "a.png: Fx +1.00 ± 0.10 N  Fy +0.00 ± 0.10 N  Fz -2.00 ± 0.20 N  Tx not estimated  Ty +0.0 ± 1.0  "
+        "Tz +0.0 ± 1.0 N·mm"
+    )
 
 
 @pytest.mark.parametrize(

@@ -221,6 +221,36 @@ def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_
     assert abs(np.corrcoef(deepest, [one.force_n[2] for one in estimates])[0, 1]) > 0.9
 
 
+def test_a_reference_of_another_sensor_is_a_warning_of_every_estimate_and_said_once(
+    sensor: Path, tmp_path: Path
+) -> None:
+    camera, shape = SimulatedCamera(small_press_simulation(rounds=1)), load_sensor(sensor).shape
+    said: list[str] = []
+    estimates = RecordedEstimates(
+        shape, Guessing(), True, lambda frames: ("another skin: it is not there",), said.append
+    )
+    with RecordingWriter(tmp_path / "other.mcap", RecordingMetadata("x")) as episode:
+        Recorder(episode, camera, estimates=estimates).run(lambda: False)
+    assert said == ["the reference image is doubtful; another skin: it is not there"]
+    with Recording(tmp_path / "other.mcap") as read:
+        (remark,) = read.events()
+        assert (remark.subject, remark.text) == ("reference image", "another skin: it is not there")
+        assert {tuple(texts) for _, texts in read.warnings()} == {
+            ("reference unlike the calibrated one", "out of range")
+        }
+
+
+def test_record_prints_what_a_person_must_know_of_every_estimate(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "twin.mcap"
+    options = ["--source", "sim", "--sensor", sensor, "--seconds", "0.5", "--force", "network", "--out", path]
+    assert main(["record", *map(str, options)]) == 0
+    said = capsys.readouterr().err
+    notices = load_sensor(sensor).estimator("network").notices
+    assert notices and all(f"ninedtact: {notice}\n" in said for notice in notices)
+
+
 def test_a_program_records_and_reads_what_a_command_would(sensor: Path, tmp_path: Path) -> None:
     path, folder = tmp_path / "press.mcap", load_sensor(sensor)
     writer = record(SimulatedCamera(small_press_simulation(rounds=1)), path, folder, heights=True)

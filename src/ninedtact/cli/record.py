@@ -73,6 +73,9 @@ class Record:
         from ninedtact.recording.recorder import record
 
         camera, force_torque = self._sources(folder)
+        estimator = self._estimator(folder)
+        for notice in estimator.notices if estimator is not None else ():
+            print_notice(notice)
         settings = json.dumps(asdict(self), default=str)
         with stop_on_signal(self.seconds) as until, _progress_bar(self.seconds, quiet=self.json) as show:
             return record(
@@ -81,9 +84,10 @@ class Record:
                 folder,
                 force_torque,
                 heights=self.heights,
-                estimator=self._estimator(folder),
+                estimator=estimator,
                 settings=settings,
                 should_stop=lambda: until.now,
+                notify=print_notice,
                 on_progress=lambda writer: show(until.elapsed_s, writer),
             )
 

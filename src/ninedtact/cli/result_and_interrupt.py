@@ -6,15 +6,31 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import isfinite
 from time import monotonic
 from types import FrameType
 from typing import Any
 
 
 def print_result(as_json: bool, result: Mapping[str, Any], report_lines: Iterable[str]) -> int:
-    """Print the result as one JSON object, or its report for a person; return the exit code 0."""
-    print(json.dumps(result, indent=2, ensure_ascii=False) if as_json else "\n".join(report_lines))
+    """Print the result as one JSON object, or its report for a person; return the exit code 0.
+
+    A number that is infinite or undefined is null in JSON, which has no other word for it (RFC 8259, section 6).
+    """
+    if as_json:
+        print(json.dumps(_with_null(result), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        print("\n".join(report_lines))
     return 0
+
+
+def _with_null(value: Any) -> Any:
+    """Return the value with None in place of numbers that are not finite, in mappings and sequences too."""
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _with_null(part) for key, part in value.items()}
+    return [_with_null(part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def print_notice(sentence: str) -> None:

@@ -1,22 +1,23 @@
 """Records a sensor: reads its sources in the background, so that slow writing delays no source, and counts lost items."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from time import monotonic
 
+from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.force.estimator_interface import ForceEstimator, NoForce
-from ninedtact.quantities import Frame, Wrench
+from ninedtact.quantities import EstimateWarning, Frame, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.ros_messages import EventKind, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
@@ -38,13 +39,15 @@ def record(
     estimator: ForceEstimator | None = None,
     settings: str = "{}",
     should_stop: Callable[[], bool] = lambda: False,
+    notify: Callable[[str], None] = lambda sentence: None,
     on_progress: Callable[[RecordingWriter], None] = lambda writer: None,
 ) -> RecordingWriter:
     """Record a sensor into a new MCAP file until `seconds` are over, `should_stop` is true, or the source ends.
 
     source: opened and closed here. sensor: its folder is attached to the file. force_torque: its wrenches are written as
     measured. heights and estimator: also write heights (mm) and estimated wrenches; the first ten frames are then taken as
-    reference images (no contact). settings: stored in the file, JSON. on_progress: called a few times a second.
+    reference images (no contact), and compared with those of the calibration. settings: stored in the file, JSON. notify: called
+    with every fault of the reference, a sentence. on_progress: called a few times a second.
 
     Returns the closed writer, which has the numbers of messages and dropped images. Raises `RecordingRefused`,
     `RecordingStopped` and what a lost device raises; the file keeps everything recorded before.
@@ -55,7 +58,10 @@ def record(
     ...     recording.metadata.sensor
     'my_sensor'
     """
-    estimates = RecordedEstimates(sensor.shape, estimator or NoForce(), heights) if heights or estimator else None
+    estimates = None
+    if heights or estimator:
+        find_faults = load_reference_check(sensor).find_faults
+        estimates = RecordedEstimates(sensor.shape, estimator or NoForce(), heights, find_faults, notify)
     topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
     metadata = RecordingMetadata(
         sensor=sensor.id,
@@ -79,6 +85,10 @@ class ReadingComputer:
     """Computes readings from frames; the first ten frames are taken as reference images (no contact) and also read."""
 
     shape: CalibratedShape
+    find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
+    """Returns why reference images cannot be those of the calibrated sensor."""
+    reference_faults: tuple[str, ...] = field(default=(), init=False)
+    """What it returned for the first ten frames."""
     _first: list[Frame] = field(default_factory=list, init=False)
     _depth_reader: DepthReader | None = field(default=None, init=False)
 
@@ -86,7 +96,9 @@ class ReadingComputer:
         """Yield the readings that this frame completes: none for the first nine frames, ten for the tenth, then one."""
         for waiting, depth_reader in self._readable(frame):
             rectified = self.shape.rectify(waiting)
-            yield Reading(waiting, rectified, depth_reader(rectified), reference=depth_reader.reference)
+            height, reference = depth_reader(rectified), depth_reader.reference
+            warnings = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self.reference_faults else ()
+            yield Reading(waiting, rectified, height, reference=reference, reference_warnings=warnings)
 
     def _readable(self, frame: Frame) -> Iterator[tuple[Frame, DepthReader]]:
         if self._depth_reader is not None:
@@ -95,6 +107,7 @@ class ReadingComputer:
         self._first.append(frame)
         if len(self._first) == _REFERENCE_FRAMES:
             depth_reader = self._depth_reader = self.shape.depth_reader(*self._first)
+            self.reference_faults = tuple(self.find_reference_faults(self._first))
             yield from ((waiting, depth_reader) for waiting in self._first)
             self._first.clear()
 
@@ -106,9 +119,14 @@ class RecordedEstimates:
     shape: CalibratedShape
     estimator: ForceEstimator = field(default_factory=NoForce)
     heights: bool = True
+    find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
+    """Returns why reference images cannot be those of the calibrated sensor."""
+    notify: Callable[[str], None] = lambda sentence: None
+    """Receives a sentence about every fault of the reference."""
 
     def __post_init__(self) -> None:
-        self._computer = ReadingComputer(self.shape)
+        self._computer = ReadingComputer(self.shape, self.find_reference_faults)
+        self._has_reported = False
         self._estimates_force = not isinstance(self.estimator, NoForce)
 
     @property
@@ -121,10 +139,22 @@ class RecordedEstimates:
         """Write heights and estimate of a frame, and of the first frames once the reference is known."""
         for reading in self._computer.readings(frame):
             index = reading.frame.index
+            self._report_faults(reading.stamp_ns, writer)
             if self.heights:
                 writer.write_height(reading.height, index)
             if self._estimates_force:
-                writer.write_estimated(self.estimator.estimate(reading), index)
+                estimate = self.estimator.estimate(reading)
+                warnings = reading.with_force(estimate).warnings
+                writer.write_estimated(replace(estimate, warnings=warnings), index)
+
+    def _report_faults(self, stamp_ns: int, writer: RecordingWriter) -> None:
+        """Report the faults of the reference once, as remarks in the recording and to the person who records."""
+        if self._has_reported:
+            return
+        self._has_reported = True
+        for fault in self._computer.reference_faults:
+            writer.write_event(RecordingEvent(stamp_ns, EventKind.REMARK, "reference image", fault))
+            self.notify(f"the reference image is doubtful; {fault}")
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +45,7 @@ class Estimate:
     out: Path | None = None
     """CSV file for the wrenches."""
     json: bool = False
-    """Print the wrenches as one JSON object."""
+    """Print the wrenches as one JSON object; errors are null where nothing is estimated."""
 
     def run(self) -> int:
         """Estimate every image; nothing is written where one of them is bad."""
@@ -160,15 +161,21 @@ def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 def format_estimates(rows: list[dict[str, Any]], out: Path | None) -> Iterator[str]:
     """Yield the lines that a person reads, one per image; torques in N·mm."""
     for row in rows:
-        if not row["touching"]:
-            nothing = "nothing touches" if not row["warnings"] else f"not estimated ({', '.join(row['warnings'])})"
-            yield f"{row['image']}: {nothing}"
-            continue
-        forces = "  ".join(f"{name[:2]} {row[name]:+.2f} ± {row['e' + name[:2]]:.2f} N" for name in COLUMNS[:3])
-        torques = "  ".join(
-            f"{name[:2]} {row[name] * 1e3:+.1f} ± {row['e' + name[:2]] * 1e3:.1f}" for name in COLUMNS[3:6]
-        )
-        warnings = f"  ({', '.join(row['warnings'])})" if row["warnings"] else ""
-        yield f"{row['image']}: {forces}  {torques} N·mm{warnings}"
+        if not any(isfinite(row[name]) for name in COLUMNS[6:]):
+            text = "not estimated"
+        elif not row["touching"]:
+            text = "nothing touches"
+        else:
+            forces = (_format_component(row, name, 1, 2, " N") for name in COLUMNS[:3])
+            torques = (_format_component(row, name, 1e3, 1) for name in COLUMNS[3:6])
+            text = "  ".join((*forces, *torques)) + " N·mm"
+        yield f"{row['image']}: {text}" + (f"  ({', '.join(row['warnings'])})" if row["warnings"] else "")
     if out is not None:
         yield f"  wrenches: {out}"
+
+
+def _format_component(row: dict[str, Any], column: str, factor: float, digits: int, unit: str = "") -> str:
+    """Return one component of a wrench with its error, such as `Fz -2.01 ± 0.06 N`; an infinite error means not estimated."""
+    name = column[:2]
+    value, error = factor * row[column], factor * row[f"e{name}"]
+    return f"{name} {value:+.{digits}f} ± {error:.{digits}f}{unit}" if isfinite(error) else f"{name} not estimated"
