@@ -22,9 +22,18 @@ def test_errors_of_forces_add_to_those_of_torques_about_another_point() -> None:
     np.testing.assert_allclose(moved.about(np.zeros(3)).covariance, estimate().covariance, atol=1e-15)
 
 
-def test_the_matrix_of_a_shift_is_the_shift() -> None:
-    wrench, point = estimate().wrench, np.array([3.0, -2.0, 7.0])
-    np.testing.assert_allclose(wrench.shift_matrix(point) @ wrench.six, wrench.about(point).six)
+def test_a_torque_about_another_point_is_the_cross_product_of_the_arm_and_the_force() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        force_n, torque_nm, old_mm, new_mm = rng.normal(0, 5, (4, 3))
+        moved = Wrench(force_n, torque_nm, old_mm, stamp_ns=7).about(new_mm)
+        np.testing.assert_allclose(moved.torque_nm, torque_nm + np.cross((old_mm - new_mm) / 1e3, force_n), atol=1e-12)
+        np.testing.assert_array_equal(moved.force_n, force_n)
+        assert moved.about_mm is new_mm and moved.stamp_ns == 7
+        six = np.arange(1.0, 7.0)
+        one = WrenchEstimate(Wrench(force_n, torque_nm, old_mm), np.outer(six, six), touching=True)
+        shifted = np.concatenate([six[:3], six[3:] + np.cross((old_mm - new_mm) / 1e3, six[:3])])
+        np.testing.assert_allclose(one.about(new_mm).covariance, np.outer(shifted, shifted), atol=1e-12)
 
 
 def test_unknown_errors_stay_unknown() -> None:

@@ -27,11 +27,10 @@ class Wrench:
 
     def about(self, point_mm: Float64[Array, "3"]) -> "Wrench":
         """Return the same wrench with its torque about another point: τ' = τ + (old − new) × F."""
-        arm_m = (self.about_mm - point_mm) / 1e3
-        return replace(self, torque_nm=self.torque_nm + np.cross(arm_m, self.force_n), about_mm=point_mm)
+        return replace(self, torque_nm=(self.shift_matrix(point_mm) @ self.six)[3:], about_mm=point_mm)
 
     def shift_matrix(self, point_mm: Float64[Array, "3"]) -> Float64[Array, "6 6"]:
-        """Return the matrix that turns `six` into that of the same wrench about another point."""
+        """Return the matrix that turns `six` into that of the same wrench about another point; it moves covariances too."""
         x, y, z = ((self.about_mm - point_mm) / 1e3).tolist()
         shift = np.eye(6)
         shift[3:, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
