@@ -1,10 +1,12 @@
 """`ninedtact.open`: the program of the README on a sensor's twin, and what it refuses."""
 
 import doctest
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
 from shutil import copytree, rmtree
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,10 +14,17 @@ import pytest
 
 import ninedtact
 from ninedtact import EstimateWarning, Frame, SensorFolder
-from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_check
+from ninedtact.calibration.drift.diagnosis_and_reference_check import (
+    ReferenceImplausible,
+    describe_new_contact,
+    load_reference_check,
+)
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.cli import main
+from ninedtact.force.contact_detection import detect_contact
 from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.recording.errors import SensorNotGiven
+from ninedtact.quantities import HeightSource, Rectified
+from ninedtact.recording.errors import ReferenceMomentRefused, SensorNotGiven
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.writer import RecordingWriter
@@ -25,6 +34,9 @@ README = Path(__file__).parents[1] / "README.md"
 FRAME_NS = 40_000_000
 PRESSED = range(30, 50)
 RECORDED_FRAMES = 80
+IMPRINT = 0.008 * np.exp(-((np.arange(640) - 320) ** 2 + (np.arange(480)[:, None] - 240) ** 2) / 2 / 60**2)[..., None]
+"""Relative darkening that stays after the press: light is darker there than in the first images for good."""
+RELEASED_S = PRESSED.stop * FRAME_NS / 1e9
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +51,15 @@ def physical_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
 
 @pytest.fixture(scope="module")
 def recording(physical_sensor: SensorFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of the sensor's twin that carries its sensor: nothing touches, a press in the middle, nothing again."""
+    """A recording of the sensor's twin that carries its sensor: nothing touches, a press in the middle, its imprint after that."""
     path, twin = tmp_path_factory.mktemp("recording") / "press.mcap", physical_sensor.twin()
     contact = ScriptedPress(0.8).simulate(twin, Ball(5.0))
     metadata = RecordingMetadata(physical_sensor.id)
     with RecordingWriter(path, metadata, attachments=sensor_folder_attachments(physical_sensor.path)) as writer:
         for number in range(RECORDED_FRAMES):
             image = twin.renderer(contact if number in PRESSED else None, number)
+            if number >= PRESSED.stop:
+                image = (image * (1 - IMPRINT)).round().astype(np.uint8)
             writer.write_image(Frame(image, 1_000_000 + number * FRAME_NS, number))
     return path
 
@@ -163,3 +177,76 @@ def test_a_white_reference_that_the_sensor_takes_itself_is_reported(
         (fault,) = sensor.reference_faults
         assert fault.startswith("overexposed: ")
         assert EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in sensor.read().warnings
+
+
+def contacts_in(recording: Path, **options: Any) -> list[int]:
+    """Indices of the images in which contact is detected."""
+    with ninedtact.open(source=str(recording), force="none", **options) as sensor:
+        return [reading.frame.index for reading in sensor if detect_contact(reading)]
+
+
+def test_the_rest_of_a_recording_is_measured_from_the_reference_taken_anew(recording: Path) -> None:
+    assert contacts_in(recording) == list(range(PRESSED.start, RECORDED_FRAMES))  # the imprint is read as a contact
+    assert contacts_in(recording, reference_at_s=RELEASED_S) == list(PRESSED)
+    with ninedtact.open(source=str(recording), force="none", reference_at_s=[RELEASED_S]) as sensor:
+        once = [reading.max_indentation_mm for reading in sensor]
+        sensor.close()
+        sensor.open()  # as if new
+        assert [reading.max_indentation_mm for reading in sensor] == once
+    with ninedtact.open(source=str(recording), force="none") as sensor:
+        before = [reading.max_indentation_mm for reading in sensor]
+    first_new = PRESSED.stop - sensor.reference_frames
+    assert once[:first_new] == before[:first_new]
+    assert np.mean(once[first_new:]) < 0.6 * np.mean(before[first_new:])
+
+
+def test_estimate_takes_the_reference_anew_and_names_a_moment_that_is_not_there(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["estimate", str(recording), "--reference-at"]
+    assert main([*words, f"{RELEASED_S}", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["wrenches"]
+    assert [int(row["image"]) for row in rows if row["touching"]] == list(PRESSED)
+    assert main([*words, "99"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("ninedtact: expected a moment between 0 and 2.80 s")
+
+
+@pytest.mark.parametrize(
+    ("moment_s", "said"),
+    [
+        (99.0, "expected a moment between 0 and 2.80 s .*, got 99 s"),
+        (2.9, "got 2.9 s"),
+        (-1.0, "got -1 s"),
+        (float("nan"), "got nan s"),
+        (PRESSED.start * FRAME_NS / 1e9, "without contact, got a fault; something touches the gel: .* nothing touches"),
+        ((PRESSED.start - 5) * FRAME_NS / 1e9, "something touches the gel"),
+    ],
+)
+def test_a_moment_outside_of_the_recording_or_under_contact_is_refused(
+    moment_s: float, said: str, recording: Path
+) -> None:
+    with pytest.raises(ReferenceMomentRefused, match=said):
+        ninedtact.open(source=str(recording), force="none", reference_at_s=moment_s)
+
+
+def test_only_a_recording_has_moments(physical_sensor: SensorFolder) -> None:
+    with pytest.raises(
+        ReferenceMomentRefused, match=r"expected a recording \(\.mcap\) .*, got sim; .* take_reference\(\)"
+    ):
+        ninedtact.open(physical_sensor, source="sim", force="none", reference_at_s=1.0)
+
+
+def test_a_light_contact_is_found_against_the_session_and_a_release_is_none(physical_sensor: SensorFolder) -> None:
+    shape, twin = physical_sensor.shape, physical_sensor.twin()
+
+    def mean_image(depth_mm: float, at_mm: tuple[float, float]) -> Rectified:
+        contact = ScriptedPress(depth_mm, at_mm=at_mm).simulate(twin, Ball(5.0)) if depth_mm else None
+        return shape.depth_reader(*(Frame(twin.renderer(contact, number)) for number in range(10))).reference
+
+    seen = shape.rectify.height_source != HeightSource.OUT_OF_VIEW
+    untouched, light, deep = mean_image(0, (0, 0)), mean_image(0.2, (4.0, 0.0)), mean_image(0.8, (-4.0, 0.0))
+    found = describe_new_contact(untouched, light, seen)
+    assert found is not None and "dimmer" in found
+    assert describe_new_contact(deep, untouched, seen) is None
+    assert describe_new_contact(deep, light, seen) is not None

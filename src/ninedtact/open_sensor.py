@@ -9,12 +9,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.recording.errors import SensorNotGiven, SourcesMismatched, require_recording_libraries
+from ninedtact.recording.errors import (
+    ReferenceMomentRefused,
+    SensorNotGiven,
+    SourcesMismatched,
+    require_recording_libraries,
+)
 
 if TYPE_CHECKING:
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceCheck
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
+    from ninedtact.quantities import Frame, Rectified
     from ninedtact.sensor import Sensor
+    from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.shape.depth import DepthReader
 
 SIMULATED = "sim"
@@ -32,6 +40,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     reference: PathLike | Sequence[PathLike] | None = None,
     settings: "CameraSettings | None" = None,
     follow_reference: bool | None = None,
+    reference_at_s: float | Sequence[float] = (),
 ) -> "Sensor":
     """Return a calibrated sensor on a source, to be used in a `with` statement.
 
@@ -53,11 +62,14 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     follow_reference
         Whether the reference image follows slow changes of light and gel while nothing touches (`reference_following`). By
         default it follows on live sources (cameras, streams, the twin), and stays as it was taken on recordings, videos and images.
+    reference_at_s
+        Moment or moments of a recording, in seconds after its first image, at which the reference is taken anew. The readings from
+        a moment on use it; those before do not change.
 
     Raises
     ------
-    SensorFolderDamaged, SourceUnknown, EstimatorUnknown, SensorNotGiven, ReferenceImplausible
-        The sensor, the source, the estimator or the given reference image is not usable. Opening the returned sensor raises what
+    SensorFolderDamaged, SourceUnknown, EstimatorUnknown, SensorNotGiven, ReferenceImplausible, ReferenceMomentRefused
+        The sensor, the source, the estimator or a reference image is not usable. Opening the returned sensor raises what
         its source raises.
 
     Examples
@@ -85,10 +97,13 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         depth_reader = shape.depth_reader(*check.read_images([Path(path) for path in paths]))
     elif source == SIMULATED:
         depth_reader = _twin_reference(folder)
+    before = None if depth_reader is None else depth_reader.reference
+    moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     return Sensor(
         frames,
         shape,
         depth_reader=depth_reader,
+        later_references=later_references(source, moments_s, shape, check, before),
         estimator=estimator,
         find_reference_faults=check.find_faults,
         following=following_settings_for(frames, follow_reference),
@@ -120,6 +135,32 @@ def source_for(
     from ninedtact.capture.frame_source import DEFAULT_CAMERA
 
     return source_from_address.source_for(text, settings or DEFAULT_CAMERA)
+
+
+def later_references(
+    source: "str | FrameSource",
+    moments_s: Sequence[float],
+    shape: "CalibratedShape",
+    check: "ReferenceCheck",
+    before: "Rectified | None" = None,
+) -> "Sequence[Sequence[Frame]]":
+    """Return the references that a recording gives at moments, in s after its first image (`Sensor.later_references`).
+
+    before: the reference image until the first moment, where it is not that of the recording's first images. Raises
+    `ReferenceMomentRefused`, also where the source is not a recording.
+    """
+    if not moments_s:
+        return ()
+    if not isinstance(source, str) or not is_recording(source):
+        name = source if isinstance(source, str) else source.name
+        raise ReferenceMomentRefused(
+            f"expected a recording ({RECORDING_SUFFIX}) with a moment for the reference, got {name}; drop the moment, or call "
+            "take_reference() of the sensor while nothing touches"
+        )
+    require_recording_libraries()
+    from ninedtact.recording.recorded_source import read_references_at
+
+    return read_references_at(Path(source).expanduser(), moments_s, shape, check, before)
 
 
 def live_source_for(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":

@@ -41,8 +41,9 @@ class Sensor:
     shape: CalibratedShape
     reference_frames: int = REFERENCE_FRAMES
     depth_reader: DepthReader | None = None
-    """Computes heights against the reference image of this session. One that is given is kept; otherwise every opening takes a
-    new one."""
+    """Computes heights against the present reference image. Every opening begins with the one that is given, or takes a new one."""
+    later_references: Sequence[Sequence[Frame]] = ()
+    """Reference images of a recording that replace the present ones from the stamp of their first on, in order of time."""
     estimator: ForceEstimator | None = None
     """Estimates the wrench of every reading; None leaves `Reading.wrench` empty."""
     find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = _assume_faultless
@@ -56,18 +57,24 @@ class Sensor:
     last_frame_ns: int = field(default=0, init=False)
     """Stamp of the newest frame, or the time of opening when none has arrived yet."""
     _follower: ReferenceFollower | None = field(default=None, init=False)
-    _took_reference: bool = field(default=False, init=False)
-    """Whether the present reference was taken by the sensor itself, so that the next opening replaces it."""
+    _given_reader: DepthReader | None = field(default=None, init=False)
+    """The depth reader that was given and that the sensor has replaced; the next opening begins with it."""
+    _has_own_reference: bool = field(default=False, init=False)
+    """Whether the sensor itself took the present reference or moved it."""
+    _later_used: int = field(default=0, init=False)
+    """Number of later references that have come into use since the sensor was opened."""
 
     def read(self) -> Reading:
         """Wait for the next frame and return its reading.
 
         Raises `ReferenceMissing` when the sensor has no reference image, and whatever the source raises.
         """
-        depth = self._require_reference()
+        self._require_reference()
         watch = Stopwatch()
         frame = self._next_frame()
         watch.mark("capture")
+        self._use_later_reference(frame.stamp_ns)
+        depth = self._require_reference()
         rectified = self.shape.rectify(frame)
         watch.mark("rectify")
         height = depth(rectified)
@@ -91,7 +98,7 @@ class Sensor:
             self._follower = ReferenceFollower(reference, settings)
         moved = self._follower.follow(reading, estimate)
         if moved is not None:
-            self.depth_reader = self.shape.reader_against(moved)
+            self._replace_reader(self.shape.reader_against(moved))
         return None if estimate is None else self._follower.with_settling_error(estimate)
 
     @property
@@ -104,8 +111,11 @@ class Sensor:
 
         Raises `ReferenceUnusable` when the images are too dark, and whatever the source raises.
         """
-        frames = [self._next_frame() for _ in range(self.reference_frames)]
-        self.depth_reader, self._took_reference = self.shape.depth_reader(*frames), True
+        self.use_reference([self._next_frame() for _ in range(self.reference_frames)])
+
+    def use_reference(self, frames: Sequence[Frame]) -> None:
+        """Make the mean of frames without contact the reference image from now on; raises `ReferenceUnusable`."""
+        self._replace_reader(self.shape.depth_reader(*frames))
         self.reference_faults = tuple(self.find_reference_faults(frames))
         self._follower = None
         if self.estimator is not None:
@@ -117,10 +127,10 @@ class Sensor:
         With `take_reference=False` the caller takes it later. Raises what the source raises; the source is closed then.
         """
         self.source.open()
-        self._follower = None
         self.frames_read, self.last_frame_ns = 0, monotonic_ns()
-        if self._took_reference:
-            self.depth_reader, self._took_reference = None, False
+        self.reference_faults, self._follower, self._later_used = (), None, 0
+        if self._has_own_reference:
+            self.depth_reader, self._given_reader, self._has_own_reference = self._given_reader, None, False
         if take_reference and self.depth_reader is None:
             try:
                 self.take_reference()
@@ -131,6 +141,19 @@ class Sensor:
     def close(self) -> None:
         """Close the source."""
         self.source.close()
+
+    def _replace_reader(self, reader: DepthReader) -> None:
+        """Use another reference until the sensor is closed."""
+        if not self._has_own_reference:
+            self._given_reader, self._has_own_reference = self.depth_reader, True
+        self.depth_reader = reader
+
+    def _use_later_reference(self, now_ns: int) -> None:
+        """Make a later reference the present one where its moment has come."""
+        due = [frames for frames in self.later_references[self._later_used :] if frames[0].stamp_ns <= now_ns]
+        if due:
+            self.use_reference(due[-1])
+            self._later_used += len(due)
 
     def _next_frame(self) -> Frame:
         frame = self.source.read()

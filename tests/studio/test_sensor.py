@@ -44,8 +44,12 @@ def test_every_opening_takes_a_new_reference() -> None:
     with sensor:
         assert sensor.read().max_indentation_mm == pytest.approx(0.0, abs=0.01), "the reference of the last session"
     given = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
-    with Sensor(camera, SHAPE, depth_reader=given) as kept:
-        assert kept.read().max_indentation_mm == pytest.approx(1.0, abs=0.01)
+    kept = Sensor(camera, SHAPE, depth_reader=given)
+    for _ in range(2):
+        with kept:
+            assert kept.read().max_indentation_mm == pytest.approx(1.0, abs=0.01), "not the reference that was given"
+            kept.take_reference()
+            assert kept.read().max_indentation_mm == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_reading_without_a_reference_is_refused() -> None:

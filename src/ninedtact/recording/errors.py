@@ -25,6 +25,10 @@ class SourcesMismatched(InputError):
     """Raised for a camera and a force/torque sensor that cannot belong together."""
 
 
+class ReferenceMomentRefused(InputError):
+    """Raised for a moment that is not in the recording, or at which its images cannot be a reference (no contact)."""
+
+
 class SensorNotGiven(InputError):
     """Raised where neither a sensor folder nor a recording that carries one was given."""
 

@@ -1,20 +1,27 @@
-"""A recording as a frame source and a wrench source: its frames and measured wrenches, bit for bit, with their recorded stamps."""
+"""A recording as a frame source and a wrench source: its frames and measured wrenches, bit for bit, with their recorded stamps.
 
-from collections.abc import Callable
+`read_references_at` reads reference images from a later moment of a recording, so that the rest of it is measured from a new zero.
+"""
+
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Lock
 from typing import TypeVar
 
 import numpy as np
+from numpy import ndarray as Array
 
+from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceCheck, describe_new_contact
 from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
+from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
 from ninedtact.recording.reader import Recording, median_rate_hz
 from ninedtact.recording.ros_messages import Topic
+from ninedtact.shape.calibrated_shape import CalibratedShape, mean_rectified_image
 
 Item = TypeVar("Item")
+_REFERENCE_FRAMES = 10
 
 
 class RecordedSource(FrameSource):
@@ -64,6 +71,68 @@ class RecordedWrenchSource(WrenchSource):
     def close(self) -> None:
         """Close the recording; opening it again starts from the first sample."""
         self._messages.close()
+
+
+def read_references_at(
+    path: Path | str,
+    moments_s: Sequence[float],
+    shape: CalibratedShape,
+    check: ReferenceCheck,
+    before: Rectified | None = None,
+) -> list[list[Frame]]:
+    """Read the reference images (no contact) at moments of a recording, ten at each, for `Sensor.later_references`.
+
+    moments_s: seconds after the first image. before: rectified reference image until the first moment; without it, that of the
+    first ten images. Raises `ReferenceMomentRefused` for a moment that is not in the recording or at which something touches the
+    gel, and what reading a recording raises.
+    """
+    with Recording(path) as recording:
+        positions = recording.positions(Topic.IMAGES)
+        found = []
+        for at_s in sorted(moments_s):
+            first = _first_image_at(recording, positions, at_s)
+            frames = _read_frames(recording, positions[first : first + _REFERENCE_FRAMES])
+            if before is None:
+                first_frames = _read_frames(recording, positions[:_REFERENCE_FRAMES])
+                before = mean_rectified_image([shape.rectify(frame) for frame in first_frames])
+            before = _require_no_contact(f"{path} from {at_s:g} s on", frames, before, shape, check)
+            found.append(frames)
+    return found
+
+
+def _first_image_at(recording: Recording, positions: Array, at_s: float) -> int:
+    """Return the number of the first image at a moment; raises `ReferenceMomentRefused`."""
+    seconds = (positions["stamp_ns"] - positions["stamp_ns"][:1]) / 1e9
+    last = len(seconds) - _REFERENCE_FRAMES
+    first = int(np.searchsorted(seconds, at_s))
+    if last < 0 or not at_s >= 0 or first > last:
+        room = f"between 0 and {seconds[last]:.2f} s" if last >= 0 else f"in a recording of {_REFERENCE_FRAMES} images"
+        raise ReferenceMomentRefused(
+            f"expected a moment {room} for a reference of {_REFERENCE_FRAMES} images, got {at_s:g} s of {recording.path}, which "
+            f"has {len(seconds)} images; name a moment within the recording"
+        )
+    return first
+
+
+def _read_frames(recording: Recording, positions: Array) -> list[Frame]:
+    return [recording.frame(position) for position in positions]
+
+
+def _require_no_contact(
+    where: str, frames: list[Frame], before: Rectified, shape: CalibratedShape, check: ReferenceCheck
+) -> Rectified:
+    """Return the rectified mean of reference images; raises `ReferenceMomentRefused` where they cannot be a reference."""
+    fault = next(iter(check.find_faults(frames)), None)
+    if fault is None:
+        mean = mean_rectified_image([shape.rectify(frame) for frame in frames])
+        contact = describe_new_contact(before, mean, shape.rectify.height_source != HeightSource.OUT_OF_VIEW)
+        if contact is None:
+            return mean
+        fault = f"something touches the gel: {contact}"
+    raise ReferenceMomentRefused(
+        f"expected the {len(frames)} images of {where} to show the skin without contact, got a fault; {fault}; name a "
+        "moment at which nothing touches"
+    )
 
 
 class _TopicPlayer:

@@ -128,6 +128,23 @@ class BrightnessChange:
         return self.mark(dark)
 
     @property
+    def new_contacts(self) -> list[SkinMark]:
+        """Return the dark places that are pressed now and were not before.
+
+        Where a contact was released instead, the released gel around it is darker too, but less than its middle is brighter.
+        """
+        reach_px = round(BULGE_REACH_MM / self.mm_per_px)
+        y, x = (centred_axis_mm(size, self.mm_per_px) for size in self.residue.shape)
+
+        def brightening_beside(mark: SkinMark) -> float:
+            radius_px = reach_px + round(np.sqrt(mark.area_mm2 / np.pi) / self.mm_per_px)
+            row, col = int(np.abs(y - mark.y_mm).argmin()), int(np.abs(x - mark.x_mm).argmin())
+            rows, cols = (slice(max(at - radius_px, 0), at + radius_px + 1) for at in (row, col))
+            return float(self.residue[rows, cols].max())
+
+        return [mark for mark in self.marks_of(-1) if -mark.change > brightening_beside(mark)]
+
+    @property
     def changed_share(self) -> float:
         """Fraction of the view whose change is neither light nor noise."""
         return float((np.abs(self.residue[self.seen]) > self.level).mean())

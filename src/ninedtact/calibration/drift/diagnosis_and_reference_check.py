@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Bool
+from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness import find_exposure_fault
-from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, SkinMark
+from ninedtact.calibration.brightness import estimate_pixel_noise, find_exposure_fault
+from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, SkinMark, separate_brightness_change
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
     DriftMeasurement,
@@ -28,7 +30,7 @@ from ninedtact.calibration.drift.drift_measurement import (
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import average_images, read_image
 from ninedtact.errors import InputError
-from ninedtact.quantities import Frame, centred_axis_mm
+from ninedtact.quantities import Frame, Rectified, centred_axis_mm
 
 DriftDiagnosis = Literal[
     "fine",
@@ -258,6 +260,20 @@ class ReferenceCheck:
         if frames:
             self.require_faultless(frames)
         return frames
+
+
+def describe_new_contact(before: Rectified, now: Rectified, seen: Bool[Array, "rows cols"]) -> str | None:
+    """Return where something touches the gel that did not touch it in an earlier rectified image, or None.
+
+    seen: pixels at which the camera sees the skin. The two images are of one session, so that a lighter contact is found than by
+    a comparison with the calibration: 0.1 N of a ball, 0.7 N of a flat punch.
+    """
+    noise = estimate_pixel_noise(now.grey - before.grey) / float(before.grey.mean())
+    contacts = separate_brightness_change(before, now, seen, noise).new_contacts
+    if not contacts:
+        return None
+    most = max(contacts, key=lambda mark: -mark.change)
+    return f"the skin is {_change_in_words(most.change)} over {most.area_mm2:.1f} mm² around {_position_in_words(most)}"
 
 
 def load_reference_check(folder: SensorFolder) -> ReferenceCheck:

@@ -38,6 +38,9 @@ class Estimate:
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Reference image (no contact) of the same session; given more than once, the images are averaged. Without any, the first
     images of a video, folder or recording are the reference."""
+    reference_at: tyro.conf.UseAppendAction[tuple[float, ...]] = ()
+    """Moment of a recording, in seconds after its first image, at which the reference is taken anew for the rest of it, because the
+    zero has drifted. Nothing may touch the gel then."""
     force: str = PHYSICS
     """physics (no training), network (the model that ships), both (physics and network), or a force model (.onnx)."""
     about_mm: Point = (0.0, 0.0, 0.0)
@@ -69,16 +72,20 @@ class Estimate:
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+        from ninedtact.open_sensor import later_references
         from ninedtact.sensor import Sensor
         from ninedtact.shape.image_check import require_plausible_image
 
         shape, check = folder.shape, load_reference_check(folder)
         references = check.read_images(self.reference)
         depth = shape.depth_reader(*references) if references else None
+        frames, before = self.frames(), None if depth is None else depth.reference
+        source = self.source[0] if len(self.source) == 1 else frames
         with Sensor(
-            self.frames(),
+            frames,
             shape,
             depth_reader=depth,
+            later_references=later_references(source, self.reference_at, shape, check, before),
             estimator=estimator,
             find_reference_faults=check.find_faults,
         ) as sensor:
