@@ -12,7 +12,7 @@ import cv2
 import pytest
 from small_sensor import sensor_folder, skin
 
-from ninedtact.calibration.sensor_folder import SensorFolderDamaged
+from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli.live import InvalidLiveOption, Live, PageLibraryMissing
 
@@ -45,6 +45,16 @@ def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, images: Path)
 def test_nothing_heavy_is_loaded_before_it_runs() -> None:
     loaded = subprocess.run([sys.executable, "-c", CHECK], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == ""
+
+
+def test_only_a_live_source_is_followed(tmp_path: Path, images: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+
+    def follows(live: Live) -> bool:
+        return live.sensor_and_wrenches(folder)[0].following is not None
+
+    assert follows(Live("0")) and not follows(Live("0", follow_reference=False))
+    assert not follows(Live(str(images))) and not follows(Live(str(images), loop=True))
 
 
 def test_bad_options_are_refused_before_any_camera_is_touched(

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.wrench_poller import WrenchPoller
 
-FASTEST_SCREEN_HZ = 120.0
+_MAX_DISPLAY_HZ = 120.0
 
 
 class PageLibraryMissing(MissingLibraryError):
@@ -181,9 +181,9 @@ def _estimate_pollers(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
 
 def require_display_rate(display_hz: float) -> None:
     """Refuse a display rate of zero, or one above the rate of screens."""
-    if not 0 < display_hz <= FASTEST_SCREEN_HZ:
+    if not 0 < display_hz <= _MAX_DISPLAY_HZ:
         raise InvalidLiveOption(
-            f"expected --display-hz above 0 and at most {FASTEST_SCREEN_HZ:g}, got {display_hz:g}; drop it"
+            f"expected --display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}, got {display_hz:g}; drop it"
         )
 
 

@@ -14,7 +14,7 @@ from ninedtact.shape.rectification import Rectification
 
 MIN_LIT_GREY_LEVEL = 15.0
 """Mean grey level below which an image counts as taken in the dark and cannot be a reference image."""
-KEPT_BYTES = 31 << 20
+_KEPT_BYTES = 31 << 20
 """Size in bytes, just below the 32 MiB above which glibc no longer adapts its threshold (mallopt(3), M_MMAP_THRESHOLD)."""
 
 
@@ -82,4 +82,4 @@ def retain_freed_memory() -> None:
     glibc sets the amount that it keeps by the largest block freed so far. Without this call, and depending on what else the program
     does, allocating fresh memory for every frame costs up to four times as much as computing the frame.
     """
-    np.empty(KEPT_BYTES, np.uint8)
+    np.empty(_KEPT_BYTES, np.uint8)

@@ -18,24 +18,24 @@ from ninedtact.quantities import Rectified, centred_axis_mm
 
 Field = Float32[Array, "rows cols"]
 
-SMOOTHING_MM = 0.15
+_SMOOTHING_MM = 0.15
 """Standard deviation of the smoothing; smaller marks do not pass the filters after the depth curve either."""
-FIELD_DEGREE = 4
+_FIELD_DEGREE = 4
 """Polynomial degree of the light's field: the failure of one of eight LEDs bends it, a mark of millimetres does not."""
-FIELD_STRIDE = 6
-ROUNDS = 8
-TUKEY = 4.685
-FAINTEST_MARK = 0.012
+_FIELD_STRIDE = 6
+_ITERATIONS = 8
+_TUKEY_CONSTANT = 4.685
+_MIN_MARK_CHANGE = 0.012
 """Two grey levels. The skin of real sensors without contact differs by at most half of it between two sessions (contours of the
 camera's shading correction move with the light), and by 0.001 from image to image.
 """
-MARK_TIMES_NOISE = 5.0
-SMALLEST_MARK_MM2 = 0.1
+_MARK_NOISE_STDS = 5.0
+_MIN_MARK_AREA_MM2 = 0.1
 MAX_UNEVENNESS = 0.05
 """Change of the light across the view above which it is reported; real sensors have up to 0.021 between two sessions."""
-DARKEST_UNTOUCHED = 0.025
-BULGE_REACH_MM = 2.0
-BULGE_SHARE = 0.1
+_MIN_CONTACT_DARKENING = 0.025
+_BULGE_REACH_MM = 2.0
+_MIN_BULGE_SHARE = 0.1
 """Brightening beside a dark place, as a fraction of its darkening, from which the place counts as a contact. Pressed gel piles up
 around a contact and brightens (real presses 0.2 to 0.6); beside a stain nothing brightens.
 """
@@ -75,7 +75,7 @@ class BrightnessChange:
     @property
     def level(self) -> float:
         """Change of brightness above which neither noise nor the camera explains it."""
-        return max(FAINTEST_MARK, MARK_TIMES_NOISE * self.noise)
+        return max(_MIN_MARK_CHANGE, _MARK_NOISE_STDS * self.noise)
 
     @property
     def mark_level(self) -> float:
@@ -93,7 +93,7 @@ class BrightnessChange:
         count, labels, boxes, _ = cv2.connectedComponentsWithStats(
             (sign * self.residue > self.mark_level).astype(np.uint8)
         )
-        large = boxes[:, cv2.CC_STAT_AREA] * self.mm_per_px**2 >= SMALLEST_MARK_MM2
+        large = boxes[:, cv2.CC_STAT_AREA] * self.mm_per_px**2 >= _MIN_MARK_AREA_MM2
         return [self.mark(labels == label) for label in range(1, count) if large[label]]
 
     def mark(self, where: Bool[Array, "rows cols"]) -> SkinMark:
@@ -118,12 +118,12 @@ class BrightnessChange:
     def contact(self) -> SkinMark | None:
         """Return all dark places as one mark where they look pressed: clearly darker, with brighter gel beside them."""
         dark = self.residue < -self.level
-        if self.residue.min() > -DARKEST_UNTOUCHED:
+        if self.residue.min() > -_MIN_CONTACT_DARKENING:
             return None
-        side = 2 * round(BULGE_REACH_MM / self.mm_per_px) + 1
+        side = 2 * round(_BULGE_REACH_MM / self.mm_per_px) + 1
         beside = cv2.dilate(dark.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0
         bulge = beside & (self.residue > self.level / 2)
-        if self.residue[bulge].sum() < -BULGE_SHARE * self.residue[dark].sum():
+        if self.residue[bulge].sum() < -_MIN_BULGE_SHARE * self.residue[dark].sum():
             return None
         return self.mark(dark)
 
@@ -133,7 +133,7 @@ class BrightnessChange:
 
         Where a contact was released instead, the released gel around it is darker too, but less than its middle is brighter.
         """
-        reach_px = round(BULGE_REACH_MM / self.mm_per_px)
+        reach_px = round(_BULGE_REACH_MM / self.mm_per_px)
         y, x = (centred_axis_mm(size, self.mm_per_px) for size in self.residue.shape)
 
         def brightening_beside(mark: SkinMark) -> float:
@@ -155,7 +155,7 @@ def separate_brightness_change(
 ) -> BrightnessChange:
     """Separate the change into its parts; noise: standard deviation of one pixel, as a fraction of the brightness."""
     ratio = np.log(np.maximum(today.grey, MIN_REFERENCE_GREY) / np.maximum(then.grey, MIN_REFERENCE_GREY))
-    sigma_px = SMOOTHING_MM / then.mm_per_px
+    sigma_px = _SMOOTHING_MM / then.mm_per_px
     smooth = np.asarray(cv2.GaussianBlur(ratio, (0, 0), sigma_px))
     field = _fit_polynomial_background(smooth, seen)
     middle = float(np.median(field[seen]))
@@ -173,14 +173,14 @@ def separate_brightness_change(
 
 def _fit_polynomial_background(change: Field, seen: Bool[Array, "rows cols"]) -> Field:
     """Return a polynomial through the change of most of the skin; contacts and marks are excluded by Tukey's weights."""
-    coarse = np.s_[::FIELD_STRIDE, ::FIELD_STRIDE]
+    coarse = np.s_[::_FIELD_STRIDE, ::_FIELD_STRIDE]
     values, terms = change[coarse][seen[coarse]], _legendre_basis(change.shape)[coarse][seen[coarse]]
     weight = np.ones_like(values)
-    for _ in range(ROUNDS):
+    for _ in range(_ITERATIONS):
         weighted = terms * weight[:, None]
         solution = np.linalg.solve(weighted.T @ weighted, weighted.T @ (values * weight))
         missed = values - terms @ solution
-        scaled = missed / (TUKEY * max(float(np.median(np.abs(missed))) / 0.6745, 1e-6))
+        scaled = missed / (_TUKEY_CONSTANT * max(float(np.median(np.abs(missed))) / 0.6745, 1e-6))
         weight = np.maximum(1 - scaled**2, 0)
     return (_legendre_basis(change.shape) @ solution).astype(np.float32)
 
@@ -188,7 +188,7 @@ def _fit_polynomial_background(change: Field, seen: Bool[Array, "rows cols"]) ->
 @cache
 def _legendre_basis(shape: tuple[int, int]) -> Float32[Array, "rows cols terms"]:
     """Return all products of Legendre polynomials of row and column up to the total degree."""
-    y, x = (np.polynomial.legendre.legvander(np.linspace(-1, 1, size), FIELD_DEGREE) for size in shape)
-    degrees = range(FIELD_DEGREE + 1)
-    products = [y[:, None, i] * x[None, :, j] for i in degrees for j in degrees if i + j <= FIELD_DEGREE]
+    y, x = (np.polynomial.legendre.legvander(np.linspace(-1, 1, size), _FIELD_DEGREE) for size in shape)
+    degrees = range(_FIELD_DEGREE + 1)
+    products = [y[:, None, i] * x[None, :, j] for i in degrees for j in degrees if i + j <= _FIELD_DEGREE]
     return np.stack(products, axis=-1).astype(np.float32)

@@ -44,19 +44,19 @@ DriftDiagnosis = Literal[
     "light colour changed",
 ]
 
-PRESSED_ALL_OVER = 0.2
+_MIN_PRESSED_SHARE = 0.2
 """Changed fraction of the view above which an unrecognised skin counts as pressed; other skins differ on at most 0.11."""
-FARTHEST_PX = 0.6
+_MAX_SHIFT_PX = 0.6
 """Largest shift, 0.03 mm on the skin. Real skins are displaced by up to 0.45 px after the board has been pressed on them."""
-FARTHEST_TURN_DEG = 0.3
+_MAX_TURN_DEG = 0.3
 """Largest rotation, 1.7 px at the image's border; real skins rotate by up to 0.1°."""
-CERTAIN = 2.0
+_SUBTRACTED_STANDARD_ERRORS = 2.0
 """Number of standard errors that are subtracted from a motion before it is compared with its limit."""
-DIMMEST_LIGHT = 0.03
+_MAX_BRIGHTNESS_CHANGE = 0.03
 """Largest change of the whole brightness; 0.011 between two sessions of a real sensor."""
-OTHER_COLOUR = 0.03
+_MAX_COLOUR_CHANGE = 0.03
 """Largest change of one colour relative to the others; 0.004 between two sessions."""
-NAMED_MARKS = 3
+_MAX_NAMED_MARKS = 3
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
 def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the gel is pressed."""
     place, known_skin = drift.change.contact, drift.nearest.is_same_skin or not drift.nearest.observable
-    if place is None or drift.flipped or not (known_skin or drift.change.changed_share > PRESSED_ALL_OVER):
+    if place is None or drift.flipped or not (known_skin or drift.change.changed_share > _MIN_PRESSED_SHARE):
         return None
     depth_mm = _equivalent_height_mm(drift, place.change)
     return DriftFinding(
@@ -124,8 +124,8 @@ def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the camera has moved."""
     skin = drift.moved
     far_px = float(np.hypot(*skin.shift_px))
-    shifted = far_px - CERTAIN * skin.shift_error_px > FARTHEST_PX
-    turned = abs(skin.turn_deg) - CERTAIN * skin.turn_error_deg > FARTHEST_TURN_DEG
+    shifted = far_px - _SUBTRACTED_STANDARD_ERRORS * skin.shift_error_px > _MAX_SHIFT_PX
+    turned = abs(skin.turn_deg) - _SUBTRACTED_STANDARD_ERRORS * skin.turn_error_deg > _MAX_TURN_DEG
     if not skin.is_same_skin or not (shifted or turned):
         return None
     return DriftFinding(
@@ -160,9 +160,9 @@ def _find_gel_marks(drift: DriftMeasurement) -> DriftFinding | None:
         return None
     named = "; ".join(
         f"{_change_in_words(mark.change)} over {mark.area_mm2:.1f} mm² at {_position_in_words(mark)}"
-        for mark in marks[:NAMED_MARKS]
+        for mark in marks[:_MAX_NAMED_MARKS]
     )
-    more = f" and {len(marks) - NAMED_MARKS} smaller" if len(marks) > NAMED_MARKS else ""
+    more = f" and {len(marks) - _MAX_NAMED_MARKS} smaller" if len(marks) > _MAX_NAMED_MARKS else ""
     return DriftFinding(
         "gel changed",
         f"the skin has changed in {len(marks)} place{'s' if len(marks) > 1 else ''}: {named}{more}; take away what may "
@@ -174,7 +174,7 @@ def _find_gel_marks(drift: DriftMeasurement) -> DriftFinding | None:
 def _find_brightness_change(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the light has become stronger or weaker."""
     change = drift.change.gain - 1
-    if abs(change) <= DIMMEST_LIGHT:
+    if abs(change) <= _MAX_BRIGHTNESS_CHANGE:
         return None
     return DriftFinding(
         "light dimmer" if change < 0 else "light brighter",
@@ -186,7 +186,7 @@ def _find_brightness_change(drift: DriftMeasurement) -> DriftFinding | None:
 
 def _find_colour_change(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the colour has changed: white balance, or an LED of another kind."""
-    if max(map(abs, drift.colour)) <= OTHER_COLOUR:
+    if max(map(abs, drift.colour)) <= _MAX_COLOUR_CHANGE:
         return None
     parts = ", ".join(f"{name} {part:+.1%}" for name, part in zip(("blue", "green", "red"), drift.colour, strict=True))
     return DriftFinding(

@@ -27,15 +27,15 @@ from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification
 
-FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
+_FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
 """Ways in which a camera's driver may flip images, with OpenCV's flip code."""
-FAR_PX = 5.0
+_MIN_FLIP_SHIFT_PX = 5.0
 """Shift above which flipped images are tested too: the skin may be the same one rotated or mirrored, because old imprints of the
 board look alike from both sides.
 """
-WORST_SHARE = 99
+_WORST_PERCENTILE = 99
 """Percentile of the view that represents its worst error, so that single pixels do not."""
-NEIGHBOURHOOD_PX = 20
+_NEIGHBOURHOOD_PX = 20
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class CalibratedReference:
     @property
     def mm_per_raw_px(self) -> float:
         """Scale of the raw image in the middle of the skin, the mean of all directions."""
-        source, reach = self.rectify.source_px, NEIGHBOURHOOD_PX
+        source, reach = self.rectify.source_px, _NEIGHBOURHOOD_PX
         row, col = source.shape[0] // 2, source.shape[1] // 2
         across = source[row, col + reach] - source[row, col - reach]
         down = source[row + reach, col] - source[row - reach, col]
@@ -80,7 +80,7 @@ class CalibratedReference:
         """Return the height error, at the worst of the view, of measuring one image with this one as its reference."""
         then, now = self.rectified_reference.grey, self.rectify(Frame(other)).grey
         ratio = cv2.GaussianBlur(now / np.maximum(then, 1.0), (0, 0), 3.0) - 1
-        return float(np.percentile(self.height_mm(ratio, then)[self.view_mask], WORST_SHARE))
+        return float(np.percentile(self.height_mm(ratio, then)[self.view_mask], _WORST_PERCENTILE))
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,9 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
 
 def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | None:
     """Return how today's image is flipped, or None."""
-    if motion.correlation > HIGH_SIMILARITY and np.hypot(*motion.shift_px) < FAR_PX:
+    if motion.correlation > HIGH_SIMILARITY and np.hypot(*motion.shift_px) < _MIN_FLIP_SHIFT_PX:
         return None
-    ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in FLIPS.items()}
+    ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in _FLIPS.items()}
     best = max(ways, key=lambda way: ways[way].correlation)
     return best if ways[best].is_same_skin and ways[best].correlation > motion.correlation else None
 

@@ -60,7 +60,7 @@ class Estimate:
             estimator = load_estimator(self.force, folder)
             found = [self.row(name, reading) for name, reading in self.readings(folder, estimator)]
         if self.out is not None:
-            write_csv(self.out, found)
+            _write_csv(self.out, found)
         figures = {
             "estimator": estimator.name,
             "about_mm": self.about_mm,
@@ -91,7 +91,7 @@ class Estimate:
         ) as sensor:
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
-            for name, reading in iterate_named_readings(self.source, sensor):
+            for name, reading in _iterate_named_readings(self.source, sensor):
                 if self.images_are_separate:
                     require_plausible_image(name, reading.image_warnings)
                 yield name, reading
@@ -101,7 +101,7 @@ class Estimate:
     @property
     def images_are_separate(self) -> bool:
         """Whether the images are unrelated in time: single images or a folder of them, as opposed to a video or a recording."""
-        return all(is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
+        return all(_is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
 
     def frames(self) -> "FrameSource":
         """Return the named images as a source; raises `NothingToEstimate`."""
@@ -109,7 +109,7 @@ class Estimate:
 
         if not self.source:
             raise NothingToEstimate("expected images of the pressed gel, got none; name them after the options")
-        if all(is_image(text) for text in self.source):
+        if all(_is_image(text) for text in self.source):
             if not self.reference:
                 raise NothingToEstimate(
                     "expected --reference with single images, got none; name a reference image (no contact)"
@@ -140,18 +140,18 @@ class Estimate:
         }
 
 
-def is_image(text: str) -> bool:
+def _is_image(text: str) -> bool:
     """Return whether the text names a single image."""
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
-def iterate_named_readings(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
+def _iterate_named_readings(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
     """Yield every reading with its name: the file of a single image, or the number of a frame."""
     for number, reading in enumerate(sensor):
-        yield (source[number] if is_image(source[0]) else str(reading.frame.index)), reading
+        yield (source[number] if _is_image(source[0]) else str(reading.frame.index)), reading
 
 
-def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     """Write one line of CSV per image; raises `FileNotWritten`."""
     import csv
     from io import StringIO
