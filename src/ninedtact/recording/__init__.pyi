@@ -1,0 +1,24 @@
+from .export import export_recording
+from .mcap_repair import repair_recording
+from .metadata import RecordingMetadata
+from .reader import Recording, RecordingSummary
+from .recorded_source import RecordedSource, RecordedWrenchSource
+from .recorder import record
+from .ros_messages import Topic
+from .saved_pairs import SavedPair, read_saved_pairs
+from .writer import RecordingWriter
+
+__all__ = [
+    "RecordedSource",
+    "RecordedWrenchSource",
+    "Recording",
+    "RecordingMetadata",
+    "RecordingSummary",
+    "RecordingWriter",
+    "SavedPair",
+    "Topic",
+    "export_recording",
+    "read_saved_pairs",
+    "record",
+    "repair_recording",
+]
