@@ -6,13 +6,13 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Lock
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceCheck, describe_new_contact
-from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
 from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
@@ -24,7 +24,53 @@ Item = TypeVar("Item")
 _REFERENCE_FRAMES = 10
 
 
-class RecordedSource(FrameSource):
+class _RecordedTopic(Openable):
+    """The messages of one topic of a recording, one by one, from the first at every opening."""
+
+    topic: ClassVar[Topic]
+
+    def __init__(self, path: Path | str) -> None:
+        self.path, self.name = Path(path), f"recording {path}"
+        self._recording: Recording | None = None
+        self._positions: Array = np.empty(0)
+        self._next = 0
+        self._lock = Lock()
+
+    def open(self) -> None:
+        """Open the recording at its first message; raises `CameraNotFound` or `RecordingUnreadable`."""
+        with self._lock:
+            if self._recording is not None:
+                return
+            recording = Recording(self.path)
+            self._positions, self._next = recording.positions(self.topic), 0
+            if len(self._positions) == 0:
+                recording.close()
+                raise RecordingUnreadable(
+                    f"expected messages on {self.topic.path(recording.sensor)} in {self.path}, got none; take another recording"
+                )
+            self._recording = recording
+
+    def close(self) -> None:
+        """Close the recording; opening it again starts from the first message."""
+        with self._lock:
+            if self._recording is not None:
+                self._recording.close()
+                self._recording = None
+
+    def _read_next(self, decode: Callable[[Recording, np.void], Item]) -> Item:
+        """Return the next message, decoded; raises `SourceEnded`, `SourceNotOpen` or `RecordingUnreadable`."""
+        with self._lock:
+            if self._recording is None:
+                raise SourceNotOpen(self.name)
+            if self._next == len(self._positions):
+                raise SourceEnded(
+                    f"expected more {self.topic}, got the end of {self.name} after {self._next}; stop here"
+                )
+            self._next += 1
+            return decode(self._recording, self._positions[self._next - 1])
+
+
+class RecordedSource(_RecordedTopic, FrameSource):
     """The frames of a recording, bit for bit, with their recorded stamps and indices, as fast as they are requested.
 
     with RecordedSource("press.mcap") as source:
@@ -32,45 +78,27 @@ class RecordedSource(FrameSource):
             print(frame.index, frame.stamp_ns)
     """
 
+    topic = Topic.IMAGES
     is_live = False
-
-    def __init__(self, path: Path | str) -> None:
-        self._messages = _TopicPlayer(Path(path), Topic.IMAGES)
-        self.path, self.name = self._messages.path, self._messages.name
 
     def open(self) -> None:
         """Open the recording at its first image; raises `CameraNotFound` or `RecordingUnreadable`."""
-        self._messages.open()
-        if self._messages.recording is not None:
-            self.recorded_hz = median_rate_hz(self._messages.recording.stamps_ns(Topic.IMAGES))
+        super().open()
+        self.recorded_hz = median_rate_hz(self._positions["stamp_ns"])
 
     def read(self) -> Frame:
         """Return the next frame; raises `SourceEnded` after the last."""
-        return self._messages.read(Recording.frame)
-
-    def close(self) -> None:
-        """Close the recording; opening it again starts from the first frame."""
-        self._messages.close()
+        return self._read_next(Recording.frame)
 
 
-class RecordedWrenchSource(WrenchSource):
+class RecordedWrenchSource(_RecordedTopic, WrenchSource):
     """The measured wrenches of a recording, about the skin centre, with their recorded stamps."""
 
-    def __init__(self, path: Path | str) -> None:
-        self._messages = _TopicPlayer(Path(path), Topic.MEASURED)
-        self.path, self.name = self._messages.path, self._messages.name
-
-    def open(self) -> None:
-        """Open the recording at its first sample; raises `CameraNotFound` or `RecordingUnreadable`."""
-        self._messages.open()
+    topic = Topic.MEASURED
 
     def read(self) -> Wrench:
         """Return the next sample; raises `SourceEnded` after the last."""
-        return self._messages.read(Recording.wrench)
-
-    def close(self) -> None:
-        """Close the recording; opening it again starts from the first sample."""
-        self._messages.close()
+        return self._read_next(Recording.wrench)
 
 
 def read_references_at(
@@ -133,47 +161,3 @@ def _require_no_contact(
         f"expected the {len(frames)} images of {where} to show the skin without contact, got a fault; {fault}; name a "
         "moment at which nothing touches"
     )
-
-
-class _TopicPlayer:
-    """The messages of one topic, one by one, from the first at every opening."""
-
-    def __init__(self, path: Path, topic: Topic) -> None:
-        self.path, self.topic, self.name = path, topic, f"recording {path}"
-        self.recording: Recording | None = None
-        self._positions = np.empty(0)
-        self._next = 0
-        self._lock = Lock()
-
-    def open(self) -> None:
-        """Open the file; raises `CameraNotFound` or `RecordingUnreadable`."""
-        with self._lock:
-            if self.recording is not None:
-                return
-            recording = Recording(self.path)
-            self._positions, self._next = recording.positions(self.topic), 0
-            if len(self._positions) == 0:
-                recording.close()
-                raise RecordingUnreadable(
-                    f"expected messages on {self.topic.path(recording.sensor)} in {self.path}, got none; take another recording"
-                )
-            self.recording = recording
-
-    def read(self, decode: Callable[[Recording, np.void], Item]) -> Item:
-        """Return the next message, decoded; raises `SourceEnded`, `SourceNotOpen` or `RecordingUnreadable`."""
-        with self._lock:
-            if self.recording is None:
-                raise SourceNotOpen(self.name)
-            if self._next == len(self._positions):
-                raise SourceEnded(
-                    f"expected more {self.topic}, got the end of {self.name} after {self._next}; stop here"
-                )
-            self._next += 1
-            return decode(self.recording, self._positions[self._next - 1])
-
-    def close(self) -> None:
-        """Close the file of the recording."""
-        with self._lock:
-            if self.recording is not None:
-                self.recording.close()
-                self.recording = None
