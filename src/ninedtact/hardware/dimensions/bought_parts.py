@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ninedtact.design import DesignImpossible
-from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
+from ninedtact.hardware.dimensions.bounds import BoundedDimensions, Bounds
 
 
 @dataclass(frozen=True)
-class CameraDimensions:
+class CameraDimensions(BoundedDimensions, table="camera"):
     """The camera Frank-S15-V1.0-160 (OV5647), heights from its own bottom. No maker's drawing exists: measure yours."""
 
     side_mm: Annotated[float, Bounds(6.0, 14.0)] = 8.7
@@ -31,7 +31,7 @@ class CameraDimensions:
     """Lens head: diameter, and height of its top, which is the lens front from which the camera distance is measured."""
 
     def __post_init__(self) -> None:
-        require_within_bounds("camera", self)
+        super().__post_init__()
         tops = [self.tall_mm, *(top for _, top in self.lens_mm)]
         if tops != sorted(tops):
             raise DesignImpossible(
@@ -46,7 +46,7 @@ class CameraDimensions:
 
 
 @dataclass(frozen=True)
-class LedBoardDimensions:
+class LedBoardDimensions(BoundedDimensions, table="board"):
     """The LED board as a body for which the other parts must leave space."""
 
     gap_mm: Annotated[float, Bounds(0.1, 1.0)] = 0.25
@@ -79,9 +79,6 @@ class LedBoardDimensions:
     """R1, which sets the LEDs' current: 1800 V / R in all (led_board/led_current.py). The driver follows from 1.2 to 30
     kOhm; below about 3.75 kOhm the current exceeds what LEDs or USB bear, which is refused too."""
 
-    def __post_init__(self) -> None:
-        require_within_bounds("board", self)
-
 
 ORIGINAL_BOARD = LedBoardDimensions(lens_hole_mm=10.0, led_shift_mm=(0.031, 0.131, 0.031))
 """The original's board, with LEDs a little off their rectangle and no clearance around the lens."""
@@ -92,7 +89,7 @@ M2_DIAMETER_MM = 2.0
 
 
 @dataclass(frozen=True)
-class FastenerDimensions:
+class FastenerDimensions(BoundedDimensions, table="fasteners"):
     """Heat-set inserts and screws."""
 
     insert_mm: Annotated[tuple[float, float], Bounds(2.0, 8.0)] = (3.3, 5.09)
@@ -101,9 +98,6 @@ class FastenerDimensions:
     """Length of the M2 screws below their heads: the paper's list has M2-6."""
     head_mm: Annotated[tuple[float, float], Bounds(0.5, 5.0)] = (3.9, 0.85)
     """Screw heads: diameter, height."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds("fasteners", self)
 
 
 ORIGINAL_FASTENERS = FastenerDimensions(screw_mm=5.0)

@@ -1,7 +1,7 @@
 """Bounds that dimensions state beside their type: `Annotated[float, Bounds(0.8, 6.0)]`."""
 
-from dataclasses import dataclass, fields
-from typing import Any, get_type_hints
+from dataclasses import dataclass
+from typing import ClassVar, get_type_hints
 
 from ninedtact.design import DesignImpossible
 
@@ -14,18 +14,25 @@ class Bounds:
     largest: float
 
 
-def require_within_bounds(table: str, dimensions: Any) -> None:
-    """Refuse a dataclass in which a dimension, or one of several in a tuple, is out of its bounds.
+class BoundedDimensions:
+    """Base of a frozen dataclass of dimensions, none of which may be out of its bounds.
 
-    table: its name in the design file, for the message. Raises `DesignImpossible`.
+    table: its name in the design file, for the message. Creation raises `DesignImpossible`.
     """
-    hints = get_type_hints(type(dimensions), include_extras=True)
-    for field in fields(dimensions):
-        value = getattr(dimensions, field.name)
-        for bounds in getattr(hints[field.name], "__metadata__", ()):
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(bounds, Bounds) and not bounds.smallest <= number <= bounds.largest:
-                    raise DesignImpossible(
-                        f"expected {table}.{field.name} from {bounds.smallest:g} to {bounds.largest:g}, got {number:g}; "
-                        "correct the design"
-                    )
+
+    _table: ClassVar[str]
+
+    def __init_subclass__(cls, table: str) -> None:
+        cls._table = table
+
+    def __post_init__(self) -> None:
+        """Refuse a dimension, or one of several in a tuple, that is out of its bounds."""
+        hints = get_type_hints(type(self), include_extras=True)
+        for name, value in vars(self).items():
+            for bounds in getattr(hints[name], "__metadata__", ()):
+                for number in value if isinstance(value, tuple) else (value,):
+                    if not bounds.smallest <= number <= bounds.largest:
+                        raise DesignImpossible(
+                            f"expected {self._table}.{name} from {bounds.smallest:g} to {bounds.largest:g}, got {number:g}; "
+                            "correct the design"
+                        )

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
+from ninedtact.hardware.dimensions.bounds import BoundedDimensions, Bounds
 
 
 @dataclass(frozen=True)
-class GelLayerDimensions:
+class GelLayerDimensions(BoundedDimensions, table="gels"):
     """Dimensions of the layers other than the thickness of the translucent one, which belongs to the sensor design."""
 
     rim_radius_mm: Annotated[float, Bounds(0.0, 5.0)] = 1.0
@@ -18,12 +18,9 @@ class GelLayerDimensions:
     black_side_mm: Annotated[float, Bounds(0.2, 2.0)] = 0.8
     """Thickness of the black layer around the sides."""
 
-    def __post_init__(self) -> None:
-        require_within_bounds("gels", self)
-
 
 @dataclass(frozen=True)
-class MouldDimensions:
+class MouldDimensions(BoundedDimensions, table="moulds"):
     """Laser-cut acrylic plates, clamped by M3 screws; each mould is as thick as the layers that it forms."""
 
     base_mm: Annotated[float, Bounds(1.0, 8.0)] = 3.0
@@ -40,9 +37,6 @@ class MouldDimensions:
     """Positions of the screws: at the long sides, x from the middle; at the short sides, y from the middle."""
     shell_screw_mm: Annotated[float, Bounds(2.0, 3.0)] = 2.2
     """Holes through the base board into the shell's inserts."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds("moulds", self)
 
 
 ORIGINAL_MOULDS = MouldDimensions(shell_screw_mm=2.1)

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
+from ninedtact.hardware.dimensions.bounds import BoundedDimensions, Bounds
 
 
 @dataclass(frozen=True)
-class BaseDimensions:
+class BaseDimensions(BoundedDimensions, table="base"):
     """The base: plate, camera pocket, insert bosses and locating posts, 3D-printed in black."""
 
     plate_mm: Annotated[float, Bounds(2.0, 6.0)] = 3.0
@@ -65,9 +65,6 @@ class BaseDimensions:
     ramp_head_round_mm: Annotated[float, Bounds(0.0, 2.0)] = 1.0
     """Blend at the head of the ramp."""
 
-    def __post_init__(self) -> None:
-        require_within_bounds("base", self)
-
 
 ORIGINAL_BASE = BaseDimensions(
     bolt_mm=2.1, shell_screw_mm=2.0, pocket_wide_mm=8.7, pocket_front_mm=4.35, pocket_back_mm=7.55, ramp_gap_mm=0.4
@@ -76,7 +73,7 @@ ORIGINAL_BASE = BaseDimensions(
 
 
 @dataclass(frozen=True)
-class ShellDimensions:
+class ShellDimensions(BoundedDimensions, table="shell"):
     """The shell, 3D-printed in white, translucent nylon: gel cavity above, LED cavity below, the floor with its window
     between."""
 
@@ -129,9 +126,6 @@ class ShellDimensions:
     relief_tall_mm: Annotated[float, Bounds(0.0, 12.0)] = 6.8
     """Height of the relief from the shell's bottom rim: half an overmould above the plug's middle."""
 
-    def __post_init__(self) -> None:
-        require_within_bounds("shell", self)
-
     @property
     def relief_deep_mm(self) -> float:
         """Depth of the relief around the slot."""
@@ -143,7 +137,7 @@ ORIGINAL_SHELL = ShellDimensions(slot_wide_mm=8.0, slot_from_mm=1.85, slot_to_mm
 
 
 @dataclass(frozen=True)
-class IsolationRingDimensions:
+class IsolationRingDimensions(BoundedDimensions, table="ring"):
     """The black isolation ring in the shell's window hole, its mouth at the window: LED light must reach the lens
     through the gel only."""
 
@@ -158,16 +152,13 @@ class IsolationRingDimensions:
     cone_deg: Annotated[float, Bounds(20.0, 70.0)] = 45.0
     """Half-angle of the mouth, which opens the view."""
 
-    def __post_init__(self) -> None:
-        require_within_bounds("ring", self)
-
 
 ORIGINAL_RING = IsolationRingDimensions(land_mm=0.0)
 """The original's ring, whose mouth touches its sides."""
 
 
 @dataclass(frozen=True)
-class WindowDimensions:
+class WindowDimensions(BoundedDimensions, table="window"):
     """The window of clear acrylic, laser-cut, between camera and gel."""
 
     side_mm: Annotated[float, Bounds(9.0, 24.0)] = 14.0
@@ -175,12 +166,9 @@ class WindowDimensions:
     thick_mm: Annotated[float, Bounds(1.0, 5.0)] = 2.0
     """Thickness of the sheet."""
 
-    def __post_init__(self) -> None:
-        require_within_bounds("window", self)
-
 
 @dataclass(frozen=True)
-class CalibrationBoardDimensions:
+class CalibrationBoardDimensions(BoundedDimensions, table="pin_frame"):
     """The calibration board: a tray that slides over the shell. Number, pitch and diameter of its pins are those of the
     sensor design."""
 
@@ -196,6 +184,3 @@ class CalibrationBoardDimensions:
     """Outer corner radius; inside it is less by the wall."""
     pin_tall_mm: Annotated[float, Bounds(0.8, 4.0)] = 1.5
     """Height of the pins above the floor, the round tip included."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds("pin_frame", self)

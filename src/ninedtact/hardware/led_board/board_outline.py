@@ -6,7 +6,7 @@ from math import atan2, cos, hypot, pi, sin
 from typing import Annotated
 
 from ninedtact.design import DesignImpossible
-from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
+from ninedtact.hardware.dimensions.bounds import BoundedDimensions, Bounds
 
 
 class LedBoardImpossible(DesignImpossible):
@@ -18,7 +18,7 @@ PointMm = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class BoardOutline:
+class BoardOutline(BoundedDimensions, table="outline"):
     """A rectangle with a concave notch in each corner, a hole for the lens and four for the base's pins."""
 
     width_mm: Annotated[float, Bounds(24.0, 120.0)] = 28.0
@@ -45,7 +45,7 @@ class BoardOutline:
     """Distance from a boss to the board; components above a boss are lower than this."""
 
     def __post_init__(self) -> None:
-        require_within_bounds("outline", self)
+        super().__post_init__()
         if not self.notch_radius_mm > max(self.notch_inset_mm):
             raise LedBoardImpossible(
                 f"expected outline.notch_radius_mm above the notches' inset of {max(self.notch_inset_mm):g}, "

@@ -7,13 +7,13 @@ from typing import Annotated
 
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.dimensions.bought_parts import LedBoardDimensions
-from ninedtact.hardware.dimensions.bounds import Bounds, require_within_bounds
+from ninedtact.hardware.dimensions.bounds import BoundedDimensions, Bounds
 from ninedtact.hardware.led_board.board_outline import BoardOutline, LedBoardImpossible, PointMm
 from ninedtact.hardware.led_board.footprints import led_2835_footprint, micro_usb_footprint, soic_8_ep_footprint
 
 
 @dataclass(frozen=True)
-class BoardDesignRules:
+class BoardDesignRules(BoundedDimensions, table="rules"):
     """Least distances: those of ordinary two-layer production without extra charge, with a small margin."""
 
     clearance_mm: Annotated[float, Bounds(0.1, 0.5)] = 0.2
@@ -32,12 +32,9 @@ class BoardDesignRules:
     """Least share of a pad's area that must be left where it gives way to the connector's holes; with less the part
     solders badly."""
 
-    def __post_init__(self) -> None:
-        require_within_bounds("rules", self)
-
 
 @dataclass(frozen=True)
-class CopperWidths:
+class CopperWidths(BoundedDimensions, table="copper"):
     """Widths of the tracks, and the dimensions of the vias."""
 
     led_mm: Annotated[float, Bounds(0.15, 1.5)] = 0.6
@@ -57,9 +54,6 @@ class CopperWidths:
     pour: bool = True
     """Whether ground fills both sides wherever nothing else is: it carries the driver's heat away. Nets are connected without
     it."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds("copper", self)
 
 
 LED_PADS_MM = 4.39, 2.10
@@ -106,7 +100,7 @@ LED_INSET_MM = LedBoardDimensions.led_inset_mm
 
 
 @dataclass(frozen=True)
-class LedBoard:
+class LedBoard(BoundedDimensions, table="led_board"):
     """One LED board. The defaults are the improved board; `original` is the published one, `for_size` one for another
     sensor."""
 
@@ -114,8 +108,8 @@ class LedBoard:
     leds: LedPositions = LedPositions()
     rules: BoardDesignRules = BoardDesignRules()
     copper: CopperWidths = CopperWidths()
-    resistor_ohm: float = 20_000.0
-    """R1, which sets the current of all LEDs together (`led_current`)."""
+    resistor_ohm: Annotated[float, Bounds(1200.0, 30_000.0)] = 20_000.0
+    """R1, which sets the current of all LEDs together (`led_current`); the driver follows resistors in this range."""
     input_capacitor: bool = True
     """Whether C1 of 4.7 µF connects 5 V to ground beside U1; the original lacks it."""
     shield_tied: bool = True
@@ -125,8 +119,8 @@ class LedBoard:
     """Middle of the connector along x."""
     usb_inset_mm: float = 3.2
     """Distance from the lower edge to the connector's origin; the mouth protrudes by 0.34, as far as the shell allows."""
-    usb_contact_mm: float = 1.3
-    """Length of the contacts' pads: 1.50 would end 0.06 from the lens hole."""
+    usb_contact_mm: Annotated[float, Bounds(1.1, 1.5)] = 1.3
+    """Length of the contacts' pads: 1.50 would end 0.06 from the lens hole; shorter pads do not hold the contacts."""
     led_pad_corner_mm: float = 0.53
     """Rounding of the LED pads, which keeps the corner LEDs' copper away from the notches."""
     pads_give_way: bool = True
@@ -143,17 +137,6 @@ class LedBoard:
     """Offset from U1 of the via that joins the ground of both sides."""
     faults_known: bool = False
     """Whether the board is written despite the rules that it breaks, which its notes name; so the original can be examined."""
-
-    def __post_init__(self) -> None:
-        if not 1_200 <= self.resistor_ohm <= 30_000:
-            raise LedBoardImpossible(
-                f"expected resistor_ohm from 1200 to 30000, which the driver can follow, got {self.resistor_ohm:g}; "
-                "take one in that range"
-            )
-        if not 1.1 <= self.usb_contact_mm <= 1.5:
-            raise LedBoardImpossible(
-                f"expected usb_contact_mm from 1.1 to 1.5, got {self.usb_contact_mm:g}; shorter pads do not hold the contacts"
-            )
 
     @property
     def driver(self) -> PointMm:
