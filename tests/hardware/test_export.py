@@ -25,7 +25,6 @@ from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.export.laser_cutting import part_to_dxf
 from ninedtact.hardware.export.parts_folder import ExportFolderRefused, require_replaceable_parts_folder
 from ninedtact.hardware.export.solid_files import STL_HEADER_BYTES, STL_RECORD, part_to_step, part_to_stl
-from ninedtact.hardware.materials import WHITE_NYLON
 from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
 from ninedtact.hardware.parts.printed_and_cut_parts import build_sensor_shell
 from ninedtact.hardware.sensor_assembly import AssemblyBody
@@ -197,7 +196,7 @@ def test_drawings_and_images_open(folder: Path) -> None:
 def test_larger_sensors_are_pulled_apart_further(default: CompleteDesign) -> None:
     assert explosion_scale(default.bodies) == pytest.approx(1.0, abs=1e-6)
     wide = build_sensor_shell(default_hardware_design(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
-    assert explosion_scale([AssemblyBody("sensor_shell", wide, WHITE_NYLON)]) > 2
+    assert explosion_scale([AssemblyBody("sensor_shell", wide)]) > 2
 
 
 def test_the_bill_counts(folder: Path) -> None:

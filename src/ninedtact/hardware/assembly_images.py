@@ -1,12 +1,12 @@
 """Images of the parts and of the assembled sensor: whole, exploded and cut open."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import cv2
 from build123d import Box, Part, Pos
 
 from ninedtact.hardware.export.solid_files import triangulate_solid
-from ninedtact.hardware.materials import MATERIAL_OF_PART
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
 from ninedtact.hardware.sensor_assembly import AssemblyBody
 from ninedtact.hardware.solid_renderer import (
@@ -43,7 +43,7 @@ PUBLISHED_SHELL_MM = 32.5, 25.5, 19.5
 
 def render_part(part: BuiltPart) -> BgrImage:
     """Render one part from above, and beside it from below where that shows more."""
-    body = [ColouredMesh(triangulate_solid(part.solid), MATERIAL_OF_PART[part.name].colour)]
+    body = colour_bodies([AssemblyBody(part.name, part.solid)])
     above = render_solids(body, FROM_ABOVE)
     return cv2.hconcat([above, render_solids(body, FROM_BELOW)]) if part.name in PARTS_SHOWN_FROM_BELOW else above
 
@@ -56,9 +56,7 @@ def render_sensor(bodies: Sequence[AssemblyBody]) -> BgrImage:
 def render_exploded_view(bodies: Sequence[AssemblyBody]) -> BgrImage:
     """Render the bodies pulled apart along z, in the order of assembly."""
     further = explosion_scale(bodies)
-    moved = [
-        AssemblyBody(body.name, Pos(0, 0, further * _lift_mm(body.name)) * body.solid, body.material) for body in bodies
-    ]
+    moved = [replace(body, solid=Pos(0, 0, further * _lift_mm(body)) * body.solid) for body in bodies]
     return render_solids(colour_bodies(moved), ViewDirection(-52.0, 20.0), (560, 1500))
 
 
@@ -69,12 +67,11 @@ def explosion_scale(bodies: Sequence[AssemblyBody]) -> float:
     return max(1.0, *(side / published for side, published in sides))
 
 
-def _lift_mm(name: str) -> float:
+def _lift_mm(body: AssemblyBody) -> float:
     """Return the height by which a body is raised; the shell's inserts rise with the shell."""
-    kind = name.rstrip("0123456789").rstrip("_")
-    if kind == "insert" and int(name.split("_")[1]) > 4:
+    if body.kind == "insert" and int(body.name.split("_")[1]) > 4:
         return LIFTS_MM["sensor_shell"]
-    return LIFTS_MM[kind]
+    return LIFTS_MM[body.kind]
 
 
 def render_section(bodies: Sequence[AssemblyBody]) -> BgrImage:
@@ -86,11 +83,7 @@ def cut_bodies_open(bodies: Sequence[AssemblyBody]) -> list[AssemblyBody]:
     """Return the halves at +y of a plane just beside the axis, so that it does not coincide with touching faces."""
     keep = Pos(0, FAR_MM + 0.01, 0) * Box(2 * FAR_MM, 2 * FAR_MM, 2 * FAR_MM)
     halves = ((body, body.solid & keep) for body in bodies)
-    return [
-        AssemblyBody(body.name, Part() + half, body.material)
-        for body, half in halves
-        if half is not None and half.volume > 0
-    ]
+    return [replace(body, solid=Part() + half) for body, half in halves if half is not None and half.volume > 0]
 
 
 def colour_bodies(bodies: Iterable[AssemblyBody]) -> list[ColouredMesh]:

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from build123d import Part
+from build123d import BoundBox, Part
 
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.materials import MATERIAL_OF_PART, Material
 from ninedtact.hardware.parts.bought_parts import build_heat_set_insert, build_screw
-from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_parts
+from ninedtact.hardware.parts.part_catalogue import BuiltPart
 
 ASSEMBLY_PARTS = (
     "sensor_base",
@@ -32,7 +32,16 @@ class AssemblyBody:
 
     name: str
     solid: Part
-    material: Material
+
+    @property
+    def kind(self) -> str:
+        """Name of its part: `insert` of `insert_1`."""
+        return self.name.rstrip("0123456789").rstrip("_")
+
+    @property
+    def material(self) -> Material:
+        """Material of its part."""
+        return MATERIAL_OF_PART[self.kind]
 
     @property
     def mass_g(self) -> float:
@@ -40,13 +49,9 @@ class AssemblyBody:
         return float(self.solid.volume) / 1000 * self.material.g_per_cm3
 
 
-def place_assembly_bodies(design: HardwareDesign, parts: Mapping[str, BuiltPart] | None = None) -> list[AssemblyBody]:
-    """Return all bodies of the assembled sensor: parts are built in position, fasteners are placed.
-
-    parts: those that are built already; all are built if none are given.
-    """
-    parts = build_parts(design) if parts is None else parts
-    placed = [AssemblyBody(name, parts[name].solid, MATERIAL_OF_PART[name]) for name in ASSEMBLY_PARTS]
+def place_assembly_bodies(design: HardwareDesign, parts: Mapping[str, BuiltPart]) -> list[AssemblyBody]:
+    """Return all bodies of the assembled sensor: parts are built in position, fasteners are placed."""
+    placed = [AssemblyBody(name, parts[name].solid) for name in ASSEMBLY_PARTS]
     return [*placed, *_place_fasteners(design)]
 
 
@@ -63,7 +68,7 @@ def _place_fasteners(design: HardwareDesign) -> Iterator[AssemblyBody]:
 def _number_bodies(name: str, solids: Iterable[Part]) -> Iterator[AssemblyBody]:
     """Yield bodies named `insert_1`, `insert_2` and so on."""
     for number, solid in enumerate(solids, start=1):
-        yield AssemblyBody(f"{name}_{number}", solid, MATERIAL_OF_PART[name])
+        yield AssemblyBody(f"{name}_{number}", solid)
 
 
 MIN_OVERLAP_MM3 = 1e-3
@@ -120,11 +125,7 @@ def _overlap_mm3(first: AssemblyBody, second: AssemblyBody) -> float:
     return float(sum(shape.volume for shape in shapes))
 
 
-def _box_distance_mm(first: object, second: object) -> float:
+def _box_distance_mm(first: BoundBox, second: BoundBox) -> float:
     """Return the largest gap between two bounding boxes along an axis."""
-    a, b = first, second
-    gaps = [
-        max(getattr(a.min, axis) - getattr(b.max, axis), getattr(b.min, axis) - getattr(a.max, axis))  # type: ignore[attr-defined]
-        for axis in "XYZ"
-    ]
+    gaps = [*(first.min - second.max), *(second.min - first.max)]
     return float(max(gaps))

@@ -1,7 +1,7 @@
 """The fabrication guide as a Markdown page, and the images of the parts in the state after each step."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -13,7 +13,6 @@ from ninedtact.hardware.assembly_images import colour_bodies, cut_bodies_open
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import HardwareDesign, hardware_design_of_variant
 from ninedtact.hardware.guide.assembly_steps import AssemblyState, GuideStep, list_guide_steps
-from ninedtact.hardware.materials import MATERIAL_OF_PART
 from ninedtact.hardware.sensor_assembly import AssemblyBody
 from ninedtact.hardware.solid_renderer import FROM_ABOVE, FROM_BELOW, BgrImage, ViewDirection, render_solids
 
@@ -79,11 +78,11 @@ class _AssemblyScenes:
         away, rim = design.plan_view.outer[0] + BETWEEN_MM, design.heights.rim
         for body in bodies:
             turned = body.solid.rotate(Axis.X, 180)
-            yield AssemblyBody(body.name, Part() + Pos(away, 0, rim) * turned, body.material)
+            yield replace(body, solid=Part() + Pos(away, 0, rim) * turned)
 
     def body(self, name: str, lift_mm: float = 0.0) -> AssemblyBody:
         """Return one part, raised above its position."""
-        return AssemblyBody(name, Pos(0, 0, lift_mm) * self.sensor.parts[name].solid, MATERIAL_OF_PART[name])
+        return AssemblyBody(name, Pos(0, 0, lift_mm) * self.sensor.parts[name].solid)
 
     def base(self) -> list[AssemblyBody]:
         """Return the base with its inserts."""
@@ -122,9 +121,7 @@ class _AssemblyScenes:
         tip = design.pin_frame.floor_mm + design.pin_frame.pin_tall_mm
         turned = Rot(180, 0, 0) * self.sensor.parts["calibration_board"].solid
         above = design.heights.top + tip + 12.0
-        return AssemblyBody(
-            "calibration_board", Part() + Pos(0, 0, above) * turned, MATERIAL_OF_PART["calibration_board"]
-        )
+        return AssemblyBody("calibration_board", Part() + Pos(0, 0, above) * turned)
 
 
 PAGE, IMAGES = "fabrication.md", "images"
