@@ -8,7 +8,6 @@ base's outer bottom face, z is the optical axis, and cable and USB leave at -y. 
 The functions at the end give the radius that the lens sees, by refraction from the lens front through air, acrylic and silicone.
 """
 
-import tomllib
 from dataclasses import asdict, dataclass, fields, replace
 from math import asin, hypot, radians, sin, tan
 from pathlib import Path
@@ -140,18 +139,11 @@ def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -
         raise DesignFileUnreadable(
             f"expected [hardware] tables {', '.join(PART_TABLES)}, got {unknown[0]!r} in {path}; correct or remove it"
         )
-    new = {name: _convert_part(getattr(design, name), table, path) for name, table in tables.items()}
+    new = {}
+    for name, table in tables.items():
+        part = getattr(design, name)
+        new[name] = convert_design_tables({**asdict(part), **table}, type(part), path)
     return replace(design, **new)
-
-
-def _convert_part(part: Any, table: dict[str, Any], path: Path | str) -> Any:
-    """Return the dimensions of one part with those of this table in place of its own."""
-    return convert_design_tables({**_to_toml_tables(part), **table}, type(part), path)
-
-
-def _to_toml_tables(part: Any) -> dict[str, Any]:
-    """Return a dataclass as the dictionary that TOML would read back."""
-    return tomllib.loads(tomli_w.dumps(asdict(part)))
 
 
 def hardware_design_to_toml(design: HardwareDesign) -> str:

@@ -36,17 +36,15 @@ OTHER_SENSING_AREAS_MM2 = {"GelSight Mini": 18.6 * 14.3, "GelSlim 3.0": 675.0, "
 here."""
 
 
-def _sensor_size_mm(design: HardwareDesign) -> BoxSize:
-    """Return the size of the finished sensor without cable and plug."""
-    return *design.plan_view.outer, design.heights.top
-
-
 def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], cost_usd: float) -> SensorSpecification:
-    """Return the row of the comparison table for a design, from the masses of its bodies and its cost."""
+    """Return the row of the comparison table for a design, from the masses of its bodies and its cost.
+
+    Its size is that of the finished sensor without cable and plug.
+    """
     area = design.sensor.sensing_area
     return SensorSpecification(
         f"this design ({design.variant})",
-        _sensor_size_mm(design),
+        (*design.plan_view.outer, design.heights.top),
         (area.width_mm, area.height_mm),
         sum(masses_g),
         cost_usd,

@@ -32,11 +32,9 @@ class RoundFeatures:
 def find_round_features(part: Part) -> Iterator[RoundFeatures]:
     """Yield the full cylinders along z by diameter, largest first, each axis once."""
     found: dict[float, set[XY]] = {}
-    for face in part.faces().filter_by(GeomType.CYLINDER):
-        axis, radius = face.axis_of_rotation, face.radius
-        if axis is not None and radius is not None and _is_full_cylinder(face, axis):
-            place = round(float(axis.position.X), 3) + 0.0, round(float(axis.position.Y), 3) + 0.0
-            found.setdefault(round(2 * float(radius), 3), set()).add(place)
+    for _, axis, radius in _cylinders_along_z(part, full=True):
+        place = round(float(axis.position.X), 3) + 0.0, round(float(axis.position.Y), 3) + 0.0
+        found.setdefault(round(2 * radius, 3), set()).add(place)
     for diameter in sorted(found, reverse=True):
         yield RoundFeatures(diameter, tuple(sorted(found[diameter])))
 
@@ -52,23 +50,21 @@ class CornerRadius:
 def find_corner_radii(part: Part) -> Iterator[CornerRadius]:
     """Yield the radii of vertical corners that are parts of cylinders, largest first."""
     found: dict[float, set[XY]] = {}
-    for face in part.faces().filter_by(GeomType.CYLINDER):
-        axis, radius = face.axis_of_rotation, face.radius
-        if axis is not None and radius is not None and _is_vertical(axis) and not _is_full_cylinder(face, axis):
-            middle = face.position_at(0.5, 0.5)
-            found.setdefault(round(float(radius), 3), set()).add((round(float(middle.X), 3), round(float(middle.Y), 3)))
+    for face, _, radius in _cylinders_along_z(part, full=False):
+        middle = face.position_at(0.5, 0.5)
+        found.setdefault(round(radius, 3), set()).add((round(float(middle.X), 3), round(float(middle.Y), 3)))
     for radius in sorted(found, reverse=True):
         yield CornerRadius(radius, max(found[radius], key=lambda place: (round(sum(place), 2), place)))
 
 
-def _is_vertical(axis: Axis) -> bool:
-    """Return whether an axis is parallel to z."""
-    return abs(abs(axis.direction.Z) - 1) < 1e-6
-
-
-def _is_full_cylinder(face: Face, axis: Axis) -> bool:
-    """Return whether a cylinder goes all the way around a vertical axis."""
-    return _is_vertical(axis) and any(edge.is_closed for edge in face.edges())
+def _cylinders_along_z(part: Part, full: bool) -> Iterator[tuple[Face, Axis, float]]:
+    """Yield face, axis and radius of the cylinders along z that go all the way around, or else of those that do not."""
+    for face in part.faces().filter_by(GeomType.CYLINDER):
+        axis, radius = face.axis_of_rotation, face.radius
+        if axis is None or radius is None or abs(abs(axis.direction.Z) - 1) >= 1e-6:
+            continue
+        if any(edge.is_closed for edge in face.edges()) == full:
+            yield face, axis, float(radius)
 
 
 def find_face_positions(part: Part, axis: Axis) -> list[float]:

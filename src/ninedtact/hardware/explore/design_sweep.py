@@ -145,7 +145,7 @@ class ExploredDesign:
             "pins": (sensor.pin_board.cols, sensor.pin_board.rows),
             "refusal": self.refusal,
             "calibration_failure": self.calibration_failure,
-            **(self.prediction.to_json_dict() if self.prediction else {}),
+            **(asdict(self.prediction) if self.prediction else {}),
             **(asdict(self.calibration_errors) if self.calibration_errors else {}),
         }
 

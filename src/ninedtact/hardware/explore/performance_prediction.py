@@ -4,9 +4,8 @@ None of it is a measurement. Light and lens are those of the average sensor, sca
 linear layer, which are too low for deep presses (docs/mechanics.md).
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -63,10 +62,6 @@ class PerformancePrediction:
     """Mass by assumed densities."""
     cost_usd: float
     """Cost by estimated prices."""
-
-    def to_json_dict(self) -> dict[str, Any]:
-        """Return the prediction as a dictionary that JSON can hold."""
-        return asdict(self)
 
 
 def predict_performance(design: HardwareDesign) -> PerformancePrediction:

@@ -6,7 +6,6 @@ the files, one for the laser cutter and one for the print shop.
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +50,6 @@ shell is white, to spread light. Fits are clearances on each side as drawn: try 
 """
 
 
-def cut_file_path(part: BuiltPart) -> str:
-    """Return the path of the cutter's file. Its name states the thickness, because a DXF does not."""
-    return f"cut/{part.name}_{_sheet_thickness_mm(part):.2f}mm.dxf"
-
-
 def _sheet_thickness_mm(part: BuiltPart) -> float:
     """Return the thickness of the sheet from which a flat part is cut."""
     return part.size_mm[2]
@@ -98,15 +92,6 @@ class ExportFolderRefused(OutputError):
     """Raised where the folder that the export would replace holds something else."""
 
 
-@contextmanager
-def _create_parts_folder(out: Path) -> Iterator[Path]:
-    """Yield a folder to fill, which takes the place of `out` when the block ends without an error; raises
-    `ExportFolderRefused`."""
-    require_replaceable_parts_folder(out)
-    with create_folder_atomically(out) as partial:
-        yield partial
-
-
 def require_replaceable_parts_folder(out: Path) -> None:
     """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `ExportFolderRefused`."""
     ours = _list_exported_files(out / MANIFEST)
@@ -127,22 +112,16 @@ def _list_exported_files(manifest: Path) -> frozenset[str]:
     return frozenset(map(str, listed)) if isinstance(listed, list) else frozenset()
 
 
-File = tuple[str, bytes]
-"""A path within the folder, and the content of that file."""
-Progress = Callable[[str], None]
-
-
-def _ignore_progress(_: str) -> None:
-    """Accept a progress report without effect."""
-
-
-def export_parts(sensor: CompleteDesign, out: Path, report_progress: Progress = _ignore_progress) -> dict[str, Any]:
+def export_parts(
+    sensor: CompleteDesign, out: Path, report_progress: Callable[[str], None] = lambda path: None
+) -> dict[str, Any]:
     """Write the folder, whole or not at all, and return its manifest.
 
     report_progress: called with the path of every file before it is written. Raises `ExportFolderRefused`, and
     `FileNotWritten` from the disk.
     """
-    with _create_parts_folder(out) as folder:
+    require_replaceable_parts_folder(out)
+    with create_folder_atomically(out) as folder:
         for path, content in _folder_files(sensor):
             report_progress(path)
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
@@ -154,7 +133,7 @@ def export_parts(sensor: CompleteDesign, out: Path, report_progress: Progress = 
     return manifest
 
 
-def _folder_files(sensor: CompleteDesign) -> Iterator[File]:
+def _folder_files(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
     """Yield path and content of every file but the circuit board's and the manifest."""
     for part in sensor.parts.values():
         yield from _part_files(sensor, part)
@@ -167,20 +146,21 @@ def _folder_files(sensor: CompleteDesign) -> Iterator[File]:
     yield "design.toml", hardware_design_to_toml(sensor.design).encode()
 
 
-def _part_files(sensor: CompleteDesign, part: BuiltPart) -> Iterator[File]:
+def _part_files(sensor: CompleteDesign, part: BuiltPart) -> Iterator[tuple[str, bytes]]:
     """Yield the files of one part: STEP, STL or DXF, image and drawing."""
     yield f"{part.method}/{part.name}.step", part_to_step(part.name, part.solid)
     if part.method == "printed":
         yield f"{part.method}/{part.name}.stl", part_to_stl(part.solid)
     if part.method == "cut":
-        yield cut_file_path(part), part_to_dxf(part.solid)
+        # The name states the thickness, because a DXF does not.
+        yield f"cut/{part.name}_{_sheet_thickness_mm(part):.2f}mm.dxf", part_to_dxf(part.solid)
     yield f"images/{part.name}.png", _encode_png(render_part(part))
     if part.method in METHODS_WITH_FILES:
         sheet = DrawingSheet(part, build_drawing_notes(sensor.design, part))
         yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.to_svg_and_pdf())
 
 
-def _assembly_files(sensor: CompleteDesign) -> Iterator[File]:
+def _assembly_files(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
     """Yield the files of the assembled sensor."""
     yield "assembly/sensor.step", assembly_to_step(sensor.bodies)
     for name, drawn in (("sensor", render_sensor), ("exploded", render_exploded_view), ("section", render_section)):

@@ -4,7 +4,7 @@ It also builds the laser-cut mould plates, each lying on z = 0, and the three ge
 in mm.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -136,10 +136,4 @@ class BuiltPart:
 
 def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
     """Build all parts of a design and return them by name. The design must keep all rules: see `buildability`."""
-    return {part.name: part for part in _build_each_part(design)}
-
-
-def _build_each_part(design: HardwareDesign) -> Iterator[BuiltPart]:
-    """Yield the built parts of a design one after the other."""
-    for made in PART_CATALOGUE:
-        yield BuiltPart(made.name, made.method, made.build(design))
+    return {made.name: BuiltPart(made.name, made.method, made.build(design)) for made in PART_CATALOGUE}
