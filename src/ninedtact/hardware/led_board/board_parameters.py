@@ -181,9 +181,6 @@ class LedBoard(BoundedDimensions, table="led_board"):
         )
 
 
-BoxSize = tuple[float, float, float]
-
-
 def led_board_for_design(design: HardwareDesign) -> LedBoard:
     """Return the LED board that fits a hardware design. The original's components and faults are used only in the
     original's size.
@@ -226,18 +223,19 @@ def _board_outline_for_design(design: HardwareDesign, outline: BoardOutline) -> 
 
 
 def _require_component_sizes(design: HardwareDesign, made: LedBoard) -> None:
-    """Refuse components of another size than those for which the board has pads; raises `LedBoardImpossible`."""
+    """Refuse components of another width or depth than those for which the board has pads; their height is free.
+
+    Raises `LedBoardImpossible`.
+    """
     board, driver = design.board, soic_8_ep_footprint().body_mm
-    _require_component_size("led_mm", board.led_mm, led_2835_footprint(made.led_pad_corner_mm).body_mm)
-    _require_component_size("usb_mm", board.usb_mm, micro_usb_footprint(made.usb_contact_mm).body_mm)
-    # The component lies on the board rotated by a right angle.
-    _require_component_size("driver_mm", board.driver_mm, (driver[1], driver[0], driver[2]))
-
-
-def _require_component_size(name: str, body_mm: BoxSize, drawn_mm: BoxSize) -> None:
-    """Refuse one component of another width or depth; its height is free."""
-    if body_mm[:2] != drawn_mm[:2]:
-        raise LedBoardImpossible(
-            f"expected board.{name} of {drawn_mm[0]:g} x {drawn_mm[1]:g} mm, the part that the circuit board has pads for, got "
-            f"{body_mm[0]:g} x {body_mm[1]:g} mm; leave it, or draw that part's footprint"
-        )
+    for name, body_mm, drawn_mm in (
+        ("led_mm", board.led_mm, led_2835_footprint(made.led_pad_corner_mm).body_mm),
+        ("usb_mm", board.usb_mm, micro_usb_footprint(made.usb_contact_mm).body_mm),
+        # The driver lies on the board rotated by a right angle.
+        ("driver_mm", board.driver_mm, (driver[1], driver[0])),
+    ):
+        if body_mm[:2] != drawn_mm[:2]:
+            raise LedBoardImpossible(
+                f"expected board.{name} of {drawn_mm[0]:g} x {drawn_mm[1]:g} mm, the part that the circuit board has pads for, "
+                f"got {body_mm[0]:g} x {body_mm[1]:g} mm; leave it, or draw that part's footprint"
+            )

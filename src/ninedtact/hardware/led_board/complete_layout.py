@@ -24,7 +24,7 @@ from ninedtact.hardware.led_board.netlist_and_pads import (
     connector_peg_holes,
     place_pads,
 )
-from ninedtact.hardware.led_board.routing import Routes, Via, _route_connector, _route_driver, _route_led_ring
+from ninedtact.hardware.led_board.routing import Routes, _route_connector, _route_driver, _route_led_ring
 
 MIN_POUR_WIDTH_MM = 0.25
 """Least width of the pour; narrower slivers are left out."""
@@ -36,8 +36,8 @@ def _pour_ground(
     board: LedBoard, side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes, holes: tuple[DrilledHole, ...]
 ) -> tuple[Polygon, ...]:
     """Return the pieces of the ground pour on one side; each is connected to some ground copper."""
-    gap = board.rules.pour_gap_mm
-    kept = union_all([shape.buffer(gap + SPARE_MM) for shape in _kept_clear(side, pads, routes)])
+    gap, (avoided, ground) = board.rules.pour_gap_mm, _copper_beside_pour(side, pads, routes)
+    kept = union_all([shape.buffer(gap + SPARE_MM) for shape in avoided])
     bored = union_all([hole_polygon(hole).buffer(gap + SPARE_MM) for hole in holes if not hole.plated])
     free = (
         bare_board_polygon(board.outline)
@@ -46,22 +46,21 @@ def _pour_ground(
     )
     thick = free.buffer(-MIN_POUR_WIDTH_MM / 2).buffer(MIN_POUR_WIDTH_MM / 2)
     opened = thick.intersection(free).simplify(0.004)
-    ground = union_all(_ground_copper(side, pads, routes))
-    return tuple(piece for piece in split_polygons(opened) if piece.intersection(ground).area > 0.01)
+    joined = union_all(ground)
+    return tuple(piece for piece in split_polygons(opened) if piece.intersection(joined).area > 0.01)
 
 
-def _kept_clear(side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes) -> list[BaseGeometry]:
-    """Return the copper that the pour avoids: other nets, and ground pads that a soldering iron must be able to heat."""
-    keep = [pad_polygon(pad) for pad in pads if side in pad.sides and (pad.net != GROUND or pad.land.pour_gap)]
-    keep += [track_polygon(track) for track in routes.tracks if track.side == side and track.net != GROUND]
-    return keep + [via_polygon(via) for via in routes.vias if via.net != GROUND]
+def _copper_beside_pour(
+    side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes
+) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
+    """Return the copper of one side that the pour avoids, and the ground copper to which a piece of it may connect.
 
-
-def _ground_copper(side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes) -> list[BaseGeometry]:
-    """Return ground copper to which a piece of the pour may connect."""
-    hold = [pad_polygon(pad) for pad in pads if side in pad.sides and pad.net == GROUND and not pad.land.pour_gap]
-    hold += [track_polygon(track) for track in routes.tracks if track.side == side and track.net == GROUND]
-    return hold + [via_polygon(via) for via in routes.vias if via.net == GROUND]
+    It avoids other nets, and ground pads that a soldering iron must be able to heat.
+    """
+    copper = [(pad_polygon(pad), pad.net == GROUND and not pad.land.pour_gap) for pad in pads if side in pad.sides]
+    copper += [(track_polygon(track), track.net == GROUND) for track in routes.tracks if track.side == side]
+    copper += [(via_polygon(via), via.net == GROUND) for via in routes.vias]
+    return [shape for shape, joins in copper if not joins], [shape for shape, joins in copper if joins]
 
 
 SIDES: tuple[BoardSide, BoardSide] = ("top", "bottom")
@@ -93,12 +92,8 @@ def lay_out_board(board: LedBoard) -> BoardLayout:
 
 def _all_holes(board: LedBoard, found: tuple[BoardPad, ...], routes: Routes) -> tuple[DrilledHole, ...]:
     """Return everything that is drilled."""
-    slots = tuple(pad.hole for pad in found if pad.hole)
+    vias = (DrilledHole(via.at_mm, via.at_mm, via.drill_mm, plated=True) for via in routes.vias)
+    slots = (pad.hole for pad in found if pad.hole)
     size = board.outline.locating_hole_mm
-    locating = tuple(DrilledHole(place, place, size, plated=False) for place in board.outline.locating_holes)
-    return (*map(_via_hole, routes.vias), *slots, *connector_peg_holes(board), *locating)
-
-
-def _via_hole(via: Via) -> DrilledHole:
-    """Return the hole of a via."""
-    return DrilledHole(via.at_mm, via.at_mm, via.drill_mm, plated=True)
+    locating = (DrilledHole(place, place, size, plated=False) for place in board.outline.locating_holes)
+    return (*vias, *slots, *connector_peg_holes(board), *locating)

@@ -26,33 +26,6 @@ class BoardComponent:
     footprint: Footprint
 
 
-def _led_component(board: LedBoard) -> BoardComponent:
-    """Return the white LED."""
-    return BoardComponent("white", "BZ-S2835BW9C1-02-3V-UV", "C2833052", led_2835_footprint(board.led_pad_corner_mm))
-
-
-def _driver_component() -> BoardComponent:
-    """Return the constant-current LED driver, U1."""
-    return BoardComponent("CN5711", "CN5711", "C35634", soic_8_ep_footprint())
-
-
-def _resistor_component(board: LedBoard) -> BoardComponent:
-    """Return the setting resistor, R1; only the usual value has an order number here."""
-    usual = board.resistor_ohm == 20_000
-    numbers = ("RT0805CRE0720KL", "C706298") if usual else ("", "")
-    return BoardComponent(f"{board.resistor_ohm / 1000:g}k", *numbers, chip_0805_footprint(0.5))
-
-
-def _capacitor_component() -> BoardComponent:
-    """Return the input capacitor, C1: less than the 10 µF that USB allows a device to connect to its 5 V."""
-    return BoardComponent("4.7uF X5R 16V", "", "", chip_0805_footprint(1.25))
-
-
-def _connector_component(board: LedBoard) -> BoardComponent:
-    """Return the micro-USB receptacle, which sits below the board."""
-    return BoardComponent("MICRO-USB", "MICRO-02-G4P1-A1T2", "C2682525", micro_usb_footprint(board.usb_contact_mm))
-
-
 BoardSide = Literal["top", "bottom"]
 CAPACITOR_FROM_DRIVER_MM = -5.65, 1.55
 """Offset of C1 from U1, beside the driver's two supply pins."""
@@ -89,18 +62,23 @@ class PlacedComponent:
 
 def place_components(board: LedBoard) -> tuple[PlacedComponent, ...]:
     """Place all components: LEDs above the board, the rest below."""
-    leds = [
-        PlacedComponent(f"LED{n + 1}", _led_component(board), "top", place)
-        for n, place in enumerate(board.leds.positions)
-    ]
+    led = BoardComponent("white", "BZ-S2835BW9C1-02-3V-UV", "C2833052", led_2835_footprint(board.led_pad_corner_mm))
+    driver = BoardComponent("CN5711", "CN5711", "C35634", soic_8_ep_footprint())
+    # Only the usual value of the setting resistor has an order number here.
+    numbers = ("RT0805CRE0720KL", "C706298") if board.resistor_ohm == 20_000 else ("", "")
+    resistor = BoardComponent(f"{board.resistor_ohm / 1000:g}k", *numbers, chip_0805_footprint(0.5))
+    # The input capacitor has less than the 10 µF that USB allows a device to connect to its 5 V.
+    capacitor = BoardComponent("4.7uF X5R 16V", "", "", chip_0805_footprint(1.25))
+    receptacle = BoardComponent(
+        "MICRO-USB", "MICRO-02-G4P1-A1T2", "C2682525", micro_usb_footprint(board.usb_contact_mm)
+    )
     dx, dy, rotation_deg = board.resistor_from_driver_mm
-    rest = [
-        PlacedComponent("U1", _driver_component(), "bottom", board.driver, 90.0),
-        PlacedComponent("R1", _resistor_component(board), "bottom", board.from_driver((dx, dy)), rotation_deg),
-        PlacedComponent("USB3", _connector_component(board), "bottom", board.usb, 180.0),
+    placed = [PlacedComponent(f"LED{n}", led, "top", at) for n, at in enumerate(board.leds.positions, start=1)]
+    placed += [
+        PlacedComponent("U1", driver, "bottom", board.driver, 90.0),
+        PlacedComponent("R1", resistor, "bottom", board.from_driver((dx, dy)), rotation_deg),
+        PlacedComponent("USB3", receptacle, "bottom", board.usb, 180.0),
     ]
     if board.input_capacitor:
-        rest.append(
-            PlacedComponent("C1", _capacitor_component(), "bottom", board.from_driver(CAPACITOR_FROM_DRIVER_MM))
-        )
-    return (*leds, *rest)
+        placed.append(PlacedComponent("C1", capacitor, "bottom", board.from_driver(CAPACITOR_FROM_DRIVER_MM)))
+    return tuple(placed)

@@ -1,9 +1,8 @@
 """Pads, tracks, vias and holes as shapely polygons, and polygons with holes merged into one contour."""
 
-from collections.abc import Iterable
 from itertools import pairwise
 
-from shapely import LineString, MultiPoint, Point, Polygon, box, union_all
+from shapely import LinearRing, LineString, MultiPoint, Point, Polygon, box, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import BoardOutline, PointMm
@@ -77,18 +76,18 @@ def merge_polygon_holes(polygon: Polygon) -> tuple[PointMm, ...]:
 
     Gerber regions and KiCad's fills have no holes.
     """
-    contour = _ring_points(polygon.exterior.coords)
+    contour = ring_points(polygon.exterior)
     for hole in sorted(
-        (_start_at_leftmost(_ring_points(interior.coords)) for interior in polygon.interiors), key=lambda h: h[0][0]
+        (_start_at_leftmost(ring_points(interior)) for interior in polygon.interiors), key=lambda h: h[0][0]
     ):
         after, cut = _nearest_point_left(contour, hole[0])
         contour = [*contour[: after + 1], cut, *hole, hole[0], cut, *contour[after + 1 :]]
     return tuple(contour)
 
 
-def _ring_points(coordinates: Iterable[tuple[float, ...]]) -> list[PointMm]:
+def ring_points(ring: LinearRing) -> list[PointMm]:
     """Return the points of a closed ring without the last, which repeats the first."""
-    return [(x, y) for x, y in list(coordinates)[:-1]]
+    return [(x, y) for x, y in ring.coords[:-1]]
 
 
 def _start_at_leftmost(hole: list[PointMm]) -> list[PointMm]:

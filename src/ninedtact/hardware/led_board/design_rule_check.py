@@ -1,6 +1,7 @@
 """The design-rule check: each net is one piece, none touches another, and all copper is far enough from edges and
 holes."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -72,13 +73,21 @@ def require_no_violations(layout: BoardLayout) -> None:
 
 def find_violations(layout: BoardLayout) -> tuple[RuleViolation, ...]:
     """Return all rules that a board breaks; none for a valid one."""
-    copper = list_copper_pieces(layout)
+    copper, rules = list_copper_pieces(layout), layout.board.rules
+    distances = (
+        ("clearance", rules.clearance_mm, _distances_of_nets(copper)),
+        ("copper to edge", rules.copper_to_edge_mm, _distances_to_edge(layout, copper)),
+        ("copper to hole", rules.copper_to_hole_mm, _distances_to_holes(layout, copper)),
+        ("hole to hole", rules.hole_to_hole_mm, _distances_of_holes(layout)),
+    )
     return (
         *find_open_nets(layout, copper),
-        *_find_close_copper(layout, copper),
-        *_find_copper_near_edges(layout, copper),
-        *_find_copper_near_holes(layout, copper),
-        *_find_close_holes(layout),
+        *(
+            RuleViolation(rule, where, least_mm, distance_mm)
+            for rule, least_mm, found in distances
+            for where, distance_mm in found
+            if distance_mm < least_mm - ROUNDING_MM
+        ),
         *_find_cut_pads(layout),
         *_find_components_over_bosses(layout),
     )
@@ -120,48 +129,34 @@ def _do_touch(a: CopperPiece, b: CopperPiece) -> bool:
     return bool(set(a.sides) & set(b.sides)) and a.shape.intersection(b.shape).area >= MIN_CONTACT_MM2
 
 
-def _find_close_copper(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> list[RuleViolation]:
-    """Return copper of different nets that is too close; an open pin is a net of its own."""
-    least, found = layout.board.rules.clearance_mm, []
+def _distances_of_nets(copper: tuple[CopperPiece, ...]) -> Iterator[tuple[str, float]]:
+    """Yield the distances of copper of different nets on one side; an open pin is a net of its own."""
     for a, b in combinations(copper, 2):
-        if (a.net == b.net and (a.net or a.name == b.name)) or not set(a.sides) & set(b.sides):
-            continue
-        gap = a.shape.distance(b.shape)
-        if gap < least - ROUNDING_MM:
-            found.append(RuleViolation("clearance", f"{a.name} to {b.name}", least, gap))
-    return found
+        is_one_net = a.net == b.net and (a.net or a.name == b.name)
+        if not is_one_net and set(a.sides) & set(b.sides):
+            yield f"{a.name} to {b.name}", a.shape.distance(b.shape)
 
 
-def _find_copper_near_edges(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> list[RuleViolation]:
-    """Return copper too close to the milled edge, or over it."""
-    least, board = layout.board.rules.copper_to_edge_mm, bare_board_polygon(layout.board.outline)
-    gaps = [(piece, piece.shape.distance(board.boundary) if board.contains(piece.shape) else 0.0) for piece in copper]
-    return [RuleViolation("copper to edge", p.name, least, gap) for p, gap in gaps if gap < least - ROUNDING_MM]
+def _distances_to_edge(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> Iterator[tuple[str, float]]:
+    """Yield the distance of all copper from the milled edge; zero over it."""
+    board = bare_board_polygon(layout.board.outline)
+    for piece in copper:
+        yield piece.name, piece.shape.distance(board.boundary) if board.contains(piece.shape) else 0.0
 
 
-def _find_copper_near_holes(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> list[RuleViolation]:
-    """Return copper too close to unplated holes."""
-    least, found = layout.board.rules.copper_to_hole_mm, []
+def _distances_to_holes(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> Iterator[tuple[str, float]]:
+    """Yield the distance of all copper from each unplated hole."""
     for hole in (hole for hole in layout.holes if not hole.plated):
         bore = hole_polygon(hole)
-        gaps = [(piece, piece.shape.distance(bore)) for piece in copper]
-        found += [
-            RuleViolation("copper to hole", f"{p.name} at {_format_point(hole.start_mm)}", least, gap)
-            for p, gap in gaps
-            if gap < least - ROUNDING_MM
-        ]
-    return found
+        for piece in copper:
+            yield f"{piece.name} at {_format_point(hole.start_mm)}", piece.shape.distance(bore)
 
 
-def _find_close_holes(layout: BoardLayout) -> list[RuleViolation]:
-    """Return holes so close that the wall between them would break."""
-    least = layout.board.rules.hole_to_hole_mm
-    pairs = [(a, b, hole_polygon(a).distance(hole_polygon(b))) for a, b in combinations(layout.holes, 2)]
-    return [
-        RuleViolation("hole to hole", f"{_format_point(a.start_mm)} to {_format_point(b.start_mm)}", least, gap)
-        for a, b, gap in pairs
-        if gap < least - ROUNDING_MM
-    ]
+def _distances_of_holes(layout: BoardLayout) -> Iterator[tuple[str, float]]:
+    """Yield the distances of holes: where they are too close, the wall between them would break."""
+    for a, b in combinations(layout.holes, 2):
+        where = f"{_format_point(a.start_mm)} to {_format_point(b.start_mm)}"
+        yield where, hole_polygon(a).distance(hole_polygon(b))
 
 
 def _find_cut_pads(layout: BoardLayout) -> list[RuleViolation]:

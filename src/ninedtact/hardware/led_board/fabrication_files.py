@@ -12,7 +12,7 @@ from ninedtact.hardware.led_board.board_image import render_board_image
 from ninedtact.hardware.led_board.board_outline import outline_segments
 from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout
-from ninedtact.hardware.led_board.components import BoardComponent, BoardSide, PlacedComponent
+from ninedtact.hardware.led_board.components import BoardSide
 from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
 from ninedtact.hardware.led_board.gerber_and_drill import (
     BoardLayer,
@@ -29,7 +29,7 @@ from ninedtact.hardware.led_board.silkscreen import place_designators
 def _format_parts_list(layout: BoardLayout) -> str:
     """Return the parts list as CSV, one line for each kind of component, as assemblers read it."""
     rows = []
-    for part in _distinct_components(layout.parts):
+    for part in dict.fromkeys(placed.part for placed in layout.parts):
         where = [placed.reference for placed in layout.parts if placed.part == part]
         rows.append(
             (len(where), ",".join(where), part.value, part.footprint.name, part.maker_number, part.supplier_number)
@@ -75,23 +75,14 @@ def format_fabrication_notes(layout: BoardLayout) -> str:
         f"R1 = {board.resistor_ohm:g} ohm: {light.total_ma:.0f} mA in total, {light.led_ma:.1f} mA in each LED, "
         f"{light.driver_w:.2f} W in U1.",
     ]
-    if unnamed := [part.reference for part in layout.parts if part.reference not in _references_on_silkscreen(layout)]:
+    named = {word.reference for side in SIDES for word in place_designators(layout, side)}
+    if unnamed := [part.reference for part in layout.parts if part.reference not in named]:
         lines.append(f"No space on the silkscreen for the designators {', '.join(unnamed)}; led_board.png shows them.")
     faults = find_violations(layout)
     if faults:
         lines += ["", "DO NOT ORDER. Written for comparison only. Broken rules (found, required, mm):"]
         lines += [f"- {fault}" for fault in faults]
     return "\n".join([*lines, ""])
-
-
-def _references_on_silkscreen(layout: BoardLayout) -> set[str]:
-    """Return the references that are printed on the board."""
-    return {word.reference for side in SIDES for word in place_designators(layout, side)}
-
-
-def _distinct_components(parts: tuple[PlacedComponent, ...]) -> tuple[BoardComponent, ...]:
-    """Return each kind of component once."""
-    return tuple(dict.fromkeys(placed.part for placed in parts))
 
 
 BOARD_FILE_NAME = "led_board"

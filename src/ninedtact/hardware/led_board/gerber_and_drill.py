@@ -7,18 +7,17 @@ Format Specification). One drill file has the plated holes, another the unplated
 from dataclasses import dataclass, field
 from typing import Literal
 
-from shapely import Polygon, affinity
+from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import OutlineSegment, PointMm
 from ninedtact.hardware.led_board.complete_layout import BoardLayout
 from ninedtact.hardware.led_board.components import BoardSide
-from ninedtact.hardware.led_board.copper_geometry import merge_polygon_holes, pad_polygon, split_polygons
+from ninedtact.hardware.led_board.copper_geometry import merge_polygon_holes, pad_polygon, ring_points, split_polygons
 from ninedtact.hardware.led_board.netlist_and_pads import BoardPad, DrilledHole
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 
 BoardLayer = Literal["copper", "mask", "paste", "silk"]
-SILKSCREEN_LINE_MM = 0.15
 THERMAL_PASTE_MM = 0.55
 """Side of the five paste windows on the driver's thermal pad: with paste on the whole pad, the driver floats."""
 THERMAL_WINDOWS = (0.0, 0.0), (0.7, 0.0), (0.0, 0.7), (-0.7, 0.0), (0.0, -0.7)
@@ -106,11 +105,7 @@ def solder_paste_openings(pad: BoardPad) -> tuple[_FlashedRectangle, ...]:
 def _silkscreen_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
     """Return a bar at each cathode and at pin 1 of the driver, and the designators for which there is space."""
     marks = [(part, part.part.footprint.mark_mm) for part in layout.parts if part.side == side]
-    bars = [
-        _DrawnStroke(SILKSCREEN_LINE_MM, tuple(part.to_board_frame(end) for end in mark))
-        for part, mark in marks
-        if mark
-    ]
+    bars = [_DrawnStroke(PEN_MM, tuple(part.to_board_frame(end) for end in mark)) for part, mark in marks if mark]
     return (*bars, *(_DrawnStroke(PEN_MM, line) for word in place_designators(layout, side) for line in word.lines))
 
 
@@ -121,12 +116,7 @@ def flash_pad(pad: BoardPad, margin_mm: float) -> _FlashedRectangle | FlashedPol
     shape: BaseGeometry = pad_polygon(pad)
     (outer,) = split_polygons(shape.buffer(margin_mm) if margin_mm else shape)
     at_origin = affinity.translate(outer, -pad.at_mm[0], -pad.at_mm[1])
-    return FlashedPolygon(pad.at_mm, _contour_points(at_origin))
-
-
-def _contour_points(polygon: Polygon) -> tuple[PointMm, ...]:
-    """Return the outer contour of a polygon, not closed."""
-    return tuple((x, y) for x, y in polygon.exterior.coords[:-1])
+    return FlashedPolygon(pad.at_mm, tuple(ring_points(at_origin.exterior)))
 
 
 FIRST_APERTURE = 10

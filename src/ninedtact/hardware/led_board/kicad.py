@@ -18,7 +18,6 @@ from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout
 from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.copper_geometry import merge_polygon_holes
 from ninedtact.hardware.led_board.gerber_and_drill import (
-    SILKSCREEN_LINE_MM,
     THERMAL_PASTE_MM,
     FlashedPolygon,
     flash_pad,
@@ -131,42 +130,28 @@ def _footprint_mark(part: PlacedComponent, letter: str) -> list[Expression]:
         return []
     start, end = (part.to_board_frame(place) for place in part.part.footprint.mark_mm)
     ends = _relative_point("start", start, part.at_mm), _relative_point("end", end, part.at_mm)
-    return [("fp_line", *ends, ("layer", _quote(f"{letter}.SilkS")), ("width", SILKSCREEN_LINE_MM))]
+    return [("fp_line", *ends, ("layer", _quote(f"{letter}.SilkS")), ("width", PEN_MM))]
 
 
 def _footprint_pad(pad: BoardPad, origin: PointMm, letter: str, names: _NetNumbers) -> Expression:
     """Return one pad."""
-    number = _quote(pad.land.number)
+    number, identity = _quote(pad.land.number), _identity(f"pad {pad.pin}")
     net = (("net", names.number(pad.net), _quote(pad.net)),) if pad.net else ()
     where, solid = _relative_point("at", pad.at_mm, origin), () if pad.land.pour_gap else (("zone_connect", 2),)
-    layers: Expression = ("layers", *(_quote(f"{letter}.{name}") for name in _pad_layers(pad)))
-    tail = (*net, *solid, _identity(f"pad {pad.pin}"))
-    size = ("size", *pad.size_mm)
+    size: Expression = ("size", *pad.size_mm)
     if pad.hole and pad.land.slot_mm:
-        drill, everywhere = ("drill", "oval", *pad.land.slot_mm), ("layers", _quote("*.Cu"), _quote("*.Mask"))
-        return ("pad", number, "thru_hole", "oval", where, size, drill, everywhere, *tail)
+        drill = ("drill", "oval", *pad.land.slot_mm)
+        return ("pad", number, "thru_hole", "oval", where, size, drill, ALL_LAYERS, *net, *solid, identity)
+    used = ("Cu", "Paste", "Mask") if pad.land.paste else ("Cu", "Mask")
+    layers: Expression = ("layers", *(_quote(f"{letter}.{name}") for name in used))
+    kind = "rect"
+    rounding: tuple[Expression, ...] = ()
+    outline: tuple[Expression, ...] = ()
     if pad.bites:
-        return (
-            "pad",
-            number,
-            "smd",
-            "custom",
-            where,
-            ("size", 0.5, 0.5),
-            layers,
-            *tail[:-1],
-            *_custom_pad_shape(pad),
-            tail[-1],
-        )
-    if pad.land.corner_mm:
-        share = pad.land.corner_mm / min(pad.size_mm)
-        return ("pad", number, "smd", "roundrect", where, size, layers, ("roundrect_rratio", share), *tail)
-    return ("pad", number, "smd", "rect", where, size, layers, *tail)
-
-
-def _pad_layers(pad: BoardPad) -> tuple[str, ...]:
-    """Return the layers of a pad without a hole."""
-    return ("Cu", "Paste", "Mask") if pad.land.paste else ("Cu", "Mask")
+        kind, size, outline = "custom", ("size", 0.5, 0.5), _custom_pad_shape(pad)
+    elif pad.land.corner_mm:
+        kind, rounding = "roundrect", (("roundrect_rratio", pad.land.corner_mm / min(pad.size_mm)),)
+    return ("pad", number, "smd", kind, where, size, layers, *rounding, *net, *solid, *outline, identity)
 
 
 def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
@@ -185,17 +170,19 @@ def _paste_pads(pad: BoardPad, part: PlacedComponent, letter: str) -> list[Expre
     return [("pad", _quote(""), "smd", "rect", place, size, layers) for place in places]
 
 
-def _peg_holes(part: PlacedComponent) -> list[Expression]:
-    """Return the holes for the pegs of a component."""
-    found: list[Expression] = []
+ALL_LAYERS: Expression = ("layers", _quote("*.Cu"), _quote("*.Mask"))
+
+
+def _unplated_hole(where: Expression, diameter_mm: float, *more: Expression) -> Expression:
+    """Return a hole without copper."""
+    size = ("size", diameter_mm, diameter_mm), ("drill", diameter_mm)
+    return ("pad", _quote(""), "np_thru_hole", "circle", where, *size, ALL_LAYERS, *more)
+
+
+def _peg_holes(part: PlacedComponent) -> Iterator[Expression]:
+    """Yield the holes for the pegs of a component."""
     for x, y, diameter in part.part.footprint.pegs_mm:
-        where, layers = (
-            _relative_point("at", part.to_board_frame((x, y)), part.at_mm),
-            ("layers", _quote("*.Cu"), _quote("*.Mask")),
-        )
-        size = ("size", diameter, diameter), ("drill", diameter)
-        found.append(("pad", _quote(""), "np_thru_hole", "circle", where, *size, layers))
-    return found
+        yield _unplated_hole(_relative_point("at", part.to_board_frame((x, y)), part.at_mm), diameter)
 
 
 KICAD_LAYERS = (
@@ -258,13 +245,11 @@ def _silkscreen_lines(layout: BoardLayout, side: BoardSide) -> Iterator[Expressi
 
 def _locating_hole(number: int, place: tuple[float, float], outline: BoardOutline) -> Expression:
     """Return a locating hole as a footprint of its own, as KiCad requires."""
-    size = ("size", outline.locating_hole_mm, outline.locating_hole_mm)
-    hole = ("pad", _quote(""), "np_thru_hole", "circle", ("at", 0, 0), size, ("drill", outline.locating_hole_mm))
-    layers = ("layers", _quote("*.Cu"), _quote("*.Mask"))
+    hole = _unplated_hole(("at", 0, 0), outline.locating_hole_mm, _identity(f"hole {number} pad"))
     attributes = ("attr", "exclude_from_pos_files", "exclude_from_bom")
     return (
         *("footprint", _quote("ninedtact:locating_hole"), ("layer", _quote("F.Cu"))),
-        *(_identity(f"hole {number}"), _position(place), attributes, (*hole, layers, _identity(f"hole {number} pad"))),
+        *(_identity(f"hole {number}"), _position(place), attributes, hole),
     )
 
 
@@ -290,7 +275,7 @@ def _track_items(routes: Routes, names: _NetNumbers) -> list[Expression]:
             ("layer", _quote(COPPER_LAYER[track.side])),
             ("net", names.number(track.net)),
         )
-        for piece, (a, b) in enumerate(zip(track.points, track.points[1:], strict=False)):
+        for piece, (a, b) in enumerate(pairwise(track.points)):
             found.append(
                 (
                     "segment",

@@ -77,12 +77,3 @@ def _refusal(expected: str, got: str, remedy: str = "take one in that range") ->
 def operating_point_of_board(board: LedBoard) -> LedOperatingPoint:
     """Return current, brightness and heat of a board."""
     return compute_operating_point(board.resistor_ohm, len(board.leds.positions))
-
-
-def resistor_for_brightness(relative_brightness: float, leds: int = REFERENCE_LED_COUNT) -> float:
-    """Return the resistor for a brightness relative to the usual one; raises `LedBoardImpossible` where there is none."""
-    if not relative_brightness > 0:
-        raise _refusal("a brightness above zero", f"{relative_brightness:g}", "take one that is")
-    ohm = REFERENCE_RESISTOR_OHM / relative_brightness
-    compute_operating_point(ohm, leds)
-    return ohm

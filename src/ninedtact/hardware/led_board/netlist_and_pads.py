@@ -1,5 +1,6 @@
 """Netlist, pads and holes of the LED board. All LEDs are in parallel between U1's output and ground."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ninedtact.hardware.led_board.board_outline import PointMm
@@ -31,11 +32,6 @@ def build_netlist(board: LedBoard) -> tuple[Net, ...]:
         Net(LED_LINE, ("U1.5", "U1.6", *(f"{led}.2" for led in leds))),
         Net(SETTING, ("U1.1", "R1.2")),
     )
-
-
-def _net_of_pin(nets: tuple[Net, ...], pin: str) -> str | None:
-    """Return the name of the net of a pin; None if it stays open."""
-    return next((net.name for net in nets if pin in net.pins), None)
 
 
 @dataclass(frozen=True)
@@ -73,21 +69,28 @@ class BoardPad:
 
 def place_pads(board: LedBoard) -> tuple[BoardPad, ...]:
     """Return all pads, cut back where the connector's holes come through."""
-    nets, parts = build_netlist(board), place_components(board)
-    found = tuple(_place_pad(placed, land, nets) for placed in parts for land in placed.part.footprint.lands)
+    nets = {pin: net.name for net in build_netlist(board) for pin in net.pins}
+    components = place_components(board)
+    found = tuple(_place_pad(placed, land, nets) for placed in components for land in placed.part.footprint.lands)
     if not board.pads_give_way:
         return found
-    through = [_cutout_around_hole(hole, board.rules.copper_to_hole_mm) for hole in connector_peg_holes(board)]
-    legs = [_cutout_around_leg(pad, board.rules.clearance_mm) for pad in found if pad.hole]
-    return tuple(_cut_back(pad, (*through, *legs)) if pad.pin.startswith("LED") else pad for pad in found)
+    pegs = connector_peg_holes(board)
+    cutouts = [_cutout_around(hole, hole.width_mm, board.rules.copper_to_hole_mm) for hole in pegs]
+    cutouts += [_cutout_around(pad.hole, min(pad.size_mm), board.rules.clearance_mm) for pad in found if pad.hole]
+    return tuple(
+        replace(pad, bites=tuple(cutout for cutout in cutouts if _is_near(pad, cutout)))
+        if pad.pin.startswith("LED")
+        else pad
+        for pad in found
+    )
 
 
-def _place_pad(placed: PlacedComponent, land: Land, nets: tuple[Net, ...]) -> BoardPad:
-    """Return one pad of a component in its position on the board."""
+def _place_pad(placed: PlacedComponent, land: Land, nets: Mapping[str, str]) -> BoardPad:
+    """Return one pad of a component in its position on the board; `nets` are the names of the nets by pin."""
     pin, at = f"{placed.reference}.{land.number}", placed.to_board_frame(land.at_mm)
     hole = _slot_of_land(placed, land) if land.slot_mm else None
     sides: tuple[BoardSide, ...] = ("top", "bottom") if hole else (placed.side,)
-    return BoardPad(pin, _net_of_pin(nets, pin), sides, at, placed.size_on_board(land.size_mm), land, hole)
+    return BoardPad(pin, nets.get(pin), sides, at, placed.size_on_board(land.size_mm), land, hole)
 
 
 def _slot_of_land(placed: PlacedComponent, land: Land) -> DrilledHole:
@@ -108,20 +111,9 @@ def connector_peg_holes(board: LedBoard) -> tuple[DrilledHole, ...]:
     return tuple(holes)
 
 
-def _cutout_around_hole(hole: DrilledHole, gap_mm: float) -> PadCutout:
-    """Return the area that a hole and its clearance need."""
-    return PadCutout(hole.start_mm, hole.end_mm, hole.width_mm / 2 + gap_mm + 0.02)
-
-
-def _cutout_around_leg(pad: BoardPad, gap_mm: float) -> PadCutout:
-    """Return the area that the pad of a plated slot and its clearance need."""
-    assert pad.hole is not None
-    return PadCutout(pad.hole.start_mm, pad.hole.end_mm, min(pad.size_mm) / 2 + gap_mm + 0.02)
-
-
-def _cut_back(pad: BoardPad, bites: tuple[PadCutout, ...]) -> BoardPad:
-    """Return a pad with the cutouts that reach it."""
-    return replace(pad, bites=tuple(bite for bite in bites if _is_near(pad, bite)))
+def _cutout_around(hole: DrilledHole, wide_mm: float, gap_mm: float) -> PadCutout:
+    """Return the area that the copper or the drill around a hole, this wide, and its clearance need."""
+    return PadCutout(hole.start_mm, hole.end_mm, wide_mm / 2 + gap_mm + 0.02)
 
 
 def _is_near(pad: BoardPad, bite: PadCutout) -> bool:
