@@ -1,7 +1,7 @@
 """Mechanical rules: wall thicknesses, clearances, positions of bosses and posts, the USB slot and the cable's ramp.
 Lengths in mm."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, product
 from math import atan2, hypot, radians, sqrt, tan
@@ -30,11 +30,12 @@ class DesignRulesBroken(DesignImpossible):
         super().__init__("; also ".join(f"{each.message} (rule {each.rule})" for each in self.broken))
 
 
+DesignRule = Callable[[HardwareDesign], Iterator[BrokenRule]]
 MIN_WALL_MM = 0.8
 """Least wall thickness: two lines of a nozzle of 0.4 mm; laser-sintered nylon needs 0.7."""
 
 
-def check_wall_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_wall_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Yield every wall that is too thin to print or to hold."""
     for name, thick in _wall_thicknesses(design):
         if thick < MIN_WALL_MM - 1e-9:
@@ -58,7 +59,7 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
         yield "shell.relief_left_mm", shell.relief_left_mm
 
 
-def check_isolation_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_isolation_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the isolation ring's cone opens from its bore to its land within its height."""
     ring, levels = design.ring, design.heights
     wider = (design.plan_view.ring_side - ring.bore_mm) / 2 - ring.land_mm
@@ -90,7 +91,7 @@ class _BossPattern:
     """The dimension that determines their positions."""
 
 
-def check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Yield pairs of faces that overlap; tight ones are only reported by `hardware check`."""
     for clearance in list_clearances(design):
         if clearance.is_impossible:
@@ -101,7 +102,7 @@ def check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
             )
 
 
-def check_boss_distances(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_boss_distances(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Yield patterns of bosses and posts that overlap, seen from above."""
     for one, other in combinations(_boss_patterns(design), 2):
         gap_mm = min(hypot(x - u, y - v) for (x, y), (u, v) in product(one.places, other.places))
@@ -125,44 +126,29 @@ def _boss_patterns(design: HardwareDesign) -> tuple[_BossPattern, ...]:
     )
 
 
-def check_post_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Check that the locating posts are clear of the shell's wall, the camera's pocket, the receptacle and the driver."""
-    base, plan, radius = design.base, design.plan_view, design.base.post_mm / 2
-    x, y = max(plan.posts)
-    if x + radius > plan.cavity[0] / 2 or y + radius > plan.cavity[1] / 2:
-        yield BrokenRule(
-            "post_in_wall",
-            f"expected the locating posts within the shell's cavity, got them at ({x:g}, {y:g}) mm; enlarge "
-            "board.locating_inset_mm",
-        )
-    inside = max(base.pocket_wide_mm, design.board.usb_mm[0]) / 2
-    driver = design.board.driver_at_mm[0] + design.board.driver_mm[0] / 2
-    if x - radius < max(inside, driver):
-        yield BrokenRule(
-            "post_in_pocket",
-            f"expected the locating posts beyond {max(inside, driver):.2f} mm from the middle, clear of camera, receptacle and "
-            f"driver, got {x - radius:.2f} mm; reduce board.locating_inset_mm",
-        )
+def _check_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Check that insert bosses and locating posts are clear of the shell's wall, and of what lies in the middle: the
+    camera's pocket, the receptacle and, for the posts, the driver."""
+    inserts, posts, _ = _boss_patterns(design)
+    cavity, board = design.plan_view.cavity, design.board
+    inside = max(design.base.pocket_wide_mm, board.usb_mm[0]) / 2
+    driver = board.driver_at_mm[0] + board.driver_mm[0] / 2
+    for pattern, name, least in ((inserts, "mount", inside + 0.5), (posts, "post", max(inside, driver))):
+        (x, y), radius = max(pattern.places), pattern.radius_mm
+        if x - radius < least:
+            yield BrokenRule(
+                f"{name}_in_pocket",
+                f"expected {pattern.name} beyond {least:.2f} mm from the middle, clear of camera, receptacle and driver, got "
+                f"{x - radius:.2f} mm; reduce {pattern.set_by}",
+            )
+        if x + radius > cavity[0] / 2 or y + radius > cavity[1] / 2:
+            yield BrokenRule(
+                f"{name}_in_wall",
+                f"expected {pattern.name} within the shell's cavity, got them at ({x:g}, {y:g}) mm; enlarge {pattern.set_by}",
+            )
 
 
-def check_insert_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Check that the insert bosses are clear of the pocket, the receptacle and the shell's wall."""
-    base, radius, (x, y) = design.base, design.base.boss_mm / 2, max(design.plan_view.mount_inserts)
-    inside = max(base.pocket_wide_mm, design.board.usb_mm[0]) / 2 + 0.5
-    if x - radius < inside:
-        yield BrokenRule(
-            "mount_in_pocket",
-            f"expected the insert bosses beyond {inside:.2f} mm from the middle, got {x - radius:.2f} mm; reduce "
-            "base.mount_inset_mm",
-        )
-    if x + radius > design.plan_view.cavity[0] / 2 or y + radius > design.plan_view.cavity[1] / 2:
-        yield BrokenRule(
-            "mount_in_wall",
-            f"expected the insert bosses within the shell's cavity, got them at ({x:g}, {y:g}) mm; enlarge base.mount_inset_mm",
-        )
-
-
-def check_usb_slot(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_usb_slot(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the receptacle fits the slot and that the slot does not cut the shell's floor."""
     shell, levels, board = design.shell, design.heights, design.board
     if shell.slot_wide_mm < board.usb_mm[0]:
@@ -178,7 +164,7 @@ def check_usb_slot(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
-def check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the ramp of the flat cable climbs outwards behind the camera's pocket and that its two blends fit on
     it."""
     base = design.base
@@ -206,3 +192,14 @@ def check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
             f"expected {bend * base.ramp_foot_round_mm:.2f} mm between the camera's pocket and the cable's ramp, got "
             f"{before:.2f} mm; reduce base.ramp_foot_mm",
         )
+
+
+MECHANICAL_RULES: tuple[DesignRule, ...] = (
+    _check_wall_thickness,
+    _check_isolation_ring_cone,
+    _check_clearances,
+    _check_boss_distances,
+    _check_boss_positions,
+    _check_usb_slot,
+    _check_cable_ramp,
+)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import sqrt
 
-from ninedtact.hardware.buildability.mechanical_rules import BrokenRule
+from ninedtact.hardware.buildability.mechanical_rules import BrokenRule, DesignRule
 from ninedtact.hardware.design import (
     HardwareDesign,
     lens_reach_mm,
@@ -20,7 +20,7 @@ M3_NUT_WIDTH_MM = 6.4
 """Width of an M3 nut across its corners (ISO 4032: 6.01 at least)."""
 
 
-def check_mould_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_mould_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the first mould, which is as thick as the gel, can be clamped."""
     thick = design.sensor.gel.thickness_mm
     if thick < MIN_MOULD_MM:
@@ -31,7 +31,7 @@ def check_mould_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
-def check_screw_lengths(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_screw_lengths(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the M2 screws engage the shell's inserts through the base and through the base board."""
     screw, deepest = design.fasteners.screw_mm, design.shell.bore_deep_mm
     for name, through in (
@@ -46,7 +46,7 @@ def check_screw_lengths(design: HardwareDesign) -> Iterator[BrokenRule]:
             )
 
 
-def check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the knurl of the inserts melts into the bore and stays within the boss."""
     knurl, base, shell = design.fasteners.insert_mm[0], design.base, design.shell
     for name, bore, boss in (("base", base.bore_mm, base.boss_mm), ("shell", shell.bore_mm, shell.boss_mm)):
@@ -58,7 +58,7 @@ def check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
             )
 
 
-def check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the translucent gel and its black coat end on the shell's rim."""
     plan = design.plan_view
     if min(plan.outer[axis] - plan.black[axis] for axis in (0, 1)) < 0:
@@ -69,7 +69,7 @@ def check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
-def check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the calibration board slides over the shell's corners."""
     frame, shell = design.pin_frame, design.shell
     inside = max(frame.corner_radius_mm - frame.wall_mm, 0.0)
@@ -82,7 +82,7 @@ def check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
-def check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the M3 screws of the moulds and their nuts are clear of the shell."""
     (wide, deep), gap_mm = design.plan_view.outer, M3_NUT_WIDTH_MM / 2
     for x, y in design.plan_view.clamps:
@@ -100,7 +100,7 @@ MIN_PIN_GAP_MM = 0.6
 """Least distance between pins, so that their imprints stay apart."""
 
 
-def check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the camera is not unreasonably far from the skin."""
     distance = design.sensor.camera.distance_mm
     if distance > MAX_CAMERA_DISTANCE_MM:
@@ -111,7 +111,7 @@ def check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
-def check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the lens sees the corners of the sensing area through air, acrylic and silicone."""
     reach, corner = lens_reach_mm(design), sensing_corner_radius_mm(design)
     if reach < corner - 1e-6:
@@ -122,7 +122,7 @@ def check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
-def check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the window does not cut off the cone of view at its upper face."""
     reach, half = lens_reach_mm(design, design.heights.window_top), design.window.side_mm / 2
     if reach > half:
@@ -132,7 +132,7 @@ def check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
-def check_pins_in_view(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_pins_in_view(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that all pins press within the sensing area, so that their imprints are seen whole."""
     board, area = design.sensor.pin_board, design.sensor.sensing_area
     for axis, count, side in (("cols", board.cols, area.width_mm), ("rows", board.rows, area.height_mm)):
@@ -150,7 +150,7 @@ def _pin_count_remedy(axis: str, most: int) -> str:
     return f"set pin_board.{axis} to {most}" if most >= 3 else "narrow pin_board.pitch_mm and take thinner pins"
 
 
-def check_pin_spacing(design: HardwareDesign) -> Iterator[BrokenRule]:
+def _check_pin_spacing(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the imprints of neighbouring pins stay apart and that the pins are tall enough."""
     board = design.sensor.pin_board
     if board.pitch_mm < board.pin_diameter_mm + MIN_PIN_GAP_MM:
@@ -165,3 +165,18 @@ def check_pin_spacing(design: HardwareDesign) -> Iterator[BrokenRule]:
             f"expected pins as tall as half their diameter, {board.pin_diameter_mm / 2:g} mm, got "
             f"{design.pin_frame.pin_tall_mm:g} mm; raise pin_frame.pin_tall_mm",
         )
+
+
+MOULDING_AND_VIEW_RULES: tuple[DesignRule, ...] = (
+    _check_camera_distance,
+    _check_lens_coverage,
+    _check_window_size,
+    _check_pins_in_view,
+    _check_pin_spacing,
+    _check_mould_thickness,
+    _check_screw_lengths,
+    _check_insert_bores,
+    _check_gel_seat,
+    _check_calibration_board_fit,
+    _check_clamp_positions,
+)
