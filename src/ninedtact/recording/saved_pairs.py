@@ -2,22 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import Wrench
 from ninedtact.recording.errors import RecordingUnreadable
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ninedtact.recording.reader import Recording
-    from ninedtact.recording.ros_messages import PairLabel
 
 PairKind = Literal["rule", "light_touch", "no_contact"]
 """Why a pair was saved: the sampling rule kept it; its load is below the start of the rule; nothing touches the skin."""
@@ -62,58 +55,35 @@ def read_saved_pairs(recording: Path | str) -> Iterator[SavedPair]:
     Raises `CameraNotFound` where there is no file, and `RecordingUnreadable`.
     """
     from ninedtact.recording.reader import Recording
+    from ninedtact.recording.ros_messages import Topic
 
     with Recording(recording) as opened:
-        reader = _SavedPairReader(opened)
-        for label in opened.kept_labels():
-            yield reader.pair(label)
-
-
-class _SavedPairReader:
-    """Finds image and reference images of the labels of an open recording."""
-
-    def __init__(self, recording: "Recording") -> None:
-        self.recording = recording
-
-    def pair(self, label: "PairLabel") -> SavedPair:
-        """Return the pair of a label; raises `RecordingUnreadable` where its images are missing."""
-        kinds = [kind for kind in PAIR_KINDS if kind == label.kind]
-        if not kinds or label.stamp_ns not in self.image_positions or label.reference not in self.references:
-            raise RecordingUnreadable(
-                f"expected a pair of {', '.join(PAIR_KINDS)} with its images in {self.recording.path}, got a {label.kind!r} at "
-                f"{label.stamp_ns} ns; restore the file from a copy"
-            )
-        return SavedPair(
-            image=self.recording.frame(self.image_positions[label.stamp_ns]).image,
-            wrench=label.wrench,
-            object=label.object,
-            contact=label.contact,
-            kind=kinds[0],
-            time_ns=label.stamp_ns,
-            sensor=self.recording.sensor,
-            reference=self.references[label.reference],
-        )
-
-    @cached_property
-    def image_positions(self) -> "dict[int, np.void]":
-        """Position of the image of each stamp."""
-        from ninedtact.recording.ros_messages import Topic
-
-        stamps_ns = self.recording.stamps_ns(Topic.IMAGES).tolist()
-        return dict(zip(stamps_ns, self.recording.positions(Topic.IMAGES), strict=True))
-
-    @cached_property
-    def references(self) -> dict[int, TareReferenceImages]:
-        """The reference images of each tare."""
-        from ninedtact.recording.ros_messages import Topic
-
-        frames = groupby(self.recording.frames(Topic.REFERENCE), key=lambda frame: frame.index)
-        return {
+        stamps_ns = opened.stamps_ns(Topic.IMAGES).tolist()
+        image_positions = dict(zip(stamps_ns, opened.positions(Topic.IMAGES), strict=True))
+        frames_of_tares = groupby(opened.frames(Topic.REFERENCE), key=lambda frame: frame.index)
+        references = {
             tare: TareReferenceImages(
-                f"{self.recording.metadata.id}-u{tare:03d}", tuple(_read_only(frame.image) for frame in of_tare)
+                f"{opened.metadata.id}-u{tare:03d}", tuple(_read_only(frame.image) for frame in frames)
             )
-            for tare, of_tare in frames
+            for tare, frames in frames_of_tares
         }
+        for label in opened.kept_labels():
+            kind = next((kind for kind in PAIR_KINDS if kind == label.kind), None)
+            if kind is None or label.stamp_ns not in image_positions or label.reference not in references:
+                raise RecordingUnreadable(
+                    f"expected a pair of {', '.join(PAIR_KINDS)} with its images in {opened.path}, got a {label.kind!r} at "
+                    f"{label.stamp_ns} ns; restore the file from a copy"
+                )
+            yield SavedPair(
+                image=opened.frame(image_positions[label.stamp_ns]).image,
+                wrench=label.wrench,
+                object=label.object,
+                contact=label.contact,
+                kind=kind,
+                time_ns=label.stamp_ns,
+                sensor=opened.sensor,
+                reference=references[label.reference],
+            )
 
 
 def _read_only(image: Array) -> Array:

@@ -60,16 +60,15 @@ class RateMeter:
 
 
 class _IndentationHistory:
-    """The maximum indentation of every reading of the last `span_s` seconds."""
+    """The maximum indentation of every reading of the last `HISTORY_S` seconds."""
 
-    def __init__(self, span_s: float = HISTORY_S) -> None:
-        self.span_s = span_s
+    def __init__(self) -> None:
         self._depths: deque[tuple[int, float]] = deque()
 
     def add(self, at_ns: int, indentation_mm: float) -> None:
         """Append the maximum indentation of one reading."""
         self._depths.append((at_ns, indentation_mm))
-        while at_ns - self._depths[0][0] > self.span_s * NS_PER_S:
+        while at_ns - self._depths[0][0] > HISTORY_S * NS_PER_S:
             self._depths.popleft()
 
     def until(self, now_ns: int) -> Float64[Array, "2 n"]:

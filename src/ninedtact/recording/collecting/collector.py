@@ -16,7 +16,7 @@ import numpy as np
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.collecting.force_coverage import CountedPair, PairCounts
+from ninedtact.recording.collecting.force_coverage import PairCounts
 from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,
@@ -261,7 +261,7 @@ class Collector:
             frame.stamp_ns, frame.index, self.reference.number, name, contact, kind, wrench=candidate.wrench
         )
         self.writer.write_label(label)
-        self.counts.add(CountedPair(kind, name, contact, candidate.wrench.six))
+        self.counts.add(label)
 
     def _report(self, fault: SampleFault | None) -> None:
         if fault is not None:

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.training_pair_rule import SixFloats
-from ninedtact.recording.saved_pairs import PairKind
+from ninedtact.recording.ros_messages import PairLabel
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 AXIS_UNITS = ("N", "N", "N", "N·mm", "N·mm", "N·mm")
@@ -19,28 +19,18 @@ _SCARCE_FRACTION = 0.02
 """Fraction of the pairs below which a bin counts as missing."""
 
 
-@dataclass(frozen=True)
-class CountedPair:
-    """The data of a saved pair that the counts need."""
-
-    kind: PairKind
-    object: str
-    contact: str
-    six: Float64[Array, "6"]
-
-
 @dataclass
 class PairCounts:
     """All pairs that were saved in this session, undone contacts excluded."""
 
     ranges: SixFloats
-    pairs: list[CountedPair] = field(default_factory=list)
+    pairs: list[PairLabel] = field(default_factory=list)
     kinds: Counter[str] = field(default_factory=Counter)
     objects: Counter[str] = field(default_factory=Counter)
     counts: Array = field(default_factory=lambda: np.zeros((6, _BINS), int))
     """Pairs in each of the twelve bins of each axis; values beyond the range count in the last bin."""
 
-    def add(self, pair: CountedPair) -> None:
+    def add(self, pair: PairLabel) -> None:
         """Count one more saved pair."""
         self.pairs.append(pair)
         self._count(pair, +1)
@@ -53,11 +43,11 @@ class PairCounts:
             self._count(pair, -1)
         return len(undone)
 
-    def _count(self, pair: CountedPair, by: int) -> None:
+    def _count(self, pair: PairLabel, by: int) -> None:
         self.kinds[pair.kind] += by
         self.objects[pair.object] += by
         low, high = self.limits
-        bins = ((pair.six - low) / (high - low) * _BINS).astype(int).clip(0, _BINS - 1)
+        bins = ((pair.wrench.six - low) / (high - low) * _BINS).astype(int).clip(0, _BINS - 1)
         self.counts[np.arange(6), bins] += by
 
     @property
