@@ -118,17 +118,15 @@ class ImageList(FrameSource):
             self._next_index = None
 
 
-class ImageFolder(CameraBackend):
+class ImageFolder(ImageList, CameraBackend):
     """A frame source of the images of a folder in the order of their names (2 before 10), all of one size."""
 
     address_help = "a folder of images"
     is_live = False
 
     def __init__(self, folder: str | Path, recorded_hz: float = 10.0) -> None:
+        super().__init__((), f"folder {folder}", recorded_hz)
         self.folder = Path(folder)
-        self.name = f"folder {folder}"
-        self.recorded_hz = recorded_hz
-        self._images: ImageList | None = None
 
     @classmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "ImageFolder | None":
@@ -137,29 +135,14 @@ class ImageFolder(CameraBackend):
         return cls(folder) if address and folder.is_dir() else None
 
     def open(self) -> None:
-        """List the images; raises `CameraNotFound` where there are none."""
-        if self._images is not None:
+        """List the images, anew at every opening; raises `CameraNotFound` where there are none."""
+        if self._next_index is not None:
             return
-        paths = _list_images(self.folder)
-        if not paths:
+        self.images = tuple(_list_images(self.folder))
+        if not self.images:
             kinds = ", ".join(IMAGE_SUFFIXES)
             raise CameraNotFound(f"expected a folder of images ({kinds}), got none in {self.folder}; check the path")
-        images = ImageList(paths, self.name, self.recorded_hz)
-        images.open()
-        self._images = images
-
-    def read(self) -> Frame:
-        """Return the next image; raises what `ImageList.read` raises."""
-        images = self._images
-        if images is None:
-            raise SourceNotOpen(self.name)
-        return images.read()
-
-    def close(self) -> None:
-        """Close the folder; opening it again lists its images anew."""
-        images, self._images = self._images, None
-        if images is not None:
-            images.close()
+        super().open()
 
 
 def _list_images(folder: Path) -> list[Path]:
