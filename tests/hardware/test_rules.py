@@ -21,11 +21,12 @@ from ninedtact.hardware.design import (
     required_camera_distance_mm,
 )
 from ninedtact.hardware.dimensions.bought_parts import CameraDimensions, FastenerDimensions, LedBoardDimensions
-from ninedtact.hardware.dimensions.gels_and_moulds import GelLayerDimensions, MouldDimensions
-from ninedtact.hardware.dimensions.printed_and_cut_parts import (
+from ninedtact.hardware.dimensions.made_parts import (
     BaseDimensions,
     CalibrationBoardDimensions,
+    GelLayerDimensions,
     IsolationRingDimensions,
+    MouldDimensions,
     ShellDimensions,
     WindowDimensions,
 )

@@ -32,14 +32,16 @@ from ninedtact.hardware.dimensions.bought_parts import (
     FastenerDimensions,
     LedBoardDimensions,
 )
-from ninedtact.hardware.dimensions.gels_and_moulds import ORIGINAL_MOULDS, GelLayerDimensions, MouldDimensions
-from ninedtact.hardware.dimensions.printed_and_cut_parts import (
+from ninedtact.hardware.dimensions.made_parts import (
     ORIGINAL_BASE,
+    ORIGINAL_MOULDS,
     ORIGINAL_RING,
     ORIGINAL_SHELL,
     BaseDimensions,
     CalibrationBoardDimensions,
+    GelLayerDimensions,
     IsolationRingDimensions,
+    MouldDimensions,
     ShellDimensions,
     WindowDimensions,
 )
