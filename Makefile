@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test lint types coverage docs benchmarks clean
+.PHONY: demo real test test-cluster lint types coverage docs benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -20,6 +20,10 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 	$(INSTALL) -e '.[studio,train,hardware,dev]'
 	touch $@ .venv/ready-demo
 
+.venv/ready-cluster: .venv/ready
+	$(INSTALL) -e '.[cluster]'
+	touch $@
+
 .venv/ready-docs: .venv/ready
 	$(INSTALL) -e '.[docs]'
 	touch $@
@@ -28,6 +32,10 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 test: .venv/ready lint types
 	.venv/bin/python -m pytest -n 2 --dist loadfile --ignore tests/mechanics
 	NINEDTACT_CHECK_MECHANICS=1 .venv/bin/python -m pytest -n 2 --dist loadfile tests/mechanics
+
+# Work on local clusters of Dask and Ray, which are started and ended here. Types are checked by `make test`.
+test-cluster: .venv/ready-cluster
+	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
 lint: .venv/ready
 	.venv/bin/ruff check .

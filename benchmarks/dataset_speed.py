@@ -36,7 +36,7 @@ def cpu_ms(pairs: int = 100) -> float:
     """Of one file in this process, whoever else uses the machine."""
     with TemporaryDirectory() as folder:
         began = process_time()
-        made = generate_file(Path(folder) / "one.parquet", GenerationSettings(pairs, sensors=2), 0)
+        made = generate_file(Path(folder), "one.parquet", GenerationSettings(pairs, sensors=2), 0)
     return 1e3 * (process_time() - began) / made
 
 

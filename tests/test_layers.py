@@ -13,6 +13,7 @@ PACKAGE = Path(ninedtact.__file__).parent
 
 LAYERS = [
     {"_version", "errors", "atomic_write"},
+    {"parallel_jobs"},
     {"quantities", "design", "design_file"},
     {"mechanics", "capture", "shape"},
     {"reading"},

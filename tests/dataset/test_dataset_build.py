@@ -23,9 +23,10 @@ from ninedtact.dataset.build import BuildSettings, build_dataset
 from ninedtact.dataset.card import LicenceImpossible
 from ninedtact.dataset.checks import CheckSettings, CheckSettingsImpossible
 from ninedtact.dataset.folder import DatasetFolderTaken, DatasetUnfinished
-from ninedtact.dataset.parquet_files import DatasetDamaged, WorkersImpossible
+from ninedtact.dataset.parquet_files import DatasetDamaged
 from ninedtact.dataset.quality_report import NoUsablePairs
 from ninedtact.dataset.sources.source import SourceUnknown
+from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px
 
 KEPT = ("reference_id", "wrench", "object", "contact_id", "step", "time_ns", "sensor", "kind")

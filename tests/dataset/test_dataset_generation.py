@@ -20,11 +20,11 @@ from ninedtact.dataset.generation.generate import GenerationResult, generate_dat
 from ninedtact.dataset.generation.press_trajectory import PressSettings, PressTarget, SimulatedPressTrajectory
 from ninedtact.dataset.generation.session import make_setup
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
-from ninedtact.dataset.parquet_files import WorkersImpossible
 from ninedtact.dataset.schema import arrow_schema
 from ninedtact.dataset.statistics import REAL_PERCENTILES, move_to_force_sensor, percentile_errors, wrench_percentiles
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.batched.session_requests import run_on_processor
 from ninedtact.simulation.objects.catalogue import UnknownObject
 from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor, sampled_sensor_from_json

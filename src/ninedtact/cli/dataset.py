@@ -65,6 +65,8 @@ class BuildDatasetCommand:
     """Licence of the data, as Hugging Face names it: mit, cc-by-4.0."""
     workers: int = 2
     """Number of processes; one for each core."""
+    cluster: str | None = None
+    """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
     sensor: Path | None = None
     """Sensor folder for recordings that contain none."""
     sensor_name: str | None = None
@@ -87,11 +89,13 @@ class BuildDatasetCommand:
         from ninedtact.dataset.folder import REPORT_FILE
         from ninedtact.dataset.quality_report import require_no_faults
         from ninedtact.dataset.sources.find_sources import find_sources
+        from ninedtact.parallel_jobs import connect_workers
 
         try:
             sources = find_sources(self.sources, self._conventions())
             settings = BuildSettings(self.limits.to_check_settings(), self.drop, self.licence)
-            built = build_dataset(self.out, sources, settings, self.workers, progress=not self.json)
+            with connect_workers(self.workers, self.cluster) as workers:
+                built = build_dataset(self.out, sources, settings, workers, progress=not self.json)
         except KeyboardInterrupt:
             raise DatasetStopped(self.out) from None
         print_result(self.json, _build_to_json_dict(built), _format_build(built))

@@ -143,6 +143,10 @@ class ExploreCommand:
     calibrated: bool = False
     """Calibrate each twin by its board and ball, and report the errors of depth and of load for a press of another
     ball. Takes half a minute for each design."""
+    workers: int = 1
+    """Number of processes; one for each core."""
+    cluster: str | None = None
+    """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
     out: Path | None = None
     """Folder for explore.csv, explore.png and a design file of every design."""
     json: bool = False
@@ -154,12 +158,14 @@ class ExploreCommand:
         from tqdm import tqdm
 
         from ninedtact.hardware.explore.design_sweep import explore_designs, format_comparison_table
+        from ninedtact.parallel_jobs import connect_workers
 
         basis = self.design_options.read_hardware()
         choices = [*self.design_sweep.designs(basis)]
         self._create_folder()
-        looked = explore_designs(choices, self.calibrated)
-        found = list(tqdm(looked, total=len(choices), unit="design", disable=None, leave=False))
+        with connect_workers(self.workers, self.cluster) as workers:
+            explored = explore_designs(choices, self.calibrated, workers)
+            found = list(tqdm(explored, total=len(choices), unit="design", disable=None, leave=False))
         table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
         return print_result(self.json, table, format_comparison_table(found))
 

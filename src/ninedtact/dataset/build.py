@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from socket import gethostname
 from typing import Any
 
 import msgspec
@@ -22,8 +23,6 @@ from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_f
 from ninedtact.dataset.parquet_files import (
     copy_pair_file,
     iterate_rows,
-    require_workers,
-    run_in_processes,
     write_pair_file,
     write_reference_file,
 )
@@ -35,9 +34,12 @@ from ninedtact.dataset.quality_report import (
     write_quality_report,
 )
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, to_utf8
-from ninedtact.dataset.sources.source import Source, SourcePart
+from ninedtact.dataset.sources.source import Source, SourcePart, SourceUnknown
 from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_statistics
 from ninedtact.dataset.stored_images import stored_image_bytes
+from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
+
+_CHECK_SUFFIX = ".check.json"
 
 
 @dataclass(frozen=True)
@@ -67,20 +69,24 @@ def build_dataset(
     out: Path,
     sources: Sequence[Source],
     settings: BuildSettings = BuildSettings(),
-    workers: int = 1,
+    workers: Workers = 1,
     *,
     progress: bool = False,
 ) -> BuildResult:
     """Build a data set from sources, or continue a build that was stopped.
 
-    out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes. Raises
-    `SourceUnknown`, `DatasetFolderTaken`, `NoUsablePairs`, `FileNotWritten`, `WorkersImpossible`.
+    out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes, or a cluster
+    whose workers read the sources at the same paths. Raises `SourceUnknown`, `DatasetFolderTaken`, `NoUsablePairs`,
+    `FileNotWritten`, `WorkersImpossible`.
     """
+    require_workers(workers)
+    if isinstance(workers, Cluster):
+        _require_absolute_paths(sources)
     folder = DatasetFolder(out)
     parts = [part for source in sources for part in source.parts()]
     begin_dataset_folder(folder, _identify_build(sources, settings), [source.path for source in sources])
     if not folder.is_finished:
-        _make_missing_parts(folder, parts, settings, workers, progress)
+        _make_missing_parts(folder, sources, parts, settings, workers, progress)
         _combine_parts(folder, sources, len(parts), settings)
     _remove_parts(folder)
     return BuildResult(out, read_quality_report(folder.report), _folder_statistics(folder))
@@ -98,17 +104,25 @@ def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[
 
 
 def _make_missing_parts(
-    folder: DatasetFolder, parts: Sequence[SourcePart], settings: BuildSettings, workers: int, progress: bool
+    folder: DatasetFolder,
+    sources: Sequence[Source],
+    parts: Sequence[SourcePart],
+    settings: BuildSettings,
+    workers: Workers,
+    progress: bool,
 ) -> None:
     """Make the parts that no earlier run made, in any order."""
     from tqdm import tqdm
 
-    require_workers(workers)
     make_folder(folder.parts)
-    files = [_PartFiles(folder.parts, number) for number in range(len(parts))]
-    jobs = [(part, file, settings.checks) for part, file in zip(parts, files, strict=True) if not file.is_made]
+    paths = {source.name: _source_paths(source) for source in sources}
+    jobs = [
+        (part, paths[part.source], number, settings.checks)
+        for number, part in enumerate(parts)
+        if not _PartFiles(folder.parts, number).is_made
+    ]
     with tqdm(total=len(parts), initial=len(parts) - len(jobs), unit="file", disable=not progress) as bar:
-        for _, pairs in run_in_processes(_make_part, jobs, workers):
+        for _, pairs in run_writing_jobs(_make_part, folder.parts, jobs, workers, last=(_CHECK_SUFFIX,)):
             bar.set_postfix(pairs=pairs, refresh=False)
             bar.update()
 
@@ -131,7 +145,7 @@ class _PartFiles:
     @property
     def check(self) -> Path:
         """The result of the part's check, which is written last."""
-        return self.folder / f"{self.number:05d}.check.json"
+        return self.folder / f"{self.number:05d}{_CHECK_SUFFIX}"
 
     @property
     def is_made(self) -> bool:
@@ -167,8 +181,29 @@ class _PartReader:
                 number += 1
 
 
-def _make_part(part: SourcePart, files: _PartFiles, settings: CheckSettings) -> int:
-    """Write the files of one part and return its number of pairs; raises `FileNotWritten`."""
+def _source_paths(source: Source) -> tuple[Path, ...]:
+    """Return the paths that must exist to read a source."""
+    stated = (source.conventions.reference, source.conventions.sensor_folder)
+    return (source.path, *(path for path in stated if path is not None))
+
+
+def _require_absolute_paths(sources: Sequence[Source]) -> None:
+    """Refuse paths that mean something else in the working folder of a cluster's worker; raises `SourceUnknown`."""
+    for path in (path for source in sources for path in _source_paths(source)):
+        if not path.is_absolute():
+            raise SourceUnknown(
+                f"expected absolute paths of sources for a cluster, got {path}; give the path at which every worker sees it"
+            )
+
+
+def _make_part(folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: CheckSettings) -> int:
+    """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `SourceUnknown`."""
+    for path in paths:
+        if not path.exists():  # on a worker; a reader would list every pair as missing
+            raise SourceUnknown(
+                f"expected {path} on {gethostname()}, got nothing there; keep sources on a file system that every worker sees"
+            )
+    files = _PartFiles(folder, number)
     reader = _PartReader(part, files.pairs.name)
     write_pair_file(files.pairs, reader.rows())
     write_reference_file(files.references, reader.references.values())

@@ -24,6 +24,10 @@ READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
 """Columns that `FileDepthReader` needs."""
 
 
+_ROWS_PER_GROUP = 64
+"""Rows that are read together, some 4 MB of images."""
+
+
 class SensorCalibrationMissing(CalibrationError):
     """Raised for images of a sensor whose calibration was not given, or was made with images of another size."""
 
@@ -50,22 +54,58 @@ class LabelledReading:
     kind: str
 
 
-def iterate_readings(
-    folder: Path, sensors: Mapping[str, CalibratedSensor], every: int = 1, left_out: Collection[str] = ()
-) -> Iterator[LabelledReading]:
-    """Yield every n-th pair of a data set as a reading, without those of the sensors that are left out.
+@dataclass(frozen=True)
+class StoredRows:
+    """Some rows of one file of a data set with their reference images: all that is needed to read them elsewhere."""
 
-    Raises `SensorCalibrationMissing`, `DatasetDamaged`.
+    file: Path
+    rows: list[dict[str, Any]]
+    references: dict[str, Any]
+    """Values of the column `image` of the reference images by their id."""
+
+    @property
+    def sensors(self) -> set[str]:
+        """The names of the sensors that took the images."""
+        return {row["sensor"] or "" for row in self.rows}
+
+    def readings(self, sensors: Mapping[str, CalibratedSensor]) -> Iterator[LabelledReading]:
+        """Yield each row as a reading; raises `SensorCalibrationMissing`, `DatasetDamaged`."""
+        depth_reader = FileDepthReader(self.file, sensors, self.references)
+        for row in self.rows:
+            wrench, object_name = wrench_vector(row["wrench"]), str(row["object"] or NO_OBJECT)
+            reading = depth_reader.read(row)
+            yield LabelledReading(reading, wrench, object_name, row["sensor"] or "", str(row["kind"] or ""))
+
+
+def iterate_stored_rows(folder: Path, every: int = 1, left_out: Collection[str] = ()) -> Iterator[StoredRows]:
+    """Yield every n-th pair of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
+
+    Raises `DatasetDamaged`.
     """
     number = 0
     for file in find_pair_files(folder):
-        depth_reader = FileDepthReader(file, sensors)
+        references = read_file_references(file)
+        kept = []
         for row in iterate_rows(file, (*READ_COLUMNS, "wrench", "object", "kind")):
             number += 1
             if (number - 1) % every == 0 and row["sensor"] not in left_out:
-                reading = depth_reader.read(row)
-                wrench, object_name = wrench_vector(row["wrench"]), str(row["object"] or NO_OBJECT)
-                yield LabelledReading(reading, wrench, object_name, row["sensor"] or "", str(row["kind"] or ""))
+                kept.append(row)
+            if len(kept) == _ROWS_PER_GROUP:
+                yield _with_references(file, kept, references)
+                kept = []
+        if kept:
+            yield _with_references(file, kept, references)
+
+
+def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping[str, Any]) -> StoredRows:
+    ids = {row["reference_id"] for row in rows}
+    return StoredRows(file, rows, {name: image for name, image in references.items() if name in ids})
+
+
+def read_file_references(file: Path) -> dict[str, Any]:
+    """Return the values of the column `image` of the reference images that a file names; raises `DatasetDamaged`."""
+    ids = {row["reference_id"] for row in iterate_rows(file, ["reference_id"])}
+    return read_reference_values(file.parents[1] / REFERENCES_FILE, ids)
 
 
 @dataclass
@@ -73,19 +113,18 @@ class FileDepthReader:
     """Measures the images of one Parquet file, each with its own sensor's calibration and its own reference image."""
 
     file: Path
+    """The file, for messages."""
     sensors: Mapping[str, CalibratedSensor]
+    references: Mapping[str, Any]
+    """Values of the column `image` of the reference images by their id."""
     _readers: dict[tuple[str, str], DepthReader] = field(default_factory=dict, init=False)
-
-    def __post_init__(self) -> None:
-        ids = {row["reference_id"] for row in iterate_rows(self.file, ["reference_id"])}
-        self._references = read_reference_values(self.file.parents[1] / REFERENCES_FILE, ids)
 
     def read(self, row: Mapping[str, Any]) -> Reading:
         """Return the reading of a row; its raw frame is empty. Raises `SensorCalibrationMissing`, `DatasetDamaged`."""
         sensor, reference_id = row["sensor"] or "", row["reference_id"]
         image = self._decode_rectified(row["image"], row["mm_per_px"])
         if (sensor, reference_id) not in self._readers:
-            reference = self._decode_rectified(self._references[reference_id], row["mm_per_px"])
+            reference = self._decode_rectified(self.references[reference_id], row["mm_per_px"])
             self._readers[sensor, reference_id] = self._bind_depth_reader(sensor, reference)
         reader = self._readers[sensor, reference_id]
         if image.grey.shape != reader.reference.grey.shape:

@@ -17,11 +17,12 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
-from ninedtact.dataset.parquet_files import iterate_rows, run_in_processes, wrench_vector
+from ninedtact.dataset.parquet_files import iterate_rows, wrench_vector
 from ninedtact.dataset.quality_report import PairFault, PairFinding, QualityReport, make_quality_report
 from ninedtact.dataset.schema import WRENCH_AXES
 from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
 from ninedtact.errors import InputError
+from ninedtact.parallel_jobs import run_jobs
 
 _GreyImage = UInt8[Array, "rows cols"]
 _MOST_TILES, _TILE_PX = 40, 6
@@ -84,7 +85,7 @@ def check_dataset(
     jobs = [(file, folder / REFERENCES_FILE, settings) for file in files]
     checks: dict[int, FileCheck] = {}
     with tqdm(unit="pair", disable=not progress) as bar:
-        for number, check in run_in_processes(check_pair_file, jobs, workers):
+        for number, check in run_jobs(check_pair_file, jobs, workers):
             checks[number] = check
             bar.update(len(check.ids))
     return combine_file_checks([checks[number] for number in range(len(files))], [file.name for file in files])

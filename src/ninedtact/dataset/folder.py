@@ -10,6 +10,7 @@ README.md            the card; written last: where it exists, the data set is fi
 
 import json
 import re
+import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -118,8 +119,11 @@ def begin_dataset_folder(folder: DatasetFolder, settings: Mapping[str, Any], sou
         _require_free_folder(folder.path, source_paths)
         make_folder(folder.path / "data")
         write_file_atomically(folder.settings, to_json_bytes(resolved))
-    for half_written in folder.path.rglob(".*.partial"):
-        half_written.unlink(missing_ok=True)
+    for half_written in [*folder.path.rglob(".*.partial")]:
+        if half_written.is_dir():
+            shutil.rmtree(half_written, ignore_errors=True)
+        else:
+            half_written.unlink(missing_ok=True)
     make_folder(folder.path / "data")
 
 

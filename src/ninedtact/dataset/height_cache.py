@@ -22,12 +22,14 @@ from ninedtact.dataset.calibrated_readings import (
     CalibratedSensor,
     FileDepthReader,
     SensorCalibrationMissing,
+    read_file_references,
 )
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.image_cache import digest_files, make_cache_folder
-from ninedtact.dataset.parquet_files import iterate_rows, run_in_processes, wrench_array
+from ninedtact.dataset.parquet_files import iterate_rows, wrench_array
 from ninedtact.dataset.reader import read_name_column, read_pair_columns
 from ninedtact.dataset.schema import NO_OBJECT
+from ninedtact.parallel_jobs import run_jobs
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 
 
@@ -106,7 +108,7 @@ def _compute_missing_files(
     missing = [file for file in files if not _height_file(target, file).is_file()]
     jobs = [(file, _height_file(target, file), _select_sensors(file, sensors), grid) for file in missing]
     with tqdm(total=len(files), initial=len(files) - len(missing), unit="file", disable=not progress) as bar:
-        for _ in run_in_processes(_compute_height_file, jobs, workers):
+        for _ in run_jobs(_compute_height_file, jobs, workers):
             bar.update()
 
 
@@ -121,7 +123,7 @@ def _compute_height_file(file: Path, target: Path, sensors: Mapping[str, Calibra
 
     Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`.
     """
-    reader = FileDepthReader(file, sensors)
+    reader = FileDepthReader(file, sensors, read_file_references(file))
     rows = list(iterate_rows(file, READ_COLUMNS))
     z_mm = np.zeros((len(rows), grid.rows, grid.cols), np.float16)
     for number, row in enumerate(rows):

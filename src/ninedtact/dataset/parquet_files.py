@@ -1,14 +1,12 @@
-"""Reads and writes the Parquet files of a data set (pairs, reference images, whole columns), and runs jobs on them in parallel.
+"""Reads and writes the Parquet files of a data set: pairs, reference images, whole columns.
 
 Files are written completely or not at all. Rows are read and written in groups, so that a file may be larger than memory.
-`run_in_processes` is the worker pool of data sets: it runs jobs in several processes, or on a cluster under
-`joblib.parallel_config`.
 """
 
-from collections.abc import Callable, Collection, Container, Iterable, Iterator, Sequence
+from collections.abc import Collection, Container, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -29,7 +27,7 @@ from ninedtact.dataset.schema import (
     reference_to_columns,
     row_to_columns,
 )
-from ninedtact.errors import FileFormatError, InputError
+from ninedtact.errors import FileFormatError
 
 _ROWS_PER_GROUP = 100
 """Number of rows in memory at once, which is the smallest unit that a reader can read."""
@@ -147,40 +145,3 @@ def require_pair_columns(path: Path) -> None:
 def _parquet_damage(path: Path, error: Exception) -> DatasetDamaged:
     reason = (str(error).splitlines() or [type(error).__name__])[0]
     return DatasetDamaged(f"expected a whole Parquet file in {path}, got: {reason}; copy it again or build it again")
-
-
-Result = TypeVar("Result")
-
-
-class WorkersImpossible(InputError):
-    """Raised for fewer than one worker process."""
-
-
-def run_in_processes(
-    function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]], workers: int
-) -> Iterator[tuple[int, Result]]:
-    """Call a function with the arguments of every job; yield the number and the result of each job when it is done.
-
-    One worker runs the jobs in this process. The processes are joblib's, so `joblib.parallel_config("ray")` or Dask's makes them
-    those of a cluster; a backend that cannot report single results reports all at the end. Raises `WorkersImpossible`.
-    """
-    require_workers(workers)
-    if workers == 1 or len(jobs) < 2:
-        yield from ((number, function(*job)) for number, job in enumerate(jobs))
-        return
-    from joblib import Parallel, delayed
-    from joblib.parallel import get_active_backend
-
-    reports_each = get_active_backend()[0].supports_return_generator
-    numbered = (delayed(_run_numbered_job)(number, function, job) for number, job in enumerate(jobs))
-    yield from Parallel(n_jobs=workers, return_as="generator_unordered" if reports_each else "list")(numbered)
-
-
-def _run_numbered_job(number: int, function: Callable[..., Result], job: tuple[Any, ...]) -> tuple[int, Result]:
-    return number, function(*job)
-
-
-def require_workers(workers: int) -> None:
-    """Raise `WorkersImpossible` for fewer than one worker."""
-    if workers < 1:
-        raise WorkersImpossible(f"expected at least 1 worker, got {workers}; give one for each core")

@@ -85,6 +85,13 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
     return _build_network_estimator(_shipped_model() if spec == NETWORK else Path(spec).expanduser(), shape, gel)
 
 
+def model_file(spec: str) -> Path | None:
+    """Return the path of the file that this name of an estimator contains, None where it contains none."""
+    kind, _, model = spec.partition(":")
+    path = model if kind == BOTH else "" if spec in (NETWORK, PHYSICS, NONE) else spec
+    return Path(path).expanduser() if path else None
+
+
 def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
     """Return a network's estimator that also estimates where no contact is detected; raises `ContactDetectionMissing`."""
     from ninedtact.force.network_force import NetworkForce

@@ -4,22 +4,26 @@
 scores a model on simulated sensors by the mechanics of their gels.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from tempfile import TemporaryDirectory
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from tqdm import tqdm
 
-from ninedtact.dataset.calibrated_readings import CalibratedSensor, iterate_readings
+from ninedtact.dataset.calibrated_readings import CalibratedSensor, StoredRows, iterate_stored_rows
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.estimator_loading import BOTH, PHYSICS, build_estimator, without_contact_detection
+from ninedtact.force.estimator_loading import BOTH, PHYSICS, build_estimator, model_file, without_contact_detection
 from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
+from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
 from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.workflows.dataset_sensors import load_dataset_sensors, load_simulated_sensors
 from ninedtact.workflows.force_calibration import calibrate_on_simulated_loads
 
+_Value = TypeVar("_Value")
 _PAPER_TORQUE_POINT_MM = (0.0, 0.0, -35.0)
 _MECHANICS_LABELS = {
     "bonded": "rigid substrate, small strains (as the calibration assumes)",
@@ -44,8 +48,6 @@ class DatasetEvaluationSettings:
     """Shear modulus assumed for simulated gels: the true one, the design's, or by force calibration with five simulated loads."""
     every: int = 1
     """Evaluate every n-th pair."""
-    workers: int = 2
-    """Number of processes that calibrate simulated sensors."""
     contact_detection: bool = True
     """Whether a network's estimate is zero where no contact is detected."""
 
@@ -53,39 +55,95 @@ class DatasetEvaluationSettings:
 def predict_dataset(
     data: Path,
     settings: DatasetEvaluationSettings = DatasetEvaluationSettings(),
+    workers: Workers = 2,
     *,
     progress: bool = False,
     notify: Callable[[str], None] = lambda _: None,
 ) -> WrenchPredictions:
     """Return the estimator's wrenches for a data set beside the true ones, torques about the skin's centre.
 
-    notify: receives a sentence about each sensor whose pairs are left out. Raises what estimators and data sets raise.
+    workers: number of processes that calibrate simulated sensors and estimate, or a cluster. notify: receives a sentence about each
+    sensor whose pairs are left out. Raises what estimators and data sets raise.
     """
-    known = load_dataset_sensors(data, settings.sensors, settings.workers, progress)
+    known = load_dataset_sensors(data, settings.sensors, workers, progress)
     for notice in known.exclusion_notices():
         notify(notice)
     members = load_simulated_sensors(data)
     sensors = known.by_name
     if settings.modulus == "true":
         sensors = {name: _with_true_modulus(sensor, members.get(name)) for name, sensor in sensors.items()}
-    estimators: dict[str, ForceEstimator] = {}
-    truth, predicted, std, objects, names = [], [], [], [], []
-    for pair in tqdm(iterate_readings(data, sensors, settings.every, known.refused), unit="pair", disable=not progress):
-        if pair.sensor not in estimators:
-            estimators[pair.sensor] = _build_estimator(settings, sensors[pair.sensor], members.get(pair.sensor))
-        estimator = estimators[pair.sensor]
-        estimator.forget()
-        estimate = estimator.estimate(pair.reading)
-        truth.append(pair.wrench)
-        predicted.append(estimate.wrench.six)
-        std.append(estimate.std)
-        objects.append(pair.object)
-        names.append(pair.sensor)
-    six = [np.array(rows, float).reshape(-1, 6) for rows in (truth, predicted, std)]
+    jobs = (
+        (rows, _select(rows.sensors, sensors), _select(rows.sensors, members), settings, _read_model(settings, workers))
+        for rows in iterate_stored_rows(data, settings.every, known.refused)
+    )
+    groups: dict[int, list[_EstimatedPair]] = {}
+    with tqdm(unit="pair", disable=not progress) as bar:
+        for number, group in run_jobs(_estimate_pairs, jobs, workers):
+            groups[number] = group
+            bar.update(len(group))
+    pairs = [pair for number in sorted(groups) for pair in groups[number]]
+    columns = [pair.truth for pair in pairs], [pair.wrench for pair in pairs], [pair.std for pair in pairs]
+    six = [np.array(column, float).reshape(-1, 6) for column in columns]
+    objects, names = [pair.object for pair in pairs], [pair.sensor for pair in pairs]
     is_gaussian = settings.force.partition(":")[0] in (PHYSICS, BOTH)
     distribution = ErrorDistribution.GAUSSIAN if is_gaussian else ErrorDistribution.LAPLACE
     claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
     return WrenchPredictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class _EstimatedPair:
+    """A true wrench with its estimate and the standard deviations of it, N and N·m about the skin's centre."""
+
+    truth: Any
+    wrench: Any
+    std: Any
+    object: str
+    sensor: str
+
+
+def _select(names: Collection[str], all_of: Mapping[str, _Value]) -> dict[str, _Value]:
+    """Return the entries of these names, so that a worker receives no others."""
+    return {name: all_of[name] for name in names if name in all_of}
+
+
+def _read_model(settings: DatasetEvaluationSettings, workers: Workers) -> bytes | None:
+    """Return the file of the force model for the workers of a cluster, which may not have it; None where they need none."""
+    path = model_file(settings.force) if isinstance(workers, Cluster) else None
+    return path.read_bytes() if path is not None and path.is_file() else None
+
+
+def _estimate_pairs(
+    rows: StoredRows,
+    sensors: dict[str, CalibratedSensor],
+    members: dict[str, SampledSensor],
+    settings: DatasetEvaluationSettings,
+    model: bytes | None,
+) -> list[_EstimatedPair]:
+    """Estimate the wrenches of some rows."""
+    pairs = []
+    for pair in rows.readings(sensors):
+        key = (
+            pair.sensor,
+            sensors[pair.sensor].digest,
+            sensors[pair.sensor].gel,
+            settings,
+            model and sha256(model).digest(),
+        )
+        if key not in _estimators:
+            _estimators[key] = _build_estimator(settings, sensors[pair.sensor], members.get(pair.sensor), model)
+            while len(_estimators) > _MOST_ESTIMATORS:
+                del _estimators[next(iter(_estimators))]
+        estimator = _estimators[key]
+        estimator.forget()
+        estimate = estimator.estimate(pair.reading)
+        pairs.append(_EstimatedPair(pair.wrench, estimate.wrench.six, estimate.std, pair.object, pair.sensor))
+    return pairs
+
+
+_estimators: dict[Hashable, ForceEstimator] = {}
+"""The estimators that this process built last, by sensor and settings: groups of rows that follow have the same sensors."""
+_MOST_ESTIMATORS = 32
 
 
 def _with_true_modulus(sensor: CalibratedSensor, member: SampledSensor | None) -> CalibratedSensor:
@@ -96,10 +154,18 @@ def _with_true_modulus(sensor: CalibratedSensor, member: SampledSensor | None) -
 
 
 def _build_estimator(
-    settings: DatasetEvaluationSettings, sensor: CalibratedSensor, member: SampledSensor | None
+    settings: DatasetEvaluationSettings, sensor: CalibratedSensor, member: SampledSensor | None, model: bytes | None
 ) -> ForceEstimator:
-    """Build the estimator for one sensor."""
-    estimator = build_estimator(settings.force, sensor.shape, sensor.gel)
+    """Build the estimator for one sensor, with this content of its model's file where it was sent along."""
+    path = model_file(settings.force)
+    if model is None or path is None:
+        estimator = build_estimator(settings.force, sensor.shape, sensor.gel)
+    else:
+        with TemporaryDirectory(prefix="ninedtact") as folder:
+            copy = Path(folder) / path.name
+            copy.write_bytes(model)
+            fused = settings.force.startswith(f"{BOTH}:")
+            estimator = build_estimator(f"{BOTH}:{copy}" if fused else str(copy), sensor.shape, sensor.gel)
     if not settings.contact_detection:
         estimator = without_contact_detection(estimator)
     if member is None or settings.modulus != "calibrated":
@@ -115,15 +181,15 @@ def evaluate_per_mechanics_kind(
     Every sensor is calibrated from its own images and its force with five simulated loads. The network is evaluated alone, fused
     with physics, and without contact detection where there is no contact.
     """
-    settings = DatasetEvaluationSettings(str(model), modulus="calibrated", workers=workers)
+    settings = DatasetEvaluationSettings(str(model), modulus="calibrated")
     mechanics = {name: member.kind for name, member in load_simulated_sensors(data).items()}
     tables: dict[str, dict[str, Any]] = {}
     for force, label in ((str(model), ""), (f"{BOTH}:{model}", _FUSED_LABEL)):
-        predictions = predict_dataset(data, replace(settings, force=force), progress=progress, notify=notify)
+        predictions = predict_dataset(data, replace(settings, force=force), workers, progress=progress, notify=notify)
         for words, part in _split_by_mechanics(predictions, mechanics):
             tables[words + label] = _card_table(part)
     undetected = replace(settings, modulus="true", contact_detection=False)
-    without_detection = evaluate_predictions(predict_dataset(data, undetected, progress=progress))
+    without_detection = evaluate_predictions(predict_dataset(data, undetected, workers, progress=progress))
     tables["all"]["no_contact_without_detection"] = without_detection.to_json_dict()["no_contact"]
     return tables
 

@@ -19,8 +19,8 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.dataset.calibrated_readings import CalibratedSensor, SensorCalibrationMissing
 from ninedtact.dataset.folder import SENSORS_FILE
-from ninedtact.dataset.parquet_files import run_in_processes
 from ninedtact.errors import NinedtactError
+from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
 
@@ -51,11 +51,11 @@ def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
     return {table["name"]: sampled_sensor_from_json(table) for table in tables}
 
 
-def load_dataset_sensors(data: Path, given: Path | None, workers: int, progress: bool) -> DatasetSensors:
+def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progress: bool) -> DatasetSensors:
     """Read the calibration of every sensor of a data set.
 
     given: a folder with a sensor folder for each sensor, by name; where None, the data set's simulated sensors are calibrated.
-    workers: number of processes that calibrate. Raises `SensorCalibrationMissing`, `SensorFolderDamaged`.
+    workers: number of processes that calibrate, or a cluster. Raises `SensorCalibrationMissing`, `SensorFolderDamaged`.
     """
     refused: dict[str, str] = {}
     if given is None:
@@ -76,15 +76,15 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: int, progress:
 
 
 def calibrate_simulated_sensors(
-    members: Mapping[str, SampledSensor], folder: Path, workers: int, progress: bool
+    members: Mapping[str, SampledSensor], folder: Path, workers: Workers, progress: bool
 ) -> dict[str, str]:
     """Calibrate each simulated sensor from its own board and ball images, unless it was tried before.
 
     Returns the reason for each sensor that could not be calibrated.
     """
-    jobs = [(member, folder / name) for name, member in members.items() if not _was_tried(folder / name)]
+    jobs = [(name, member) for name, member in members.items() if not _was_tried(folder / name)]
     with tqdm(total=len(jobs), unit="sensor", disable=not (progress and jobs)) as bar:
-        for _ in run_in_processes(calibrate_simulated_sensor, jobs, workers):
+        for _ in run_writing_jobs(calibrate_simulated_sensor, folder, jobs, workers):
             bar.update()
     refusals = {name: folder / name / _REFUSAL_FILE for name in members}
     return {name: path.read_text() for name, path in refusals.items() if path.is_file()}
@@ -95,8 +95,9 @@ def _was_tried(folder: Path) -> bool:
     return any((folder / name).is_file() for name in (SENSOR_FILE, _REFUSAL_FILE))
 
 
-def calibrate_simulated_sensor(member: SampledSensor, out: Path) -> None:
-    """Write the sensor folder of a simulated sensor, or the reason why it could not be calibrated."""
+def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -> None:
+    """Write the sensor folder of a simulated sensor into a folder, or the reason why it could not be calibrated."""
+    out = folder / name
     images = simulate_calibration_images(member.twin(), member.design, presses=member.presses, frames=GUIDED_FRAMES)
     try:
         made = calibrate(CalibrationImages(**vars(images)), member.design, sensor_id=member.name)

@@ -190,7 +190,7 @@ def _demonstrate_force_model(
     Its gel has the true shear modulus, as a force calibration would give it.
     """
     simulated = sample_sensor(0, _DEMONSTRATION_SEED, design=design)
-    calibrate_simulated_sensor(simulated, sensor_folder)
+    calibrate_simulated_sensor(sensor_folder.parent, sensor_folder.name, simulated)
     folder, twin = load_sensor(sensor_folder), simulated.twin()
     gel = replace(folder.gel, shear_modulus_mpa=simulated.gel.shear_modulus_mpa)
     simulation = _simulate_press(twin, min(_DEPTH_MM, _MAX_DEPTH_FRACTION * design.gel.thickness_mm))

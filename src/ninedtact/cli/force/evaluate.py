@@ -40,7 +40,9 @@ class Evaluate:
     every: int = 1
     """Evaluate every n-th pair."""
     workers: int = 2
-    """Processes that calibrate simulated sensors."""
+    """Processes that calibrate simulated sensors and estimate."""
+    cluster: str | None = None
+    """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
     out: Path | None = None
     """Folder for the report: evaluation.html, its figures and evaluation.json."""
     about_mm: _Point | None = None
@@ -90,15 +92,17 @@ class Evaluate:
             raise NothingToEvaluate("expected --predictions or --data, got both; name one of them")
         if self.every < 1:
             raise NothingToEvaluate(f"expected --every of at least 1, got {self.every}; drop it")
+        from ninedtact.parallel_jobs import connect_workers
+
         settings = DatasetEvaluationSettings(
             force=self.force,
             sensors=self.sensors,
             modulus=self.modulus,
             every=self.every,
-            workers=self.workers,
             contact_detection=not self.without_contact_detection,
         )
-        predictions = predict_dataset(data, settings, progress=not self.json, notify=print_notice)
+        with connect_workers(self.workers, self.cluster) as workers:
+            predictions = predict_dataset(data, settings, workers, progress=not self.json, notify=print_notice)
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)
             write_predictions(self.out / "predictions.csv", predictions)

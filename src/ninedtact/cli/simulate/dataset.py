@@ -37,6 +37,8 @@ class SimulateDatasetCommand:
     """Seed of generated objects."""
     workers: int = 2
     """Number of processes; one for each core. With a GPU, number of threads that make noise and PNG files."""
+    cluster: str | None = None
+    """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
     device: str = "auto"
     """cpu; cuda or cuda:1 (many contacts at once by torch); auto: a GPU if torch sees one; torch-cpu: for tests, slow."""
     sessions_per_batch: int = 256
@@ -59,15 +61,17 @@ class SimulateDatasetCommand:
     def run(self) -> int:
         """Generate it and print how its wrenches compare with real ones; raises `DatasetStopped`."""
         from ninedtact.dataset.generation.generate import generate_dataset
+        from ninedtact.parallel_jobs import connect_workers
 
         try:
-            result = generate_dataset(
-                *(self.out, self._settings(), self.workers),
-                progress=not self.json,
-                device=self.device,
-                sessions_per_batch=self.sessions_per_batch,
-                notify=_print_beside_progress_bar,
-            )
+            with connect_workers(self.workers, self.cluster) as workers:
+                result = generate_dataset(
+                    *(self.out, self._settings(), workers),
+                    progress=not self.json,
+                    device=self.device,
+                    sessions_per_batch=self.sessions_per_batch,
+                    notify=_print_beside_progress_bar,
+                )
         except KeyboardInterrupt:
             raise DatasetStopped(self.out) from None
         return print_result(self.json, _generation_to_json_dict(result), _format_generation(result))

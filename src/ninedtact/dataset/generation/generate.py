@@ -1,9 +1,8 @@
 """Generates a data set with simulated sensors, file by file, in several processes or on a GPU, and continues a stopped run.
 
 Every file depends on the settings and its own number alone, and is written completely or not at all. A run that was killed
-therefore continues with the missing files and ends with the same bytes. Processes are joblib's, so that
-`joblib.parallel_config` around the call moves them to a cluster (`dataset.parquet_files.run_in_processes`). A GPU is used by
-one process, which advances many sessions together.
+therefore continues with the missing files and ends with the same bytes. Files are made in processes of this machine or on a cluster
+(`parallel_jobs`). A GPU is used by one process, which advances many sessions together.
 
 On a GPU, which sessions form one batch depends on the settings and on the batch size, never on the files that exist already:
 arithmetic on a device rounds by the shape of its batch, and a continued run must end with the same bytes. A batch with missing
@@ -23,10 +22,11 @@ from ninedtact.dataset.card import format_generation_card
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, to_json_bytes
 from ninedtact.dataset.generation.session import GenerationSession, cached_setup, load_object, make_setup
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
-from ninedtact.dataset.parquet_files import require_workers, run_in_processes, write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
 from ninedtact.dataset.schema import ReferenceImage
 from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_statistics
 from ninedtact.dataset.stored_images import encode_png
+from ninedtact.parallel_jobs import Cluster, Workers, WorkersImpossible, require_workers, run_writing_jobs
 from ninedtact.simulation.batched.device import Device, find_device
 from ninedtact.simulation.batched.executor import BatchExecutor, run_sessions
 from ninedtact.simulation.batched.session_requests import run_on_processor
@@ -50,7 +50,7 @@ class GenerationResult:
 def generate_dataset(
     out: Path,
     settings: GenerationSettings,
-    workers: int = 1,
+    workers: Workers = 1,
     *,
     progress: bool = False,
     device: str = "cpu",
@@ -62,7 +62,7 @@ def generate_dataset(
     Args:
         out: folder of the data set: new, empty, or begun with the same settings.
         settings: everything that decides about the pairs.
-        workers: number of processes, or with a GPU number of threads that make noise and PNG files.
+        workers: number of processes, or with a GPU number of threads that make noise and PNG files; or a cluster of processors.
         progress: whether to show a progress bar.
         device: a name that `simulation.batched.device` knows.
         sessions_per_batch: number of sessions that a GPU advances together.
@@ -75,16 +75,27 @@ def generate_dataset(
         raise GenerationImpossible(
             f"expected at least 1 session per batch, got {sessions_per_batch}; give a larger number"
         )
-    on = find_device(device)
+    on = _select_device(device, workers)
     folder = DatasetFolder(out)
     _begin_generation(folder, settings, on.kind)
     missing = [number for number in range(settings.files) if not folder.pair_file(number, settings.files).is_file()]
-    if on.is_batched:
+    if on.is_batched and isinstance(workers, int):
         pair_counts = _BatchedGeneration(folder, settings, on, sessions_per_batch, workers, notify).make_files(missing)
     else:
         pair_counts = _make_files_in_processes(folder, settings, missing, workers)
     _consume_with_progress(pair_counts, settings, missing, progress)
     return _finish_generation(folder, settings, len(missing), on.kind)
+
+
+def _select_device(name: str, workers: Workers) -> Device:
+    """Return the device of this name, the processor for `auto` on a cluster; raises `WorkersImpossible`, `DeviceMissing`."""
+    if not isinstance(workers, Cluster):
+        return find_device(name)
+    if name not in ("auto", "cpu"):
+        raise WorkersImpossible(
+            f"expected --device cpu together with --cluster, got {name}; a GPU is used by one process, so drop one of the two"
+        )
+    return find_device("cpu")
 
 
 def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, device: str) -> None:
@@ -121,20 +132,21 @@ def _consume_with_progress(
 
 
 def _make_files_in_processes(
-    folder: DatasetFolder, settings: GenerationSettings, missing: list[int], workers: int
+    folder: DatasetFolder, settings: GenerationSettings, missing: list[int], workers: Workers
 ) -> Iterator[int]:
     """Make the missing files in any order; yield how many pairs each has."""
-    jobs = [(folder.pair_file(number, settings.files), settings, number) for number in missing]
-    yield from (pairs for _, pairs in run_in_processes(generate_file, jobs, workers))
+    jobs = [(folder.pair_file(number, settings.files).name, settings, number) for number in missing]
+    data = folder.pair_file(0, settings.files).parent
+    yield from (pairs for _, pairs in run_writing_jobs(generate_file, data, jobs, workers))
 
 
-def generate_file(path: Path, settings: GenerationSettings, number: int) -> int:
+def generate_file(folder: Path, name: str, settings: GenerationSettings, number: int) -> int:
     """Make one file of pairs on the processor and return how many they are; raises `FileNotWritten`."""
     rows = []
     for session in settings.sessions_of_file(number):
         setup = cached_setup(session % settings.sensors, settings)
         rows += run_on_processor(GenerationSession(session, settings, setup).requests())
-    write_pair_file(path, rows)
+    write_pair_file(folder / name, rows)
     return len(rows)
 
 

@@ -3,7 +3,7 @@ breaks; and the comparison of these designs as a text table, as CSV and as a plo
 """
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from io import BytesIO, StringIO
 from itertools import product
@@ -19,6 +19,7 @@ from ninedtact.hardware.explore.performance_prediction import (
     predict_performance,
     simulate_calibration_errors,
 )
+from ninedtact.parallel_jobs import Workers, run_jobs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -150,13 +151,26 @@ class ExploredDesign:
         }
 
 
-def explore_designs(choices: Iterable[DesignChoice], calibrated: bool = False) -> Iterator[ExploredDesign]:
-    """Yield the results design by design; raises `DesignImpossible` for values that no sensor has.
+def explore_designs(
+    choices: Sequence[DesignChoice], calibrated: bool = False, workers: Workers = 1
+) -> Iterator[ExploredDesign]:
+    """Yield the results in the order of the designs; raises `DesignImpossible` for values that no sensor has.
 
-    calibrated: whether the twin of each is calibrated and read as well.
+    calibrated: whether the twin of each is calibrated and read as well. workers: number of processes, or a cluster.
     """
-    found = map(_predict_design, choices)
-    yield from map(_simulate_calibration, found) if calibrated else found
+    early: dict[int, ExploredDesign] = {}
+    expected = 0
+    for number, found in run_jobs(_explore_design, [(choice, calibrated) for choice in choices], workers):
+        early[number] = found
+        while expected in early:
+            yield early.pop(expected)
+            expected += 1
+
+
+def _explore_design(choice: DesignChoice, calibrated: bool) -> ExploredDesign:
+    """Return the prediction for a design, and with `calibrated` the errors after a simulated calibration."""
+    found = _predict_design(choice)
+    return _simulate_calibration(found) if calibrated else found
 
 
 def _predict_design(choice: DesignChoice) -> ExploredDesign:
