@@ -265,11 +265,13 @@ def test_a_worker_of_another_version_is_refused(kind: str, tmp_path: Path) -> No
         pass
 
 
+@pytest.mark.parametrize("listens", [True, False])
 @pytest.mark.parametrize("kind", list(CLUSTERS))
-def test_a_port_that_says_nothing_is_refused_soon(kind: str) -> None:
+def test_a_port_that_does_not_answer_is_refused_soon(kind: str, listens: bool) -> None:
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
-        silent.listen()
+        if listens:
+            silent.listen()
         address, began = f"{kind}:127.0.0.1:{silent.getsockname()[1]}", monotonic()
         with pytest.raises(ClusterUnreachable, match=f"answers at {address}"), connect_workers(1, address):
             pass

@@ -46,6 +46,11 @@ def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
         raise
 
 
+def is_partial_file(path: Path) -> bool:
+    """Return whether a file is one that `open_atomic_file` has begun and not finished."""
+    return path.name.startswith(".") and path.name.endswith(".partial")
+
+
 def _write_failure_message(path: Path, trouble: OSError) -> str:
     """Say what stood in the way of writing `path`."""
     remedy = (

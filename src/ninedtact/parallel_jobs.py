@@ -1,23 +1,28 @@
 """Runs independent jobs in this process, in several processes of this machine, or on the workers of a Dask or Ray cluster.
 
-`Workers` says where: a number of processes, or a `Cluster` to which `connect_workers` has connected. All three run through joblib.
-A job that ran on a cluster returns its files to this process, which writes them: a cluster needs no shared file system for results.
+`Workers` says where: a number of processes, or a `Cluster` to which `connect_workers` has connected. All of them are executors to
+which at most two jobs for each worker are submitted at once. A job that ran on a cluster returns its files to this process, which
+writes them: a cluster needs no shared file system for results.
 
-A worker of a cluster compares its version of ninedtact with that of this process before it reads a job. Processes of this machine
-end within a second when this process is killed.
+Every job uses one thread of linear algebra, because the rounding of BLAS depends on the number of its threads, and a calibration
+amplifies the last digits. A worker of a cluster compares its version of ninedtact with that of this process before it reads a job.
+Processes of this machine end when this process is killed.
 """
 
+import logging
 import os
 import pickle
-import socket
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
+from socket import gethostname
 from tempfile import TemporaryDirectory
 from threading import Thread
 from time import sleep
@@ -31,9 +36,10 @@ from ninedtact.errors import DeviceError, InputError, MissingLibraryError
 
 CONNECT_TIMEOUT_S = 8
 """Time in which a cluster must answer."""
-_PACKAGES = {"dask": ("distributed",), "ray": ("ray", "grpc")}
+_PACKAGES = {"dask": ("dask", "distributed"), "ray": ("ray", "grpc")}
 """Packages that each kind of cluster needs."""
-_ADDRESS_FORMS = "dask:HOST:PORT, ray:HOST:PORT or ray:ray://HOST:PORT"
+_EXECUTOR_PACKAGES = ("asyncio", "concurrent", "distributed", "joblib", "ray")
+"""Packages whose errors mean that a worker was lost; a job raises others."""
 _PARENT_POLL_S = 1.0
 
 Result = TypeVar("Result")
@@ -69,8 +75,9 @@ class Cluster:
 
     name: str
     """The address as it was given."""
-    backend: Callable[[], AbstractContextManager[Any]]
-    """Makes the cluster joblib's backend while the context is open."""
+    cores: int
+    submit: Callable[..., "Future[Any]"]
+    """Starts a call of a function with arguments on a worker."""
 
 
 Workers = int | Cluster
@@ -88,18 +95,22 @@ def connect_workers(workers: int, cluster: str | None) -> Iterator[Workers]:
         yield workers
         return
     kind, _, address = cluster.partition(":")
-    if kind not in _PACKAGES or not address:
-        raise ClusterAddressInvalid(f"expected --cluster {_ADDRESS_FORMS}, got {cluster!r}; correct it")
-    for package in ("joblib", *_PACKAGES[kind]):
+    if kind not in _PACKAGES or not re.fullmatch(r"(\w+://)?[^/]+:\d+", address):
+        raise ClusterAddressInvalid(f"expected --cluster dask:HOST:PORT or ray:HOST:PORT, got {cluster!r}; correct it")
+    for package in _PACKAGES[kind]:
         if find_spec(package) is None:
             raise ClusterLibraryMissing(
                 f"expected the libraries of clusters, got no {package}; run pip install 'ninedtact[cluster]'"
             )
-    _require_open_port(cluster, address)
-    with {"dask": _connect_dask, "ray": _connect_ray}[kind](cluster, address) as backend:
-        connected = Cluster(cluster, backend)
+    with (_connect_dask if kind == "dask" else _connect_ray)(cluster, address) as connected:
         list(run_jobs(int, [(0,)], connected))  # refuses workers of another version before work begins
         yield connected
+
+
+def require_workers(workers: Workers) -> None:
+    """Raise `WorkersImpossible` for fewer than one worker."""
+    if isinstance(workers, int) and workers < 1:
+        raise WorkersImpossible(f"expected at least 1 worker, got {workers}; give one for each core")
 
 
 def run_jobs(
@@ -110,27 +121,16 @@ def run_jobs(
     One worker runs the jobs in this process. Raises `WorkersImpossible`, `WorkersLost`, `WorkerVersionDiffers`, and what the
     function raises.
     """
+    require_workers(workers)
     if isinstance(workers, Cluster):
         yield from _run_on_cluster(function, jobs, workers)
-        return
-    require_workers(workers)
-    if workers == 1 or (isinstance(jobs, Sequence) and len(jobs) < 2):
-        yield from ((number, _call_with_one_thread(function, job)) for number, job in enumerate(jobs))
-        return
-    from joblib import Parallel, delayed
-    from joblib._parallel_backends import LokyBackend
-    from joblib.externals.loky.process_executor import BrokenProcessPool
-    from joblib.parallel import get_active_backend
-
-    parent = os.getpid() if isinstance(get_active_backend()[0], LokyBackend) else None
-    numbered = (delayed(_run_local_job)(parent, number, function, job) for number, job in enumerate(jobs))
-    try:
-        yield from Parallel(n_jobs=workers, return_as="generator_unordered")(numbered)
-    except BrokenProcessPool as error:
-        raise WorkersLost(
-            f"expected {workers} worker processes until the end, got one that was killed, perhaps because memory ran out; run "
-            "the command again to continue, with fewer --workers"
-        ) from error
+    elif workers == 1 or (isinstance(jobs, Sequence) and len(jobs) < 2):
+        for number, job in enumerate(jobs):
+            with _limit_threads():
+                result = function(*job)
+            yield number, result
+    else:
+        yield from _run_in_processes(function, jobs, workers)
 
 
 def run_writing_jobs(
@@ -154,6 +154,17 @@ def run_writing_jobs(
         yield number, result
 
 
+def _call_in_temporary_folder(
+    function: Callable[..., Result], job: tuple[Any, ...]
+) -> tuple[Result, list[tuple[str, bytes]]]:
+    """Return the result of a job and the files that it wrote, by their paths in the folder."""
+    with TemporaryDirectory(prefix="ninedtact") as name:
+        folder = Path(name)
+        result = function(folder, *job)
+        files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+        return result, [(path.relative_to(folder).as_posix(), path.read_bytes()) for path in files]
+
+
 def _copy_into_folder(files: Iterable[tuple[str, bytes]], folder: Path, last: tuple[str, ...]) -> None:
     """Write files that were received, first below a partial folder beside their place; raises `FileNotWritten`, `OSError`."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -166,116 +177,118 @@ def _copy_into_folder(files: Iterable[tuple[str, bytes]], folder: Path, last: tu
             entry.replace(folder / entry.name)
 
 
-def _call_in_temporary_folder(
-    function: Callable[..., Result], job: tuple[Any, ...]
-) -> tuple[Result, list[tuple[str, bytes]]]:
-    """Return the result of a job and the files that it wrote, by their paths in the folder."""
-    with TemporaryDirectory(prefix="ninedtact") as name:
-        folder = Path(name)
-        result = function(folder, *job)
-        files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-        return result, [(path.relative_to(folder).as_posix(), path.read_bytes()) for path in files]
+def _run_on_executor(
+    submit: Callable[..., "Future[Any]"], workers: int, calls: Iterable[tuple[Any, ...]], place: str
+) -> Iterator[tuple[int, Any]]:
+    """Submit calls of a function, two for each worker at once; yield the number and the result of each when it is done.
+
+    place: the name of the executor for `WorkersLost`. Raises it, and what the functions raise.
+    """
+    running: dict[Future[Any], int] = {}
+    numbered = enumerate(calls)
+    try:
+        while True:
+            for number, call in islice(numbered, 2 * workers - len(running)):
+                running[submit(*call)] = number
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] not in _EXECUTOR_PACKAGES:
+            raise
+        reason = (str(error).splitlines() or [""])[0][:200]
+        raise WorkersLost(
+            f"expected {place} until the end, got {type(error).__name__}: {reason}; run the command again to continue, with "
+            "more memory for each worker if they were killed"
+        ) from error
+    finally:
+        for future in running:
+            future.cancel()
 
 
-def require_workers(workers: Workers) -> None:
-    """Raise `WorkersImpossible` for fewer than one worker."""
-    if isinstance(workers, int) and workers < 1:
-        raise WorkersImpossible(f"expected at least 1 worker, got {workers}; give one for each core")
+def _limit_threads() -> threadpool_limits:
+    """Limit linear algebra to one thread, as a context or for good."""
+    import scipy.linalg  # noqa: F401  (SciPy has a BLAS of its own, which is found only once it is loaded)
+
+    return threadpool_limits(1)
 
 
-def _call_with_one_thread(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
-    """Return what a function returns with one thread of linear algebra, whose rounding depends on the number of threads."""
-    with threadpool_limits(1):
-        return function(*job)
+def _run_in_processes(
+    function: Callable[..., Result], jobs: Iterable[tuple[Any, ...]], workers: int
+) -> Iterator[tuple[int, Result]]:
+    """Run jobs in processes of this machine; see `run_jobs`."""
+    from joblib.externals.loky import get_reusable_executor
+
+    executor = get_reusable_executor(max_workers=workers, initializer=_watch_parent, initargs=(os.getpid(),))
+    calls = ((_run_local_job, function, job) for job in jobs)
+    finished = False
+    try:
+        yield from _run_on_executor(executor.submit, workers, calls, f"{workers} worker processes")
+        finished = True
+    finally:
+        if not finished:
+            executor.shutdown(kill_workers=True)  # jobs that have begun would otherwise run to their end
 
 
-def _run_local_job(
-    parent: int | None, number: int, function: Callable[..., Result], job: tuple[Any, ...]
-) -> tuple[int, Result]:
-    """Run a job, in a process that ends with its parent where one is given."""
-    if parent is not None and not _watches_parent:
-        _watches_parent.append(Thread(target=_exit_with_parent, args=(parent,), daemon=True))
-        _watches_parent[0].start()
-    return number, _call_with_one_thread(function, job)
+def _run_local_job(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
+    """Run a job in a worker process."""
+    _limit_threads()
+    return function(*job)
 
 
-_watches_parent: list[Thread] = []
-"""The thread of a worker process that waits for the end of its parent."""
-
-
-def _exit_with_parent(parent: int) -> None:
+def _watch_parent(parent: int) -> None:
     """End this process when its parent has ended, which a killed parent cannot request."""
-    while os.getppid() == parent:
-        sleep(_PARENT_POLL_S)
-    os._exit(1)
+
+    def exit_with_parent() -> None:
+        while os.getppid() == parent:
+            sleep(_PARENT_POLL_S)
+        os._exit(1)
+
+    Thread(target=exit_with_parent, daemon=True).start()
 
 
 def _run_on_cluster(
     function: Callable[..., Result], jobs: Iterable[tuple[Any, ...]], cluster: Cluster
 ) -> Iterator[tuple[int, Result]]:
     """Run jobs on the workers of a cluster; see `run_jobs`."""
-    from joblib import Parallel, delayed
 
-    # The lambda travels as code, because a worker may have another version of this module, or none.
-    run = delayed(
-        lambda expected, number, payload: (
-            import_module("ninedtact.parallel_jobs")._run_remote_job(number, payload)
-            if version("ninedtact") == expected
-            else (number, "version", f"{version('ninedtact')} on {socket.gethostname()}")
-        )
-    )
-    calls = (run(__version__, number, pickle.dumps((function, job))) for number, job in enumerate(jobs))
-    try:
-        with cluster.backend():
-            for number, kind, value in Parallel(n_jobs=-1, batch_size=1, return_as="generator_unordered")(calls):
-                if kind == "version":
-                    raise _other_version(cluster, value)
-                if kind == "missing":
-                    raise WorkersImpossible(
-                        f"expected the libraries of this command on every worker of {cluster.name}, got: {value}; install the "
-                        "extras of ninedtact that this machine has there"
-                    )
-                if kind == "error":
-                    raise pickle.loads(value)
-                yield number, pickle.loads(value)
-    except PackageNotFoundError as error:
-        raise _other_version(cluster, "none on one of them") from error
-    except Exception as error:
-        if type(error).__module__.partition(".")[0] not in ("distributed", "ray", "concurrent", "asyncio"):
-            raise
-        reason = (str(error).splitlines() or [""])[0]
-        raise WorkersLost(
-            f"expected {cluster.name} and its workers until the end, got: {type(error).__name__} {reason}; run the command again "
-            "to continue, with more memory for each worker if they were killed"
-        ) from error
+    # This function travels as code, because a worker may have another version of this module, or none.
+    def run_if_same_version(expected: str, payload: bytes) -> Any:
+        try:
+            found = version("ninedtact")
+        except PackageNotFoundError:
+            found = "none"
+        if found != expected:
+            return f"{found} on {gethostname()}"
+        return import_module("ninedtact.parallel_jobs")._run_remote_job(payload)
+
+    calls = ((run_if_same_version, __version__, pickle.dumps((function, job))) for job in jobs)
+    for number, answer in _run_on_executor(cluster.submit, cluster.cores, calls, cluster.name):
+        if isinstance(answer, str):
+            raise WorkerVersionDiffers(
+                f"expected ninedtact {__version__} on every worker of {cluster.name}, got {answer}; install that version there"
+            )
+        result, error = pickle.loads(answer)
+        if error is not None:
+            raise error
+        yield number, result
 
 
-def _other_version(cluster: Cluster, found: str) -> WorkerVersionDiffers:
-    return WorkerVersionDiffers(
-        f"expected ninedtact {__version__} on every worker of {cluster.name}, got {found}; install that version there"
-    )
-
-
-def _run_remote_job(number: int, payload: bytes) -> tuple[int, str, Any]:
-    """Run a job on a worker of a cluster; return its number, the kind of its outcome, and the outcome."""
+def _run_remote_job(payload: bytes) -> bytes:
+    """Run a job on a worker of a cluster; return its result and its error, one of which is None, as pickled bytes."""
     try:
         function, job = pickle.loads(payload)
-        return number, "result", pickle.dumps(_call_with_one_thread(function, job))
+        _limit_threads()  # for good, because other threads of this process may run jobs as well
+        return pickle.dumps((function(*job), None))
     except ImportError as error:
-        return number, "missing", f"{error} on {socket.gethostname()}"
+        missing = WorkersImpossible(
+            f"expected the libraries of this command on every worker, got: {error} on {gethostname()}; install the extras of "
+            "ninedtact that this machine has there"
+        )
+        return pickle.dumps((None, missing))
     except Exception as error:  # raised again in the process that sent the job
-        return number, "error", pickle.dumps(error)
-
-
-def _require_open_port(cluster: str, address: str) -> None:
-    """Refuse an address at which nothing listens; raises `ClusterAddressInvalid`, `ClusterUnreachable`."""
-    host, _, port = address.rpartition("://")[2].rpartition(":")
-    if not host or not port.isdecimal():
-        raise ClusterAddressInvalid(f"expected --cluster {_ADDRESS_FORMS}, got {cluster!r}; correct it")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_TIMEOUT_S / 2).close()
-    except (OSError, OverflowError) as error:
-        raise _unreachable(cluster, error) from error
+        return pickle.dumps((None, error))
 
 
 def _unreachable(cluster: str, reason: object) -> ClusterUnreachable:
@@ -286,90 +299,48 @@ def _unreachable(cluster: str, reason: object) -> ClusterUnreachable:
 
 
 @contextmanager
-def _connect_dask(cluster: str, address: str) -> Iterator[Callable[[], AbstractContextManager[Any]]]:
-    """Connect to a Dask scheduler and yield joblib's own backend for it; raises `ClusterUnreachable`."""
-    import logging
-
+def _connect_dask(cluster: str, address: str) -> Iterator[Cluster]:
+    """Connect to a Dask scheduler; raises `ClusterUnreachable`."""
     import dask
     from distributed import Client
-    from joblib import parallel_config
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are raised as one sentence
-    with dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECT_TIMEOUT_S}s"}):
-        client = _call_within(CONNECT_TIMEOUT_S, cluster, lambda: Client(address, timeout=CONNECT_TIMEOUT_S))
-    with client:
-        if not client.ncores():
+    settings = {
+        "distributed.comm.timeouts.connect": f"{CONNECT_TIMEOUT_S}s",
+        "distributed.admin.large-graph-warning-threshold": "1GB",  # a job of `evaluate` contains some MB of images
+    }
+    with dask.config.set(settings), ExitStack() as stack:
+        try:
+            client = stack.enter_context(Client(address, timeout=CONNECT_TIMEOUT_S))
+        except (OSError, ValueError) as error:
+            raise _unreachable(cluster, error) from error
+        cores = sum(client.ncores().values())
+        if not cores:
             raise _unreachable(cluster, "a scheduler without workers")
-        yield partial(parallel_config, "dask", client=client)
+        yield Cluster(cluster, cores, client.get_executor(pure=False).submit)
 
 
 @contextmanager
-def _connect_ray(cluster: str, address: str) -> Iterator[Callable[[], AbstractContextManager[Any]]]:
-    """Connect to a Ray cluster and yield a backend for it; raises `ClusterUnreachable`."""
+def _connect_ray(cluster: str, address: str) -> Iterator[Cluster]:
+    """Connect to a Ray cluster; raises `ClusterUnreachable`."""
     import grpc
 
-    host = address.removeprefix("ray://")
-    _call_within(
-        CONNECT_TIMEOUT_S,
-        cluster,
-        lambda: grpc.channel_ready_future(grpc.insecure_channel(host)).result(timeout=CONNECT_TIMEOUT_S),
-    )
+    channel = grpc.insecure_channel(address.removeprefix("ray://"))  # Ray itself waits for minutes
+    try:
+        grpc.channel_ready_future(channel).result(timeout=CONNECT_TIMEOUT_S)
+    except grpc.FutureTimeoutError as error:
+        raise _unreachable(cluster, f"no answer within {CONNECT_TIMEOUT_S} s") from error
+    finally:
+        channel.close()
     import ray
-    from joblib import parallel_config
 
     try:
         ray.init(address, logging_level="ERROR", log_to_driver=False)
     except (ConnectionError, RuntimeError, ValueError) as error:
         raise _unreachable(cluster, error) from error
+    task = ray.remote(lambda function, *arguments: function(*arguments))  # a task of a killed worker is run again
     try:
-        yield partial(parallel_config, _make_ray_backend())
+        cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
+        yield Cluster(cluster, cores, lambda function, *arguments: task.remote(function, *arguments).future())
     finally:
         ray.shutdown()
-
-
-def _call_within(seconds: float, cluster: str, connect: Callable[[], Any]) -> Any:
-    """Return what a call returns; raises `ClusterUnreachable` where it fails or takes longer."""
-    outcome: list[Any] = []
-
-    def call() -> None:
-        try:
-            outcome.append((connect(), None))
-        except Exception as error:  # the libraries raise many kinds of error
-            outcome.append((None, error))
-
-    thread = Thread(target=call, daemon=True)
-    thread.start()
-    thread.join(seconds)
-    if not outcome:
-        raise _unreachable(cluster, f"no answer within {seconds:g} s")
-    connection, error = outcome[0]
-    if error is not None:
-        raise _unreachable(cluster, error) from error
-    return connection
-
-
-def _make_ray_backend() -> Any:
-    """Return a joblib backend that runs each job as a Ray task.
-
-    Ray's own backend returns all results at the end and does not replace a worker that was killed; a task is run again by Ray.
-    """
-    import ray
-    from joblib.parallel import ParallelBackendBase
-
-    run_batch = ray.remote(lambda batch: batch())  # travels as code
-
-    class RayTasks(ParallelBackendBase):  # type: ignore[misc]
-        supports_retrieve_callback = True
-
-        def effective_n_jobs(self, n_jobs: int) -> int:
-            return max(1, int(ray.cluster_resources().get("CPU", 1)))
-
-        def submit(self, func: Callable[[], Any], callback: Callable[[Any], None]) -> Any:
-            future = run_batch.remote(func).future()
-            future.add_done_callback(callback)
-            return future
-
-        def retrieve_result_callback(self, future: Any) -> Any:
-            return future.result()
-
-    return RayTasks()

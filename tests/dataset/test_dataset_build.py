@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic, sleep
 
-import joblib
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -189,8 +188,7 @@ def test_several_workers_make_the_same(tmp_path: Path) -> None:
     for number in range(4):
         little_episode(tmp_path / "in" / f"{number}.npz", seed=number)
     one = built_from(tmp_path / "one", tmp_path / "in")
-    with joblib.parallel_config("threading"):
-        build_dataset(tmp_path / "two", sources_at(tmp_path / "in"), workers=3)
+    build_dataset(tmp_path / "two", sources_at(tmp_path / "in"), workers=2)
     assert contents(one.folder) == contents(tmp_path / "two")
     with pytest.raises(WorkersImpossible, match="1 worker"):
         build_dataset(tmp_path / "none", sources_at(tmp_path / "in"), workers=0)

@@ -19,7 +19,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import TensorBoardLogger
 from torch.utils.data import DataLoader
 
-from ninedtact.atomic_write import FileNotWritten, write_file_atomically
+from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
 from ninedtact.errors import OutputError
 from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
@@ -112,13 +112,16 @@ def _digest_examples(examples: TrainingExamples, rows: SplitRows) -> dict[str, A
 def _open_training_folder(out: Path, description: dict[str, Any]) -> None:
     """Make the folder, or verify that it holds an earlier run of the same training.
 
-    Raises `TrainingFolderTaken`, `FileNotWritten`.
+    The processes of a distributed training may call it at once: each of them writes the same settings, or finds them. Raises
+    `TrainingFolderTaken`, `FileNotWritten`.
     """
     wanted = json.loads(json.dumps(description))
+    # The order matters: whatever another process of this training has added was added after its settings.
+    holds_something = out.exists() and (not out.is_dir() or any(not is_partial_file(path) for path in out.iterdir()))
     if (out / _SETTINGS_FILE).is_file():
         _require_same_training(out, wanted)
         return
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if holds_something:
         raise TrainingFolderTaken(
             f"expected an empty folder or a training to continue, got {out}, which holds something else; give another folder"
         )
