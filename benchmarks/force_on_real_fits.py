@@ -18,11 +18,11 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.dataset.generation.press_trajectory import PressSettings, SimulatedPressTrajectory
-from ninedtact.dataset.parquet_files import run_in_processes
 from ninedtact.design import SensorDesign
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_on_processor
@@ -55,19 +55,17 @@ def force_on_real_fits(
     cv2.setNumThreads(1)
     members = {name: twin for name, twin in twins_of_real_fits().items() if name in sensors}
     jobs = [(member, out / f"{name}_{presses}.npz", presses) for name, member in members.items()]
-    for _ in run_in_processes(make_presses, [job for job in jobs if not job[1].is_file()], workers):
+    for _ in run_jobs(make_presses, [job for job in jobs if not job[1].is_file()], workers):
         pass
     folders = [(member, out / f"sensor_{name}{calibration}") for name, member in members.items()]
-    for _ in run_in_processes(
-        calibrate_twin, [job for job in folders if not (job[1] / SENSOR_FILE).is_file()], workers
-    ):
+    for _ in run_jobs(calibrate_twin, [job for job in folders if not (job[1] / SENSOR_FILE).is_file()], workers):
         pass
     jobs = [
         (member, folder, file, spec)
         for (member, folder), (_, file, _) in zip(folders, jobs, strict=True)
         for spec in estimators
     ]
-    found = dict(run_in_processes(judge, jobs, workers))
+    found = dict(run_jobs(judge, jobs, workers))
     results = {(jobs[number][0].name, jobs[number][3]): found[number] for number in sorted(found)}
     for spec in estimators:
         show(spec, {name: results[name, spec] for name in members})

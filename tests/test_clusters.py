@@ -3,6 +3,7 @@
 `make test-cluster` installs the libraries and runs these tests; `make test` leaves them out.
 """
 
+import json
 import os
 import shutil
 import signal
@@ -21,6 +22,7 @@ import pytest
 
 from ninedtact import __version__
 from ninedtact.cli import main
+from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import (
     CONNECT_TIMEOUT_S,
     ClusterUnreachable,
@@ -207,19 +209,32 @@ def test_build_gives_the_same_bytes(cluster: LocalCluster, alone: Path, tmp_path
     assert contents(tmp_path / "one") == contents(tmp_path / "many")
 
 
-def test_evaluate_gives_the_same_predictions(cluster: LocalCluster, tmp_path: Path) -> None:
-    out = tmp_path / "pairs"
+@pytest.fixture(scope="module")
+def sensors_and_presses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Some presses on two simulated sensors, whose calibrations are part of an evaluation."""
+    out = tmp_path_factory.mktemp("presses") / "pairs"
     settings = ["--pairs", "16", "--sensors", "2", "--object-names", "ball:3", "cone", "--pitch-mm", "0.4"]
     assert main(["simulate", "dataset", "--out", str(out), "--json", "--workers", "1", *settings]) == 0
-    shutil.copytree(out, tmp_path / "copy")
-    for data, name, options in (
-        (out, "one", ["--workers", "1"]),
-        (tmp_path / "copy", "many", ["--cluster", cluster.address]),
-    ):
-        assert main(["evaluate", "--data", str(data), "--out", str(tmp_path / name), "--json", *options]) == 0
-    assert (tmp_path / "one" / "predictions.csv").read_bytes() == (tmp_path / "many" / "predictions.csv").read_bytes()
-    assert (out / "sensors" / "twin_0_000" / "sensor.toml").is_file()
-    assert sorted(path.name for path in (tmp_path / "copy" / "sensors").iterdir()) == ["twin_0_000", "twin_0_001"]
+    return out
+
+
+def evaluate(data: Path, out: Path, *options: str) -> bytes:
+    """The predictions for a copy of a data set, whose sensors are calibrated first."""
+    shutil.copytree(data, out / "pairs")
+    assert main(["evaluate", "--data", str(out / "pairs"), "--out", str(out / "report"), "--json", *options]) == 0
+    assert sorted(path.name for path in (out / "pairs" / "sensors").iterdir()) == ["twin_0_000", "twin_0_001"]
+    return (out / "report" / "predictions.csv").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def predictions_of_one_process(sensors_and_presses: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    return evaluate(sensors_and_presses, tmp_path_factory.mktemp("one"), "--workers", "1")
+
+
+def test_evaluate_gives_the_same_bytes(
+    cluster: LocalCluster, sensors_and_presses: Path, predictions_of_one_process: bytes, tmp_path: Path
+) -> None:
+    assert evaluate(sensors_and_presses, tmp_path, "--cluster", cluster.address) == predictions_of_one_process
 
 
 def test_explore_gives_the_same_table(cluster: LocalCluster, tmp_path: Path) -> None:
@@ -241,6 +256,31 @@ def test_errors_of_jobs_keep_their_class_and_sentence(cluster: LocalCluster) -> 
 def test_a_job_that_kills_every_worker_is_one_sentence(cluster: LocalCluster) -> None:
     with connect_workers(1, cluster.address) as workers, pytest.raises(WorkersLost, match="run the command again"):
         list(run_jobs(os._exit, [(1,)], workers))
+
+
+def test_two_processes_train_one_model(alone: Path, tmp_path: Path) -> None:
+    shutil.copytree(alone, tmp_path / "pairs")
+    options = [
+        "--channels",
+        "deformation",
+        "--size",
+        "32",
+        "24",
+        "--epochs",
+        "2",
+        "--batch",
+        "16",
+        "--held-out",
+        "object",
+    ]
+    machine = ["--accelerator", "cpu", "--devices", "2", "--strategy", "ddp", "--json"]
+    folders = ["--data", str(tmp_path / "pairs"), "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "ninedtact", "train", *folders, *options, *machine]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)  # the second process prints nothing
+    assert (found["model"], found["epochs"]) == (str(tmp_path / "out" / "model.onnx"), 2)
+    assert read_force_model(tmp_path / "out" / "model.onnx").card.training.epochs == 2
 
 
 def test_sessions_in_threads_of_one_worker_give_the_same_bytes(alone: Path, tmp_path: Path) -> None:

@@ -3,10 +3,13 @@
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from ninedtact import parallel_jobs
 from ninedtact.cli import main
@@ -18,6 +21,7 @@ from ninedtact.parallel_jobs import (
     WorkersImpossible,
     WorkersLost,
     connect_workers,
+    require_workers,
     run_jobs,
     run_writing_jobs,
 )
@@ -66,7 +70,7 @@ def test_a_killed_parent_leaves_no_workers(tmp_path: Path) -> None:
     job.send_signal(signal.SIGKILL)
     job.wait()
     killed = monotonic()
-    while any(Path(f"/proc/{worker}").exists() for worker in workers) and monotonic() - killed < 60:
+    while any(Path(f"/proc/{worker}").exists() for worker in workers) and monotonic() - killed < 10:
         sleep(0.1)
     assert not [worker for worker in workers if Path(f"/proc/{worker}").exists()]
 
@@ -82,16 +86,30 @@ def _kill_itself(number: int) -> None:
     os.kill(os.getpid(), number)
 
 
-def test_jobs_give_the_same_in_one_process_and_in_two(tmp_path: Path) -> None:
+def test_jobs_give_the_same_in_one_process_in_two_and_on_a_cluster(tmp_path: Path) -> None:
+    """The cluster is one of threads, which leaves the number of BLAS threads as it is set for a worker."""
     jobs = [(number,) for number in range(5)]
-    for workers in (1, 2):
-        assert dict(run_jobs(_square, jobs, workers)) == {number: number**2 for number in range(5)}
-        folder = tmp_path / str(workers)
-        folder.mkdir()
-        assert sorted(run_writing_jobs(_write_square, folder, jobs, workers)) == [
-            (number, number) for number in range(5)
-        ]
-        assert {path.name: path.read_text() for path in folder.iterdir()} == {f"{n}.txt": str(n**2) for n in range(5)}
+    with ThreadPoolExecutor(2) as executor, threadpool_limits(1):
+        for workers in (1, 2, Cluster("threads", 2, executor.submit)):
+            assert dict(run_jobs(_square, jobs, workers)) == {number: number**2 for number in range(5)}
+            folder = tmp_path / str(workers if isinstance(workers, int) else "cluster")
+            folder.mkdir()
+            written = sorted(run_writing_jobs(_write_square, folder, jobs, workers))
+            assert written == [(number, number) for number in range(5)]
+            found = {path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*.txt")}
+            assert found == {f"{number}/square.txt": str(number**2) for number in range(5)}
+            assert len(list(folder.iterdir())) == 5
+            with pytest.raises(WorkersImpossible, match="got 0; give one for each core"):
+                list(run_jobs(require_workers, [(0,), (0,)], workers))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_every_job_uses_one_thread_of_linear_algebra(workers: int) -> None:
+    assert [threads for _, threads in run_jobs(_blas_threads, [(), ()], workers)] == [{1}, {1}]
+
+
+def _blas_threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info()}
 
 
 def _square(number: int) -> int:
@@ -99,7 +117,8 @@ def _square(number: int) -> int:
 
 
 def _write_square(folder: Path, number: int) -> int:
-    (folder / f"{number}.txt").write_text(str(number**2))
+    (folder / str(number)).mkdir()
+    (folder / str(number) / "square.txt").write_text(str(number**2))
     return number
 
 
@@ -152,3 +171,16 @@ def test_paths_of_sources_are_absolute_on_a_cluster(tmp_path: Path, monkeypatch:
     cluster = Cluster("dask:host:1", 2, lambda *_: pytest.fail("no job may run"))
     with pytest.raises(NinedtactError, match="absolute paths of sources for a cluster, got in"):
         build_dataset(tmp_path / "out", [HttSource("in", Path("in"))], workers=cluster)
+
+
+def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
+    from ninedtact.dataset.build import _make_part
+    from ninedtact.dataset.checks import CheckSettings
+    from ninedtact.dataset.sources.source import SourceItem, SourcePart, SourceUnknown
+
+    class EmptyPart(SourcePart):
+        def items(self) -> Iterator[SourceItem]:
+            return iter(())
+
+    with pytest.raises(SourceUnknown, match=f"expected {tmp_path}/in on .*, got nothing there"):
+        _make_part(tmp_path, EmptyPart("in"), (tmp_path / "in",), 0, CheckSettings())

@@ -4,10 +4,11 @@ A folder that appears whole or not at all: filled under a temporary name beside 
 """
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
+from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
 from ninedtact.errors import OutputError
@@ -72,6 +73,21 @@ def create_folder_atomically(final: Path) -> Iterator[Path]:
         _replace_folder(partial, final)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def write_files_atomically(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
+    """Write files, given by their paths in a folder and their contents; raises `FileNotWritten`, `OSError`.
+
+    Each entry of the folder, a file or a folder with its files, appears whole or not at all, in the order of their names.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=folder, prefix=".", suffix=".partial") as name:
+        staging = Path(name)
+        for path, content in files:
+            (staging / path).parent.mkdir(parents=True, exist_ok=True)
+            write_file_atomically(staging / path, content)
+        for entry in sorted(staging.iterdir()):
+            entry.replace(folder / entry.name)
 
 
 def list_foreign_files(folder: Path, belongs: Callable[[str], bool]) -> list[str]:

@@ -127,7 +127,7 @@ def test_a_killed_build_goes_on_and_ends_the_same(tmp_path: Path) -> None:
     for number in range(20):
         little_episode(tmp_path / "in" / f"{number}.npz", steps=12, seed=number)
     job = subprocess.Popen([sys.executable, "-c", BUILD, str(tmp_path / "killed"), str(tmp_path / "in")])
-    third, until = tmp_path / "killed" / "parts" / "00002.check.json", monotonic() + 60
+    third, until = tmp_path / "killed" / "parts" / "00002.result.json", monotonic() + 60
     while not third.is_file() and job.poll() is None and monotonic() < until:
         sleep(0.002)
     job.send_signal(signal.SIGKILL)

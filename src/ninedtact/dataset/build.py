@@ -39,8 +39,6 @@ from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_stat
 from ninedtact.dataset.stored_images import stored_image_bytes
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 
-_CHECK_SUFFIX = ".check.json"
-
 
 @dataclass(frozen=True)
 class BuildSettings:
@@ -122,7 +120,7 @@ def _make_missing_parts(
         if not _PartFiles(folder.parts, number).is_made
     ]
     with tqdm(total=len(parts), initial=len(parts) - len(jobs), unit="file", disable=not progress) as bar:
-        for _, pairs in run_writing_jobs(_make_part, folder.parts, jobs, workers, last=(_CHECK_SUFFIX,)):
+        for _, pairs in run_writing_jobs(_make_part, folder.parts, jobs, workers):
             bar.set_postfix(pairs=pairs, refresh=False)
             bar.update()
 
@@ -144,8 +142,8 @@ class _PartFiles:
 
     @property
     def check(self) -> Path:
-        """The result of the part's check, which is written last."""
-        return self.folder / f"{self.number:05d}{_CHECK_SUFFIX}"
+        """The result of the part's check, which is written last, and whose name is the last one in the alphabet."""
+        return self.folder / f"{self.number:05d}.result.json"
 
     @property
     def is_made(self) -> bool:

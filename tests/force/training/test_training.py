@@ -3,6 +3,7 @@ it cannot learn from."""
 
 import csv
 import signal
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -204,6 +205,17 @@ def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult,
     (tmp_path / "something").write_text("else")
     with pytest.raises(TrainingFolderTaken, match="something else"):
         train_network(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
+
+
+def test_processes_of_one_training_open_its_folder_at_once(tmp_path: Path) -> None:
+    """Each of them writes the same settings, or finds them, also while another one writes."""
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / ".settings.partial").touch()
+    for out in (tmp_path / "begun", *(tmp_path / f"new_{number}" for number in range(10))):
+        with ThreadPoolExecutor(8) as ranks:
+            list(ranks.map(fitting._open_training_folder, [out] * 8, [{"name": "one"}] * 8))
+        with pytest.raises(TrainingFolderTaken, match="another name"):
+            fitting._open_training_folder(out, {"name": "other"})
 
 
 def test_wrenches_at_one_modulus() -> None:
