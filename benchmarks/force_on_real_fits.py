@@ -3,12 +3,17 @@
 300 presses on each sensor: objects of all families, 0.3 to 12 N, dragged, twisted and tilted. The modulus is known. Skill is one
 less the mean absolute error over that of always answering the median. Run it with `make benchmarks/force_on_real_fits`; the presses
 are kept in out/force_on_real_fits and made once.
+
+`--wrong` shows what a mistake does to the calibration: a board of 3.1 mm pitch stated as 2.5 mm, a ball of 5 mm stated as 4 mm, a
+gel 20 % thinner or thicker than stated, a compliant substrate, a gel of finite strain. It also prints the warnings of the
+certificate.
 """
 
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -30,14 +35,14 @@ from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
 from ninedtact.simulation.real_fits import twins_of_real_fits
 from ninedtact.simulation.rectified_renderer import rectified_renderer
-from ninedtact.simulation.sensor_population import SampledSensor
+from ninedtact.simulation.sensor_population import SampledSensor, sample_substrate
 
+Wrong = Literal["nothing", "pitch", "radius", "thinner", "thicker", "compliant_base", "finite_strain"]
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-ESTIMATORS = ("physics", "network", "both")
+ESTIMATORS = ("physics", "corrected")
 LOADS_N = 0.3, 12.0
 BELOW_SKIN_MM = (0.0, 0.0, -35.0)
 REFERENCES = 10
-BOOTSTRAPS = 400
 
 
 def force_on_real_fits(
@@ -46,6 +51,7 @@ def force_on_real_fits(
     sensors: tuple[str, ...] = ("A", "I", "L", "P", "Q", "R"),
     estimators: tuple[str, ...] = ESTIMATORS,
     calibration: str = "",
+    wrong: Wrong = "nothing",
     workers: int = 2,
 ) -> None:
     """Print a table for each sensor, and the mean and worst of all.
@@ -53,16 +59,20 @@ def force_on_real_fits(
     presses: number on each sensor. calibration: a word after which folders of other calibrations are named, to compare changes.
     """
     cv2.setNumThreads(1)
-    members = {name: twin for name, twin in twins_of_real_fits().items() if name in sensors}
+    members = {name: mistaken(twin, wrong) for name, twin in twins_of_real_fits().items() if name in sensors}
+    out = out if wrong == "nothing" else out / wrong
     jobs = [(member, out / f"{name}_{presses}.npz", presses) for name, member in members.items()]
     for _ in run_jobs(make_presses, [job for job in jobs if not job[1].is_file()], workers):
         pass
-    folders = [(member, out / f"sensor_{name}{calibration}") for name, member in members.items()]
+    folders = [(member, out / f"sensor_{name}{calibration}", wrong) for name, member in members.items()]
     for _ in run_jobs(calibrate_twin, [job for job in folders if not (job[1] / SENSOR_FILE).is_file()], workers):
         pass
+    for member, folder, _ in folders:
+        for warning in load_sensor(folder).record.certificate.warnings:
+            print(f"{member.name}: {warning}")
     jobs = [
         (member, folder, file, spec)
-        for (member, folder), (_, file, _) in zip(folders, jobs, strict=True)
+        for (member, folder, _), (_, file, _) in zip(folders, jobs, strict=True)
         for spec in estimators
     ]
     found = dict(run_jobs(judge, jobs, workers))
@@ -113,10 +123,32 @@ def make_presses(member: SampledSensor, file: Path, presses: int) -> None:
     np.savez(file, wrenches=np.array(wrenches), objects=json.dumps(objects), **packed)
 
 
-def calibrate_twin(member: SampledSensor, folder: Path) -> None:
-    """Calibrate the twin from single images of its own presses, as a person would: only the board's pitch is known."""
+def mistaken(member: SampledSensor, wrong: Wrong) -> SampledSensor:
+    """Return the twin of which something is stated wrongly, or assumed that does not hold."""
+    design, gel = member.design, member.gel
+    if wrong == "pitch":
+        return replace(member, design=replace(design, pin_board=replace(design.pin_board, pitch_mm=3.1)))
+    if wrong == "radius":
+        return replace(member, design=replace(design, ball=replace(design.ball, radius_mm=5.0)))
+    if wrong == "compliant_base":
+        return replace(member, kind=wrong, base=sample_substrate(np.random.default_rng(5), gel))
+    return replace(member, kind="finite_strain") if wrong == "finite_strain" else member
+
+
+def stated_design(member: SampledSensor, wrong: Wrong) -> SensorDesign:
+    """Return the design that a person states: the published one, with the board's own pitch unless that is the mistake."""
+    usual = SensorDesign()
+    if wrong == "pitch":
+        return usual
+    thicker = {"thinner": 1.2, "thicker": 0.8}.get(wrong, 1.0)
+    gel = replace(usual.gel, thickness_mm=usual.gel.thickness_mm * thicker)
+    return replace(usual, pin_board=member.design.pin_board, gel=gel)
+
+
+def calibrate_twin(member: SampledSensor, folder: Path, wrong: Wrong = "nothing") -> None:
+    """Calibrate the twin from single images of its own presses, as a person would."""
     images = simulate_calibration_images(member.twin(), member.design, presses=member.presses)
-    design = replace(SensorDesign(), pin_board=member.design.pin_board)
+    design = stated_design(member, wrong)
     save_sensor(folder, calibrate(CalibrationImages(**vars(images)), design, sensor_id=member.name))
 
 

@@ -24,7 +24,7 @@ from ninedtact.simulation.calibration_images import simulate_calibration_images
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument(
-    "--force", choices=("network", "physics", "both"), default="physics", help="learnt, without any training, or both"
+    "--force", choices=("physics", "corrected"), default="physics", help="physics alone, or corrected by a network"
 )
 parser.add_argument("--sensor", type=Path, default=Path(tempfile.gettempdir()) / "ninedtact_examples" / "twin")
 parser.add_argument("--object", default="ball:4")

@@ -42,7 +42,8 @@ def test_the_card_tells_what_it_was_judged_on(made: Path) -> None:
     card = read_force_model(made / "model.onnx").card
     table = card.evaluation["all"]
     assert table["pairs"] == 24 and len(table["skill"]) == len(table["skill_35_mm_below"]) == 6
-    assert table["no_contact"]["largest_force_n"] == 0 < table["no_contact_without_detection"]["largest_force_n"]
+    assert table["no_contact"]["largest_force_n"] == 0
+    assert card.evaluation["all, physics without correction"]["pairs"] == table["pairs"]
     page = (made / "model_card.md").read_text()
     assert "Not yet tested against a real force/torque sensor" in page and f"{table['skill'][0]:.3f}" in page
 
@@ -79,4 +80,4 @@ def test_the_model_that_ships_is_small_and_its_page_is_in_the_docs(capsys: pytes
     page = (Path(__file__).parents[1] / "docs" / "model_card.md").read_text()
     assert page.strip() == capsys.readouterr().out.strip()
     judged = read_force_model(SHIPPED_MODEL).card.evaluation
-    assert judged["all"]["pairs"] >= 10_000 and judged["all"]["no_contact"]["largest_force_n"] == 0
+    assert judged["all"]["pairs"] >= 1_500 and judged["all"]["no_contact"]["largest_force_n"] == 0

@@ -18,6 +18,8 @@ import pytest
 from hand import TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
 from twin_folder import twin_folder
 
+from ninedtact.calibration.procedure import Calibration
+from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
 from ninedtact.capture.frame_pacing import LatestFrameSource
@@ -241,13 +243,14 @@ def test_a_reference_of_another_sensor_is_a_warning_of_every_estimate_and_said_o
 
 
 def test_record_prints_what_a_person_must_know_of_every_estimate(
-    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    calibrated_a: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "twin.mcap"
-    options = ["--source", "sim", "--sensor", sensor, "--seconds", "0.5", "--force", "network", "--out", path]
+    path, sensor = tmp_path / "twin.mcap", tmp_path / "a"
+    save_sensor(sensor, calibrated_a)
+    options = ["--source", "sim", "--sensor", sensor, "--seconds", "0.5", "--force", "physics", "--out", path]
     assert main(["record", *map(str, options)]) == 0
     said = capsys.readouterr().err
-    notices = load_sensor(sensor).estimator("network").notices
+    notices = load_sensor(sensor).estimator("physics").notices
     assert notices and all(f"ninedtact: {notice}\n" in said for notice in notices)
 
 

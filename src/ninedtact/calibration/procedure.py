@@ -23,6 +23,7 @@ from ninedtact.calibration.board.board_fit import (
 from ninedtact.calibration.board.lattice import CameraRotation
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, to_grey_float
+from ninedtact.calibration.certificate.checks import unusual_fit_warnings
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
@@ -42,10 +43,11 @@ from ninedtact.calibration.sensor_toml_schema import (
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, ParameterUncertainty, TwinFit
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
-from ninedtact.design import SensorDesign
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.shape.depth import Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px
 from ninedtact.shape.rectification import Area, Rectification, rectification_of_projection
+from ninedtact.simulation.sensor_population import fit_deviation
 
 LensKind = Literal["model", "paper"]
 
@@ -165,14 +167,18 @@ def _depth_table(ball: BallFit, settings: CalibrationSettings) -> DepthTable:
 def _twin_table(physical: PhysicsDepthFit, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
     """Return the twin from the ball press, and from the board where its image agrees with the prediction."""
     fit = physical.fit
-    gel = replace(fit.forward.design.gel, thickness_mm=fit.parameters["thickness_mm"])
     return TwinTable(
-        gel,
+        _fitted_gel(fit),
         fit.light,
         noise_grey_levels,
         _twin_fit_quality(fit),
         None if told is None else _board_press_table(told, fit),
     )
+
+
+def _fitted_gel(fit: TwinFit) -> Gel:
+    """Return the design's gel with the fitted thickness."""
+    return replace(fit.forward.design.gel, thickness_mm=fit.parameters["thickness_mm"])
 
 
 def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
@@ -232,8 +238,18 @@ def _make_certificate(
             *_board_warnings(board),
             *ball.warnings,
             *reference_drift_warnings(images.board_reference, images.ball_reference),
+            *_fit_warnings(ball.physical),
         ],
     )
+
+
+def _fit_warnings(physical: PhysicsDepthFit | None) -> list[str]:
+    """Return the warnings about light and gel as they were fitted."""
+    if physical is None:
+        return []
+    design = physical.fit.forward.design
+    deviation = fit_deviation(physical.fit.light, _fitted_gel(physical.fit), design)
+    return unusual_fit_warnings(deviation, design)
 
 
 def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardQuality:

@@ -48,7 +48,7 @@ class Live:
     """Reference image (no contact) of this session; several are averaged. Without any, the first images of the
     source are the reference."""
     force: str = NONE
-    """Estimator of force and torque: physics, network, both, a force model (.onnx), or none."""
+    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
     follow_reference: bool = True

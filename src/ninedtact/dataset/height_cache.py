@@ -1,16 +1,18 @@
-"""The skin's heights in the images of a data set on a network's grid, computed once with each sensor's calibration.
+"""The skin's heights in the images of a data set on a network's grid, and what physics finds in them, computed once with the
+calibration of each sensor.
 
-    cache/heights-<digest>/train-00000-of-00040.npy …      (n, rows, cols) float16 mm, one file for each Parquet file
+    cache/heights-<digest>/train-00000-of-00040.npz …      float16, one file for each Parquet file
 
 The digest is that of the data, the grid and the calibrations. Every file appears whole or not at all, so that a computation that
 was stopped continues.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float16, Float32, Shaped
@@ -29,7 +31,11 @@ from ninedtact.dataset.image_cache import digest_files, make_cache_folder
 from ninedtact.dataset.parquet_files import iterate_rows, wrench_array
 from ninedtact.dataset.reader import read_name_column, read_pair_columns
 from ninedtact.dataset.schema import NO_OBJECT
+from ninedtact.design import Gel
+from ninedtact.force.network_input import relative_tractions
+from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.parallel_jobs import run_jobs
+from ninedtact.reading import Reading
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 
 
@@ -44,6 +50,14 @@ class HeightWrenchPairs:
     """Wrenches, N and N·m about the skin's centre."""
     objects: Shaped[Array, " n"]
     sensors: Shaped[Array, " n"]
+    tractions: Float16[Array, "n 3 rows cols"] | None = None
+    """Pressure and shear over the shear modulus that physics finds; None where only heights were asked for."""
+    physics: Float32[Array, "n 6"] | None = None
+    """The wrench by physics for a gel of the design's shear modulus, N and N·m; zero where it finds no contact."""
+
+    def select(self, chosen: Shaped[Array, " n"]) -> "HeightWrenchPairs":
+        """Return the chosen pairs."""
+        return replace(self, **{name: part[chosen] for name, part in vars(self).items() if part is not None})
 
 
 def load_height_pairs(
@@ -53,12 +67,14 @@ def load_height_pairs(
     cache: Path | None = None,
     workers: int = 1,
     *,
+    with_physics: bool = False,
     left_out: Collection[str] = (),
     progress: bool = False,
 ) -> HeightWrenchPairs:
     """Return all height grids of a data set without those of the sensors that are left out; missing ones are computed now.
 
-    Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`.
+    with_physics: whether to compute tractions and wrenches by physics too. Raises `DatasetDamaged`, `SensorCalibrationMissing`,
+    `FileNotWritten`, `TractionImpossible`.
     """
     table = read_pair_columns(folder)
     names = np.array(read_name_column(table, "sensor"))
@@ -66,12 +82,48 @@ def load_height_pairs(
     _require_calibrations(names[kept], sensors)
     files = find_pair_files(folder)
     cache = folder / "cache" if cache is None else cache
-    target = cache / f"heights-{_digest_inputs(files, cache, sensors, grid)}"
+    kind = "physics" if with_physics else "heights"
+    target = cache / f"{kind}-{_digest_inputs(files, cache, sensors, grid)}"
     make_cache_folder(target)
-    _compute_missing_files(files, target, sensors, grid, workers, progress)
-    z_mm = np.concatenate([np.load(_height_file(target, file), mmap_mode="r") for file in files])
+    _compute_missing_files(files, target, _CachedFields(grid, with_physics), sensors, workers, progress)
+    stored = [_read_fields(_cache_file(target, file)) for file in files]
+    fields = {name: np.concatenate([one[name] for one in stored]) for name in stored[0]}
     ids, objects = np.array(table["id"].to_pylist()), np.array(read_name_column(table, "object", NO_OBJECT))
-    return HeightWrenchPairs(ids[kept], z_mm[kept], wrench_array(table)[kept], objects[kept], names[kept])
+    return HeightWrenchPairs(ids, wrenches=wrench_array(table), objects=objects, sensors=names, **fields).select(kept)
+
+
+@dataclass(frozen=True)
+class _CachedFields:
+    """What is computed of every image."""
+
+    grid: SkinGrid
+    with_physics: bool
+
+    def __call__(self, reading: Reading, physics: TractionForce | None) -> dict[str, Array]:
+        """Return the fields of `HeightWrenchPairs` of one image."""
+        z_mm = orthorectified_heights(reading.height, self.grid).astype(np.float16)
+        if physics is None:
+            return {"z_mm": z_mm}
+        physics.forget()
+        estimate = physics.estimate(reading)
+        tractions = np.zeros((3, *z_mm.shape), np.float16)
+        if estimate.traction is not None:
+            tractions[:] = relative_tractions(estimate.traction, physics.gel.shear_modulus_mpa, self.grid)
+        return {"z_mm": z_mm, "tractions": tractions, "physics": estimate.wrench.six.astype(np.float32)}
+
+    def empty(self) -> dict[str, Array]:
+        """Return the fields of an image whose sensor is left out: zeros."""
+        z_mm = np.zeros((self.grid.rows, self.grid.cols), np.float16)
+        if not self.with_physics:
+            return {"z_mm": z_mm}
+        return {"z_mm": z_mm, "tractions": np.stack([z_mm] * 3), "physics": np.zeros(6, np.float32)}
+
+    def physics_of(self, sensor: CalibratedSensor) -> TractionForce | None:
+        """Return the estimator by physics of a sensor whose gel has the design's shear modulus, where it is needed."""
+        if not self.with_physics:
+            return None
+        gel = replace(sensor.gel, shear_modulus_mpa=Gel().shear_modulus_mpa)
+        return build_traction_force(sensor.shape, gel)
 
 
 def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, CalibratedSensor]) -> None:
@@ -90,25 +142,31 @@ def _digest_inputs(files: Sequence[Path], cache: Path, sensors: Mapping[str, Cal
     return blake2b(repr((data, calibrations, grid)).encode(), digest_size=6).hexdigest()
 
 
-def _height_file(folder: Path, pair_file: Path) -> Path:
-    return folder / f"{pair_file.stem}.npy"
+def _cache_file(folder: Path, pair_file: Path) -> Path:
+    return folder / f"{pair_file.stem}.npz"
+
+
+def _read_fields(file: Path) -> dict[str, Array]:
+    """Return the arrays of one file of the cache."""
+    with np.load(file) as stored:
+        return {name: stored[name] for name in stored.files}
 
 
 def _compute_missing_files(
     files: Sequence[Path],
     target: Path,
+    fields: _CachedFields,
     sensors: Mapping[str, CalibratedSensor],
-    grid: SkinGrid,
     workers: int,
     progress: bool,
 ) -> None:
     """Compute the files that no earlier run computed, in several processes."""
     from tqdm import tqdm
 
-    missing = [file for file in files if not _height_file(target, file).is_file()]
-    jobs = [(file, _height_file(target, file), _select_sensors(file, sensors), grid) for file in missing]
+    missing = [file for file in files if not _cache_file(target, file).is_file()]
+    jobs = [(file, _cache_file(target, file), _select_sensors(file, sensors), fields) for file in missing]
     with tqdm(total=len(files), initial=len(files) - len(missing), unit="file", disable=not progress) as bar:
-        for _ in run_jobs(_compute_height_file, jobs, workers):
+        for _ in run_jobs(_compute_cache_file, jobs, workers):
             bar.update()
 
 
@@ -118,17 +176,20 @@ def _select_sensors(file: Path, sensors: Mapping[str, CalibratedSensor]) -> dict
     return {name: sensors[name] for name in names if name in sensors}
 
 
-def _compute_height_file(file: Path, target: Path, sensors: Mapping[str, CalibratedSensor], grid: SkinGrid) -> None:
-    """Write the heights of one Parquet file; they are zero for sensors that are not given.
+def _compute_cache_file(
+    file: Path, target: Path, sensors: Mapping[str, CalibratedSensor], fields: _CachedFields
+) -> None:
+    """Write the fields of one Parquet file; they are zero for sensors that are not given.
 
-    Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`.
+    Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`, `TractionImpossible`.
     """
     reader = FileDepthReader(file, sensors, read_file_references(file))
-    rows = list(iterate_rows(file, READ_COLUMNS))
-    z_mm = np.zeros((len(rows), grid.rows, grid.cols), np.float16)
-    for number, row in enumerate(rows):
-        if (row["sensor"] or "") in sensors:
-            z_mm[number] = orthorectified_heights(reader.read(row).height, grid)
+    physics = {name: fields.physics_of(sensor) for name, sensor in sensors.items()}
+    rows = []
+    for row in iterate_rows(file, READ_COLUMNS):
+        name = row["sensor"] or ""
+        rows.append(fields(reader.read(row), physics[name]) if name in sensors else fields.empty())
     content = BytesIO()
-    np.save(content, z_mm)
+    fields_of_file: dict[str, Any] = {name: np.stack([one[name] for one in rows]) for name in rows[0]}
+    np.savez(content, **fields_of_file)
     write_file_atomically(target, content.getbuffer())

@@ -1,4 +1,5 @@
-"""Estimation of the wrench that an object applies to the skin, from one reading: by physics, by a network, or by both fused.
+"""Estimation of the wrench that an object applies to the skin, from one reading: by physics, by a network, or by physics
+that a network corrects.
 
     by physics     HeightMap ──gel compliance──▶ Traction ──▶ Wrench
     by learning    Rectified ──deformation──▶ Deformation ──network──▶ Wrench

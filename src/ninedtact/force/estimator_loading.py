@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.shape.calibrated_shape import CalibratedShape
 
-BOTH, NETWORK, PHYSICS, NONE = "both", "network", "physics", "none"
+CORRECTED, PHYSICS, NONE = "corrected", "physics", "none"
 _MODEL_SUFFIX, _WEIGHTS_SUFFIX = ".onnx", ".pt"
 
 
@@ -49,8 +49,8 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
 
     Where the folder has none, the spread of the gel's modulus is part of the stated errors.
 
-    spec: `physics`, `network` (the shipped model), `both`, `both:MODEL.onnx`, `none`, or the path of a force model (.onnx) or of
-    the original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`.
+    spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of the
+    original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`.
 
     >>> estimator = ninedtact.load_estimator("physics", ninedtact.load_sensor("my_sensor"))
     >>> estimator.name
@@ -79,17 +79,12 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
         from ninedtact.force.traction.estimator import build_traction_force
 
         return build_traction_force(shape, gel)
-    kind, _, model = spec.partition(":")
-    if kind == BOTH:
-        return _build_fused_estimator(Path(model).expanduser() if model else _shipped_model(), shape, gel)
-    return _build_network_estimator(_shipped_model() if spec == NETWORK else Path(spec).expanduser(), shape, gel)
+    return _build_network_estimator(_shipped_model() if spec == CORRECTED else Path(spec).expanduser(), shape, gel)
 
 
 def model_file(spec: str) -> Path | None:
-    """Return the path of the file that this name of an estimator contains, None where it contains none."""
-    kind, _, model = spec.partition(":")
-    path = model if kind == BOTH else "" if spec in (NETWORK, PHYSICS, NONE) else spec
-    return Path(path).expanduser() if path else None
+    """Return the path of the file that this name of an estimator is, None where it is none."""
+    return None if spec in (CORRECTED, PHYSICS, NONE) else Path(spec).expanduser()
 
 
 def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
@@ -111,31 +106,31 @@ def _shipped_model() -> Path:
     return SHIPPED_MODEL
 
 
-def _build_fused_estimator(model: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """Return the estimator that fuses a force model with the physics of the gel."""
-    from ninedtact.force.fusion import FusedForceEstimator
-    from ninedtact.force.network_force import NetworkForce
-    from ninedtact.force.network_input import sensor_features_of
-    from ninedtact.force.onnx_model import read_force_model
-    from ninedtact.force.traction.estimator import build_traction_force
-
-    network = NetworkForce(read_force_model(model), gel, features=sensor_features_of(shape, gel))
-    return FusedForceEstimator(network, build_traction_force(shape, gel))
-
-
 def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """Return the network of a force model or of the original project's weights; raises `EstimatorUnknown`."""
+    """Return the estimator of a force model or of the original project's weights; raises `EstimatorUnknown`."""
     if path.suffix.lower() == _MODEL_SUFFIX:
-        from ninedtact.force.network_force import NetworkForce
-        from ninedtact.force.network_input import sensor_features_of
-        from ninedtact.force.onnx_model import read_force_model
-
-        return NetworkForce(read_force_model(path), gel, features=sensor_features_of(shape, gel))
+        return _build_model_estimator(path, shape, gel)
     if path.suffix.lower() == _WEIGHTS_SUFFIX:
         from ninedtact.force.original_network import read_original_network
 
         return read_original_network(path)
     raise EstimatorUnknown(
-        f"expected --force {BOTH}, {NETWORK}, {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's "
-        f"weights (*{_WEIGHTS_SUFFIX}), got '{path}'; name one of these"
+        f"expected --force {CORRECTED}, {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's weights "
+        f"(*{_WEIGHTS_SUFFIX}), got '{path}'; name one of these"
     )
+
+
+def _build_model_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
+    """Return the estimator of a force model: one that corrects physics, or one that estimates the wrench alone."""
+    from ninedtact.force.network_input import sensor_features_of
+    from ninedtact.force.onnx_model import read_force_model
+
+    model, features = read_force_model(path), sensor_features_of(shape, gel)
+    if model.card.input.channels.of_physics:
+        from ninedtact.force.corrected_force import CorrectedForce
+        from ninedtact.force.traction.estimator import build_traction_force
+
+        return CorrectedForce(build_traction_force(shape, gel), model, features)
+    from ninedtact.force.network_force import NetworkForce
+
+    return NetworkForce(model, gel, features=features)

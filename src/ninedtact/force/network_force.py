@@ -105,12 +105,17 @@ def prediction_warnings(
     inputs: Float32[Array, "channels rows cols"], wrench: Float64[Array, "6"], card: ModelCard
 ) -> Iterator[EstimateWarning]:
     """Yield a warning where the wrench, or the input, is outside what the training covered."""
-    low, high = np.array(card.wrench_min), np.array(card.wrench_max)
-    margin = _RANGE_MARGIN * (high - low)
-    if (wrench < low - margin).any() or (wrench > high + margin).any():
+    if is_beyond_training(wrench, card):
         yield EstimateWarning.OUT_OF_RANGE
     if is_out_of_distribution(inputs, card.input.channels, card.input_ranges):
         yield EstimateWarning.UNLIKE_TRAINING
+
+
+def is_beyond_training(wrench: Float64[Array, "6"], card: ModelCard) -> bool:
+    """Return whether a wrench, for a gel of the model's modulus, lies outside the wrenches of the training and a margin."""
+    low, high = np.array(card.wrench_min), np.array(card.wrench_max)
+    margin = _RANGE_MARGIN * (high - low)
+    return bool((wrench < low - margin).any() or (wrench > high + margin).any())
 
 
 def move_prediction_to_skin_centre(

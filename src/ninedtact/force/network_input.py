@@ -1,6 +1,7 @@
 """Construction of the input of force networks from a reading, and from stored training examples.
 
     heights              Reading.height ─▶ orthorectified heights ─▶ divided by the gel's thickness (─▶ features of the sensor)
+    physics              the same, and pressure and shear that physics found, divided by the shear modulus
     deformation, mixed   Reading.rectified, .reference ─▶ darker, brighter, reference
 
 Training stores heights in mm (`orthorectification.orthorectified_heights`) or grey images, augments them, and then calls the same
@@ -16,6 +17,7 @@ from enum import StrEnum
 from itertools import islice
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
@@ -30,11 +32,12 @@ from ninedtact.force.brightness_channels import (
     stack_deformation_channels,
 )
 from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.quantities import HeightMap, Rectified
+from ninedtact.quantities import HeightMap, Rectified, Traction
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
+from ninedtact.shape.rectification import skin_grid_mm
 
 _PUBLISHED_MM_PER_PX = 0.0522
 """Pixel pitch of the published rectified image."""
@@ -87,6 +90,8 @@ class InputChannels(StrEnum):
     HEIGHTS = "height / gel thickness"
     HEIGHTS_AND_GEL = "height / gel thickness, gel thickness / 2.5 mm"
     HEIGHTS_AND_SENSOR = "height / gel thickness, sensor features / typical values"
+    PHYSICS = "height / gel thickness, pressure and shear / shear modulus, sensor features / typical values"
+    """Input of a network that corrects the wrench by physics."""
     DEFORMATION = ChannelLayout.PLAIN.value
     MIXED = ChannelLayout.ORIGINAL.value
 
@@ -101,6 +106,16 @@ class InputChannels(StrEnum):
         return _FEATURE_CHANNELS.get(self, 0) > 1
 
     @property
+    def of_physics(self) -> bool:
+        """Whether they contain the tractions that physics found."""
+        return self is InputChannels.PHYSICS
+
+    @property
+    def sensor_features(self) -> int:
+        """Number of a sensor's features that are channels of their own, each constant over the image: the last channels."""
+        return _FEATURE_CHANNELS.get(self, 0)
+
+    @property
     def layout(self) -> ChannelLayout:
         """The layout of channels that are computed from the image."""
         return ChannelLayout(self.value)
@@ -108,15 +123,16 @@ class InputChannels(StrEnum):
     @property
     def number(self) -> int:
         """The number of channels."""
-        return 1 + _FEATURE_CHANNELS[self] if self.of_heights else 3
+        return 1 + (_TRACTION_CHANNELS if self.of_physics else 0) + self.sensor_features if self.of_heights else 3
 
 
 _FEATURE_CHANNELS = {
     InputChannels.HEIGHTS: 0,
     InputChannels.HEIGHTS_AND_GEL: 1,
     InputChannels.HEIGHTS_AND_SENSOR: len(TYPICAL_FEATURES.row),
+    InputChannels.PHYSICS: len(TYPICAL_FEATURES.row),
 }
-"""Number of a sensor's features that are channels of their own, each constant over the image."""
+_TRACTION_CHANNELS = 3
 
 
 @dataclass(frozen=True)
@@ -175,6 +191,11 @@ class NetworkInputBuilder:
 
     def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
         """Return the input for one reading; raises `NetworkInputImpossible`, `ImagesDoNotMatch`."""
+        if self.settings.channels.of_physics:
+            raise NetworkInputImpossible(
+                "expected the tractions that physics found for a network that corrects them, got a reading alone; load the model "
+                "with load_estimator"
+            )
         if self.settings.channels.of_heights:
             return self.of_height(reading.height)
         if reading.reference is None:
@@ -188,6 +209,14 @@ class NetworkInputBuilder:
         z_mm = orthorectified_heights(height, self.settings.grid)
         return np.asarray(stack_height_channels(z_mm, self.features.row, self.settings.channels))
 
+    def of_physics(
+        self, height: HeightMap, traction: Traction, modulus_mpa: float
+    ) -> Float32[Array, "channels rows cols"]:
+        """Return the input for a height map and the tractions that physics found in it for a gel of this shear modulus."""
+        grid = self.settings.grid
+        z_mm, relative = orthorectified_heights(height, grid), relative_tractions(traction, modulus_mpa, grid)
+        return np.asarray(stack_height_channels(z_mm, self.features.row, self.settings.channels, relative))
+
     def of_image(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
         """Return the input for an image and its reference, resized whole to the network's size; raises `ImagesDoNotMatch`."""
         if self._reader is None or self._reader.reference is not reference:
@@ -195,14 +224,27 @@ class NetworkInputBuilder:
         return deformation_channels(self._reader(rectified), self.settings.channels.layout)
 
 
-def stack_height_channels(z_mm: Any, features: Any, channels: InputChannels) -> Any:
-    """Stack heights (…, rows, cols) and features (…, 5) of NumPy or torch to (…, channels, rows, cols)."""
+def relative_tractions(traction: Traction, modulus_mpa: float, grid: SkinGrid) -> Float32[Array, "3 rows cols"]:
+    """Return pressure and shear over the shear modulus at the places of a grid, zero beyond the cells of the traction."""
+    fields = np.stack([traction.pressure_mpa, *traction.shear_mpa]) / np.float32(modulus_mpa)
+    middle = np.array([(side - 1) / 2 for side in fields.shape[:0:-1]], np.float32)[:, None, None]
+    pixel = np.stack(skin_grid_mm((grid.rows, grid.cols), grid.mm_per_px)) / np.float32(traction.mm_per_px) + middle
+    found = [cv2.remap(field, pixel[0], pixel[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT) for field in fields]
+    return np.stack(found).astype(np.float32)
+
+
+def stack_height_channels(z_mm: Any, features: Any, channels: InputChannels, tractions: Any = None) -> Any:
+    """Stack heights (…, rows, cols), relative tractions (…, 3, rows, cols) where there are any, and features (…, 5), of NumPy or
+    torch, to (…, channels, rows, cols)."""
     per_image = features[..., None, None]
     relative = z_mm / per_image[..., 0, :, :]
     constant = (
         per_image[..., at, :, :] / float(typical) + 0 * relative for at, typical in enumerate(TYPICAL_FEATURES.row)
     )
-    return array_namespace_of(relative).stack((relative, *islice(constant, _FEATURE_CHANNELS[channels])), axis=-3)
+    between = () if tractions is None else tuple(tractions[..., at, :, :] for at in range(_TRACTION_CHANNELS))
+    return array_namespace_of(relative).stack(
+        (relative, *between, *islice(constant, channels.sensor_features)), axis=-3
+    )
 
 
 def stack_image_channels(images: Any, references: Any, channels: InputChannels) -> Any:

@@ -106,8 +106,6 @@ class EstimateWarning(StrEnum):
     """The solver stopped before it converged."""
     PART_UNSEEN = "part unseen"
     """The contact extends beyond the camera's view."""
-    ESTIMATORS_DISAGREE = "estimators disagree"
-    """Network and physics differ by more than three standard deviations."""
     REFERENCE_UNLIKE_CALIBRATION = "reference unlike the calibrated one"
     """The reference image of this session shows another sensor or something that touches the gel, or is overexposed."""
     IMAGE_DARK = "image dark"

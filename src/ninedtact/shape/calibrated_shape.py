@@ -14,12 +14,15 @@ from ninedtact.shape.rectification import Rectification
 
 MIN_LIT_GREY_LEVEL = 15.0
 """Mean grey level below which an image counts as taken in the dark and cannot be a reference image."""
+_MAX_UNSTEADINESS = 0.1
+"""Largest relative difference of the mean brightness between the images of one reference; light that is being switched on changes
+by more."""
 _KEPT_BYTES = 31 << 20
 """Size in bytes, just below the 32 MiB above which glibc no longer adapts its threshold (mallopt(3), M_MMAP_THRESHOLD)."""
 
 
 class ReferenceUnusable(CalibrationError):
-    """The reference images of a session (no contact) are missing or too dark."""
+    """The reference images of a session (no contact) are missing, too dark, or differ in brightness."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,12 @@ def mean_rectified_image(images: list[Rectified]) -> Rectified:
         raise ReferenceUnusable(
             f"expected a lit reference image (no contact), got a mean grey level of {total.mean():.0f} of 255; "
             "switch the sensor's light on and raise the exposure"
+        )
+    levels = [float(image.grey.mean()) for image in images]
+    if max(levels) - min(levels) > _MAX_UNSTEADINESS * max(levels):
+        raise ReferenceUnusable(
+            f"expected reference images (no contact) of one brightness, got mean grey levels from {min(levels):.0f} to "
+            f"{max(levels):.0f}; wait until light and exposure are steady"
         )
     return Rectified(total, images[0].mm_per_px, images[-1].stamp_ns)
 

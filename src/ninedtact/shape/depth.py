@@ -132,6 +132,16 @@ class DepthCurveImpossible(InputError):
 
 
 @dataclass(frozen=True)
+class CurveContinuation:
+    """Knots beyond the deepest calibrated indentation, where the curve follows the brightness model alone; by default none."""
+
+    darkening: tuple[float, ...] = ()
+    indentation_mm: tuple[float, ...] = ()
+    error_mm: tuple[float, ...] = ()
+    """Standard deviation at each knot, which grows with the distance from the calibrated range."""
+
+
+@dataclass(frozen=True)
 class DepthCurve:
     """Darkening → indentation and, where it is calibrated, brightening → bulge; both are monotone and zero at zero."""
 
@@ -145,14 +155,26 @@ class DepthCurve:
     """
     brightening: tuple[float, ...] = (0.0,)
     bulge_mm: tuple[float, ...] = (0.0,)
+    beyond: CurveContinuation = CurveContinuation()
+    """The continuation of the curve; heights there count as extrapolated. Beyond all knots the end value is kept."""
 
     def __post_init__(self) -> None:
-        require_curve("darkening", self.darkening, self.indentation_mm)
+        require_curve("darkening", *self.pressed[:2])
         require_curve("brightening", self.brightening, self.bulge_mm)
-        if len(self.error_mm) != len(self.darkening):
+        if len(self.pressed[2]) != len(self.pressed[0]):
             raise DepthCurveImpossible(
-                f"expected {len(self.darkening)} errors, one for each knot, got {len(self.error_mm)}"
+                f"expected {len(self.pressed[0])} errors, one for each knot, got {len(self.pressed[2])}"
             )
+
+    @cached_property
+    def pressed(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+        """Darkening, indentation (mm) and its error (mm) at all knots, those beyond the calibrated range included."""
+        beyond = self.beyond
+        return (
+            self.darkening + beyond.darkening,
+            self.indentation_mm + beyond.indentation_mm,
+            self.error_mm + beyond.error_mm,
+        )
 
     @property
     def max_indentation_mm(self) -> float:
@@ -160,9 +182,9 @@ class DepthCurve:
         return self.indentation_mm[-1]
 
     def height_mm(self, signal: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Return the signed height for a signed signal (negative darker); beyond the range the end value is kept."""
-        pressed = np.interp(-signal, self.darkening, self.indentation_mm)
-        return np.interp(signal, self.brightening, self.bulge_mm) - pressed
+        """Return the signed height for a signed signal (negative darker); beyond all knots the end value is kept."""
+        darkening, indentation_mm, _ = self.pressed
+        return np.interp(signal, self.brightening, self.bulge_mm) - np.interp(-signal, darkening, indentation_mm)
 
     @cached_property
     def table(self) -> Float32[Array, " size"]:
@@ -278,7 +300,8 @@ class DepthReader:
 
     def error_mm(self, indentation_mm: float) -> float:
         """Return the standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""
-        scatter = np.interp(indentation_mm, self.curve.indentation_mm, self.curve.error_mm)
+        _, knots_mm, error_mm = self.curve.pressed
+        scatter = np.interp(indentation_mm, knots_mm, error_mm)
         return float(np.hypot(scatter, self.noise_mm))
 
     def quantise(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:

@@ -34,6 +34,8 @@ class CalibrationPresses:
     """Tilts about x and y."""
     ball_depth_mm: float = 1.8
     ball_drag_mm: tuple[float, float] = (0.2, -0.12)
+    exposure_drift: float = 0.0
+    """Relative exposure of the pressed images over that of their reference images, less one."""
 
     def scaled(self, factor: float) -> "CalibrationPresses":
         """Return presses whose depths are multiplied by a factor."""
@@ -76,10 +78,11 @@ def simulate_calibration_images(
     board = board_press.simulate(finer, pin_board_indenter(design.pin_board), settings)
     ball = ball_press.simulate(twin, Ball(design.ball.radius_mm), settings)
     contacts = None, board, None, ball
+    drifted = replace(twin.renderer, reference=twin.renderer.reference * np.float32(1 + presses.exposure_drift))
     numbers = [range(first_number + n * frames, first_number + (n + 1) * frames) for n in range(len(contacts))]
     return SimulatedCalibrationImages(
         *(
-            average_images([twin.renderer(contact, number) for number in some])
+            average_images([(twin.renderer if contact is None else drifted)(contact, number) for number in some])
             for contact, some in zip(contacts, numbers, strict=True)
         )
     )

@@ -44,7 +44,7 @@ class BrightnessModel:
     """Slope of f where the gel bulges."""
     point_spread_mm: float = 0.45
     """Standard deviation of the point-spread."""
-    global_dimming: float = 0.2
+    global_dimming: float = 1.05
     """Light that the whole image loses, c, per mean darkening of the view."""
     inverse_distance_per_mm: float = 0.05
     """Inverse of the apparent viewing distance: pressed skin appears displaced outwards by its height times its distance from
@@ -92,14 +92,18 @@ def synthetic_reference_image(
     unevenness: float = 0.02,
     cast: tuple[float, float, float] = (1.0, 1.0, 1.0),
     seed: int = 0,
+    vignetting: float = 0.0,
 ) -> Float32[Array, "raw_rows raw_cols 3"]:
     """Return a plausible BGR reference image (0 to 255) without noise.
 
-    mean_grey: mean of the image. unevenness: relative standard deviation of its clouds. cast: gains of B, G and R.
+    mean_grey: mean of the image. unevenness: relative standard deviation of its clouds. cast: gains of B, G and R. vignetting:
+    relative loss of light in the corners of the image, which grows with the square of the distance from its centre.
     """
     rng = np.random.default_rng(seed)
     shape = pixel_map.raw_shape
     light = _led_illumination(pixel_map, rng) * (1 + _smooth_random_field(shape, unevenness, rng))
+    if vignetting:
+        light = light * (1 - vignetting * _squared_image_radius(shape))
     colours = [light * gain * (1 + _smooth_random_field(shape, unevenness / 3, rng)) for gain in cast]
     image = np.stack(colours, axis=-1)
     return np.clip(image * (mean_grey / image.mean()), 0, 250).astype(np.float32)
@@ -115,6 +119,12 @@ def _led_illumination(pixel_map: PixelMap, rng: np.random.Generator) -> Float[Ar
     ]
     light = np.sum(fields, axis=0)
     return np.asarray(light / light.mean())
+
+
+def _squared_image_radius(shape: tuple[int, int]) -> Float[Array, "rows cols"]:
+    """Return the square of the distance from the image's centre, one in the corners."""
+    rows, cols = (np.linspace(-1, 1, side) ** 2 / 2 for side in shape)
+    return np.asarray(rows[:, None] + cols)
 
 
 def _smooth_random_field(

@@ -2,10 +2,10 @@
 
 `sample_sensor(number, seed)` returns sensor `number` of a seed: all its parameters, its twin, and its form as JSON.
 
-Brightness: fits to ball presses on eight real sensors of five labs (docs/datasets.md; a ninth image was too poor), sampled as
-logarithms with their correlations and cut off at `REACH` standard deviations, because the fits are few. Lens: fits to three real
-sensors, which `WideAngleLens` follows to 0.05 mm. Reference images: the mean grey of nine sensors. All other spreads are
-tolerances of moulding, silicone and mounting.
+Brightness and gel: `ninedtact calibrate` fitted them to the images of real sensors of several labs (docs/datasets.md). Their
+spreads are wide enough that each of these sensors, and every mixture of them, lies well inside. Presses for the calibration: by
+hand, with balls from 0.9 to 2.3 mm deep and dragged, boards tilted, and an exposure that drifts between the images. Lens: fits to
+three real sensors, which `WideAngleLens` follows to 0.05 mm. All other spreads are tolerances of moulding, silicone and mounting.
 
 Mechanics: two of the three kinds differ from the model with which shape and force are estimated, so that no reported accuracy
 is computed with the same model for simulation and for estimation.
@@ -27,7 +27,7 @@ from ninedtact.mechanics.contact_model import finite_strain_height_mm, finite_st
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPresses
-from ninedtact.simulation.illumination import BrightnessModel, saturating_response_mm, synthetic_reference_image
+from ninedtact.simulation.illumination import BrightnessModel, synthetic_reference_image
 from ninedtact.simulation.pixel_map import PixelMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import (
@@ -39,33 +39,46 @@ from ninedtact.simulation.twin import (
     scale_brightness_to_design,
 )
 
-FITTED_LIGHT_PARAMETERS = np.array(
-    [
-        (0.164, 0.33, 0.49, 0.012),
-        (0.223, 0.53, 0.65, 0.008),
-        (0.176, 0.42, 0.52, 0.014),
-        (0.129, 0.25, 0.47, 0.009),
-        (0.182, 0.44, 0.52, 0.018),
-        (0.175, 0.32, 0.60, 0.010),
-        (0.177, 0.35, 0.46, 0.008),
-        (0.142, 0.41, 0.72, 0.006),
-    ]
-)
-"""Slopes of darkening and brightening per mm, point-spread in mm, and dimming of the whole image; one row per real sensor."""
-FITTED_AT_MM = 2.0
-"""Depth of those presses: the first column is the slope of the straight line to this depth."""
-MEAN_DARKENING = 0.014
-"""Mean darkening of the view in those presses; it turns the dimming into `BrightnessModel.global_dimming`."""
+
+@dataclass(frozen=True)
+class LogNormal:
+    """A log-normal distribution of a positive parameter."""
+
+    median: float
+    spread: float
+    """Standard deviation of the natural logarithm."""
+
+    def deviation(self, value: float) -> float:
+        """Return how many standard deviations a value is from the median."""
+        return float(np.log(max(value, 1e-9) / self.median)) / self.spread
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """Sample a value, at most `REACH` standard deviations from the median."""
+        return float(self.median * np.exp(self.spread * _sample_clipped_normal(rng, 1)[0]))
+
+
+FITTED_PARAMETERS = {
+    "darkening_per_mm": LogNormal(0.118, 0.30),
+    "brightening_per_mm": LogNormal(0.39, 0.26),
+    "point_spread_mm": LogNormal(0.48, 0.17),
+    "global_dimming": LogNormal(1.05, 0.5),
+    "relative_thickness": LogNormal(0.92, 0.22),
+}
+"""Distributions of the parameters that `ninedtact calibrate` fits to sensors of the published design; the last is the thickness
+with which the gel acts over the designed one."""
+_SATURATION = 0.1, 6.0
+"""Range of the saturation, whose logarithm is uniform."""
+_INVERSE_DISTANCE_PER_MM = 0.0, 0.08
+_BALL_DEPTH_MM = 0.9, 2.3
+_MAX_BALL_DEPTH_FRACTION = 0.85
+"""Part of the gel's thickness to which calibrating balls are pressed at most."""
+_MAX_BALL_DRAG_MM = 0.5
+_BOARD_TILT_RAD, _EXPOSURE_DRIFT = 0.004, 0.004
+"""Standard deviations of the board's tilts, and of the relative exposure between the images of a calibration."""
 REACH = 2.0
+"""Standard deviations at which normal distributions are cut off, because the real sensors behind them are few."""
 
 Random = np.random.Generator
-
-
-def _sample_light_parameters(rng: Random) -> Float[Array, "4"]:
-    """Sample one more row of `FITTED_LIGHT_PARAMETERS`."""
-    logs = np.log(FITTED_LIGHT_PARAMETERS)
-    root = np.linalg.cholesky(np.cov(logs.T))
-    return np.asarray(np.exp(logs.mean(axis=0) + root @ _sample_clipped_normal(rng, 4)))
 
 
 def _sample_clipped_normal(rng: Random, count: int) -> Float[Array, " count"]:
@@ -73,32 +86,53 @@ def _sample_clipped_normal(rng: Random, count: int) -> Float[Array, " count"]:
     return np.clip(rng.standard_normal(count), -REACH, REACH)
 
 
-def _sample_brightness_model(
-    rng: Random, thickness_mm: float, design: SensorDesign = PUBLISHED_DESIGN
-) -> BrightnessModel:
-    """Sample a published sensor whose gel deviates by the same ratio, and scale its brightness model to the design."""
-    usual_mm = thickness_mm * (PUBLISHED_DESIGN.gel.thickness_mm / design.gel.thickness_mm)
-    return scale_brightness_to_design(_sample_published_brightness_model(rng, usual_mm), design)
+def fit_deviation(light: BrightnessModel, gel: Gel, design: SensorDesign = PUBLISHED_DESIGN) -> float:
+    """Return how far a fitted sensor is from the middle of the population: the root of the summed squares of the deviations of its
+    parameters, each in standard deviations.
+
+    Half of the sensors of the population are within 2.1, and 98 of 100 within 3.2.
+    """
+    published = scale_brightness_to_design(light, PUBLISHED_DESIGN, measured_on=design)
+    found = {**vars(published), "relative_thickness": gel.thickness_mm / design.gel.thickness_mm}
+    return float(np.linalg.norm([one.deviation(found[name]) for name, one in FITTED_PARAMETERS.items()]))
 
 
-def _sample_published_brightness_model(rng: Random, thickness_mm: float) -> BrightnessModel:
-    """Sample the brightness model of a sensor of the published design."""
-    secant, bright, scattering, lost = _sample_light_parameters(rng).tolist()
-    saturation = float(np.exp(rng.uniform(np.log(0.2), np.log(3.5))))
-    depth = np.array([-min(FITTED_AT_MM, 0.9 * thickness_mm)])
-    bend = float(saturating_response_mm(depth, saturation, thickness_mm)[0] / depth[0])
-    nearness = float(np.clip(0.03 + 0.015 * _sample_clipped_normal(rng, 1)[0], 0, None))
-    return BrightnessModel(secant / bend, saturation, bright, scattering, lost / MEAN_DARKENING, nearness, thickness_mm)
+def _sample_brightness_model(rng: Random, design: SensorDesign) -> BrightnessModel:
+    """Sample the brightness model of a sensor of the published design, scaled to another design.
+
+    The brightness law assumes the designed thickness, as the fits do.
+    """
+    fitted = {name: one.sample(rng) for name, one in FITTED_PARAMETERS.items() if name != "relative_thickness"}
+    published = BrightnessModel(
+        **fitted,
+        saturation=float(np.exp(rng.uniform(*np.log(_SATURATION)))),
+        inverse_distance_per_mm=float(rng.uniform(*_INVERSE_DISTANCE_PER_MM)),
+    )
+    return scale_brightness_to_design(published, design)
+
+
+def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationPresses:
+    """Sample how a person presses board and ball for the calibration."""
+    deepest = min(_BALL_DEPTH_MM[1], _MAX_BALL_DEPTH_FRACTION * gel.thickness_mm)
+    # Depths are multiplied by the thickness of the design's gel when the images are simulated.
+    thinner = min(1.0, design.gel.thickness_mm / PUBLISHED_DESIGN.gel.thickness_mm)
+    depth_mm = rng.uniform(min(_BALL_DEPTH_MM[0], deepest), min(_BALL_DEPTH_MM[1], deepest / thinner))
+    angle, drag_mm = rng.uniform(-np.pi, np.pi), _MAX_BALL_DRAG_MM * np.sqrt(rng.uniform())
+    tilt = (_BOARD_TILT_RAD * _sample_clipped_normal(rng, 2)).tolist()
+    return replace(
+        GUIDED_PRESSES,
+        board_tilt_rad=(tilt[0], tilt[1]),
+        ball_depth_mm=float(depth_mm),
+        ball_drag_mm=(float(drag_mm * np.cos(angle)), float(drag_mm * np.sin(angle))),
+        exposure_drift=float(_EXPOSURE_DRIFT * _sample_clipped_normal(rng, 1)[0]),
+    )
 
 
 def _sample_gel(rng: Random, meant: Gel = PUBLISHED_DESIGN.gel) -> Gel:
-    """Sample a gel: thickness 2.5 ± 0.2 mm (one standard deviation) or in proportion, modulus ± 25 %, nearly incompressible."""
-    thickness = (
-        meant.thickness_mm
-        + 0.2 * (meant.thickness_mm / PUBLISHED_DESIGN.gel.thickness_mm) * _sample_clipped_normal(rng, 1)[0]
-    )
+    """Sample a gel: its thickness as it acts, its modulus ± 25 %; nearly incompressible, as silicone is (docs/datasets.md)."""
+    thickness = meant.thickness_mm * FITTED_PARAMETERS["relative_thickness"].sample(rng)
     modulus = meant.shear_modulus_mpa * rng.uniform(0.75, 1.25)
-    return Gel(float(thickness), float(modulus), meant.poisson_ratio - min(0.02, float(rng.exponential(0.004))))
+    return Gel(float(thickness), float(modulus), meant.poisson_ratio - min(0.002, float(rng.exponential(0.0003))))
 
 
 def _sample_lens(rng: Random, design: SensorDesign = PUBLISHED_DESIGN) -> WideAngleLens:
@@ -158,8 +192,8 @@ class InvalidPopulation(InputError):
 class MechanicsShares:
     """Shares of sensors whose mechanics differ from the gel on a rigid base that estimators assume."""
 
-    compliant_base: float = 0.2
-    finite_strain: float = 0.3
+    compliant_base: float = 0.15
+    finite_strain: float = 0.55
 
     def __post_init__(self) -> None:
         if not (min(self.compliant_base, self.finite_strain) >= 0 and self.compliant_base + self.finite_strain <= 1):
@@ -183,6 +217,7 @@ class ReferenceImageSettings:
     unevenness: float
     cast: tuple[float, float, float]
     seed: int
+    vignetting: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -196,10 +231,11 @@ class CalibrationMisalignment:
 
 
 def _sample_reference_image_settings(rng: np.random.Generator) -> ReferenceImageSettings:
-    """Sample the mean grey of nine real sensors, and white LEDs with a slight cast."""
+    """Sample the mean grey of nine real sensors, white LEDs with a slight cast, and corners darkened by the lens."""
     red, blue = (0.02 * _sample_clipped_normal(rng, 2)).tolist()
     grey, unevenness = rng.uniform(135, 162), rng.uniform(0.01, 0.03)
-    return ReferenceImageSettings(float(grey), float(unevenness), (1 + blue, 1.0, 1 + red), int(rng.integers(2**31)))
+    vignetting, seed = float(rng.uniform(0, 0.35)), int(rng.integers(2**31))
+    return ReferenceImageSettings(float(grey), float(unevenness), (1 + blue, 1.0, 1 + red), seed, vignetting)
 
 
 def _sample_misalignment(rng: np.random.Generator) -> CalibrationMisalignment:
@@ -289,12 +325,13 @@ def sample_sensor(
         gel=gel,
         base=base if kind == "compliant_base" else None,
         friction=float(rng.uniform(0.5, 1.2)),
-        light=_sample_brightness_model(rng, gel.thickness_mm, design),
+        light=_sample_brightness_model(rng, design),
         lens=_sample_lens(rng, design),
         noise_grey_levels=float(rng.uniform(0.5, 1.0)),
         reference_image=_sample_reference_image_settings(rng),
         misalignment=_sample_misalignment(rng),
         design=design,
+        presses=_sample_presses(rng, gel, design),
     )
 
 

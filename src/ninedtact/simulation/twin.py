@@ -164,12 +164,14 @@ def brightness_model_for_design(design: SensorDesign) -> BrightnessModel:
     return scale_brightness_to_design(BrightnessModel(), design)
 
 
-def scale_brightness_to_design(model: BrightnessModel, design: SensorDesign) -> BrightnessModel:
-    """Scale the brightness model of a sensor of the published design to the gel and the camera distance of another design."""
-    thickness_mm, published_mm = design.gel.thickness_mm, PUBLISHED_DESIGN.gel.thickness_mm
-    thicker = thickness_mm / published_mm
-    steeper = _reflectance_slope_per_mm(thickness_mm, model) / _reflectance_slope_per_mm(published_mm, model)
-    nearer = PUBLISHED_DESIGN.camera.distance_mm / design.camera.distance_mm
+def scale_brightness_to_design(
+    model: BrightnessModel, design: SensorDesign, measured_on: SensorDesign = PUBLISHED_DESIGN
+) -> BrightnessModel:
+    """Scale the brightness model of a sensor of one design to the gel and the camera distance of another."""
+    thickness_mm, measured_mm = design.gel.thickness_mm, measured_on.gel.thickness_mm
+    thicker = thickness_mm / measured_mm
+    steeper = _reflectance_slope_per_mm(thickness_mm, model) / _reflectance_slope_per_mm(measured_mm, model)
+    nearer = measured_on.camera.distance_mm / design.camera.distance_mm
     return replace(
         model,
         darkening_per_mm=model.darkening_per_mm * steeper,

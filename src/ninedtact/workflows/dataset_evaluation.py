@@ -16,8 +16,9 @@ from tqdm import tqdm
 
 from ninedtact.dataset.calibrated_readings import CalibratedSensor, StoredRows, iterate_stored_rows
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.estimator_loading import BOTH, PHYSICS, build_estimator, model_file, without_contact_detection
+from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file, without_contact_detection
 from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
+from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
 from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.workflows.dataset_sensors import load_dataset_sensors, load_simulated_sensors
@@ -31,7 +32,7 @@ _MECHANICS_LABELS = {
     "compliant_base": "compliant substrate",
 }
 """Descriptions of the mechanics of simulated sensors, as in the model card."""
-_FUSED_LABEL = ", network and physics fused"
+_PHYSICS_LABEL = ", physics without correction"
 _KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor", "axes", "units")
 """Keys of an evaluation that are not stored in a card."""
 
@@ -85,8 +86,7 @@ def predict_dataset(
     columns = [pair.truth for pair in pairs], [pair.wrench for pair in pairs], [pair.std for pair in pairs]
     six = [np.array(column, float).reshape(-1, 6) for column in columns]
     objects, names = [pair.object for pair in pairs], [pair.sensor for pair in pairs]
-    is_gaussian = settings.force.partition(":")[0] in (PHYSICS, BOTH)
-    distribution = ErrorDistribution.GAUSSIAN if is_gaussian else ErrorDistribution.LAPLACE
+    distribution = ErrorDistribution.GAUSSIAN if settings.force == PHYSICS else ErrorDistribution.LAPLACE
     claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
     return WrenchPredictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
 
@@ -164,8 +164,7 @@ def _build_estimator(
         with TemporaryDirectory(prefix="ninedtact") as folder:
             copy = Path(folder) / path.name
             copy.write_bytes(model)
-            fused = settings.force.startswith(f"{BOTH}:")
-            estimator = build_estimator(f"{BOTH}:{copy}" if fused else str(copy), sensor.shape, sensor.gel)
+            estimator = build_estimator(str(copy), sensor.shape, sensor.gel)
     if not settings.contact_detection:
         estimator = without_contact_detection(estimator)
     if member is None or settings.modulus != "calibrated":
@@ -178,16 +177,19 @@ def evaluate_per_mechanics_kind(
 ) -> dict[str, dict[str, Any]]:
     """Evaluate a model on a data set of simulated sensors for its card: one table for each kind of mechanics, and one for all.
 
-    Every sensor is calibrated from its own images and its force with five simulated loads. The network is evaluated alone, fused
-    with physics, and without contact detection where there is no contact.
+    Every sensor is calibrated from its own images and its force with five simulated loads. A network that corrects physics is
+    evaluated beside physics, any other also without contact detection where there is no contact.
     """
     settings = DatasetEvaluationSettings(str(model), modulus="calibrated")
     mechanics = {name: member.kind for name, member in load_simulated_sensors(data).items()}
     tables: dict[str, dict[str, Any]] = {}
-    for force, label in ((str(model), ""), (f"{BOTH}:{model}", _FUSED_LABEL)):
+    corrects_physics = read_force_model(model).card.input.channels.of_physics
+    for force, label in ((str(model), ""), *([(PHYSICS, _PHYSICS_LABEL)] if corrects_physics else [])):
         predictions = predict_dataset(data, replace(settings, force=force), workers, progress=progress, notify=notify)
         for words, part in _split_by_mechanics(predictions, mechanics):
             tables[words + label] = _card_table(part)
+    if corrects_physics:
+        return tables
     undetected = replace(settings, modulus="true", contact_detection=False)
     without_detection = evaluate_predictions(predict_dataset(data, undetected, workers, progress=progress))
     tables["all"]["no_contact_without_detection"] = without_detection.to_json_dict()["no_contact"]

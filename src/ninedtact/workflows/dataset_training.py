@@ -71,12 +71,12 @@ def train_on_dataset(
     workers: number of processes that read images. notify: receives a sentence about each sensor whose pairs are left out.
     Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
     """
-    examples, ids = _read_training_examples(data, settings.input, sensors, workers, progress, notify)
+    examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
     rows = held_out.rows(ids, examples)
     return train_network(examples, rows, settings, out, name=name, licence=licence, machine=machine, progress=progress)
 
 
-def _read_training_examples(
+def read_training_examples(
     data: Path,
     grid: NetworkInputSettings,
     sensors: Path | None = None,
@@ -105,12 +105,23 @@ def _read_height_examples(
     for notice in known.exclusion_notices():
         notify(notice)
     pairs = load_height_pairs(
-        data, known.by_name, grid.grid, workers=workers, left_out=known.refused, progress=progress
+        data,
+        known.by_name,
+        grid.grid,
+        workers=workers,
+        with_physics=grid.channels.of_physics,
+        left_out=known.refused,
+        progress=progress,
     )
+    if pairs.physics is not None:  # the network is asked only where physics finds a contact
+        pairs = pairs.select(pairs.physics[:, 2] != 0)
     features = {name: sensor_features_of(sensor.shape, sensor.gel).row for name, sensor in known.by_name.items()}
     names = pairs.objects.tolist(), pairs.sensors.tolist()
     each = np.array([features[name] for name in names[1]])
-    return TrainingExamples(pairs.z_mm, pairs.wrenches, *names, sensor_features=each), pairs.ids.tolist()
+    examples = TrainingExamples(
+        pairs.z_mm, pairs.wrenches, *names, sensor_features=each, tractions=pairs.tractions, physics=pairs.physics
+    )
+    return examples, pairs.ids.tolist()
 
 
 def _read_image_examples(

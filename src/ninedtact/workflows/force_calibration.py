@@ -9,7 +9,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.image_and_video_files import ImageList
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.estimator_loading import BOTH, NONE, load_unscaled_estimator
+from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, load_unscaled_estimator
 from ninedtact.force.known_load_scale import (
     ForceScaleFit,
     ForceScaleImpossible,
@@ -56,7 +56,7 @@ def calibrate_force(
     sensor_folder: Path,
     reference: Sequence[Path],
     presses: Sequence[tuple[Path, float]],
-    force: str = BOTH,
+    force: str = PHYSICS,
     save: bool = True,
 ) -> ForceCalibration:
     """Fit the force scale of a sensor to images of presses with known loads, and save it in the sensor folder.
@@ -66,7 +66,7 @@ def calibrate_force(
     """
     if force == NONE:
         raise NothingToCalibrate(
-            f"expected an estimator to calibrate, got --force {NONE}; name {BOTH}, network, physics or a force model"
+            f"expected an estimator to calibrate, got --force {NONE}; name {CORRECTED}, {PHYSICS} or a force model"
         )
     folder = load_sensor(sensor_folder)
     estimator = load_unscaled_estimator(force, folder)

@@ -16,13 +16,14 @@ import numpy as np
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.dataset.generation.generate import generate_dataset
+from ninedtact.dataset.generation.press_trajectory import PressSettings
 from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.model_card_page import format_model_card
 from ninedtact.force.onnx_model import ModelCard, read_force_model
 from ninedtact.force.training.onnx_export import rewrite_card
-from ninedtact.force.training.settings import DEFAULT_TRAINING, ComputeSettings
+from ninedtact.force.training.settings import CORRECTOR_TRAINING, ComputeSettings
 from ninedtact.force.training.train import MODEL_FILE
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
@@ -41,9 +42,12 @@ _HELD_OUT_FAMILIES = frozenset(
     (
         *("cells", "dial", "saddle", "profile_bar", "pyramid", "foam", "spring", "ring", "punch"),
         *("letter", "puzzle", "molar", "blob", "ball", "caltrop", "cylinder", "dots", "spiral"),
+        *("hook", "leaf", "ellipsoid", "gear", "crescent", "spanner", "coin", "paw", "pyramids", "chain", "button"),
     )
 )
-"""18 families of objects, sampled once. They are never used for training, so that validation objects differ from training ones."""
+"""A third of the families of objects, sampled once. They are never used for training, so that validation objects are new."""
+_LOAD_N, _LOAD_RANGE_N = (4.0, 3.5), (0.3, 12.0)
+"""Mean and standard deviation of the loads of training presses, and their range: wider than what hands do."""
 _TRAINING_SEED, _VALIDATION_SEED, _DEMONSTRATION_SEED = 0, 2, 3
 """Seeds of the sampled sensors, different for each data set."""
 TRAINING_DATA_FOLDER, VALIDATION_DATA_FOLDER, _TRAINING_FOLDER = "training_data", "validation_data", "training"
@@ -67,15 +71,15 @@ class ForceModelRecipe:
     held_out: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
     """Kind of held-out pairs by which the best epoch is chosen; None: sensors and objects that are not trained on."""
     precision: str = "32-true"
-    pitch_mm: float = 0.3
+    pitch_mm: float = 0.2
     validation_pitch_mm: float = 0.2
-    """Pitch of the grids on which contacts are solved: validation contacts are solved finer than training ones."""
+    """Pitch of the grids on which contacts are solved."""
     design: SensorDesign = SensorDesign()
     """The design of all simulated sensors."""
 
     @property
     def training_data(self) -> GenerationSettings:
-        """Settings of the training data: sensors of all mechanics, objects that are not held out."""
+        """Settings of the training data: sensors of all mechanics, objects that are not held out, loads down to light touches."""
         return GenerationSettings(
             self.pairs,
             sensors=self.sensors,
@@ -83,6 +87,7 @@ class ForceModelRecipe:
             seed=_TRAINING_SEED,
             pitch_mm=self.pitch_mm,
             design=self.design,
+            press=PressSettings(load_n=_LOAD_N, load_range_n=_LOAD_RANGE_N),
         )
 
     @property
@@ -162,7 +167,7 @@ def make_force_model(
     train_on_dataset(
         out / TRAINING_DATA_FOLDER,
         out / _TRAINING_FOLDER,
-        fit_input_to_dataset(replace(DEFAULT_TRAINING, epochs=recipe.epochs), out / TRAINING_DATA_FOLDER),
+        fit_input_to_dataset(replace(CORRECTOR_TRAINING, epochs=recipe.epochs), out / TRAINING_DATA_FOLDER),
         HeldOutSettings(recipe.held_out),
         workers=workers,
         name=name,

@@ -11,22 +11,29 @@ import numpy as np
 import pytest
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.calibration.procedure import Calibration
+from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.cli import main
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
 from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
+from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.force.brightness_channels import rectified_from_stored_image
+from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,
     NetworkInputSettings,
     SensorFeatures,
+    relative_tractions,
     stack_height_channels,
 )
 from ninedtact.force.onnx_model import read_force_model
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading
 from ninedtact.simulation.sensor_population import sample_sensor
 from ninedtact.workflows.dataset_sensors import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
 
@@ -88,6 +95,15 @@ def sensors(tmp_path_factory: pytest.TempPathFactory, twin_sensor: SensorFolder)
     return place
 
 
+@pytest.fixture(scope="module")
+def physics_sensors(tmp_path_factory: pytest.TempPathFactory, calibrated_a: Calibration) -> Path:
+    """Both as a real sensor was calibrated by the method `physics`."""
+    place = tmp_path_factory.mktemp("physics_sensors")
+    for name in "ab":
+        save_sensor(place / name, calibrated_a)
+    return place
+
+
 def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_sensor: SensorFolder) -> None:
     pairs = load_height_pairs(folder, load_dataset_sensors(folder, sensors, 1, progress=False).by_name, GRID.grid)
     assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(24)]
@@ -100,10 +116,46 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
     assert pairs.wrenches[row, 2] == np.float32(-1.75) and pairs.objects[row] == "thing_2" and pairs.sensors[row] == "a"
 
 
+def test_what_physics_finds_is_kept_beside_the_heights(folder: Path, physics_sensors: Path, tmp_path: Path) -> None:
+    calibrated = load_dataset_sensors(folder, physics_sensors, 1, progress=False).by_name
+    sensor = load_sensor(physics_sensors / "a")
+    pairs = load_height_pairs(folder, calibrated, GRID.grid, tmp_path, with_physics=True)
+    assert pairs.physics is not None and pairs.tractions is not None
+    row = pairs.ids.tolist().index("005")
+    design = replace(sensor.gel, shear_modulus_mpa=Gel().shear_modulus_mpa)
+    estimator = build_estimator("physics", sensor.shape, design)
+    reader = sensor.shape.reader_against(rectified_from_stored_image(image_of(0, 99), MM_PER_PX))
+    image = rectified_from_stored_image(image_of(0.5 + 5 / 4, 5), MM_PER_PX)
+    reading = Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
+    estimate = estimator.estimate(reading)
+    assert estimate.traction is not None and estimate.wrench.force_n[2] < -0.05
+    np.testing.assert_allclose(pairs.physics[row], estimate.wrench.six, rtol=1e-4, atol=1e-6)
+    wanted = relative_tractions(estimate.traction, Gel().shear_modulus_mpa, GRID.grid)
+    np.testing.assert_allclose(pairs.tractions[row], wanted, atol=2e-3)
+    np.testing.assert_array_equal(pairs.z_mm, load_height_pairs(folder, calibrated, GRID.grid, tmp_path).z_mm)
+
+
+def test_a_corrector_of_physics_is_trained_and_used(
+    folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--data", str(folder), "--sensors", str(physics_sensors)]
+    options = [*given, "--out", str(tmp_path / "out"), "--preset", "corrector"]
+    size = ("--size", "24", "16", "--epochs", "1", "--batch", "8", "--held-out", "object")
+    assert main(["train", *options, *size, "--json", *ON_CPU]) == 0
+    assert json.loads(capsys.readouterr().out)["held_out"]["pairs"] > 1
+    sensor = load_sensor(physics_sensors / "a")
+    estimator = build_estimator(str(tmp_path / "out" / "model.onnx"), sensor.shape, sensor.gel)
+    assert estimator.name == "physics corrected by network"
+    reader = sensor.shape.reader_against(rectified_from_stored_image(image_of(0, 99), MM_PER_PX))
+    image = rectified_from_stored_image(image_of(2.0, 5), MM_PER_PX)
+    reading = Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
+    assert estimator.estimate(reading).touching
+
+
 def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calibrated = load_dataset_sensors(folder, sensors, 1, progress=False).by_name
     whole = load_height_pairs(folder, calibrated, GRID.grid)
-    first, second = sorted(folder.glob("cache/heights-*/*.npy"))
+    first, second = sorted(folder.glob("cache/heights-*/*.npz"))
     second.unlink()
     read: list[str] = []
     monkeypatch.setattr(

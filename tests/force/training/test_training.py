@@ -95,6 +95,25 @@ def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: Trainin
     np.testing.assert_array_equal(again(shown).wrench, trained.model(shown).wrench)
 
 
+def test_a_network_that_corrects_physics_learns_what_physics_lacks(tmp_path: Path) -> None:
+    heights = of_heights()
+    pressure = np.maximum(-np.asarray(heights.images, np.float32), 0)
+    examples = replace(
+        heights,
+        physics=(0.8 * heights.wrench).astype(np.float32),
+        tractions=np.stack([pressure, 0 * pressure, 0 * pressure], 1).astype(np.float16),
+    )
+    np.testing.assert_allclose(examples.labels, 0.2 * heights.wrench, atol=1e-6)
+    usual = toy_settings()
+    settings = replace(usual, input=replace(usual.input, channels=InputChannels.PHYSICS), epochs=2)
+    done = train_network(examples, ROWS, settings, tmp_path / "out", machine=CPU)
+    assert done is not None and done.model.card.input.channels.of_physics
+    assert (done.evaluation.scores.skill[:3] > 0.6).all()
+    assert (np.array(done.model.card.wrench_min) < 0.9 * heights.wrench[ROWS.train].min(0) + 1e-9).all()
+    with pytest.raises(ExamplesUnusable, match="without the tractions and wrenches of physics"):
+        train_network(heights, ROWS, settings, tmp_path / "other", machine=CPU)
+
+
 def weights_of(learner: ForceTrainingModule) -> dict[str, torch.Tensor]:
     return {name: part.clone() for name, part in learner.state_dict().items()}
 

@@ -16,7 +16,15 @@ from scipy.ndimage import gaussian_filter1d
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.ball_press_model import PATCH
 from ninedtact.quantities import HeightSource
-from ninedtact.shape.depth import FINE_SMOOTHING, TABLE_STEPS, Deblurring, DepthCurve, DepthReader, LightLoss
+from ninedtact.shape.depth import (
+    FINE_SMOOTHING,
+    TABLE_STEPS,
+    CurveContinuation,
+    Deblurring,
+    DepthCurve,
+    DepthReader,
+    LightLoss,
+)
 from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.pixel_map import SightlineGrid
 
@@ -25,6 +33,14 @@ LEAST_OF_KNOT = 30
 """Smallest number of pixels at a depth for which the brightness model is corrected there."""
 SHALLOWEST_OF_DISC_MM = 0.05
 """Indentation below which a pixel is left out of the disc: the ball's edge is near, and light is scattered from it."""
+KNOTS_BEYOND = 8
+"""Number of knots of the curve beyond the depth of the press."""
+DEEPEST_FRACTION = 0.9
+"""Part of the gel's thickness to which the curve continues beyond the depth of the press."""
+LEAST_BEYOND_MM = 0.05
+"""Length of the shortest continuation."""
+ERROR_BEYOND = 0.2
+"""Error of the curve beyond the depth of the press, in mm per mm."""
 BULGE_MM = 1.0
 """Largest height that the curve of bulges covers."""
 FLOORS = (0.01, 0.03, 0.1)
@@ -90,7 +106,28 @@ class PhysicsDepthFit:
         mean = np.bincount(knot, off, minlength=KNOTS)[:KNOTS] / np.maximum(count, 1)
         bend = np.interp(np.arange(KNOTS), np.append(0, known), np.append(0.0, mean[known]))
         rising = np.maximum.accumulate(darkening + gaussian_filter1d(bend, 1.0)) + 1e-6 * np.arange(KNOTS)
-        return replace(law, darkening=tuple((rising - rising[0]).tolist()))
+        darkest = float(rising[-1] - rising[0])
+        return replace(law, darkening=tuple((rising - rising[0]).tolist()), beyond=self._continue_law(darkest))
+
+    def _continue_law(self, darkest: float) -> CurveContinuation:
+        """Return the curve beyond the depth of the press, where the brightness model continues from this darkening; nothing for a
+        press that left little of the gel."""
+        light, gel_mm = self.fit.light, self.fit.parameters["thickness_mm"]
+        end_mm = self._deepest_mm
+        depth_mm = np.linspace(end_mm, DEEPEST_FRACTION * min(gel_mm, light.thickness_mm), KNOTS_BEYOND + 1)
+        if depth_mm[-1] < end_mm + LEAST_BEYOND_MM:
+            return CurveContinuation()
+        darkening = np.abs(light.brightness_change(-depth_mm))
+        return CurveContinuation(
+            tuple((darkest + (darkening - darkening[0])[1:]).tolist()),
+            tuple(depth_mm[1:].tolist()),
+            (0.0,) * KNOTS_BEYOND,
+        )
+
+    @property
+    def _deepest_mm(self) -> float:
+        """Depth at which the calibrated curve ends."""
+        return float(min(self.fit.parameters["depth_mm"], 0.95 * self.fit.light.thickness_mm))
 
     @cached_property
     def darkening(self) -> Float32[Array, "rows cols"]:
@@ -101,7 +138,7 @@ class PhysicsDepthFit:
 
     def law(self, light: BrightnessModel) -> DepthCurve:
         """Return the brightness model as a depth curve."""
-        depth_mm = np.linspace(0, min(self.fit.parameters["depth_mm"], 0.95 * light.thickness_mm), KNOTS)
+        depth_mm = np.linspace(0, self._deepest_mm, KNOTS)
         darkening = np.abs(light.brightness_change(-depth_mm))
         bright = light.brightening_per_mm * BULGE_MM
         bulges = ((0.0, bright), (0.0, BULGE_MM)) if bright > 0 else ((0.0,), (0.0,))
@@ -112,7 +149,10 @@ class PhysicsDepthFit:
         reading = np.hypot(self.error_mm(curve, self.disc), cross_validation_mae_mm)
         known = self.fit.confidence.deviation["depth_mm"] / self.fit.parameters["depth_mm"]
         errors = np.hypot(reading, known * np.array(curve.indentation_mm))
-        return replace(curve, error_mm=tuple(errors.tolist()))
+        grown = errors[-1] + ERROR_BEYOND * (np.array(curve.beyond.indentation_mm) - curve.max_indentation_mm)
+        return replace(
+            curve, error_mm=tuple(errors.tolist()), beyond=replace(curve.beyond, error_mm=tuple(grown.tolist()))
+        )
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
         """Return the mean absolute error of the reconstructed height in a region, against the fitted skin."""

@@ -12,6 +12,11 @@ from typing import Literal
 from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY
 from ninedtact.calibration.board.board_fit import MAX_MISSING_FRACTION
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
+from ninedtact.design import SensorDesign
+
+_UNUSUAL_FIT = 3.2
+"""Deviation of light and gel from the middle of the population above which there is a warning; the sensors of six labs are within
+2.6, and one in fifty of the population is beyond. Wrong lengths of board or ball move the fit further."""
 
 CheckLevel = Literal["pass", "warn", "fail"]
 CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")
@@ -78,6 +83,23 @@ at 0.03 mm light touches of 0.15 mm are not detected.
 def check_certificate(certificate: Certificate) -> list[CheckResult]:
     """Return every check, beginning with the board's."""
     return [*_check_board(certificate.board), *_check_ball(certificate.ball)]
+
+
+def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
+    """Return a warning where the light and the gel of the twin are unlike those of the sensors that are known.
+
+    deviation: distance from their middle in standard deviations (`simulation.sensor_population.fit_deviation`). A wrong board pitch
+    or ball radius makes all lengths wrong by one factor. No image shows that by itself, but the fitted light and gel are then
+    unlike those of other sensors.
+    """
+    if deviation <= _UNUSUAL_FIT:
+        return []
+    return [
+        f"light and gel are unlike those of other sensors ({deviation:.1f} standard deviations; at most {_UNUSUAL_FIT:g} are "
+        f"usual); "
+        f"check that the pins of the board are {design.pin_board.pitch_mm:g} mm apart and that the ball has a radius of "
+        f"{design.ball.radius_mm:g} mm: wrong lengths make all depths and forces wrong"
+    ]
 
 
 def overall_check_level(certificate: Certificate) -> CheckLevel:

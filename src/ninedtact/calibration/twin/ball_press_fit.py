@@ -89,8 +89,9 @@ def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lag
     return np.asarray(fftconvolve(field, field[::-1, ::-1]))
 
 
-THICKNESS_SPREAD = 0.1
-"""Relative standard deviation of a moulded gel's thickness."""
+THICKNESS_SPREAD = 0.22
+"""Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
+(`simulation.real_fits`)."""
 START = {"thickness_mm": 2.0, "point_spread_mm": 0.45, "saturation": 0.4, "inverse_distance_per_mm": 0.04}
 RULE_BIAS_MM = 0.1
 """Usual excess of the depth that the rule of the disc's edge gives."""

@@ -28,7 +28,7 @@ class Evaluate:
     data: Path | None = None
     """Data set on which an estimator is evaluated, in place of --predictions."""
     force: str = "physics"
-    """Estimator: network (the shipped one), physics, both, a force model (.onnx) or the original project's weights (.pt)."""
+    """Estimator: physics, corrected, a force model (.onnx) or the original project's weights (.pt)."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name.
     By default the sensors of a simulated data set are calibrated from their own simulated images."""

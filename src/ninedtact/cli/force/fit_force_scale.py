@@ -28,7 +28,7 @@ class Adapt:
     press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]]
     """An image and its load in grams, such as --press five.png 512. Give it once for every press."""
     force: str = "physics"
-    """Estimator that is calibrated: both (network and physics), network, physics, or a force model (.onnx)."""
+    """Estimator that is calibrated: physics, corrected, or a force model (.onnx)."""
     dry_run: bool = False
     """Print the force scale without keeping it."""
     json: bool = False

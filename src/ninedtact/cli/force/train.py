@@ -56,14 +56,17 @@ class Train:
     """Data set that `ninedtact dataset build` or `ninedtact simulate dataset` made."""
     out: Path
     """Folder for the model, curves, logs and checkpoints: new, empty, or begun with the same options."""
-    preset: Literal["default", "paper"] = "default"
-    """default: a small network on heights. paper: DenseNet-169 on whole images, as published. Other options change the preset."""
+    preset: Literal["default", "corrector", "paper"] = "default"
+    """default: a small network on heights. corrector: the same, also on the tractions that physics finds, to correct its wrench.
+    paper: DenseNet-169 on whole images, as published. Other options change the preset."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name, for computing heights.
     By default the sensors of a simulated data set are calibrated from their own simulated images."""
     network: str | None = None
     """moments, densenet121, 161, 169 or 201, resnet18 or 50, vit."""
-    channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "deformation", "mixed"] | None = None
+    channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "physics", "deformation", "mixed"] | None = (
+        None
+    )
     """Input channels of the network."""
     size: tuple[int, int] | None = None
     """Columns and rows of the input."""

@@ -47,9 +47,9 @@ class SimulateDatasetCommand:
     """Share of pairs without contact."""
     light_touch: float = 0.05
     """Share of pairs under less than 0.3 N."""
-    compliant_base: float = 0.2
+    compliant_base: float = 0.15
     """Share of sensors whose gel lies on a compliant substrate."""
-    finite_strain: float = 0.3
+    finite_strain: float = 0.55
     """Share of sensors with a finite-strain gel, which stiffens as it thins."""
     design_file: DesignFileOption = None
     """Design file (TOML) of the sensors; the published design if not given."""

@@ -61,8 +61,9 @@ def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
         raise TractionImpossible(
             "expected a depth curve that knows bulges, got one for indentation alone; calibrate with the method 'physics'"
         )
-    height = np.concatenate([-np.array(curve.indentation_mm)[::-1], np.array(curve.bulge_mm)[1:]])
-    change = np.concatenate([-np.array(curve.darkening)[::-1], np.array(curve.brightening)[1:]])
+    darkening, indentation_mm, _ = curve.pressed
+    height = np.concatenate([-np.array(indentation_mm)[::-1], np.array(curve.bulge_mm)[1:]])
+    change = np.concatenate([-np.array(darkening)[::-1], np.array(curve.brightening)[1:]])
     distinct = np.concatenate([[True], np.diff(height) > 1e-9])
     height, change = height[distinct], change[distinct]
     slope = np.diff(change) / np.diff(height)

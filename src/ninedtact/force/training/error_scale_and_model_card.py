@@ -80,7 +80,7 @@ class TrainedNetwork:
         """Set the network's gain and power so that its intervals cover what they claim on the held-out pairs."""
         found, unit = self._predict(self.rows.test), self.network.unit.double().cpu().numpy()
         if np.isfinite(found.scale).all():
-            absolute_error = np.abs(found.wrench - self.examples.wrench[self.rows.test]) / unit
+            absolute_error = np.abs(found.wrench - self.examples.labels[self.rows.test]) / unit
             corrections = fit_scale_correction(absolute_error, found.scale / unit)
             for parameter, values in zip((self.network.gain, self.network.power), corrections, strict=True):
                 parameter.copy_(torch.from_numpy(values))
@@ -89,13 +89,17 @@ class TrainedNetwork:
         """Evaluate the network on the held-out pairs, torques about the skin's centre."""
         test = self.rows.test
         found = move_prediction_to_skin_centre(self._predict(test), self.settings.about_mm)
-        truth = np.asarray(self._examples_at_skin_centre.wrench[test], np.float64)
+        examples = self._examples_at_skin_centre
+        truth = np.asarray(examples.wrench[test], np.float64)
+        known = 0.0 if examples.physics is None else np.asarray(examples.physics[test], np.float64)
         std = STD_PER_LAPLACE_SCALE * found.scale if np.isfinite(found.scale).all() else None
         objects, sensors = (
             np.asarray(names)[test].tolist() for names in (self.examples.objects, self.examples.sensors)
         )
         return evaluate_predictions(
-            WrenchPredictions(truth, found.wrench, std, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0))
+            WrenchPredictions(
+                truth, found.wrench + known, std, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0)
+            )
         )
 
     def build_card(self, evaluation: WrenchEvaluation, history: MetricsHistory, name: str, licence: str) -> ModelCard:

@@ -46,11 +46,18 @@ class TrainingExamples:
     """Row in `references` of each image's reference."""
     sensor_features: Float32[Array, "n features"] | None = None
     """Features of each example's sensor (`SensorFeatures.row`); typical ones where None."""
+    tractions: Shaped[Array, "n 3 rows cols"] | None = None
+    """Pressure and shear over the shear modulus that physics found on the network's grid; None for networks without physics."""
+    physics: Float32[Array, "n 6"] | None = None
+    """The wrench by physics, N and N·m about the skin's centre, which the network corrects; None for networks without physics."""
 
     def __post_init__(self) -> None:
         n = len(self.images)
-        columns = (self.wrench, self.objects, self.sensors, self.reference_of, self.sensor_features)
-        if any(column is not None and len(column) != n for column in columns) or self.wrench.shape != (n, _AXES):
+        columns = {name: column for name, column in vars(self).items() if name not in ("images", "references")}
+        if any(column is not None and len(column) != n for column in columns.values()) or self.wrench.shape != (
+            n,
+            _AXES,
+        ):
             raise ExamplesUnusable(
                 f"expected a wrench of six, object, sensor and the rest for each of {n} images, got columns of other "
                 "lengths; give one of each for every image"
@@ -70,6 +77,11 @@ class TrainingExamples:
         factor = (Gel().shear_modulus_mpa / modulus_mpa)[:, None]
         return replace(self, wrench=(self.wrench * factor).astype(np.float32))
 
+    @property
+    def labels(self) -> Float32[Array, "n 6"]:
+        """What the network learns: the wrench, or what physics lacks of it."""
+        return self.wrench if self.physics is None else self.wrench - self.physics
+
     def __len__(self) -> int:
         return len(self.images)
 
@@ -86,6 +98,11 @@ def require_trainable(examples: TrainingExamples, rows: SplitRows, settings: Net
         raise ExamplesUnusable(
             f"expected images of {settings.cols} x {settings.rows}, got {size[1]} x {size[0]}; read the data at that size"
         )
+    if settings.channels.of_physics != (examples.tractions is not None and examples.physics is not None):
+        raise ExamplesUnusable(
+            f"expected examples for the channels {settings.channels.value!r}, got some "
+            f"{'with' if examples.physics is not None else 'without'} the tractions and wrenches of physics; choose other channels"
+        )
     if settings.channels.of_heights != (examples.references is None) or (examples.reference_of is None) != (
         examples.references is None
     ):
@@ -98,9 +115,14 @@ def require_trainable(examples: TrainingExamples, rows: SplitRows, settings: Net
 
 def move_torque_reference(examples: TrainingExamples, point_mm: tuple[float, float, float]) -> TrainingExamples:
     """Return the examples with torques about another point, given from the present one, as `Wrench.about` moves them."""
-    force, torque = examples.wrench[:, :3], examples.wrench[:, 3:]
-    moved = torque - np.cross(np.array(point_mm) / 1e3, force)
-    return replace(examples, wrench=np.concatenate([force, moved], 1).astype(np.float32))
+    physics = None if examples.physics is None else _move_torques(examples.physics, point_mm)
+    return replace(examples, wrench=_move_torques(examples.wrench, point_mm), physics=physics)
+
+
+def _move_torques(six: Float32[Array, "n 6"], point_mm: tuple[float, float, float]) -> Float32[Array, "n 6"]:
+    """Return wrenches with torques about another point, given from the present one."""
+    torque = six[:, 3:] - np.cross(np.array(point_mm) / 1e3, six[:, :3])
+    return np.concatenate([six[:, :3], torque], 1).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -110,10 +132,12 @@ class TrainingBatch:
     images: Tensor
     """(n, rows, cols) heights in mm, or grey levels."""
     wrench: Tensor
-    """(n, 6) wrenches in N and N·m."""
+    """(n, 6) wrenches in N and N·m, or what physics lacks of them."""
     references: Tensor | None
     sensor_features: Tensor
     """(n, 5) features of each example's sensor."""
+    tractions: Tensor | None = None
+    """(n, 3, rows, cols) pressure and shear by physics over the shear modulus."""
 
     def to(self, device: torch.device, **options: Any) -> "TrainingBatch":
         """Return the batch on another device; Lightning calls this method."""
@@ -128,7 +152,7 @@ class TrainingBatch:
     def network_input(self, channels: InputChannels) -> Tensor:
         """Return the network's input (n, channels, rows, cols)."""
         if self.references is None:
-            stacked: Tensor = stack_height_channels(self.images, self.sensor_features, channels)
+            stacked: Tensor = stack_height_channels(self.images, self.sensor_features, channels, self.tractions)
         else:
             stacked = stack_image_channels(self.images, self.references, channels)
         return stacked.contiguous(memory_format=torch.channels_last)
@@ -149,9 +173,10 @@ class BatchDataset(Dataset[TrainingBatch]):
         features = np.tile(TYPICAL_FEATURES.row, (len(rows), 1)) if features is None else features[rows]
         return TrainingBatch(
             _copy_to_tensor(examples.images[rows]),
-            _copy_to_tensor(examples.wrench[rows]),
+            _copy_to_tensor(examples.labels[rows]),
             references,
             _copy_to_tensor(features),
+            None if examples.tractions is None else _copy_to_tensor(examples.tractions[rows]),
         )
 
 

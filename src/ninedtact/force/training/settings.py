@@ -3,7 +3,7 @@
 The resolved training settings are stored beside the model and in its card.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import msgspec
@@ -74,7 +74,12 @@ PAPER_TRAINING = TrainingSettings(
     augmentation=NO_AUGMENTATION,
 )
 """Training as in the 9DTact paper, section V (docs/references.md)."""
-TRAINING_PRESETS = {"default": DEFAULT_TRAINING, "paper": PAPER_TRAINING}
+CORRECTOR_TRAINING = TrainingSettings(
+    input=NetworkInputSettings(InputChannels.PHYSICS),
+    augmentation=replace(Augmentation(), heights=replace(NO_AUGMENTATION.heights, features=0.05)),
+)
+"""Training of a network that corrects the wrench by physics. Heights and tractions belong together, so they are not perturbed."""
+TRAINING_PRESETS = {"default": DEFAULT_TRAINING, "corrector": CORRECTOR_TRAINING, "paper": PAPER_TRAINING}
 
 
 @dataclass(frozen=True)

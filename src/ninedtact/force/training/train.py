@@ -8,12 +8,15 @@ model.onnx                 the model with its card, written last
 """
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from lightning import LightningDataModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import TensorBoardLogger
@@ -87,7 +90,7 @@ def train_network(
         out, {"settings": settings.to_json_dict(), "examples": _digest_examples(examples, rows), "name": name}
     )
     examples = move_torque_reference(examples, settings.about_mm)
-    module = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[rows.train], settings))
+    module = ForceTrainingModule(settings, fit_label_scaling(examples.labels[rows.train], settings))
     fitted = fit_network(module, examples, rows, out, machine, progress)
     if not fitted.trainer.is_global_zero:
         return None
@@ -172,11 +175,24 @@ def fit_network(
     history = MetricsHistory(out / _METRICS_FILE)
     trainer = _build_trainer(module, history, out, machine, progress)
     last = folder / f"{_LAST_CHECKPOINT}.ckpt"
-    with interrupt_as_training_stopped(out), silence_lightning():
+    with interrupt_as_training_stopped(out), silence_lightning(), _subnormal_numbers_as_zero():
         data = _ExamplesDataModule(module.settings, examples, rows, machine.loader_workers)
         trainer.fit(module, datamodule=data, ckpt_path=resumable_checkpoint(last), weights_only=True)
     module.load_state_dict(load_checkpoint(folder / f"{_BEST_CHECKPOINT}.ckpt")["state_dict"])
     return _FitResult(trainer, history)
+
+
+@contextmanager
+def _subnormal_numbers_as_zero() -> Iterator[None]:
+    """Have the processor take numbers for zero that are too small to be normal.
+
+    Gradients of skin that nothing touches underflow, and processors multiply such numbers many times more slowly.
+    """
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
 
 
 def _build_trainer(

@@ -1,0 +1,63 @@
+"""A depth curve beyond the depth of the calibrating ball: it continues, marked and with a growing error."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from ninedtact.quantities import HeightSource, Rectified
+from ninedtact.shape.calibrated_shape import ReferenceUnusable, mean_rectified_image
+from ninedtact.shape.depth import CurveContinuation, DepthCurve, DepthCurveImpossible, DepthReader, Smoothing
+
+BEYOND = CurveContinuation((0.35, 0.6), (1.3, 1.8), (0.06, 0.16))
+CURVE = DepthCurve("ratio", (0.0, 0.1, 0.2), (0.0, 0.5, 1.0), (0.0, 0.01, 0.02), (0.0, 0.4), (0.0, 1.0), BEYOND)
+
+
+def reader(curve: DepthCurve) -> DepthReader:
+    reference = Rectified(np.full((4, 5), 200, np.float32), 0.05)
+    return DepthReader(curve, reference, np.full((4, 5), HeightSource.MEASURED, np.uint8), Smoothing(0, 0))
+
+
+@pytest.mark.parametrize(
+    ("darker", "z_mm", "source"),
+    [
+        (-0.2, 0.5, HeightSource.MEASURED),
+        (0.1, -0.5, HeightSource.MEASURED),
+        (0.19, -0.95, HeightSource.MEASURED),
+        (0.275, -1.15, HeightSource.EXTRAPOLATED),
+        (0.475, -1.55, HeightSource.EXTRAPOLATED),
+        (0.9, -1.8, HeightSource.EXTRAPOLATED),
+    ],
+)
+def test_heights_follow_all_knots_and_those_beyond_the_ball_count_as_extrapolated(
+    darker: float, z_mm: float, source: HeightSource
+) -> None:
+    height = reader(CURVE)(Rectified(np.full((4, 5), 200 * (1 - darker), np.float32), 0.05))
+    np.testing.assert_allclose(height.z_mm, z_mm, atol=1e-3)
+    assert (height.source == source).all()
+
+
+def test_the_error_grows_beyond_the_ball_and_the_calibrated_range_stays() -> None:
+    assert CURVE.max_indentation_mm == 1.0
+    assert reader(CURVE).error_mm(1.0) == pytest.approx(0.02)
+    assert reader(CURVE).error_mm(1.55) == pytest.approx(0.11)
+
+
+def test_without_a_continuation_the_end_value_is_kept() -> None:
+    alone = DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02))
+    assert alone.height_mm(np.array([-0.5])) == pytest.approx(-1.0)
+
+
+def test_a_continuation_is_stored_with_the_curve_and_must_rise() -> None:
+    assert msgspec.convert(msgspec.to_builtins(CURVE), DepthCurve) == CURVE
+    for wrong in (((0.15, 0.6), (1.3, 1.8), (0.1, 0.2)), ((0.35, 0.6), (1.3, 1.2), (0.1, 0.2))):
+        with pytest.raises(DepthCurveImpossible, match="rises"):
+            DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02), beyond=CurveContinuation(*wrong))
+    with pytest.raises(DepthCurveImpossible, match="expected 3 errors"):
+        DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02), beyond=CurveContinuation((0.4,), (1.4,), ()))
+
+
+def test_a_reference_of_images_of_different_brightness_is_refused() -> None:
+    steady = [Rectified(np.full((4, 5), grey, np.float32), 0.05) for grey in (150, 152)]
+    assert mean_rectified_image(steady).grey == pytest.approx(151)
+    with pytest.raises(ReferenceUnusable, match="of one brightness, got mean grey levels from 3 to 152"):
+        mean_rectified_image([Rectified(np.full((4, 5), 3, np.float32), 0.05), *steady])
