@@ -65,6 +65,12 @@ def test_a_correction_counts_as_far_as_it_is_trusted(trust: float, relative_std:
     assert corrected.traction is not None and corrected.wrench.stamp_ns == 7
 
 
+@pytest.mark.parametrize("trust", [0.0, 0.5, 1.0])
+def test_a_network_that_states_no_error_leaves_that_of_physics(trust: float) -> None:
+    corrected = correct_estimate(by_physics(), STD, np.full(6, np.inf), trust)
+    np.testing.assert_allclose((corrected.std / STD) ** 2, trust + (1 - trust) * 1.5**2)
+
+
 class KnownPhysics(ForceEstimator):
     """An estimator by physics whose answer is given."""
 

@@ -72,11 +72,12 @@ def correct_estimate(physics: WrenchEstimate, correction: Six, correction_std: S
     """Return the estimate of physics with a correction of this standard deviation.
 
     trust: one where the input is like the training's, zero where the answer is that of physics. The errors of the axes are
-    correlated as those of physics are.
+    correlated as those of physics are. Where a network states no error (infinite), that of physics stays.
     """
+    corrected_std = np.where(np.isfinite(correction_std), correction_std, physics.std)
     limit = _MAX_CORRECTION_STDS * physics.std
     six = physics.wrench.six + trust * np.clip(correction, -limit, limit)
-    variance = trust * correction_std**2 + (1 - trust) * (_UNCORRECTED_STD_FACTOR * physics.std) ** 2
+    variance = trust * corrected_std**2 + (1 - trust) * (_UNCORRECTED_STD_FACTOR * physics.std) ** 2
     factor = np.sqrt(variance) / np.maximum(physics.std, np.finfo(float).tiny)
     unlike = () if trust else (EstimateWarning.UNLIKE_TRAINING,)
     return WrenchEstimate(

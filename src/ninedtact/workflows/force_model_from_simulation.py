@@ -114,11 +114,11 @@ RECIPES = {
     "small": ForceModelRecipe(
         pairs=2400, sensors=12, epochs=12, validation_pairs=600, validation_sensors=6, validation_pitch_mm=0.3
     ),
-    "shipped": ForceModelRecipe(
+    "large": ForceModelRecipe(
         pairs=40_000, sensors=120, epochs=20, validation_pairs=14_000, validation_sensors=48, precision="bf16-mixed"
     ),
 }
-"""Recipes by name. small demonstrates the pipeline in minutes; shipped makes the package's model in an evening on two cores."""
+"""Recipes by name. small demonstrates the pipeline in minutes; large takes an evening on two cores."""
 
 
 @dataclass(frozen=True)

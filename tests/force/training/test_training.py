@@ -89,6 +89,7 @@ def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: Trainin
 
     copy = tmp_path / "model.onnx"
     copy.write_bytes(trained.path.read_bytes())
+    assert b".py" not in copy.read_bytes(), "no path of the machine on which it was trained"
     rewrite_card(copy, msgspec.structs.replace(trained.model.card, evaluation={"test": {"skill": [0.9]}}), copy)
     again, shown = read_force_model(copy), np.zeros((1, *toy_settings().input.shape), np.float32)
     assert again.card.evaluation == {"test": {"skill": [0.9]}}

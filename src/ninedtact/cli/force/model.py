@@ -52,8 +52,8 @@ class _MakeForceModel:
 
     out: Path
     """Folder for the model, its card, the data sets and the training: new, or begun with the same recipe."""
-    recipe: Literal["small", "shipped"] = "small"
-    """small: a few minutes, to see that it works. shipped: the model of the package."""
+    recipe: Literal["small", "large"] = "small"
+    """small: a few minutes, to see that it works. large: forty thousand pairs, hours."""
     name: str = "moments"
     """Name of the model."""
     design_file: DesignFileOption = None

@@ -74,7 +74,16 @@ def _build_onnx_graph(network: WrenchNetwork, card: ModelCard) -> onnx.ModelProt
 def _serialise_with_card(graph: onnx.ModelProto, card: ModelCard) -> bytes:
     """Return the content of the model file."""
     onnx.helper.set_model_props(graph, {METADATA_KEY: msgspec.json.encode(card).decode()})
+    _remove_traces(graph)
     return graph.SerializeToString()
+
+
+def _remove_traces(graph: onnx.ModelProto) -> None:
+    """Remove what torch notes of the source of every node: paths of the machine on which the network was trained."""
+    parts = graph.graph
+    for part in (parts, *parts.node, *parts.value_info, *parts.input, *parts.output, *parts.initializer):
+        part.ClearField("metadata_props")
+        part.ClearField("doc_string")
 
 
 def _require_onnx_parity(network: WrenchNetwork, model: ForceModel) -> None:
