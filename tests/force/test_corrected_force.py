@@ -12,7 +12,7 @@ from linear_model import a_card, linear_model
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.force.corrected_force import CorrectedForce, correct_estimate
-from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
+from ninedtact.force.estimator_interface import zero_wrench
 from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
@@ -21,6 +21,7 @@ from ninedtact.force.network_input import (
     relative_tractions,
 )
 from ninedtact.force.onnx_model import ForceModel, parse_force_model
+from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.quantities import (
     EstimateWarning,
     Frame,
@@ -71,12 +72,11 @@ def test_a_network_that_states_no_error_leaves_that_of_physics(trust: float) -> 
     np.testing.assert_allclose((corrected.std / STD) ** 2, trust + (1 - trust) * 1.5**2)
 
 
-class KnownPhysics(ForceEstimator):
+class KnownPhysics(TractionForce):
     """An estimator by physics whose answer is given."""
 
-    name, gel = "physics", Gel(2.5, MPA)
-
     def __init__(self, answer: WrenchEstimate) -> None:
+        self.name, self.gel = "physics", Gel(2.5, MPA)
         self.answer, self.forgets = answer, 0
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
@@ -103,7 +103,7 @@ def reading() -> Reading:
 
 
 def test_the_network_is_asked_about_tractions_over_the_modulus_and_answers_in_units_of_it() -> None:
-    estimator = CorrectedForce(KnownPhysics(by_physics()), model(), TYPICAL_FEATURES)  # type: ignore[arg-type]
+    estimator = CorrectedForce(KnownPhysics(by_physics()), model(), TYPICAL_FEATURES)
     corrected = estimator.estimate(reading())
     summed = relative_tractions(by_physics().traction, MPA, SETTINGS.grid)[0].sum()  # type: ignore[arg-type]
     assert summed > 0.3
@@ -121,7 +121,7 @@ def test_where_the_network_knows_nothing_the_answer_is_that_of_physics(doubt: st
     six = SIX * (3 if doubt == "beyond the training" else 1)
     physics = KnownPhysics(replace(answer, wrench=Wrench(six[:3], six[3:])))
     known = model(known=doubt != "another image")
-    estimate = CorrectedForce(physics, known, TYPICAL_FEATURES).estimate(reading())  # type: ignore[arg-type]
+    estimate = CorrectedForce(physics, known, TYPICAL_FEATURES).estimate(reading())
     np.testing.assert_allclose(estimate.wrench.six, six)
     np.testing.assert_allclose(estimate.std, 1.5 * STD)
     assert EstimateWarning.UNLIKE_TRAINING in estimate.warnings
@@ -129,7 +129,7 @@ def test_where_the_network_knows_nothing_the_answer_is_that_of_physics(doubt: st
 
 def test_without_contact_the_answer_is_zero_and_the_network_is_not_asked() -> None:
     nothing = WrenchEstimate(zero_wrench(), independent_errors(STD), touching=False)
-    estimator = CorrectedForce(KnownPhysics(nothing), model(), TYPICAL_FEATURES)  # type: ignore[arg-type]
+    estimator = CorrectedForce(KnownPhysics(nothing), model(), TYPICAL_FEATURES)
     assert estimator.estimate(reading()) is nothing
 
 
