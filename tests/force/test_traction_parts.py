@@ -17,6 +17,7 @@ from ninedtact.force.traction.forward_model import (
     bulge_to_dent_slope_ratio,
     identify_substrate,
 )
+from ninedtact.force.traction.inversion import UncertaintyModel
 from ninedtact.force.traction.linearisation import (
     DiscretePrior,
     LinearisedProblem,
@@ -191,6 +192,17 @@ def test_shear_on_pressed_skin_has_an_arm() -> None:
 RIGID = BrightnessObservationModel(
     DepthCurve("ratio", (0.0, 0.15, 0.3), (0.0, 1.0, 2.0), (0.01,) * 3, (0.0, 0.33), (0.0, 1.0)), LightLoss(0.5), 0.6
 )
+
+
+def test_thin_gel_and_blurred_light_widen_the_stated_error() -> None:
+    cells, model = cell_grid_over_image((69, 92), 0.26), UncertaintyModel()
+    sharp, blurred, thin = (
+        model.relative_std(ForwardModel(cells, thickness_mm, 0.499, point_spread_mm))
+        for thickness_mm, point_spread_mm in ((3.0, 0.4), (3.0, 0.6), (1.5, 0.4))
+    )
+    assert sharp < blurred < thin
+    heights = model.relative_std(ForwardModel(cells, 3.0, 0.499, 0.0))
+    assert 0.04 < heights < sharp  # heights are resolved no better than the cells
 
 
 def test_a_calibration_on_a_rigid_base_is_left_as_it_is() -> None:

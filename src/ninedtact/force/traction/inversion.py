@@ -188,23 +188,26 @@ class UncertaintyModel:
 
     thickness: float = 0.02
     """Relative error of the gel's thickness, as fitted to the ball press."""
-    model: float = 0.08
-    """Relative error due to the discretisation and the linear gel model, found on simulated sensors."""
-    correlation: float = 2.0
+    unresolved: float = 0.45
+    """Relative error per ratio of the resolution to the gel's thickness. Structure of a contact that the scattered light blurs is
+    not resolved, and the thinner the gel, the more of the force it carries. Found on simulated sensors."""
+    correlation: float = 1.8
     """Factor on the posterior standard deviation for correlated errors of the cells: calibration errors are alike all around a
     contact. Found on simulated sensors."""
 
-    @property
-    def relative_std(self) -> float:
-        """The combined relative standard deviation of model and thickness."""
-        return float(np.hypot(self.model, _THICKNESS_EXPONENT * self.thickness))
+    def relative_std(self, forward: ForwardModel) -> float:
+        """Return the relative standard deviation of the model and the thickness combined."""
+        resolution_mm = max(forward.point_spread_mm, forward.cells.pitch_mm / 2)
+        unresolved = self.unresolved * resolution_mm / forward.thickness_mm
+        return float(np.hypot(unresolved, _THICKNESS_EXPONENT * self.thickness))
 
     def wrench_covariance(
         self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float
     ) -> Float64[Array, "6 6"]:
         """Return the covariance of the wrench, N and N·m, without the error of the shear modulus, which scales all of it."""
         from_image = _wrench_covariance(result) * (self.correlation * modulus_mpa) ** 2
-        return from_image + np.diag((self.relative_std * six) ** 2)
+        relative_std = self.relative_std(result.problem.kernels.forward)
+        return from_image + np.diag((relative_std * six) ** 2)
 
 
 def _wrench_covariance(result: InversionResult) -> Float64[Array, "6 6"]:
