@@ -15,7 +15,7 @@ from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.studio.displayed_reading import sensor_status
-from ninedtact.studio.looped_recording_and_estimates import RepeatingSource
+from ninedtact.studio.repeating_source import RepeatingSource
 from ninedtact.studio.sensor_poller import ReferenceRecordingTooShort, SensorPhase, SensorPoller, SensorSnapshot
 
 

@@ -1,5 +1,6 @@
 """A twin on the page: its skin moves, and what presses it stands beside, from the same moment."""
 
+import re
 import time
 from itertools import count
 from pathlib import Path
@@ -14,14 +15,18 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
 from ninedtact.cli.live import page_sources_of_twin
+from ninedtact.design import Gel
+from ninedtact.force.estimator_interface import unknown_wrench
+from ninedtact.force.traction.estimator import TractionForce
+from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
-from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME, demo_sources
+from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_cards import wrench_html
+from ninedtact.studio.page_cards import _curves_of, wrenches_html
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-from ninedtact.studio.wrench_poller import WrenchPoller, WrenchSnapshot
+from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller, WrenchSample
 
 PATIENCE_S = 90.0
 
@@ -57,17 +62,20 @@ class FallingWeight(WrenchSource):
 
 def test_a_wrench_loop_gives_the_wrench_of_the_asked_moment() -> None:
     weight = FallingWeight()
-    with WrenchPoller(weight, "weight") as loop:
+    with WrenchPoller(weight, "measured", "by a weight") as poller:
+        loop = poller.history
         wait_until(lambda: loop.snapshot(None, 0).history.shape[1] > 8)
         now_ns = time.monotonic_ns()
         moment = loop.snapshot(None, now_ns)
         at_s, fell = moment.history[0], moment.history[3]
         assert (at_s < 0).all() and (np.diff(at_s) > 0).all() and (np.diff(fell) < 0).all()
-        earlier = loop.snapshot(now_ns + round(at_s[3] * 1e9) + 1_000_000, now_ns).wrench
-        assert earlier is not None and earlier.force_n[2] == fell[3] and (earlier.about_mm == 0).all()
+        sample = loop.snapshot(now_ns + round(at_s[3] * 1e9) + 1_000_000, now_ns).sample
+        assert sample is not None
+        earlier = sample.wrench
+        assert earlier.force_n[2] == fell[3] and (earlier.about_mm == 0).all()
         weight.plugged_in = False
         wait_until(lambda: loop.snapshot(None, 0).trouble is not None)
-        assert "plug it in" in wrench_html(loop.snapshot(None, 0), is_past=False)
+        assert "plug it in" in wrenches_html([loop.snapshot(None, 0)], is_past=False)
     assert not weight.is_open
 
 
@@ -82,33 +90,49 @@ def test_an_arrow_stands_where_the_force_goes_through_the_skin() -> None:
     assert abs(torque_arc_deg(5.0)) < 360 and torque_arc_deg(-0.01) == -torque_arc_deg(0.01)
 
 
-def test_the_card_has_six_numbers_with_units() -> None:
-    with WrenchPoller(FallingWeight(), "weight") as loop:
-        wait_until(lambda: loop.snapshot(None, 0).wrench is not None)
-        said = wrench_html(loop.snapshot(None, 0), is_past=False)
-    assert said.count("N·mm</span>") == 3 and said.count(">N</span>") == 3 and "weight" in said
+def test_true_and_estimated_wrench_stand_side_by_side() -> None:
+    wrench, std = pushed((0.5, 0.0, -3.0), (0.0, 0.0)), np.array([0.1, 0.2, 0.4, 1e-3, 2e-3, 3e-4])
+    true = WrenchHistory("true", "of the simulation")
+    true.add(WrenchSample(pushed((0.4, 0.0, -3.2), (0.0, 0.0)), np.full(6, np.nan)))
+    estimated = WrenchHistory("estimated", "by physics", ("gel not calibrated for force",), states_errors=True)
+    estimated.add_estimate(WrenchEstimate(wrench, np.diag(std**2), True, (EstimateWarning.OUT_OF_RANGE,)))
+    said = wrenches_html([history.snapshot(None, 0) for history in (true, estimated)], is_past=False)
+    rows = {plain[:2]: plain for row in said.split("<tr>")[2:] if (plain := re.sub("<[^>]*>", "", row))}
+    assert rows["Fx"].startswith("Fx N+0.40+0.50 ± 0.10") and rows["Tz"].startswith("Tz N·mm+0.00+0.00 ± 0.30")
+    assert rows["Fz"].startswith("Fz N\N{MINUS SIGN}3.20\N{MINUS SIGN}3.00 ± 0.40")
+    assert all(text in said for text in ("out of range", "gel not calibrated", "true: of the simulation"))
 
 
-def test_the_card_of_an_estimate_has_its_errors_warnings_and_notices() -> None:
-    wrench = pushed((0.5, 0.0, -3.0), (0.0, 0.0))
-    moment = WrenchSnapshot("estimated", wrench, np.zeros((7, 0)), notices=("gel not calibrated for force",))
-    std = np.array([0.1, 0.2, 0.4, 1e-3, 2e-3, 3e-4])
-    estimate = WrenchEstimate(wrench, np.diag(std**2), True, (EstimateWarning.OUT_OF_RANGE,))
-    said = wrench_html(moment, False, estimate)
-    assert "+0.50 ± 0.10" in said and "\N{MINUS SIGN}3.00 ± 0.40" in said and "± 0.30" in said
-    assert "out of range" in said and "gel not calibrated" in said
-    assert "±" not in wrench_html(moment, False)
+def test_an_unknown_wrench_is_no_number() -> None:
+    estimated = WrenchHistory("estimated", "by physics", states_errors=True)
+    estimated.add_estimate(unknown_wrench(0, (EstimateWarning.IMAGE_DARK,)))
+    said = wrenches_html([estimated.snapshot(None, 0)], is_past=False)
+    assert said.count("unknown") == 6 and "0.00" not in said and "image dark" in said
 
 
-def test_a_browser_shows_the_twin_move_and_its_true_wrench(
+def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
+    history, now_ns = WrenchHistory("estimated", "by physics", states_errors=True), 10**10
+    for second in range(1, 10):
+        wrench = Wrench(np.array([0.0, 0.0, -second]), np.zeros(3), stamp_ns=second * 10**9)
+        history.add_estimate(WrenchEstimate(wrench, np.eye(6) * 0.25, True))
+    at_s = np.array([-12.0, -9.0, -5.5, -1.0, -0.5])
+    value, upper, lower = list(_curves_of(history.snapshot(None, now_ns), at_s, 0, 1.0))[6:]
+    np.testing.assert_allclose(value, [np.nan, -1, -4.5, -9, np.nan])
+    np.testing.assert_allclose([upper - value, value - lower], [[np.nan, 0.5, 0.5, 0.5, np.nan]] * 2)
+
+
+def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
     browser: Browser, tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_trajectories", lambda: [PRESSED])
-    sensor, wrenches = page_sources_of_twin(twin_sensor.shape, demo_sources(TWIN, rounds=12))
+    sensor, pollers = page_sources_of_twin(twin_sensor.shape, demo_sources(TWIN, rounds=12))
+    sensor.estimator = TractionForce(HeightObservationModel(), Gel())
+    estimated = WrenchHistory("estimated", "by physics", states_errors=True)
+    true, keep_estimate = pollers[0].history, lambda reading: estimated.add_estimate(reading.force)
     tab, errors, seen, pushes = browser.new_page(viewport={"width": 1200, "height": 800}), [], set(), set()
     tab.on("pageerror", lambda error: errors.append(str(error)))
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop, wrenches[0]:
-        studio = PageController(loop, tmp_path, wrenches)
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep_estimate) as loop, pollers[0]:
+        studio = PageController(loop, tmp_path, [true, estimated])
         page = SensorPage(
             server, studio, gel_block_under_skin(twin_sensor.shape, twin_sensor.record.design.gel), "twin"
         )
@@ -118,15 +142,8 @@ def test_a_browser_shows_the_twin_move_and_its_true_wrench(
             studio.refresh(page)
             said = tab.inner_text("body")
             seen.update(line for line in said.splitlines() if line.endswith("mm"))
-            pushes.update(line for line in said.splitlines() if line.startswith("F") and "N" in line)
-            shown, wrench = studio.shown_reading, wrenches[0].snapshot(None, 0).wrench
-            return (
-                TRUE_WRENCH_NAME in said
-                and len(seen) > 5
-                and len(pushes) > 5
-                and shown is not None
-                and wrench is not None
-            )
+            pushes.update(tuple(line.split("\t")[1:]) for line in said.splitlines() if line.startswith("Fz"))
+            return {"true", "estimated"} <= set(said.split()) and len(seen) > 5 and len(pushes) > 5
 
         wait_until(moved, PATIENCE_S, pause_s=0.05)
         assert tab.locator("canvas").count() > 2
@@ -135,6 +152,9 @@ def test_a_browser_shows_the_twin_move_and_its_true_wrench(
         assert pressed.stat().st_size > 10_000
         reading = studio.shown_reading
         assert reading is not None and loop.snapshot(0).phase in (SensorPhase.READING, SensorPhase.ENDED)
-        at_reading = wrenches[0].snapshot(reading.frame.stamp_ns, time.monotonic_ns()).wrench
-        assert at_reading is not None and abs(at_reading.stamp_ns - reading.frame.stamp_ns) < 0.2e9
+        assert reading.force is not None
+        at_reading = true.snapshot(reading.frame.stamp_ns, time.monotonic_ns()).sample
+        assert at_reading is not None and abs(at_reading.wrench.stamp_ns - reading.frame.stamp_ns) < 0.2e9
+        shown = estimated.snapshot(reading.frame.stamp_ns, time.monotonic_ns()).sample
+        assert shown is not None and shown.wrench.stamp_ns == reading.frame.stamp_ns
     assert errors == []

@@ -18,6 +18,7 @@ from ninedtact.cli.live import (
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.force.estimator_loading import PHYSICS
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -35,7 +36,7 @@ class InvalidDemoOption(InputError):
 
 @dataclass(frozen=True)
 class Demo:
-    """Show a simulated sensor in the browser while objects press, drag and twist it, with its true wrench.
+    """Show a simulated sensor in the browser while objects press, drag and twist it, with its true and its estimated wrench.
 
     Without a terminal it stops after one round. Results are written to a folder either way.
     """
@@ -44,6 +45,8 @@ class Demo:
     """Sensor folder whose twin is shown; without one, the twin of the published design is calibrated and shown."""
     design_file: DesignFileOption = None
     """Design file (TOML) of a sensor that is not built yet; its twin is calibrated and shown."""
+    force: str = PHYSICS
+    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
     out: Path = Path("out/demo")
     """Folder for the sensor folder, images and figures."""
     rounds: int | None = None
@@ -68,7 +71,8 @@ class Demo:
         self.write_summary(self.compare_presses(folder))
         sensor, wrenches = page_sources_of_twin(folder.shape, demo_sources(self.twin, self.resolved_rounds))
         with suppress(KeyboardInterrupt):
-            serve_sensor_page(folder, sensor, wrenches, PageSettings(self.out, self.display_hz, self.host, self.port))
+            settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force)
+            serve_sensor_page(folder, sensor, wrenches, settings)
         print(f"stopped after {sensor.frames_read} images; results are in {self.out}")
         return 0
 

@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.quantities import Frame
+    from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.simulated_sources import DemoSources
-    from ninedtact.studio.wrench_poller import WrenchPoller
+    from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller
 
 _MAX_DISPLAY_HZ = 120.0
 
@@ -70,8 +71,7 @@ class Live:
         require_display_rate(self.display_hz)
         with load_named_sensor(self.sensor, self.source) as folder:
             sensor, wrenches = self.sensor_and_wrenches(folder)
-            wrenches += _estimate_pollers(sensor, self.force, folder)
-            settings = PageSettings(self.out, self.display_hz, self.host, self.port)
+            settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force)
             with suppress(KeyboardInterrupt):
                 serve_sensor_page(folder, sensor, wrenches, settings, ends=self.source == SIMULATED)
         print(f"stopped after {sensor.frames_read} images")
@@ -112,7 +112,7 @@ class Live:
     def named_source(self) -> "FrameSource":
         """Return the source, which repeats if --loop is given."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-        from ninedtact.studio.looped_recording_and_estimates import RepeatingSource
+        from ninedtact.studio.repeating_source import RepeatingSource
 
         source = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return RepeatingSource(source) if self.loop else source
@@ -120,13 +120,15 @@ class Live:
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Address, rate and output folder of a page."""
+    """Address, rate, output folder and force estimator of a page."""
 
     out: Path
     """Folder for the readings that are saved from the page."""
     display_hz: float
     host: str
     port: int
+    force: str = NONE
+    """Specification of the force estimator."""
 
 
 def serve_sensor_page(
@@ -140,10 +142,18 @@ def serve_sensor_page(
 
     with ExitStack() as opened:
         server = opened.enter_context(page_server(settings.host, settings.port))
-        loop = opened.enter_context(SensorPoller(sensor))
-        for wrench in wrenches:
-            opened.enter_context(wrench)
-        controller = PageController(loop, settings.out, wrenches)
+        estimates = _estimate_history(sensor, settings.force, folder)
+        histories = [*(poller.history for poller in wrenches), *estimates]
+
+        def keep_estimate(reading: "Reading") -> None:
+            for history in estimates:
+                if reading.force is not None:
+                    history.add_estimate(reading.force)
+
+        loop = opened.enter_context(SensorPoller(sensor, keep_estimate))
+        for poller in wrenches:
+            opened.enter_context(poller)
+        controller = PageController(loop, settings.out, histories)
         page = SensorPage(server, controller, gel_block_under_skin(folder.shape, folder.record.design.gel), folder.id)
         address = f"http://{settings.host}:{server.get_port()}"
         print(f"{sensor.source.name}: open {address} in a browser; Ctrl-C ends", flush=True)
@@ -157,26 +167,25 @@ def page_sources_of_twin(
     """Return a sensor on the simulated camera, and a poller of the true wrench."""
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.sensor import Sensor
-    from ninedtact.simulation.simulated_sources import TRUE_WRENCH_NAME
+    from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
     from ninedtact.studio.wrench_poller import WrenchPoller
 
     depth = shape.depth_reader(*(references or shown.reference_frames))
     return Sensor(LatestFrameSource(shown.camera), shape, depth_reader=depth), [
-        WrenchPoller(shown.force_torque, TRUE_WRENCH_NAME)
+        WrenchPoller(shown.force_torque, "true", TRUE_WRENCH_MEANING)
     ]
 
 
-def _estimate_pollers(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchPoller]":
-    """Give the sensor its estimator, and return the poller of its estimates; none for --force none."""
+def _estimate_history(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchHistory]":
+    """Give the sensor its estimator, and return the history of its estimates, still empty; no history for --force none."""
     if force == NONE:
         return []
     from ninedtact.force.estimator_loading import load_estimator
-    from ninedtact.studio.looped_recording_and_estimates import PublishingEstimator
-    from ninedtact.studio.wrench_poller import WrenchPoller
+    from ninedtact.studio.wrench_poller import WrenchHistory
 
-    estimator = PublishingEstimator(load_estimator(force, folder))
-    sensor.estimator = estimator
-    return [WrenchPoller(estimator.wrenches, f"estimated, {estimator.name}", estimator.notices)]
+    sensor.estimator = estimator = load_estimator(force, folder)
+    meaning = f"{estimator.name}, ± one standard deviation"
+    return [WrenchHistory("estimated", meaning, estimator.notices, states_errors=True)]
 
 
 def require_display_rate(display_hz: float) -> None:

@@ -151,7 +151,7 @@ def demo_trajectories() -> list[ObjectTrajectory]:
     return [ObjectTrajectory(indenter_from_name(name), trajectory) for name, trajectory in trajectories.items()]
 
 
-TRUE_WRENCH_NAME = "true wrench, object on skin"
+TRUE_WRENCH_MEANING = "of the object on the skin, known from the simulation"
 SAMPLES_HZ = 60.0
 REFERENCE_FRAME_COUNT = 10
 

@@ -1,11 +1,11 @@
 """The live page of a sensor in the browser; no other package imports viser.
 
-    sensor thread:  Sensor ──read──▶ newest SensorSnapshot              as fast as the camera
-    force threads:  WrenchSource ──read──▶ last WrenchSnapshot          one for each source
-    page thread:    SensorSnapshot ──render──▶ ReadingView ──▶ browser  at the display rate
+    sensor thread:  Sensor ──read──▶ newest SensorSnapshot, estimates in a WrenchHistory    as fast as the camera
+    force threads:  WrenchSource ──read──▶ WrenchHistory                                    one for each source
+    page thread:    SensorSnapshot ──render──▶ ReadingView ──▶ browser                      at the display rate
 
 A `Sensor` and wrench sources go in; a page comes out that shows image, heights, wrenches, rates and warnings, and saves readings as
 files. `sensor_poller` and `wrench_poller` read in threads of their own. `displayed_reading` decides what is shown (read it first).
 `page_and_server` is the page itself with its web server, `scene_3d` its 3D part, `page_cards` its pieces of HTML. `reading_view`
-renders one reading, and `looped_recording_and_estimates` has the sources that only the page needs.
+renders one reading, and `repeating_source` lets a recording start again.
 """

@@ -8,18 +8,16 @@ from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
 import cv2
-import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import InputError
-from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.export import export_shape
 from ninedtact.studio.reading_view import ReadingView, render_reading, session_colour_scale
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.wrench_poller import WrenchPoller, WrenchSnapshot
+from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSnapshot
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -134,13 +132,6 @@ class PageReport:
     wrenches: tuple[WrenchSnapshot, ...] = ()
     """State of each wrench source at the time of the shown reading."""
 
-    def estimate_of(self, moment: WrenchSnapshot) -> WrenchEstimate | None:
-        """Return the estimate of the shown reading where a wrench source shows just this estimate."""
-        estimate = None if self.shown is None else self.shown.force
-        if estimate is None or moment.wrench is None or moment.wrench.stamp_ns != estimate.wrench.stamp_ns:
-            return None
-        return estimate if np.array_equal(moment.wrench.six, estimate.wrench.six) else None
-
 
 @runtime_checkable
 class PageDisplay(Protocol):
@@ -161,9 +152,9 @@ class PageDisplay(Protocol):
 
 
 class PageController:
-    """Connects a sensor poller and wrench pollers with a display."""
+    """Connects a sensor poller and histories of wrenches with a display."""
 
-    def __init__(self, loop: SensorPoller, out: Path, wrenches: Sequence[WrenchPoller] = ()) -> None:
+    def __init__(self, loop: SensorPoller, out: Path, wrenches: Sequence[WrenchHistory] = ()) -> None:
         self.scale: ColourScale = session_colour_scale(loop.sensor.shape.curve)
         self.frozen = False
         self.wrenches = tuple(wrenches)
@@ -228,7 +219,7 @@ class PageController:
         if display.is_watched and self._view is not None:
             self._draw(display, self._view, status.is_past)
         now_ns, at_ns = time.monotonic_ns(), None if self.shown_reading is None else self.shown_reading.frame.stamp_ns
-        wrenches = tuple(loop.snapshot(at_ns, now_ns) for loop in self.wrenches)
+        wrenches = tuple(history.snapshot(at_ns, now_ns) for history in self.wrenches)
         display.show_report(
             PageReport(status, moment, self.shown_reading, self._shown.hz(now_ns), dict(self._page_ms), wrenches)
         )

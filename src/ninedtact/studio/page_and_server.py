@@ -127,15 +127,15 @@ class SensorPage:
         self._reports += 1
         if self._reports % PLOT_EVERY == 0:
             self._plot.data = tuple(report.moment.history)
-            for card, moment in zip(self._wrenches, report.wrenches, strict=True):
-                card.draw_curves(moment)
+            if self._wrenches is not None:
+                self._wrenches.draw_curves(report.wrenches)
 
     def _show_wrenches(self, report: PageReport) -> None:
         with self._server.atomic():
-            for card, moment in zip(self._wrenches, report.wrenches, strict=True):
-                card.show_numbers(moment, report.status.is_past, report.estimate_of(moment))
-            first = report.wrenches[0].wrench if report.wrenches and not report.status.is_past else None
-            self._scene.show_wrench(first)
+            if self._wrenches is not None:
+                self._wrenches.show_numbers(report.wrenches, report.status.is_past)
+            first = report.wrenches[0].sample if report.wrenches and not report.status.is_past else None
+            self._scene.show_wrench(None if first is None else first.wrench)
 
     def _lay_out_images(self) -> None:
         panel = self._server.gui.add_panel()
@@ -153,7 +153,7 @@ class SensorPage:
         self._status = gui.add_html(status_html(WAITING_STATUS))
         self._figures = gui.add_html("")
         self._plot = self._curve()
-        self._wrenches = [WrenchCard(self._server) for _ in self._studio.wrenches]
+        self._wrenches = WrenchCard(self._server, self._studio.wrenches) if self._studio.wrenches else None
         self._lay_out_buttons()
         self._as = gui.add_dropdown("surface colouring", SKINS)
         self._times = gui.add_slider("vertical exaggeration", 1.0, MOST_TIMES, 0.5, 1.0, hint="1 is true to scale")

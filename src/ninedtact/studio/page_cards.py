@@ -1,5 +1,6 @@
 """The cards of the live page: measured values, status and wrenches as HTML, which follows the light or dark theme."""
 
+from collections.abc import Iterator, Sequence
 from html import escape
 
 import numpy as np
@@ -7,13 +8,12 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 from viser import GuiUplotHandle, ViserServer, uplot
 
-from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.displayed_reading import SensorStatus
 from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
-from ninedtact.studio.wrench_poller import WrenchSnapshot
+from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample, WrenchSnapshot
 
 TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a", "warned": "#c92a2a"}
 DIM = "color:var(--mantine-color-dimmed)"
@@ -95,73 +95,127 @@ def colour_legend_html(scale: ColourScale) -> str:
 COLOURS = {"x": "#c92a2a", "y": "#2b8a3e", "z": "#1c6fb7"}
 LEAST_N, LEAST_NMM = 2.0, 4.0
 """Smallest half range of the curves, so that noise stays small."""
+CURVE_POINTS = 400
+"""Number of points of a curve over the last seconds."""
+BAND_OPACITY = "22"
+"""Opacity of the band of one standard deviation, in hexadecimal."""
 
 
 class WrenchCard:
-    """The six components of one wrench source on the page, and their last seconds as curves."""
+    """The wrenches of all sources side by side in one table, and their last seconds on top of each other in two plots.
 
-    def __init__(self, server: ViserServer) -> None:
-        self._text = server.gui.add_html("")
-        self._forces = _add_curves(server, "force (N)", "F", LEAST_N)
-        self._torques = _add_curves(server, "torque (N·mm)", "T", LEAST_NMM)
-
-    def show_numbers(self, moment: WrenchSnapshot, is_past: bool, estimate: WrenchEstimate | None = None) -> None:
-        """Show the six components; those of an estimate with their standard deviations and warnings."""
-        self._text.content = wrench_html(moment, is_past, estimate)
-
-    def draw_curves(self, moment: WrenchSnapshot) -> None:
-        """Draw the last seconds as curves."""
-        at_s, forces, torques = moment.history[0], moment.history[1:4], 1e3 * moment.history[4:7]
-        for plot, values, least in ((self._forces, forces, LEAST_N), (self._torques, torques, LEAST_NMM)):
-            plot.data = (at_s, *values)
-            plot.scales = _curve_scales(max(float(np.abs(values).max(initial=0)) * 1.1, least))
-
-
-def wrench_html(moment: WrenchSnapshot, is_past: bool, estimate: WrenchEstimate | None = None) -> str:
-    """Return the six components and the scale of the arrow as HTML.
-
-    estimate: the estimate that the wrench belongs to; its standard deviations and warnings are shown.
+    Where there are several sources, wrenches without stated errors (true, measured) are drawn dashed.
     """
-    std = None if estimate is None else estimate.std
-    rows = "" if moment.wrench is None else "".join(_axis_row_html(axis, moment.wrench, std) for axis in "xyz")
-    warnings = "" if estimate is None else ", ".join(estimate.warnings)
-    lines = [(TONES["busy"], warnings), (TONES["lost"], str(moment.trouble or ""))]
-    lines += [(TONES["busy"], notice) for notice in moment.notices]
-    below = "".join(
-        f'<div style="font-size:0.85em;color:{colour}">{escape(line)}</div>' for colour, line in lines if line
-    )
+
+    def __init__(self, server: ViserServer, sources: Sequence[WrenchHistory]) -> None:
+        self._text = server.gui.add_html("")
+        self._forces = _add_curves(server, "force (N)", "F", LEAST_N, sources)
+        self._torques = _add_curves(server, "torque (N·mm)", "T", LEAST_NMM, sources)
+
+    def show_numbers(self, moments: Sequence[WrenchSnapshot], is_past: bool) -> None:
+        """Show the six components of every source."""
+        self._text.content = wrenches_html(moments, is_past)
+
+    def draw_curves(self, moments: Sequence[WrenchSnapshot]) -> None:
+        """Draw the last seconds of every source."""
+        at_s = np.linspace(-HISTORY_S, 0.0, CURVE_POINTS)
+        for plot, first, unit, least in ((self._forces, 0, 1.0, LEAST_N), (self._torques, 3, 1e3, LEAST_NMM)):
+            curves = [curve for moment in moments for curve in _curves_of(moment, at_s, first, unit)]
+            largest = max((float(np.nanmax(np.abs(curve), initial=0.0)) for curve in curves), default=0.0)
+            plot.data = (at_s, *curves)
+            plot.scales = _curve_scales(max(largest * 1.1, least))
+
+
+def wrenches_html(moments: Sequence[WrenchSnapshot], is_past: bool) -> str:
+    """Return the wrenches in columns, what the columns mean, warnings and the scale of the arrow as HTML."""
+    known = [moment for moment in moments if moment.sample is not None]
+    head = "".join(f'<th style="text-align:right;font-weight:600">{escape(moment.name)}</th>' for moment in known)
+    rows = "".join(_component_row_html(number, known) for number in range(6))
+    warnings = [warning for moment in known if moment.sample for warning in moment.sample.warnings]
+    badges = "".join(_badge_html(warning) for warning in warnings)
+    lines = [(TONES["lost"], str(moment.trouble)) for moment in moments if moment.trouble is not None]
+    lines += [(TONES["busy"], notice) for moment in moments for notice in moment.notices]
+    below = "".join(f'<div style="font-size:0.85em;color:{colour}">{escape(line)}</div>' for colour, line in lines)
+    meaning = "; ".join(f"{moment.name}: {moment.meaning}" for moment in moments)
     scale = f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_NMM:g}° per N·mm of twist"
     return (
-        f'<div style="margin:0.3em 0.9em;opacity:{PALE if is_past else 1}"><b>{escape(moment.name)}</b>'
-        f'<table style="width:100%;font-variant-numeric:tabular-nums">{rows}</table>{below}'
-        f'<div style="font-size:0.75em;{DIM}">{scale}</div></div>'
+        f'<div style="margin:0.3em 0.9em;opacity:{PALE if is_past else 1}">'
+        f'<table style="width:100%;font-variant-numeric:tabular-nums"><tr><th style="text-align:left">wrench</th>{head}</tr>{rows}'
+        f'</table>{badges}{below}<div style="font-size:0.75em;{DIM}">{escape(meaning)}; {scale}</div></div>'
     )
 
 
-def _axis_row_html(axis: str, wrench: Wrench, std: Float64[Array, "6"] | None) -> str:
-    """Return force and torque along one axis as a row of a table, with one standard deviation of each where they are known."""
-    number = "xyz".index(axis)
-    stds = (np.nan, np.nan) if std is None else (std[number], 1e3 * std[3 + number])
-    force, torque = (
-        f"{value:+.2f}".replace("-", "\N{MINUS SIGN}") + (f" ± {error:.2f}" if np.isfinite(error) else "")
-        for value, error in zip((wrench.force_n[number], 1e3 * wrench.torque_nm[number]), stds, strict=True)
+def _component_row_html(number: int, moments: Sequence[WrenchSnapshot]) -> str:
+    """Return one component of every wrench as a row of a table, with one standard deviation where it is known."""
+    axis, letter, unit, scale = (
+        "xyz"[number % 3],
+        "FT"[number // 3],
+        ("N", "N·mm")[number // 3],
+        (1.0, 1e3)[number // 3],
     )
-    name = f'<td style="color:{COLOURS[axis]};font-weight:600">{{}}<sub>{axis}</sub></td>'
-    value = '<td style="text-align:right">{} <span style="' + DIM + '">{}</span></td>'
-    return f"<tr>{name.format('F')}{value.format(force, 'N')}<td>&ensp;</td>{name.format('T')}{value.format(torque, 'N·mm')}</tr>"
+    cells = "".join(
+        f'<td style="text-align:right;white-space:nowrap">{_format_component(moment.sample, number, scale)}</td>'
+        for moment in moments
+        if moment.sample is not None
+    )
+    name = f'<td style="color:{COLOURS[axis]};font-weight:600">{letter}<sub>{axis}</sub>'
+    return f'<tr>{name} <span style="font-weight:400;{DIM}">{unit}</span></td>{cells}</tr>'
 
 
-def _add_curves(server: ViserServer, title: str, letter: str, half: float) -> GuiUplotHandle:
-    """Add a plot of three curves over the last seconds."""
-    lines = (uplot.Series(label=f"{letter}_{axis}", stroke=colour, width=1.5) for axis, colour in COLOURS.items())
+def _format_component(sample: WrenchSample, number: int, scale: float) -> str:
+    """Return a component and its standard deviation; nothing is known where the standard deviation is infinite."""
+    std = scale * sample.std[number]
+    if np.isinf(std):
+        return "unknown"
+    value = f"{scale * sample.wrench.six[number]:+.2f}".replace("-", "\N{MINUS SIGN}")
+    return value + (f' <span style="{DIM}">± {std:.2f}</span>' if np.isfinite(std) else "")
+
+
+def _badge_html(text: str) -> str:
+    """Return a warning as a badge."""
+    return (
+        f'<span style="display:inline-block;margin:0.1em 0.3em 0.1em 0;padding:0.1em 0.6em;border-radius:1em;color:#fff;'
+        f'font-size:0.8em;background:{TONES["busy"]}">{escape(text)}</span>'
+    )
+
+
+def _add_curves(
+    server: ViserServer, title: str, letter: str, half: float, sources: Sequence[WrenchHistory]
+) -> GuiUplotHandle:
+    """Add a plot of three curves of each source, with a band of one standard deviation where it is stated."""
+    series, bands = [uplot.Series(label="s ago")], []
+    for source in sources:
+        dash = (5.0, 4.0) if len(sources) > 1 and not source.states_errors else ()
+        for axis, colour in COLOURS.items():
+            label = f"{letter}_{axis} {source.name}"
+            series.append(uplot.Series(label=label, stroke=colour, width=1.5, dash=dash))
+            if source.states_errors:
+                bands.append(uplot.Band(series=(len(series), len(series) + 1), fill=colour + BAND_OPACITY))
+                series += [uplot.Series(label=f"{label} {sign} std", width=0) for sign in ("+", "−")]
     return server.gui.add_uplot(
-        (np.zeros(2),) * 4,
-        (uplot.Series(label="s ago"), *lines),
+        (np.zeros(2),) * len(series),
+        tuple(series),
+        bands=tuple(bands),
         scales=_curve_scales(half),
         legend=uplot.Legend(show=False),
         title=f"{title}: x red, y green, z blue",
         height=160,
     )
+
+
+def _curves_of(
+    moment: WrenchSnapshot, at_s: Float64[Array, " n"], first: int, unit: float
+) -> Iterator[Float64[Array, " n"]]:
+    """Yield what `_add_curves` draws of one source: each axis, and its upper and lower end where errors are stated."""
+    sampled_s, values, stds = moment.history[0], moment.history[1:7] * unit, moment.history[7:] * unit
+    stds = np.where(np.isfinite(stds), stds, 0.0)
+    ends = (values, values + stds, values - stds) if moment.states_errors else (values,)
+    for axis in range(first, first + 3):
+        for curve in ends:
+            if sampled_s.size:
+                yield np.interp(at_s, sampled_s, curve[axis], left=np.nan, right=np.nan)
+            else:
+                yield np.full(at_s.shape, np.nan)
 
 
 def _curve_scales(half: float) -> dict[str, uplot.Scale]:

@@ -4,6 +4,7 @@ Its rates and its history of the indentation cover the last seconds, including r
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from threading import Event, Lock, Thread
@@ -111,11 +112,12 @@ class SensorSnapshot:
 class SensorPoller:
     """Reads a sensor in its own thread while it is open (`with`); its source should be a `LatestFrameSource`.
 
-    If the sensor has no depth reader, its first images become the reference.
+    If the sensor has no depth reader, its first images become the reference. `on_reading` is called in the sensor thread with
+    every reading, also with those that the page does not show.
     """
 
-    def __init__(self, sensor: Sensor) -> None:
-        self.sensor = sensor
+    def __init__(self, sensor: Sensor, on_reading: Callable[[Reading], None] = lambda reading: None) -> None:
+        self.sensor, self._on_reading = sensor, on_reading
         self._phase = SensorPhase.READING
         self._trouble: BaseException | None = None
         self._reading: Reading | None = None
@@ -190,6 +192,7 @@ class SensorPoller:
         self._reference_wanted.clear()
 
     def _keep(self, reading: Reading) -> None:
+        self._on_reading(reading)
         deepest_mm, arrived_ns = max_indentation_mm(reading.height), reading.frame.stamp_ns
         with self._lock:
             self._phase, self._trouble, self._reading = SensorPhase.READING, None, reading

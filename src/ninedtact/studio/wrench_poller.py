@@ -1,4 +1,8 @@
-"""The force thread of the live page: reads a wrench source continuously and keeps the last seconds; the page never delays it."""
+"""The wrenches on the live page: the last seconds of each of their sources, without ever delaying the sensor or the page.
+
+A `WrenchPoller` reads a force/torque sensor, or the true wrench of a twin, in a thread of its own. What the sensor's estimator
+answers comes with its readings. Both fill a `WrenchHistory`, which the page reads.
+"""
 
 from bisect import bisect_left
 from collections import deque
@@ -12,45 +16,85 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.quantities import Wrench
+from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S
 
 MOST_HZ = 60.0
 """Number of samples kept per second, which is more than a person can see."""
+_UNKNOWN_STD = np.full(6, np.nan)
+
+
+@dataclass(frozen=True)
+class WrenchSample:
+    """A wrench about the skin's centre, with its error and warnings where it is an estimate."""
+
+    wrench: Wrench
+    std: Float64[Array, "6"]
+    """One standard deviation of F_x, F_y, F_z in N and T_x, T_y, T_z in N·m; NaN where none is stated."""
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class WrenchSnapshot:
-    """The state of one wrench source at one moment."""
+    """The state of one source of wrenches at one moment."""
 
     name: str
-    wrench: Wrench | None
-    """The wrench about the skin's centre at the time of the shown reading; None before the first."""
-    history: Float64[Array, "7 n"]
-    """Seconds before now (negative); F_x, F_y, F_z in N; T_x, T_y, T_z in N·m."""
+    """One word, the head of its column: true, measured or estimated."""
+    meaning: str
+    """What the wrench is, and where it comes from."""
+    sample: WrenchSample | None
+    """The sample at the time of the shown reading; None before the first."""
+    history: Float64[Array, "13 n"]
+    """Seconds before now (negative); the six components in N and N·m; their six standard deviations."""
     trouble: BaseException | None = None
     """Why no more wrenches will arrive."""
     notices: tuple[str, ...] = ()
     """Sentences that hold for every wrench of the source."""
+    states_errors: bool = False
+    """Whether the source states standard deviations."""
+
+
+class WrenchHistory:
+    """The last seconds of one source of wrenches; safe to fill and to read from different threads."""
+
+    def __init__(self, name: str, meaning: str, notices: tuple[str, ...] = (), states_errors: bool = False) -> None:
+        self.name, self.meaning, self.notices, self.states_errors = name, meaning, notices, states_errors
+        self.trouble: BaseException | None = None
+        self._samples: deque[tuple[int, WrenchSample]] = deque()
+        self._lock = Lock()
+
+    def add(self, sample: WrenchSample) -> None:
+        """Keep a sample, unless it follows the last one within 1/`MOST_HZ`, and drop those that are too old."""
+        stamp_ns = sample.wrench.stamp_ns
+        if self._samples and 0 <= stamp_ns - self._samples[-1][0] < NS_PER_S / MOST_HZ:
+            return
+        with self._lock:
+            self._samples.append((stamp_ns, sample))
+            while stamp_ns - self._samples[0][0] > HISTORY_S * NS_PER_S:
+                self._samples.popleft()
+
+    def add_estimate(self, estimate: WrenchEstimate) -> None:
+        """Keep an estimate with its standard deviations and warnings."""
+        self.add(WrenchSample(estimate.wrench, estimate.std, tuple(estimate.warnings)))
+
+    def snapshot(self, at_ns: int | None, now_ns: int) -> WrenchSnapshot:
+        """Return the sample nearest to a time (None: the newest) and the last seconds."""
+        with self._lock:
+            samples = list(self._samples)
+        rows = [((at - now_ns) / NS_PER_S, *sample.wrench.six, *sample.std) for at, sample in samples]
+        history = np.array(rows, float).reshape(-1, 13).T
+        sample = _nearest_sample(samples, at_ns)
+        return WrenchSnapshot(self.name, self.meaning, sample, history, self.trouble, self.notices, self.states_errors)
 
 
 class WrenchPoller:
     """Reads a wrench source in its own thread while it is open (`with`)."""
 
-    def __init__(self, source: WrenchSource, name: str, notices: tuple[str, ...] = ()) -> None:
-        self.name, self.notices, self._source = name, notices, source
-        self._samples: deque[tuple[int, Wrench]] = deque()
-        self._trouble: BaseException | None = None
-        self._lock, self._closing = Lock(), Event()
+    def __init__(self, source: WrenchSource, name: str, meaning: str) -> None:
+        self.history = WrenchHistory(name, meaning)
+        self._source = source
+        self._closing = Event()
         self._thread = Thread(target=self._run, name=f"read {source.name}", daemon=True)
-
-    def snapshot(self, at_ns: int | None, now_ns: int) -> WrenchSnapshot:
-        """Return the wrench nearest to a time (None: the newest) and the last seconds; never waits for the source."""
-        with self._lock:
-            samples, trouble = list(self._samples), self._trouble
-        history = np.array([(at - now_ns, *wrench.six) for at, wrench in samples], float).reshape(-1, 7).T
-        history[0] /= NS_PER_S
-        return WrenchSnapshot(self.name, _nearest_sample(samples, at_ns), history, trouble, self.notices)
 
     def __enter__(self) -> "WrenchPoller":
         """Open the source, raising what it raises, and start reading."""
@@ -68,23 +112,15 @@ class WrenchPoller:
     def _run(self) -> None:
         try:
             while not self._closing.is_set():
-                self._keep(self._source.read())
+                self.history.add(WrenchSample(self._source.read().about(np.zeros(3)), _UNKNOWN_STD))
         except SourceEnded:
             pass
         except BaseException as trouble:  # the page shows it
             if not self._closing.is_set():
-                self._trouble = trouble
-
-    def _keep(self, wrench: Wrench) -> None:
-        if self._samples and wrench.stamp_ns - self._samples[-1][0] < NS_PER_S / MOST_HZ:
-            return
-        with self._lock:
-            self._samples.append((wrench.stamp_ns, wrench.about(np.zeros(3))))
-            while wrench.stamp_ns - self._samples[0][0] > HISTORY_S * NS_PER_S:
-                self._samples.popleft()
+                self.history.trouble = trouble
 
 
-def _nearest_sample(samples: list[tuple[int, Wrench]], at_ns: int | None) -> Wrench | None:
+def _nearest_sample(samples: list[tuple[int, WrenchSample]], at_ns: int | None) -> WrenchSample | None:
     """Return the sample nearest to a time, or the last one without a time."""
     if not samples:
         return None
