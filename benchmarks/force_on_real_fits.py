@@ -24,6 +24,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.dataset.generation.press_trajectory import PressSettings, SimulatedPressTrajectory
 from ninedtact.design import SensorDesign
+from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact.mechanics.alternating_solver import SolverSettings
@@ -43,6 +44,7 @@ ESTIMATORS = ("physics", "corrected")
 LOADS_N = 0.3, 12.0
 BELOW_SKIN_MM = (0.0, 0.0, -35.0)
 REFERENCES = 10
+REFUSAL_FILE = "refusal.txt"
 
 
 def force_on_real_fits(
@@ -67,6 +69,12 @@ def force_on_real_fits(
     folders = [(member, out / f"sensor_{name}{calibration}", wrong) for name, member in members.items()]
     for _ in run_jobs(calibrate_twin, [job for job in folders if not (job[1] / SENSOR_FILE).is_file()], workers):
         pass
+    for member, folder, _ in folders:
+        if (folder / REFUSAL_FILE).is_file():
+            print(f"{member.name}: refused: {(folder / REFUSAL_FILE).read_text()}")
+            del members[member.name]
+    jobs = [job for job in jobs if job[0].name in members]
+    folders = [job for job in folders if job[0].name in members]
     for member, folder, _ in folders:
         for warning in load_sensor(folder).record.certificate.warnings:
             print(f"{member.name}: {warning}")
@@ -146,10 +154,14 @@ def stated_design(member: SampledSensor, wrong: Wrong) -> SensorDesign:
 
 
 def calibrate_twin(member: SampledSensor, folder: Path, wrong: Wrong = "nothing") -> None:
-    """Calibrate the twin from single images of its own presses, as a person would."""
+    """Calibrate the twin from single images of its own presses, as a person would; write the reason where that is refused."""
     images = simulate_calibration_images(member.twin(), member.design, presses=member.presses)
     design = stated_design(member, wrong)
-    save_sensor(folder, calibrate(CalibrationImages(**vars(images)), design, sensor_id=member.name))
+    try:
+        save_sensor(folder, calibrate(CalibrationImages(**vars(images)), design, sensor_id=member.name))
+    except CalibrationError as refusal:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / REFUSAL_FILE).write_text(str(refusal))
 
 
 def judge(member: SampledSensor, folder: Path, file: Path, spec: str) -> Judged:
