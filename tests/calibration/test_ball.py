@@ -87,6 +87,7 @@ REFUSED = {
     "two balls": (lambda s: s.ball_factor((-4.5, 0.0), 2.5) + s.ball_factor((4.5, 0.0), 2.5) - 1, "one contact, got 2"),
     "cut by the border": (lambda s: s.ball_factor((11.0, 0.0), 3.0), "border"),
     "too shallow": (lambda s: s.ball_factor(edge_mm=1.5), "mm deep"),
+    "black at the bottom": (lambda s: np.where(s.ball_factor() < 0.9, 0.0, s.ball_factor()), "brighter than black"),
     "no ball": (lambda s: 1 - 0.3 * bar(), "round|circle"),
 }
 
@@ -102,6 +103,15 @@ def test_what_cannot_calibrate_is_refused(case: str, rectify: Rectification) -> 
     factor, words = REFUSED[case]
     with pytest.raises(BallPressUnusable, match=words):
         fitted(rectify, factor(KnownSensor()))
+
+
+def test_glare_at_the_border_is_not_taken_for_swapped_images(rectify: Rectification) -> None:
+    x = np.linspace(0, 1, LENS.raw_shape[1])
+    glare = 0.5 * np.exp(-(((x - 1) / 0.04) ** 2))
+    factor = KnownSensor().ball_factor(edge_mm=2.6)
+    assert glare.max() > 1 - factor.min()
+    fit = fitted(rectify, factor + glare, "ratio")
+    assert fit.press.edge_radius_mm == pytest.approx(2.6, abs=0.1)
 
 
 def test_a_ball_smaller_than_its_disc_is_refused(rectify: Rectification) -> None:

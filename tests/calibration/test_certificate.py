@@ -18,6 +18,7 @@ from ninedtact.calibration.ball.ball_fit import DepthMethod
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.certificate.checks import (
     CHECK_LEVELS,
+    OVERALL_LEVELS,
     CheckLimit,
     CheckResult,
     certificate_headline,
@@ -38,7 +39,7 @@ GOOD = Certificate(
 )
 WORSE_WHEN_LARGER = {
     "board": ("leave_one_out_rms_mm", "leave_one_out_max_mm", "mm_per_px_std", "noise_grey_levels"),
-    "ball": ("cross_validation_mae_mm", "noise_mm", "asymmetry", "overexposed_fraction"),
+    "ball": ("cross_validation_mae_mm", "noise_mm", "asymmetry", "overexposed_fraction", "contact_radius_mm"),
 }
 WORSE_WHEN_SMALLER = {"board": ("pins_found", "contrast_grey_levels"), "ball": ("range_mm",)}
 FIGURES = [
@@ -200,6 +201,16 @@ def test_warning_alone_keeps_the_whole_from_passing() -> None:
     assert overall_check_level(warned) == "warn" and "warnings below" in certificate_headline(warned)
 
 
+def test_many_warned_checks_are_worse_than_one() -> None:
+    warned, expected = GOOD, ["pass", "warn", "warn", "warn", "poor"]
+    for name, level in zip(
+        ("asymmetry", "noise_mm", "overexposed_fraction", "cross_validation_mae_mm"), expected[1:], strict=True
+    ):
+        warned = with_figure(warned, "ball", name, {"asymmetry": 0.2, "noise_mm": 0.02}.get(name, 0.04))
+        assert overall_check_level(warned) == level
+    assert "4 of 11 checks warned" in certificate_headline(warned) and "Calibrate again" in certificate_headline(warned)
+
+
 @given(st.sampled_from(FIGURES), st.data())
 def test_worse_figure_never_improves_a_line(figure: tuple[str, str, int], data: st.DataObject) -> None:
     part, name, worse = figure
@@ -211,7 +222,7 @@ def test_worse_figure_never_improves_a_line(figure: tuple[str, str, int], data: 
     assert all(
         rank(one) <= rank(two) for one, two in zip(check_certificate(first), check_certificate(second), strict=True)
     )
-    assert CHECK_LEVELS.index(overall_check_level(first)) <= CHECK_LEVELS.index(overall_check_level(second))
+    assert OVERALL_LEVELS.index(overall_check_level(first)) <= OVERALL_LEVELS.index(overall_check_level(second))
 
 
 @given(st.floats(0, 10), st.floats(0, 10), st.floats(-10, 10, allow_nan=False))

@@ -150,7 +150,7 @@ def test_noise_blur_compression_and_half_a_pixel_are_no_change(known: dict, imag
 
 def test_another_sensor_is_another_skin(known: dict, images: dict) -> None:
     for mine, other in (("sensor_a", "sensor_i"), ("sensor_i", "sensor_j"), ("sensor_j", "sensor_a")):
-        assert diagnoses(known[mine], images[other]["board_reference"]) == ["another skin"]
+        assert diagnoses(known[mine], images[other]["board_reference"]) == ["another sensor's gel"]
 
 
 def test_figures_are_right(known: dict, images: dict) -> None:

@@ -229,14 +229,14 @@ def test_a_reference_of_another_sensor_is_a_warning_of_every_estimate_and_said_o
     camera, shape = SimulatedCamera(small_press_simulation(rounds=1)), load_sensor(sensor).shape
     said: list[str] = []
     estimates = RecordedEstimates(
-        shape, Guessing(), True, lambda frames: ("another skin: it is not there",), said.append
+        shape, Guessing(), True, lambda frames: ("another sensor's gel: it is not there",), said.append
     )
     with RecordingWriter(tmp_path / "other.mcap", RecordingMetadata("x")) as episode:
         Recorder(episode, camera, estimates=estimates).run(lambda: False)
-    assert said == ["the reference image is doubtful; another skin: it is not there"]
+    assert said == ["the reference image is doubtful; another sensor's gel: it is not there"]
     with Recording(tmp_path / "other.mcap") as read:
         (remark,) = read.events()
-        assert (remark.subject, remark.text) == ("reference image", "another skin: it is not there")
+        assert (remark.subject, remark.text) == ("reference image", "another sensor's gel: it is not there")
         assert {tuple(texts) for _, texts in read.warnings()} == {
             ("reference unlike the calibrated one", "out of range")
         }

@@ -78,5 +78,5 @@ def test_real_presses_are_plausible_and_exchanged_ones_are_not(
         with pytest.raises(ReferenceImplausible, match="without contact"):
             check.require_faultless([Frame(wrong)])
     for letter in "ij":
-        with pytest.raises(ReferenceImplausible, match="another skin"):
+        with pytest.raises(ReferenceImplausible, match="another sensor's gel"):
             check.require_faultless([Frame(real_images[letter].ball_reference)])

@@ -233,7 +233,7 @@ def _to_json_dict(sensor: "SensorFolder", made: "Calibration") -> dict[str, obje
 
 def _format_calibration(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
     """Yield the certificate in a few lines."""
-    from ninedtact.calibration.certificate.checks import certificate_headline
+    from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate
 
     certificate = made.record.certificate
     assert certificate is not None
@@ -250,4 +250,5 @@ def _format_calibration(sensor: "SensorFolder", made: "Calibration") -> Iterator
     )
     yield from (f"  warning: {warning}" for warning in certificate.warnings)
     yield f"  {certificate_headline(certificate)}"
+    yield from (f"  {check.level}: {check.text}" for check in check_certificate(certificate) if check.level != "pass")
     yield f"  open {sensor.path / 'certificate.html'} in a browser"

@@ -111,7 +111,9 @@ def _format_height_effect(finding: dict[str, Any]) -> str:
 
 
 def _format_measurement(found: dict[str, Any]) -> str:
-    """All figures in one line."""
+    """The figures that can be compared, in one line; of another sensor's gel only the light."""
+    if found["diagnosis"] == "another sensor's gel":
+        return f"brightness {found['brightness_percent']:+.1f} %, light even to {found['uneven_percent']:.1f} %"
     skin = "motion of the skin not observable"
     if found["shift_px"] is not None:
         px, mm = hypot(*found["shift_px"]), hypot(*found["shift_mm"])

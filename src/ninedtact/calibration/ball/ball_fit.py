@@ -25,6 +25,7 @@ from ninedtact.calibration.ball.contact_circle import (
     WIDEST_BY_PHYSICS,
     asymmetry_warnings,
     find_contact_circle,
+    require_disc_above_black,
     require_explained_by_ball,
     require_usable_depth,
     spherical_cap_height_mm,
@@ -127,6 +128,7 @@ def fit_ball(
     require_usable_exposure("ball image", press)
     before, after = rectify(Frame(reference)), rectify(Frame(press))
     circle = find_contact_circle(rectified_brightness_change(before, after))
+    require_disc_above_black(after.grey, circle)
     require_usable_depth(design.ball, circle, rectify.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
     seen = BallPress(before, after, circle, design.ball, design.camera, smoothing)
     fit = (

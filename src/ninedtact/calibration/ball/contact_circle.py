@@ -27,6 +27,11 @@ FAINTEST_DROP = 3.0
 """
 SECOND_CONTACT = 0.35
 """A second spot with this fraction of the largest darkening is another contact."""
+MAX_GLARE_AREA = 0.2
+"""Area of a bright place, relative to that of the dark disc, up to which it is a reflection."""
+BLACK_GREY_LEVEL = 2.0
+MAX_BLACK_SHARE = 0.01
+"""Largest fraction of the disc at `BLACK_GREY_LEVEL` or below."""
 LEAST_OF_CIRCLE = 0.6
 """Smallest fraction of the rays that must reach the edge."""
 ROUNDNESS = 0.12
@@ -84,11 +89,18 @@ def _require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
             f"expected the ball's dark disc, at least {needed:.0f} grey levels darker than the reference, got no contact "
             f"(largest change {max(drop, rise):.1f} levels); press the ball while the second image is taken"
         )
-    if rise > drop:
+    if rise > drop and not _is_glare(calm):
         raise BallPressUnusable(
             f"expected a dark disc where the ball presses, got a bright one (+{rise:.0f} against −{drop:.0f} grey levels); "
             "the images look swapped: give the image without contact as the reference"
         )
+
+
+def _is_glare(calm: Float32[Array, "rows cols"]) -> bool:
+    """Return whether the brightest place is small or at the border: a reflection, and not a ball in swapped images."""
+    bright, dark = _darkest_region(-calm), _darkest_region(calm)
+    at_border = any(side.any() for side in (bright[0], bright[-1], bright[:, 0], bright[:, -1]))
+    return bool(at_border or bright.sum() < MAX_GLARE_AREA * dark.sum())
 
 
 def _darkest_region(calm: Float32[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
@@ -207,6 +219,17 @@ def require_usable_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: floa
     if depth_mm < SHALLOWEST_MM:
         raise BallPressUnusable(
             f"expected a press at least {SHALLOWEST_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
+        )
+
+
+def require_disc_above_black(after: Float32[Array, "rows cols"], circle: ContactCircle) -> None:
+    """Refuse a disc whose bottom is black in the press image (rows, cols) of grey levels: its depth cannot be read."""
+    disc = after[circle.distance_px(after.shape) < circle.radius_px]
+    black = float((disc <= BLACK_GREY_LEVEL).mean())
+    if black > MAX_BLACK_SHARE:
+        raise BallPressUnusable(
+            f"expected the bottom of the disc to be brighter than black, got {black:.0%} of it at {BLACK_GREY_LEVEL:g} grey levels "
+            "or below, where depth cannot be told; give more light or a longer exposure, or press less deep"
         )
 
 

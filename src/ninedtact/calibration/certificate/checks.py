@@ -7,6 +7,7 @@ reason.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf, sqrt
 from typing import Literal
 
 from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY
@@ -21,6 +22,11 @@ _UNUSUAL_FIT = 3.2
 CheckLevel = Literal["pass", "warn", "fail"]
 CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")
 """The levels of a check, from best to worst."""
+OverallLevel = Literal["pass", "warn", "poor", "fail"]
+OVERALL_LEVELS: tuple[OverallLevel, ...] = ("pass", "warn", "poor", "fail")
+"""The levels of a certificate, from best to worst."""
+_MANY_WARNED_CHECKS = 4
+"""Number of checks that warn from which the whole calibration is poor: a single press explains up to three of them."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,10 @@ OVEREXPOSED = CheckLimit(0.01, 0.05)
 """Fraction of the image. Overexposed skin cannot brighten and darkens late, so heights there are wrong without any sign of it."""
 UNEVEN_BULGE = CheckLimit(MAX_ASYMMETRY, float("inf"))
 """Fraction of the drop. The effect of a sheared press on depth is measured by the halves of the disc, whose check fails."""
+CONTACT_RADIUS = CheckLimit(1.2, 1.35)
+"""Radius of the contact, relative to that of the ball's section at the depth of the press. The gel rises around the ball by up to a
+tenth; a larger contact belongs to another ball.
+"""
 RANGE_MM = CheckLimit(1.0, 0.5)
 """A firm grasp presses soft gel by about a millimetre; beyond the range, depth is not calibrated."""
 CROSS_VALIDATION_MAE_MM = CheckLimit(0.03, 0.15)
@@ -102,10 +112,14 @@ def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
     ]
 
 
-def overall_check_level(certificate: Certificate) -> CheckLevel:
-    """Return the overall level: that of the worst check, and never a pass where there are warnings."""
-    levels = [line.level for line in check_certificate(certificate)] + ["warn" for _ in certificate.warnings]
-    return max(levels, key=CHECK_LEVELS.index)
+def overall_check_level(certificate: Certificate) -> OverallLevel:
+    """Return the overall level: that of the worst check, poor where many checks warn, and never a pass where there are warnings."""
+    levels = [line.level for line in check_certificate(certificate)]
+    if "fail" in levels:
+        return "fail"
+    if levels.count("warn") >= _MANY_WARNED_CHECKS:
+        return "poor"
+    return "warn" if "warn" in levels or certificate.warnings else "pass"
 
 
 def certificate_headline(certificate: Certificate) -> str:
@@ -117,6 +131,8 @@ def certificate_headline(certificate: Certificate) -> str:
         return (
             f"Do not measure with this calibration. {_count_in_words(lines, 'fail')}; the lines below say what to do."
         )
+    if level == "poor":
+        return f"Calibrate again before you rely on this sensor. {_count_in_words(lines, 'warn')}; the lines below say what to do."
     if all(line.level == "pass" for line in lines):
         return f"This sensor can be used with care. All {len(lines)} checks passed, but read the warnings below."
     return f"This sensor can be used with care. {_count_in_words(lines, 'warn')}; the lines below say what to do."
@@ -150,7 +166,7 @@ def _check_board(board: BoardQuality) -> list[CheckResult]:
         _make_check_result(
             LEAVE_ONE_OUT_MAX_MM.level(board.leave_one_out_max_mm),
             f"Worst pin: predicted to {board.leave_one_out_max_mm:.3f} mm (expected: at most {LEAVE_ONE_OUT_MAX_MM.good:g} mm)",
-            "find it in the error map below; look there for dirt on the skin, a reflection, or a bent pin of the board",
+            "find it in the certificate's error map; look there for dirt on the skin, a reflection, or a bent pin of the board",
         ),
         _make_check_result(
             SCALE_ERROR.level(scale_error),
@@ -183,6 +199,13 @@ def _check_ball(ball: BallQuality) -> list[CheckResult]:
             "the ball was sheared: press it straight down",
         ),
         _make_check_result(
+            CONTACT_RADIUS.level(_relative_contact_radius(ball)),
+            f"Contact: {ball.contact_radius_mm:.2f} mm in radius at {ball.max_indentation_mm:.2f} mm depth, "
+            f"{_relative_contact_radius(ball):.2f} times the section of the ball there (expected: at most {CONTACT_RADIUS.good:g} "
+            "times)",
+            "check that the ball's radius is the stated one, and that nothing presses beside it",
+        ),
+        _make_check_result(
             RANGE_MM.level(ball.range_mm),
             f"Range: depth is calibrated down to {ball.range_mm:.2f} mm (expected: at least {RANGE_MM.good:g} mm)",
             "press the ball deeper, 1 to 2 mm",
@@ -200,6 +223,13 @@ def _check_ball(ball: BallQuality) -> list[CheckResult]:
             "give more light and less gain",
         ),
     ]
+
+
+def _relative_contact_radius(ball: BallQuality) -> float:
+    """Return the radius of the contact over that of the ball's section at the depth of the press."""
+    above_mm = max(ball.ball_radius_mm - ball.max_indentation_mm, 0.0)
+    section_mm = sqrt(max(ball.ball_radius_mm**2 - above_mm**2, 0.0))
+    return ball.contact_radius_mm / section_mm if section_mm > 0 else inf
 
 
 def _make_check_result(level: CheckLevel, fact: str, advice: str) -> CheckResult:

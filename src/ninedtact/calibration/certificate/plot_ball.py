@@ -230,13 +230,34 @@ def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, 
     return along[along > 0], height[along > 0]
 
 
-def twin_table_rows(twin: TwinTable) -> list[tuple[str, str]]:
-    """Return every parameter with its standard deviation, and the parameter with which it is most correlated."""
+PARAMETER_MEANINGS = {
+    "x_mm": "Where the ball's centre is, along the sensor's x axis.",
+    "y_mm": "Where the ball's centre is, along the sensor's y axis.",
+    "depth_mm": "How deep the ball was pressed.",
+    "drag_x_mm": "How far the ball was dragged along x after it had touched.",
+    "drag_y_mm": "How far the ball was dragged along y after it had touched.",
+    "thickness_mm": "Thickness with which the gel acts: thinner gel bulges higher and closer to the ball.",
+    "point_spread_mm": "How far light scatters in the gel (standard deviation); finer structure is blurred.",
+    "saturation": "How much faster thin gel darkens than thick gel; zero is a straight line.",
+    "inverse_distance_per_mm": "How much pressed skin appears displaced outwards, per mm of height and mm from the axis.",
+    "loss": "Light that the whole image loses, per mean darkening of the view.",
+    "darkening_per_mm": "Relative darkening where indentation begins.",
+    "brightening_per_mm": "Relative brightening where the gel bulges.",
+}
+"""What every fitted parameter of the twin is, in one sentence."""
+
+
+def twin_table_rows(twin: TwinTable) -> list[tuple[str, str, str]]:
+    """Return every parameter with its standard deviation and most correlated parameter, and with a sentence about what it is."""
     fit = twin.fit
     rows = [
-        ("unexplained, whole image", f"{fit.image_rmse_grey_levels:.2f} grey levels"),
-        ("unexplained, radial profile", f"{fit.radial_rmse_grey_levels:.2f} grey levels"),
-        ("worth independent observations", f"{fit.effective_observations:.0f}"),
+        ("unexplained, whole image", f"{fit.image_rmse_grey_levels:.2f} grey levels", ""),
+        ("unexplained, radial profile", f"{fit.radial_rmse_grey_levels:.2f} grey levels", ""),
+        (
+            "worth independent observations",
+            f"{fit.effective_observations:.0f}",
+            "The rest of the fit is smooth, so that pixels repeat each other.",
+        ),
     ]
     if twin.board_press is not None:
         rows += _board_press_table_rows(twin.board_press)
@@ -244,18 +265,27 @@ def twin_table_rows(twin: TwinTable) -> list[tuple[str, str]]:
         other = found.most_correlated_with
         sure = "" if found.std is None else f" ± {found.std:.3f}"
         beside = "" if other is None else f", {found.correlation:+.2f} with {other.replace('_', ' ')}"
-        rows.append((name.replace("_", " "), f"{found.value:.3f}{sure}{beside}"))
+        rows.append((name.replace("_", " "), f"{found.value:.3f}{sure}{beside}", PARAMETER_MEANINGS[name]))
     return rows
 
 
-def _board_press_table_rows(told: BoardPressTable) -> list[tuple[str, str]]:
+def _board_press_table_rows(told: BoardPressTable) -> list[tuple[str, str, str]]:
     """Return the figures of the fit to the board image, and whether it was accepted."""
     taken = "taken into the lens" if told.accepted else "not taken: the board is not as drawn"
     return [
-        ("board: imprints' depth", f"{told.depth_mm:.2f} mm ± {told.depth_std_mm:.2f}, {taken}"),
+        (
+            "board: imprints' depth",
+            f"{told.depth_mm:.2f} mm ± {told.depth_std_mm:.2f}, {taken}",
+            "How deep the pins pressed, as the darkness of their imprints tells.",
+        ),
         (
             "board: inverse viewing distance (1/mm)",
             f"{told.inverse_distance_per_mm:.3f} ± {told.inverse_distance_std_per_mm:.3f}",
+            "The same displacement as seen on the pins, from which the lens is freed.",
         ),
-        ("board: unexplained", f"{told.residual_rms_grey_levels:.2f} of {told.contrast_grey_levels:.1f} grey levels"),
+        (
+            "board: unexplained",
+            f"{told.residual_rms_grey_levels:.2f} of {told.contrast_grey_levels:.1f} grey levels",
+            "",
+        ),
     ]

@@ -34,8 +34,8 @@ from ninedtact.quantities import Frame, Rectified, centred_axis_mm
 
 DriftDiagnosis = Literal[
     "fine",
+    "another sensor's gel",
     "something touches the gel",
-    "another skin",
     "camera moved",
     "light uneven",
     "gel changed",
@@ -45,7 +45,10 @@ DriftDiagnosis = Literal[
 ]
 
 _MIN_PRESSED_SHARE = 0.2
-"""Changed fraction of the view above which an unrecognised skin counts as pressed; other skins differ on at most 0.11."""
+"""Changed fraction of the view above which a skin that is not recognised may be pressed all over, as by the pin board."""
+_MIN_FOREIGN_UNEVENNESS = 0.07
+"""Change of the light across the view above which such a skin counts as that of another sensor. It is at most 0.066 where boards
+and objects press their own sensor, and 0.07 to 0.5 between most sensors."""
 _MAX_SHIFT_PX = 0.6
 """Largest shift, 0.03 mm on the skin. Real skins are displaced by up to 0.45 px after the board has been pressed on them."""
 _MAX_TURN_DEG = 0.3
@@ -71,7 +74,7 @@ class DriftFinding:
 
 def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
     """Return all findings, most serious first; on a pressed, unknown or mirrored skin, light and gel are not diagnosed."""
-    for grave in (_find_contact(drift), _find_unknown_skin(drift), _find_mirrored_image(drift)):
+    for grave in (_find_another_gel(drift), _find_contact(drift), _find_mirrored_image(drift)):
         if grave is not None:
             return [grave]
     rest = (
@@ -86,8 +89,8 @@ def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
 
 def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the gel is pressed."""
-    place, known_skin = drift.change.contact, drift.nearest.is_same_skin or not drift.nearest.observable
-    if place is None or drift.flipped or not (known_skin or drift.change.changed_share > _MIN_PRESSED_SHARE):
+    place = drift.change.contact
+    if place is None or drift.flipped:
         return None
     depth_mm = _equivalent_height_mm(drift, place.change)
     return DriftFinding(
@@ -98,17 +101,24 @@ def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
     )
 
 
-def _find_unknown_skin(drift: DriftMeasurement) -> DriftFinding | None:
-    """Return a finding where the image shows another sensor or another gel."""
-    skin = drift.nearest
-    different = drift.change.marks or drift.change.unevenness > MAX_UNEVENNESS
-    if skin.is_same_skin or not skin.observable or drift.flipped or not different:
+def _find_another_gel(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the image shows another sensor or another gel; no height can be told from it."""
+    skin, change = drift.nearest, drift.change
+    if drift.flipped or skin.is_same_skin or not (change.marks or change.unevenness > MAX_UNEVENNESS):
+        return None
+    other_light = change.unevenness > _MIN_FOREIGN_UNEVENNESS
+    pressed_all_over = change.contact is not None and change.changed_share > _MIN_PRESSED_SHARE
+    if skin.observable and (other_light or not pressed_all_over):
+        reason = f"the fine structure of the calibrated skin is not there (correlation {skin.correlation:.2f})"
+    elif not skin.observable and other_light and change.contact is not None:
+        reason = f"light and skin differ all over (light by up to {change.unevenness:.0%})"
+    else:
         return None
     return DriftFinding(
-        "another skin",
-        f"the fine structure of the calibrated skin is not there (correlation {skin.correlation:.2f}): this shows another "
-        "sensor, a new gel, or comes from a camera that sits elsewhere; name the right sensor, or calibrate again",
-        drift.height_mm,
+        "another sensor's gel",
+        f"{reason}: this shows another sensor, a new gel, or comes from a camera that sits elsewhere; name the right sensor, or "
+        "calibrate again; if it is the right one, take away what covers the gel",
+        None,
     )
 
 
@@ -212,7 +222,7 @@ def _position_in_words(mark: SkinMark) -> str:
     return f"({mark.x_mm:.1f}, {mark.y_mm:.1f}) mm"
 
 
-_DISQUALIFYING: frozenset[DriftDiagnosis] = frozenset(("something touches the gel", "another skin"))
+_DISQUALIFYING: frozenset[DriftDiagnosis] = frozenset(("something touches the gel", "another sensor's gel"))
 _CALIBRATION_REFERENCES = frozenset(("board_reference", "ball_reference"))
 
 
