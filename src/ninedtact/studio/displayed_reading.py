@@ -259,7 +259,8 @@ class PageController:
         try:
             while not until():
                 self.refresh(display)
-                slowdown = adapt_slowdown(slowdown, self._loop.snapshot(time.monotonic_ns()))
+                if self._loop.sensor.source.is_live:  # a folder of images is read faster than anybody needs
+                    slowdown = adapt_slowdown(slowdown, self._loop.snapshot(time.monotonic_ns()))
                 due_at = max(due_at + slowdown / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
         finally:
