@@ -2,13 +2,14 @@
 
 viser 1.1 accepts requests from every website, messages of 50 MB, uploads, and a request to publish the page on the internet; a
 message that it cannot decode ends in a traceback. It offers no hook, but its server starts with one call of `websockets.serve`,
-which `start_guarded_viser` replaces by `SocketGuard.serve`.
+which `start_guarded_viser` replaces by `SocketGuard.serve`. It also corrects an error of viser with many clients.
 """
 
 import asyncio
 import logging
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
+from functools import wraps
 from importlib import import_module
 from io import StringIO
 from threading import Lock
@@ -78,6 +79,7 @@ _replacing = Lock()
 def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) -> viser.ViserServer:
     """Start viser under a guard, without the banner that it prints; raises `UnknownPageServer`."""
     require_known_viser()
+    _wake_clients_in_event_loop()
     ports = []
 
     def guarded_serve(handler: Any, host: str, port: int, **options: Any) -> serve:
@@ -105,6 +107,40 @@ def _replace_serve(guarded_serve: Callable[..., serve]) -> Iterator[None]:
             yield
         finally:
             viser_server.websockets = library
+
+
+class _LoopEvent(asyncio.Event):
+    """An event that is set in the thread of its event loop only, as asyncio requires."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._own_loop = loop
+
+    def set(self) -> None:
+        """Wake all that wait; do nothing in another thread, because viser requests it of the event loop as well."""
+        with suppress(RuntimeError):
+            if asyncio.get_running_loop() is self._own_loop:
+                super().set()
+
+
+def _wake_clients_in_event_loop() -> None:
+    """Correct viser 1.1, which wakes the senders to its clients in the thread that changes the page too.
+
+    With many clients that thread then ends with "deque mutated during iteration" after seconds to minutes.
+    """
+    message_buffer: Any = import_module("viser.infra._async_message_buffer").AsyncMessageBuffer
+    initialise = message_buffer.__init__
+    if hasattr(initialise, "__wrapped__"):
+        return
+
+    @wraps(initialise)
+    def initialise_with_loop_event(
+        self: Any, event_loop: asyncio.AbstractEventLoop, *args: Any, **options: Any
+    ) -> None:
+        initialise(self, event_loop, *args, **options)
+        self.message_event = _LoopEvent(event_loop)
+
+    message_buffer.__init__ = initialise_with_loop_event
 
 
 def require_known_viser() -> None:
