@@ -18,7 +18,9 @@ from ninedtact.studio.sensor_poller import SensorPoller
 PATIENCE_S = 90.0
 
 
-def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Browser, tmp_path: Path) -> None:
+def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
+    browser: Browser, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     before = set(threading.enumerate())
     camera, tab, errors, asked = SkinCamera(), browser.new_page(viewport={"width": 900, "height": 500}), [], set()
     tab.set_default_timeout(PATIENCE_S * 1000)
@@ -62,7 +64,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
         studio.show_final_state(page)
     wait_until(lambda: "stopped: the program has ended" in tab.inner_text("body"), PATIENCE_S, pause_s=0.05)
     wait_until(lambda: set(threading.enumerate()) <= before)
-    assert errors == []
+    assert errors == [] and caplog.messages == []
     assert asked <= {address, ""}
 
 

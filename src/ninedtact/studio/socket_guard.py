@@ -251,7 +251,7 @@ class _MemoryRelease:
     def _release(self) -> None:
         """Collect what clients leave behind in reference cycles, and return free memory to the operating system."""
         gc.collect()
-        with suppress(OSError, AttributeError):  # only the GNU C library has it
+        with suppress(OSError, AttributeError, TypeError):  # only the GNU C library has it
             ctypes.CDLL(None).malloc_trim(0)
 
 
