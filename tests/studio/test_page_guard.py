@@ -87,7 +87,8 @@ def test_other_websites_and_rebound_names_are_refused() -> None:
             f"10.0.0.1:{port}",
         ):
             assert both(port, "/", f"Host: {host}") == (403, 403), host
-        for origin in ("http://evil.example", "null", f"http://localhost:{port + 1}", f"https://127.0.0.1:{port}", ""):
+        others = ("http://evil.example", "null", f"http://localhost:{port + 1}", f"https://127.0.0.1:{port}", "")
+        for origin in (*others, "https://robot.local:9000"):
             assert both(port, "/", own, f"Origin: {origin}") == (403, 403), origin
         assert both(port, "/") == (403, 403) and both(port, "/", own, own) == (403, 403)
         assert both(port, "/", own, f"Origin: {PROXY}", "Origin: http://evil.example") == (403, 403)
@@ -162,10 +163,9 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
             wait_until(lambda: len(server.get_clients()) == 2)
         gc.collect()  # asyncio reports a failed task when it is collected
         wait_until(lambda: any("Task exception" in line for line in caplog.messages))
-    assert sum("dropped a message of 4 bytes" in line for line in caplog.messages) == 1
-    assert [line for line in caplog.messages if "dropped" not in line] == [
-        "Task exception was never retrieved: ValueError(\"could not convert string to float: 'x'\")"
-    ]
+    dropped, failed = caplog.messages
+    assert "dropped a message of 4 bytes" in dropped
+    assert failed == "Task exception was never retrieved: ValueError(\"could not convert string to float: 'x'\")"
     assert all(record.exc_info is None for record in caplog.records) and "Traceback" not in capfd.readouterr().err
 
 
@@ -178,7 +178,7 @@ def served(limits: SocketLimits, sent: bytes, times: int = 10**9) -> Iterator[tu
         connections.append(connection)
         for _ in range(times):
             await connection.send(sent)
-        await connection.recv()
+        raise ZeroDivisionError(await connection.recv())
 
     async def start() -> int:
         guard = SocketGuard("127.0.0.1", limits=limits)
@@ -228,6 +228,9 @@ def test_a_client_that_floods_and_clients_beyond_the_limit_are_disconnected(capl
                     one.ping()
                     time.sleep(0.001)
             two.ping().wait(30)
+            two.send("a bug in a handler")
+            with pytest.raises(ConnectionClosed, match="1011"):
+                two.recv(timeout=30)
         idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(30)]
         still_open = 0
         for client in idle:
@@ -241,6 +244,8 @@ def test_a_client_that_floods_and_clients_beyond_the_limit_are_disconnected(capl
             client.close()
         assert still_open <= 8
     assert sum("more than 20 messages in a second" in line for line in caplog.messages) == 1
+    assert "connection handler failed: ZeroDivisionError('a bug in a handler')" in caplog.messages
+    assert all(record.exc_info is None for record in caplog.records)
 
 
 def test_the_memory_of_departed_clients_is_given_back() -> None:

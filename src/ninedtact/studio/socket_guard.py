@@ -94,14 +94,14 @@ class SocketGuard:
         names = {*_LOOPBACK_NAMES, _bracket(self.host.lower())}
         if _is_wildcard(self.host):
             names |= {_bracket(local_address), (name := socket.gethostname().lower()), f"{name}.local"}
-        own = {f"{name}:{port}" for name in names} | (names if port == 80 else set())
-        return own | {urlsplit(origin).netloc for origin in self.allowed_origins}
+        return {f"{name}:{port}" for name in names} | (names if port == 80 else set())
 
     def find_refusal(self, request: Request, local_address: str, port: int) -> tuple[int, str] | None:
         """Return HTTP status and reason with which a request is refused; None for one that is accepted."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         own = self.own_hosts(local_address, port)
-        if len(hosts) != 1 or hosts[0].lower() not in own:
+        proxies = {urlsplit(origin).netloc for origin in self.allowed_origins}
+        if len(hosts) != 1 or hosts[0].lower() not in own | proxies:
             return 403, _host_or_origin_refusal("Host", hosts, "http://NAME:PORT")
         allowed = {f"http://{host}" for host in own} | set(self.allowed_origins)
         if len(origins) > 1 or (origins and origins[0].lower() not in allowed):
