@@ -36,6 +36,7 @@ HEAVY = {
     "onnx": {"force.training"},
     "onnxruntime": {"force.onnx_model"},
     "viser": {"studio"},
+    "websockets": {"studio"},
     "build123d": {
         "hardware.parts",
         "hardware.sensor_assembly",

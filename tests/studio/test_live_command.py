@@ -6,7 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 from subprocess import PIPE
-from urllib.request import urlopen
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import cv2
 import pytest
@@ -15,6 +16,7 @@ from small_sensor import sensor_folder, skin
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli.live import InvalidLiveOption, Live, PageLibraryMissing
+from ninedtact.studio.socket_guard import InvalidAllowedOrigin
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
 
@@ -42,6 +44,36 @@ def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, images: Path)
     assert (live.returncode, complained) == (0, "")
 
 
+def test_on_a_network_the_printed_address_is_the_only_one(tmp_path: Path, images: Path) -> None:
+    options = ["--sensor", str(sensor_folder(tmp_path / "small")), "--source", str(images), "--loop", "--port", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "ninedtact",
+        "live",
+        *options,
+        "--host",
+        "0.0.0.0",
+        "--allow-origin",
+        "http://robot:9",
+    ]
+    live = subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True)
+    assert live.stdout is not None
+    address = re.search(r"open http://([^/]+):(\d+)(/[\w-]{22}/) in a browser", live.stdout.readline())
+    assert address is not None
+    _, port, secret = address.groups()
+    for host in (f"127.0.0.1:{port}", "robot:9"):
+        with urlopen(Request(f"http://127.0.0.1:{port}{secret}", headers={"Host": host}), timeout=60) as page:
+            assert page.status == 200 and b"<html" in page.read()
+    with pytest.raises(HTTPError, match="404"):
+        urlopen(f"http://127.0.0.1:{port}/", timeout=60)
+    live.send_signal(signal.SIGINT)
+    _, complained = live.communicate(timeout=60)
+    assert live.returncode == 0 and re.fullmatch(
+        r"refused 127\.0\.0\.1:\d+: expected the whole address .*\n", complained
+    )
+
+
 def test_nothing_heavy_is_loaded_before_it_runs() -> None:
     loaded = subprocess.run([sys.executable, "-c", CHECK], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == ""
@@ -67,6 +99,8 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
         Live("nothing", folder).run()
     with pytest.raises(InvalidLiveOption, match="above 0 and at most 120, got 0;"):
         Live(str(images), folder, display_hz=0).run()
+    with pytest.raises(InvalidAllowedOrigin, match="got 'robot';"):
+        Live(str(images), folder, allow_origin=("robot",)).run()
     monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None)
     with pytest.raises(PageLibraryMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
         Live(str(images), folder).run()

@@ -10,7 +10,7 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.displayed_reading import PageController
+from ninedtact.studio.displayed_reading import PageController, SaveLimits
 from ninedtact.studio.page_and_server import PagePortRefused, SensorPage, page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
@@ -18,7 +18,9 @@ from ninedtact.studio.sensor_poller import SensorPoller
 PATIENCE_S = 90.0
 
 
-def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Browser, tmp_path: Path) -> None:
+def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
+    browser: Browser, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     before = set(threading.enumerate())
     camera, tab, errors, asked = SkinCamera(), browser.new_page(viewport={"width": 900, "height": 500}), [], set()
     tab.set_default_timeout(PATIENCE_S * 1000)
@@ -26,7 +28,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
-        studio = PageController(loop, tmp_path)
+        studio = PageController(loop, tmp_path, save_limits=SaveLimits(per_minute=1))
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         address = f"127.0.0.1:{server.get_port()}"
 
@@ -54,13 +56,15 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(browser: Brow
         assert sensor.depth_reader is not first_reference
         tab.get_by_role("button", name="Save this reading").dispatch_event("click")
         until_shown("Saved", "4 files in")
+        tab.get_by_role("button", name="Save this reading").dispatch_event("click")
+        until_shown("Not saved", "at most 1 saves a minute")
         assert len(list(tmp_path.glob("reading_*"))) == 4
         camera.plugged_in = False
         until_shown("no image for ", "unplugged?")
         studio.show_final_state(page)
     wait_until(lambda: "stopped: the program has ended" in tab.inner_text("body"), PATIENCE_S, pause_s=0.05)
     wait_until(lambda: set(threading.enumerate()) <= before)
-    assert errors == []
+    assert errors == [] and caplog.messages == []
     assert asked <= {address, ""}
 
 

@@ -1,6 +1,9 @@
 """What a person is shown: the present, or clearly not the present; and what they keep."""
 
+import re
 import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +13,16 @@ from small_sensor import SkinCamera, sensor_on, wait_until
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.strict_image_reading import read_image
-from ninedtact.studio.displayed_reading import DisplayOptions, NothingToSave, PageController, PageReport
+from ninedtact.studio.displayed_reading import (
+    MAX_SLOWDOWN,
+    DisplayOptions,
+    NothingToSave,
+    PageController,
+    PageReport,
+    SaveLimits,
+    SaveRefused,
+    adapt_slowdown,
+)
 from ninedtact.studio.reading_view import ReadingView
 from ninedtact.studio.sensor_poller import SensorPoller
 
@@ -130,6 +142,38 @@ def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
     assert np.load(by_ending["height.npy"]).min() == pytest.approx(-1.0, abs=0.01)
     assert read_image(by_ending["image.png"]).min() == 75
     assert {path.parent for path in paths} == {tmp_path / "readings"}
+
+
+def test_too_many_saves_are_refused_and_write_nothing(stage: Stage, tmp_path: Path) -> None:
+    hasty = PageController(stage.loop, tmp_path / "hasty", save_limits=SaveLimits(per_minute=2))
+    small = PageController(stage.loop, tmp_path / "small", save_limits=SaveLimits(disk_share=0.0))
+    with stage.loop:
+        wait_until(lambda: stage.sees(0.0))
+        hasty.refresh(stage.screen)
+        small.refresh(stage.screen)
+        with ThreadPoolExecutor(20) as clicks:
+            results = [clicks.submit(hasty.save) for _ in range(20)]
+        refusals = [result.exception() for result in results if result.exception() is not None]
+        with pytest.raises(SaveRefused, match=r"at most 0% of the free disk, 0 MB, got 0 MB and another reading; free"):
+            small.save()
+    assert len(refusals) == 18 and len(list((tmp_path / "hasty").iterdir())) == 8 and not (tmp_path / "small").exists()
+    assert re.fullmatch(
+        r"expected at most 2 saves a minute, got one more; wait (59|60) s, or use 'ninedtact record'", str(refusals[0])
+    )
+
+
+def test_the_page_gives_way_to_a_sensor_that_loses_images(stage: Stage) -> None:
+    with stage.loop:
+        wait_until(lambda: stage.sees(0.0))
+        moment = stage.loop.snapshot(time.monotonic_ns())
+    keeps_up = replace(moment, delivered_hz=30.0, read_hz=30.0)
+    slowdowns = [1.0]
+    for _ in range(30):
+        slowdowns.append(adapt_slowdown(slowdowns[-1], replace(keeps_up, read_hz=27.0)))
+    assert np.diff(slowdowns).min() >= 0 and slowdowns[-1] == MAX_SLOWDOWN > slowdowns[5] > 1.5
+    for _ in range(60):
+        slowdowns.append(adapt_slowdown(slowdowns[-1], keeps_up))
+    assert slowdowns[-1] == 1.0 == adapt_slowdown(1.0, replace(moment, delivered_hz=0.0, read_hz=0.0))
 
 
 def test_a_sensor_thread_that_gives_up_is_told_to_the_screen_and_to_the_caller(stage: Stage) -> None:

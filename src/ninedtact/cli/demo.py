@@ -8,6 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import tyro
+
 from ninedtact.cli.live import (
     PageSettings,
     page_sources_of_twin,
@@ -54,9 +56,11 @@ class Demo:
     display_hz: float = 15.0
     """Largest number of readings shown per second."""
     host: str = "127.0.0.1"
-    """Address of the page."""
+    """Address of the page; with another one than this computer's own, the printed address contains a random token."""
     port: int = 0
     """Port of the page; 0 takes any free port."""
+    allow_origin: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
 
     def run(self) -> int:
         """Calibrate, reconstruct one press of each object, then show them live."""
@@ -70,8 +74,8 @@ class Demo:
         folder = self.folder
         self.write_summary(self.compare_presses(folder))
         sensor, wrenches = page_sources_of_twin(folder.shape, demo_sources(self.twin, self.resolved_rounds))
+        settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
         with suppress(KeyboardInterrupt):
-            settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force)
             serve_sensor_page(folder, sensor, wrenches, settings)
         print(f"stopped after {sensor.frames_read} images; results are in {self.out}")
         return 0

@@ -61,9 +61,12 @@ class Live:
     display_hz: float = 15.0
     """Largest number of readings shown per second; the sensor is read at its own rate."""
     host: str = "127.0.0.1"
-    """Address of the page. With 0.0.0.0 everybody on the network can see the page and press its buttons."""
+    """Address of the page: of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them). Then only
+    who has the printed address, which contains a random token, can see the page and press its buttons."""
     port: int = 8080
     """Port of the page."""
+    allow_origin: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
@@ -71,7 +74,7 @@ class Live:
         require_display_rate(self.display_hz)
         with load_named_sensor(self.sensor, self.source) as folder:
             sensor, wrenches = self.sensor_and_wrenches(folder)
-            settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force)
+            settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
             with suppress(KeyboardInterrupt):
                 serve_sensor_page(folder, sensor, wrenches, settings, ends=self.source == SIMULATED)
         print(f"stopped after {sensor.frames_read} images")
@@ -129,6 +132,8 @@ class PageSettings:
     port: int
     force: str = NONE
     """Specification of the force estimator."""
+    allow_origin: tuple[str, ...] = ()
+    """Websites that may use the page besides the page itself."""
 
 
 def serve_sensor_page(
@@ -139,9 +144,11 @@ def serve_sensor_page(
     from ninedtact.studio.page_and_server import SensorPage, page_server
     from ninedtact.studio.scene_3d import gel_block_under_skin
     from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
+    from ninedtact.studio.socket_guard import SocketGuard
 
     with ExitStack() as opened:
-        server = opened.enter_context(page_server(settings.host, settings.port))
+        guard = SocketGuard.for_host(settings.host, settings.allow_origin)
+        server = opened.enter_context(page_server(settings.host, settings.port, guard))
         estimates = _estimate_history(sensor, settings.force, folder)
         histories = [*(poller.history for poller in wrenches), *estimates]
 
@@ -155,8 +162,9 @@ def serve_sensor_page(
             opened.enter_context(poller)
         controller = PageController(loop, settings.out, histories)
         page = SensorPage(server, controller, gel_block_under_skin(folder.shape, folder.record.design.gel), folder.id)
-        address = f"http://{settings.host}:{server.get_port()}"
-        print(f"{sensor.source.name}: open {address} in a browser; Ctrl-C ends", flush=True)
+        print(
+            f"{sensor.source.name}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
+        )
         is_over = lambda: ends and loop.snapshot(monotonic_ns()).phase is SensorPhase.ENDED  # noqa: E731
         controller.run(page, settings.display_hz, is_over)
 

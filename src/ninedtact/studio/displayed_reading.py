@@ -1,16 +1,21 @@
 """The controller of the live page: takes the newest reading, decides what is shown, reports the sensor's status, saves readings."""
 
+import shutil
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from math import ceil
 from pathlib import Path
+from threading import Lock
 from typing import Literal, Protocol, runtime_checkable
 
 import cv2
+import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import InputError
+from ninedtact.errors import InputError, OutputError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -102,6 +107,57 @@ def _save_reading_files(reading: Reading, folder: Path) -> list[Path]:
     return [image, *heights]
 
 
+@dataclass(frozen=True)
+class SaveLimits:
+    """How much the people at the page may save, all of them together."""
+
+    per_minute: int = 10
+    disk_share: float = 0.1
+    """Largest share of the disk space that was free before the first save."""
+
+
+class SaveRefused(OutputError):
+    """Raised where a reading is not saved because too many were."""
+
+
+_SAVED_BYTES_PER_PX = 100
+"""Upper estimate of what the files of one reading take per pixel of the height map."""
+
+
+class _SaveQuota:
+    """Counts the saves of one page, and refuses one that would exceed the limits."""
+
+    def __init__(self, limits: SaveLimits) -> None:
+        self._limits, self._saved_at_s = limits, deque[float](maxlen=limits.per_minute)
+        self._written_bytes, self._lock = 0, Lock()
+
+    def save(self, reading: Reading, folder: Path) -> list[Path]:
+        """Save a reading, one at a time; raises `SaveRefused`, `FileNotWritten`."""
+        with self._lock:
+            self._require_rate(time.monotonic())
+            self._require_space(reading.frame.image.nbytes + _SAVED_BYTES_PER_PX * reading.height.z_mm.size, folder)
+            self._saved_at_s.append(time.monotonic())
+            paths = _save_reading_files(reading, folder)
+            self._written_bytes += sum(path.stat().st_size for path in paths)
+            return paths
+
+    def _require_rate(self, now_s: float) -> None:
+        most = self._limits.per_minute
+        if len(self._saved_at_s) == most and (wait_s := self._saved_at_s[0] + 60 - now_s) > 0:
+            raise SaveRefused(
+                f"expected at most {most} saves a minute, got one more; wait {ceil(wait_s)} s, or use 'ninedtact record'"
+            )
+
+    def _require_space(self, needed_bytes: int, folder: Path) -> None:
+        there = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.is_dir())
+        allowed = self._limits.disk_share * (shutil.disk_usage(there).free + self._written_bytes)
+        if self._written_bytes + needed_bytes > allowed:
+            raise SaveRefused(
+                f"expected the page to save at most {self._limits.disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB, got "
+                f"{self._written_bytes / 1e6:.0f} MB and another reading; free the disk, or choose another folder with --out"
+            )
+
+
 WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first image"
 
 
@@ -151,14 +207,34 @@ class PageDisplay(Protocol):
         """Show state, rates, costs and wrenches."""
 
 
+MAX_LOST_SHARE = 0.02
+"""Share of lost images above which the page is drawn more rarely."""
+MAX_SLOWDOWN = 3.0
+
+
+def adapt_slowdown(slowdown: float, moment: SensorSnapshot) -> float:
+    """Return the next factor, from 1 to `MAX_SLOWDOWN`, by which the page is drawn more rarely than it may be.
+
+    The sensor comes first: drawing and sending for many browsers takes processor time, which grows with their number.
+    """
+    lost_share = 1 - moment.read_hz / moment.delivered_hz if moment.delivered_hz > 0 else 0.0
+    return float(np.clip(slowdown * (1.1 if lost_share > MAX_LOST_SHARE else 0.97), 1.0, MAX_SLOWDOWN))
+
+
 class PageController:
     """Connects a sensor poller and histories of wrenches with a display."""
 
-    def __init__(self, loop: SensorPoller, out: Path, wrenches: Sequence[WrenchHistory] = ()) -> None:
+    def __init__(
+        self,
+        loop: SensorPoller,
+        out: Path,
+        wrenches: Sequence[WrenchHistory] = (),
+        save_limits: SaveLimits = SaveLimits(),
+    ) -> None:
         self.scale: ColourScale = session_colour_scale(loop.sensor.shape.curve)
         self.frozen = False
         self.wrenches = tuple(wrenches)
-        self._loop, self._out = loop, out
+        self._loop, self._out, self._quota = loop, out, _SaveQuota(save_limits)
         self._view: ReadingView | None = None
         self._displayed: tuple[int, bool, DisplayOptions] | None = None
         """What was drawn last: number of the view, whether dimmed, and the display options."""
@@ -171,11 +247,13 @@ class PageController:
 
     def run(self, display: PageDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False) -> None:
         """Show readings until interrupted or `until` is true; raises the error with which the sensor thread failed."""
-        due_at = time.monotonic()
+        due_at, slowdown = time.monotonic(), 1.0
         try:
             while not until():
                 self.refresh(display)
-                due_at = max(due_at + 1 / display_hz, time.monotonic())
+                if self._loop.sensor.source.is_live:  # a folder of images is read faster than anybody needs
+                    slowdown = adapt_slowdown(slowdown, self._loop.snapshot(time.monotonic_ns()))
+                due_at = max(due_at + slowdown / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
         finally:
             self.show_final_state(display)
@@ -200,10 +278,10 @@ class PageController:
         self._loop.take_reference()
 
     def save(self) -> list[Path]:
-        """Write the shown reading to files; raises `NothingToSave` and `FileNotWritten`."""
+        """Write the shown reading to files; raises `NothingToSave`, `SaveRefused` and `FileNotWritten`."""
         if self.shown_reading is None:
             raise NothingToSave(WITHOUT_READING)
-        return _save_reading_files(self.shown_reading, self._out)
+        return self._quota.save(self.shown_reading, self._out)
 
     def _take(self, reading: Reading | None) -> None:
         held = self.frozen and self._view is not None

@@ -23,6 +23,8 @@ from ninedtact.studio.page_cards import (
 from ninedtact.studio.reading_view import ReadingView
 from ninedtact.studio.scene_3d import GelBlock, SkinScene
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
+from ninedtact.studio.socket_guard import SocketGuard
+from ninedtact.studio.viser_guard import start_guarded_viser
 
 LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""
@@ -34,10 +36,13 @@ class PagePortRefused(DeviceError):
 
 
 @contextmanager
-def page_server(host: str, port: int) -> Iterator[ViserServer]:
-    """Serve until the `with` block ends; port 0 takes any free port. Raises `PagePortRefused`."""
+def page_server(host: str, port: int, guard: SocketGuard | None = None) -> Iterator[ViserServer]:
+    """Serve until the `with` block ends; port 0 takes any free port. Raises `PagePortRefused`, `UnknownPageServer`.
+
+    guard: the rules by which requests are accepted; without it those of the host, without further allowed origins.
+    """
     _require_port_free(host, port)
-    server = _start_without_banner(host, port)
+    server = start_guarded_viser(guard or SocketGuard.for_host(host), host, port, label="9DTact")
     try:
         # viser takes another port where the requested one is in use; a page at another address would not be found.
         if port not in (0, server.get_port()):
@@ -48,12 +53,6 @@ def page_server(host: str, port: int) -> Iterator[ViserServer]:
         time.sleep(LAST_WORDS_S)
         with redirect_stdout(StringIO()):
             server.stop()
-
-
-def _start_without_banner(host: str, port: int) -> ViserServer:
-    """Start viser without the banner that it prints, because only the command line may print."""
-    with redirect_stdout(StringIO()):
-        return ViserServer(host=host, port=port, label="9DTact", verbose=False)
 
 
 def _require_port_free(host: str, port: int) -> None:
@@ -108,7 +107,7 @@ class SensorPage:
 
     def display_options(self) -> DisplayOptions:
         """Return the options that the controls hold."""
-        return DisplayOptions(self._as.value == SKINS[0], float(self._times.value))
+        return DisplayOptions(self._as.value == SKINS[0], float(np.clip(self._times.value, 1.0, MOST_TIMES)))
 
     def show(self, view: ReadingView, options: DisplayOptions) -> None:
         """Draw all parts of one reading together."""

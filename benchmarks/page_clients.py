@@ -1,0 +1,107 @@
+"""What clients of the live page cost: images that the sensor loses with none and with twenty, one of which never reads; memory.
+
+The camera delivers 30 images a second from memory. The clients run in a process of their own. Phases without and with clients
+take turns, because other programs on the machine make the sensor lose images too.
+"""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import tyro
+import viser
+from figures import Figure, answer, at_most
+from memory import CameraInMemory, resident_now_mb
+from real_sensor import real_sensor
+
+from ninedtact import Frame, Sensor
+from ninedtact.capture.frame_pacing import LatestFrameSource
+from ninedtact.design import Gel
+from ninedtact.studio.displayed_reading import PageController
+from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_poller import SensorPoller
+
+CLIENTS = Path(__file__).parents[1] / "tests" / "studio" / "reading_clients.py"
+CAMERA_HZ, DISPLAY_HZ = 30.0, 15.0
+
+
+class PacedCamera(CameraInMemory):
+    """A camera in memory that delivers at a rate, on time."""
+
+    def open(self) -> None:
+        super().open()
+        self.opened_at_s = time.monotonic()
+
+    def read(self) -> Frame:
+        time.sleep(max(self.opened_at_s + self.next_index / CAMERA_HZ - time.monotonic(), 0))
+        return super().read()
+
+
+def page_clients(clients: int = 20, rounds: int = 5, images: int = 240, json: bool = False) -> None:
+    """Show the page to nobody and to a crowd in turns, and print what that costs."""
+    pictures, shape = real_sensor("sensor_a")
+    sensor = Sensor(LatestFrameSource(PacedCamera(pictures["ball_reference"], pictures["ball"])), shape, 2)
+    alone, crowded, memory_mb = [], [], []
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as poller:
+        studio, stop = PageController(poller, Path("out/readings")), threading.Event()
+        page = SensorPage(server, studio, gel_block_under_skin(shape, Gel()), "sensor_a")
+        showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
+        showing.start()
+        for _ in range(rounds):
+            alone.append(lost_images(poller, images))
+            with crowd(server, clients):
+                crowded.append(lost_images(poller, images))
+            time.sleep(3)
+            memory_mb.append(resident_now_mb())
+        stop.set()
+        showing.join()
+    answer("Clients of the live page", list(figures(clients, rounds * images, alone, crowded, memory_mb)), json)
+
+
+def figures(
+    clients: int, images: int, alone: list[int], crowded: list[int], memory_mb: list[float]
+) -> Iterator[Figure]:
+    yield Figure("lost without clients, %", 100 * sum(alone) / images)
+    yield at_most(f"lost with {clients} clients, one of which never reads, %", 100 * sum(crowded) / images, 5)
+    yield Figure("memory after the first crowd left, MB", memory_mb[0])
+    yield Figure(f"memory after {len(memory_mb)} crowds left, MB", memory_mb[-1])
+
+
+@contextmanager
+def crowd(server: viser.ViserServer, clients: int) -> Iterator[None]:
+    """Connect clients, wait for all, and let them leave at the end."""
+    command = [sys.executable, str(CLIENTS), f"ws://127.0.0.1:{server.get_port()}", f"viser-v{viser.__version__}"]
+    process = subprocess.Popen([*command, str(clients), "1"])
+    while len(server.get_clients()) < clients:
+        time.sleep(0.1)
+    time.sleep(1)
+    yield
+    process.kill()
+    process.wait()
+    while server.get_clients():
+        time.sleep(0.1)
+
+
+def lost_images(poller: SensorPoller, images: int) -> int:
+    """Return how many of the next images arrive and are not read."""
+
+    def count() -> tuple[int, int]:
+        reading = poller.snapshot(0).reading
+        return (-1 if reading is None else reading.frame.index), poller.sensor.frames_read
+
+    while (arrived := count()[0]) < 0:
+        time.sleep(0.01)
+    read = count()[1]
+    while count()[0] < arrived + images:
+        time.sleep(0.005)
+    later = count()
+    return max((later[0] - arrived) - (later[1] - read), 0)
+
+
+if __name__ == "__main__":
+    tyro.cli(page_clients)

@@ -1,0 +1,337 @@
+"""The guard of the live page's web server: who may connect, what clients may send, and how much they may cost.
+
+Browsers let every website send requests to servers on the same computer and network. So each request must name a host (`Host`)
+and, where the browser states it, a website (`Origin`) that belong to the page; the first closes DNS rebinding, the second
+cross-site WebSockets. On a network the path must also begin with the random token of the printed address.
+
+`SocketGuard.serve` takes the place of `websockets.serve` and guards any server; `viser_guard` puts it under viser's.
+"""
+
+import asyncio
+import ctypes
+import gc
+import hmac
+import logging
+import re
+import socket
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from http import HTTPStatus
+from ipaddress import ip_address
+from secrets import token_urlsafe
+from typing import Any
+from urllib.parse import urlsplit
+
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.http11 import Request, Response
+
+from ninedtact.errors import InputError
+
+_LOG = logging.getLogger(__name__)
+_LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
+_TOKEN_BYTES = 16
+_RELEASE_AFTER_S = 1.0
+"""Time from the departure of a client to the release of its memory, so that a crowd that leaves is one release."""
+_CLOSE_S = 1.0
+"""Time for a client to answer the end of its connection."""
+_CONNECTIONS_PER_CLIENT = 4
+"""Connections without a finished handshake are counted too; a browser opens a few in advance."""
+
+MessageTest = Callable[[str | bytes], bool]
+RequestHandler = Callable[[ServerConnection, Request], Response | None]
+
+
+class InvalidAllowedOrigin(InputError):
+    """Raised where an allowed origin is not one."""
+
+
+@dataclass(frozen=True)
+class SocketLimits:
+    """What one server accepts."""
+
+    message_bytes: int = 64 * 1024
+    """Largest message of a client. The page takes no uploads; a message of its controls has some 200 bytes."""
+    messages_per_s: int = 500
+    """Messages, pings and fragments per second above which a client is disconnected; a moved mouse makes 50."""
+    clients: int = 32
+    """Most clients at a time."""
+    send_timeout_s: float = 10.0
+    """Time after which a client that does not read what it is sent is disconnected."""
+
+
+@dataclass(frozen=True)
+class SocketGuard:
+    """The rules by which one server accepts requests."""
+
+    host: str
+    """Address or name that the server listens on."""
+    allowed_origins: tuple[str, ...] = ()
+    """Websites that may use the server besides its own page, as `http://name:port`."""
+    token: str = ""
+    """What the path of every request must begin with; empty where everybody who can connect is the user."""
+    limits: SocketLimits = SocketLimits()
+
+    @classmethod
+    def for_host(cls, host: str, allowed_origins: tuple[str, ...] = ()) -> "SocketGuard":
+        """Return the guard of a server, with a random token unless its host is loopback; raises `InvalidAllowedOrigin`."""
+        token = "" if _is_loopback(host) else token_urlsafe(_TOKEN_BYTES)
+        return cls(host, tuple(_normalise_origin(origin) for origin in allowed_origins), token)
+
+    def page_address(self, port: int) -> str:
+        """Return the address to open in a browser, with the token."""
+        host = _outward_address() if _is_wildcard(self.host) else self.host
+        return f"http://{_bracket(host)}:{port}" + (f"/{self.token}/" if self.token else "")
+
+    def own_hosts(self, local_address: str, port: int) -> set[str]:
+        """Return the values of the `Host` header that name this server.
+
+        local_address: address of this computer at which the connection arrived. It counts where the server listens on all
+        addresses: no website has the address of this computer as its name.
+        """
+        names = {*_LOOPBACK_NAMES, _bracket(self.host.lower())}
+        if _is_wildcard(self.host):
+            names |= {_bracket(local_address), (name := socket.gethostname().lower()), f"{name}.local"}
+        return {f"{name}:{port}" for name in names} | (names if port == 80 else set())
+
+    def find_refusal(self, request: Request, local_address: str, port: int) -> tuple[int, str] | None:
+        """Return HTTP status and reason with which a request is refused; None for one that is accepted."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        own = self.own_hosts(local_address, port)
+        proxies = {urlsplit(origin).netloc for origin in self.allowed_origins}
+        if len(hosts) != 1 or hosts[0].lower() not in own | proxies:
+            return 403, _host_or_origin_refusal("Host", hosts, "http://NAME:PORT")
+        allowed = {f"http://{host}" for host in own} | set(self.allowed_origins)
+        if len(origins) > 1 or (origins and origins[0].lower() not in allowed):
+            return 403, _host_or_origin_refusal("Origin", origins, "ORIGIN")
+        if self.token and not hmac.compare_digest(_first_segment(request.path).encode(), self.token.encode()):
+            return 404, "expected the whole address that the program printed, got another; copy it again"
+        return None
+
+    def serve(
+        self,
+        handler: Callable[[ServerConnection], Any],
+        host: str,
+        port: int,
+        *,
+        is_expected: MessageTest,
+        process_request: RequestHandler | None = None,
+        **options: Any,
+    ) -> serve:
+        """Return a guarded server; use it as `websockets.serve`.
+
+        handler, process_request: as in `websockets.serve`; they get accepted requests only, with the token taken off the path.
+        is_expected: whether a message of a client can be handled; other messages are dropped.
+        """
+        options |= {
+            "process_request": partial(self._answer_request, process_request),
+            "max_size": self.limits.message_bytes,
+            "logger": _one_line_logger(),
+            "create_connection": partial(_GuardedConnection, self.limits, is_expected, _MemoryRelease()),
+        }
+        return serve(handler, host, port, **options)
+
+    def _answer_request(
+        self, process_request: RequestHandler | None, connection: ServerConnection, request: Request
+    ) -> Response | None:
+        """Answer a request that is refused; hand on all others."""
+        refusal = self.find_refusal(request, *connection.local_address[:2])
+        if refusal is None and len(connection.server.connections) >= self.limits.clients:
+            refusal = 503, f"expected at most {self.limits.clients} browsers on the page, got one more; close others"
+        if refusal is not None:
+            connection.logger.warning("refused %s: %s", _format_peer(connection), refusal[1])
+            response: Response | None = connection.respond(refusal[0], refusal[1] + "\n")
+        else:
+            path = request.path.removeprefix(f"/{self.token}") if self.token else request.path
+            response = process_request and process_request(connection, replace(request, path=path or "/"))
+        if response is not None:
+            for name, value in self._response_headers(request).items():
+                response.headers[name] = value
+        return response
+
+    def _response_headers(self, request: Request) -> dict[str, str]:
+        """Return headers that keep the page from loading, connecting to, or being framed by anything else.
+
+        viser's page connects to whatever `?websocket=` in its address names and runs scripts that arrive from there.
+        """
+        everything = "'self' 'unsafe-inline' 'unsafe-eval' data: blob:"
+        host = "".join(request.headers.get_all("Host"))
+        own = f"ws://{host} wss://{host}" if re.fullmatch(r"[\w.:\[\]-]+", host) else ""
+        framed_by = " ".join(("'self'", *self.allowed_origins))
+        return {
+            "Content-Security-Policy": f"default-src {everything}; connect-src 'self' data: blob: {own}; "
+            f"frame-ancestors {framed_by}; base-uri 'none'; form-action 'none'; object-src 'none'",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+        }
+
+
+class _GuardedConnection(ServerConnection):
+    """A connection that drops unexpected messages and ends with a client that floods it or does not read."""
+
+    def __init__(
+        self, limits: SocketLimits, is_expected: MessageTest, memory: "_MemoryRelease", *args: Any, **options: Any
+    ) -> None:
+        super().__init__(*args, **options)
+        self._limits, self._is_expected, self._memory = limits, is_expected, memory
+        self._second, self._events_in_second, self._has_dropped = 0.0, 0, False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin, unless too many connections are open already."""
+        super().connection_made(transport)
+        if len(self.server.handlers) > _CONNECTIONS_PER_CLIENT * self._limits.clients:
+            self.transport.abort()
+
+    def process_event(self, event: Any) -> None:
+        """Handle one frame of the client, unless it sends too many."""
+        if (now_s := self.loop.time()) - self._second >= 1:
+            self._second, self._events_in_second = now_s, 0
+        self._events_in_second += 1
+        if self._events_in_second <= self._limits.messages_per_s:
+            super().process_event(event)
+        elif self._events_in_second == self._limits.messages_per_s + 1:
+            self._end(f"it sent more than {self._limits.messages_per_s} messages in a second")
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        """Return the next expected message."""
+        while not self._is_expected(message := await super().recv(decode)):
+            if not self._has_dropped:
+                self._has_dropped = True
+                self.logger.warning(
+                    "dropped a message of %d bytes of %s that the page does not expect; further ones are dropped silently",
+                    len(message),
+                    _format_peer(self),
+                )
+        return message
+
+    async def send(self, *args: Any, **options: Any) -> None:
+        """Send a message; end with a client that does not read it."""
+        try:
+            async with asyncio.timeout(self._limits.send_timeout_s):
+                await super().send(*args, **options)
+        except TimeoutError:
+            self._end(f"it did not read for {self._limits.send_timeout_s:g} s")
+            await self.wait_closed()
+            raise self.protocol.close_exc from None
+
+    async def close(self, *args: Any, **options: Any) -> None:
+        """Close, without waiting for a client that does not answer."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_CLOSE_S):
+                await super().close(*args, **options)
+        self.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End, and give the memory of the client back."""
+        super().connection_lost(exc)
+        if self.response is not None and self.response.status_code == HTTPStatus.SWITCHING_PROTOCOLS:
+            self._memory.release_soon(self.loop)
+
+    def _end(self, reason: str) -> None:
+        """Disconnect a client at once."""
+        self.logger.warning("disconnected %s: %s", _format_peer(self), reason)
+        self.transport.abort()
+
+
+class _MemoryRelease:
+    """Gives the memory of departed clients back, once for a crowd that leaves."""
+
+    def __init__(self) -> None:
+        self._timer: asyncio.TimerHandle | None = None
+
+    def release_soon(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Release unused memory when no client has left for a moment."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = loop.call_later(_RELEASE_AFTER_S, self._release)
+
+    def _release(self) -> None:
+        """Collect what clients leave behind in reference cycles, and return free memory to the operating system."""
+        gc.collect()
+        with suppress(OSError, AttributeError, TypeError):  # only the GNU C library has it
+            ctypes.CDLL(None).malloc_trim(0)
+
+
+def _is_loopback(host: str) -> bool:
+    """Return whether only this computer can reach a host."""
+    with suppress(ValueError):
+        return ip_address(host).is_loopback
+    return host.lower() == "localhost"
+
+
+def _is_wildcard(host: str) -> bool:
+    """Return whether a host stands for all addresses of this computer."""
+    with suppress(ValueError):
+        return ip_address(host).is_unspecified
+    return not host
+
+
+def _outward_address() -> str:
+    """Return the address under which other computers most likely reach this one; nothing is sent."""
+    with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect(("192.0.2.1", 9))
+        return str(probe.getsockname()[0])
+    return socket.gethostname()
+
+
+def _bracket(host: str) -> str:
+    """Return a host as it stands in an address."""
+    return f"[{host}]" if ":" in host else host
+
+
+def _first_segment(path: str) -> str:
+    """Return the first part of the path of a request; it may hold any bytes."""
+    return ascii(path.partition("?")[0].removeprefix("/").partition("/")[0])[1:-1]
+
+
+def _normalise_origin(origin: str) -> str:
+    """Return an origin as browsers send it; raises `InvalidAllowedOrigin`."""
+    if re.fullmatch(r"https?://[\w.-]+(:\d+)?|https?://\[[0-9a-f:]+\](:\d+)?", origin.lower().rstrip("/")) is None:
+        raise InvalidAllowedOrigin(
+            f"expected --allow-origin as http://NAME:PORT or https://NAME, got {origin!r}; leave out path and user"
+        )
+    return re.sub(r"(?<=^http:)(//.*):80$|(?<=^https:)(//.*):443$", r"\1\2", origin.lower().rstrip("/"))
+
+
+def _host_or_origin_refusal(header: str, got: list[str], remedy: str) -> str:
+    """Return the sentence about a header that names something else than the page."""
+    return (
+        f"expected {header} to name the page, got {ascii(', '.join(got))[:100]}; open the address that the program printed, "
+        f"or start it with --allow-origin {remedy}"
+    )
+
+
+def _format_peer(connection: ServerConnection) -> str:
+    """Return the address of a client."""
+    peer = connection.remote_address
+    return "a client" if not peer else f"{_bracket(str(peer[0]))}:{peer[1]}"
+
+
+_LINES_PER_MINUTE = 20
+"""Most lines that a server logs per minute."""
+
+
+def _one_line_logger() -> logging.Logger:
+    """Return a logger for one server: a line each and no traceback, and not more than a person can read.
+
+    viser adds a filter to it, so it is not shared.
+    """
+    logger, recent = logging.Logger(f"{__name__}.server"), deque[float](maxlen=_LINES_PER_MINUTE)
+    logger.parent = _LOG
+
+    def is_worth_a_line(record: logging.LogRecord) -> bool:
+        if record.levelno < logging.WARNING or record.msg == "opening handshake failed":
+            return False  # browsers open connections in advance and drop them
+        if record.exc_info:
+            record.msg, record.args = f"{record.getMessage()}: {record.exc_info[1]!r}", None
+            record.exc_info = record.exc_text = None
+        if len(recent) == _LINES_PER_MINUTE and record.created - recent[0] < 60:
+            return False
+        recent.append(record.created)
+        return True
+
+    logger.addFilter(is_worth_a_line)
+    return logger

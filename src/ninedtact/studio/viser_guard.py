@@ -1,0 +1,159 @@
+"""The guard of viser's web server: which messages it gets, and the one place where it starts.
+
+viser 1.1 accepts requests from every website, messages of 50 MB, uploads, and a request to publish the page on the internet; a
+message that it cannot decode ends in a traceback. It offers no hook, but its server starts with one call of `websockets.serve`,
+which `start_guarded_viser` replaces by `SocketGuard.serve`. It also corrects an error of viser with many clients.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from functools import wraps
+from importlib import import_module
+from io import StringIO
+from threading import Lock
+from types import SimpleNamespace
+from typing import Annotated, Any, Literal
+
+import msgspec
+import viser
+from websockets.asyncio.server import serve
+
+from ninedtact.errors import MissingLibraryError
+from ninedtact.studio.socket_guard import SocketGuard
+
+_LOG = logging.getLogger(__name__)
+GUARDED_VISER = "1.1."
+"""Beginning of the versions of viser whose server can be guarded; pyproject.toml pins the same."""
+
+
+class UnknownPageServer(MissingLibraryError):
+    """Raised where the installed version of viser cannot be guarded."""
+
+
+_Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+_ShortText = Annotated[str, msgspec.Meta(max_length=200)]
+_Vector = tuple[_Number, _Number, _Number]
+
+
+class _CameraMessage(msgspec.Struct, tag_field="type", tag="ViewerCameraMessage", forbid_unknown_fields=True):
+    """The pose of a browser's view, which viser's page sends."""
+
+    wxyz: tuple[_Number, _Number, _Number, _Number]
+    position: _Vector
+    fov: _Number
+    near: _Number
+    far: _Number
+    image_height: _Number
+    image_width: _Number
+    look_at: _Vector
+    up_direction: _Vector
+
+
+class _ControlMessage(msgspec.Struct, tag_field="type", tag="GuiUpdateMessage", forbid_unknown_fields=True):
+    """The new value of a button, a choice or a slider. viser would set any other attribute of it too."""
+
+    uuid: _ShortText
+    updates: Annotated[dict[Literal["value"], bool | _Number | _ShortText], msgspec.Meta(min_length=1)]
+
+
+_PAGE_MESSAGES = msgspec.msgpack.Decoder(_CameraMessage | _ControlMessage)
+
+
+def is_page_message(message: str | bytes) -> bool:
+    """Return whether a message is one that the controls of the page send.
+
+    viser has more, which the page has no use for: uploads, and a request to publish the page on the internet.
+    """
+    try:
+        _PAGE_MESSAGES.decode(message if isinstance(message, bytes) else b"")
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+        return False
+    return True
+
+
+_replacing = Lock()
+
+
+def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) -> viser.ViserServer:
+    """Start viser under a guard, without the banner that it prints; raises `UnknownPageServer`."""
+    require_known_viser()
+    _wake_clients_in_event_loop()
+    ports = []
+
+    def guarded_serve(handler: Any, host: str, port: int, **options: Any) -> serve:
+        ports.append(port)
+        asyncio.get_running_loop().set_exception_handler(_log_in_one_line)
+        return guard.serve(handler, host, port, is_expected=is_page_message, **options)
+
+    with _replace_serve(guarded_serve), redirect_stdout(StringIO()):
+        server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
+        if not ports:
+            server.stop()
+            raise UnknownPageServer(_unknown_viser_message("one that starts it in another way"))
+    return server
+
+
+@contextmanager
+def _replace_serve(guarded_serve: Callable[..., serve]) -> Iterator[None]:
+    """Let viser, and nothing else, find another `websockets.asyncio.server.serve`."""
+    viser_server: Any = import_module("viser.infra._infra")
+    with _replacing:
+        library = viser_server.websockets
+        server = SimpleNamespace(**vars(library.asyncio.server) | {"serve": guarded_serve})
+        viser_server.websockets = SimpleNamespace(**vars(library) | {"asyncio": SimpleNamespace(server=server)})
+        try:
+            yield
+        finally:
+            viser_server.websockets = library
+
+
+class _LoopEvent(asyncio.Event):
+    """An event that is set in the thread of its event loop only, as asyncio requires."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._own_loop = loop
+
+    def set(self) -> None:
+        """Wake all that wait; do nothing in another thread, because viser requests it of the event loop as well."""
+        with suppress(RuntimeError):
+            if asyncio.get_running_loop() is self._own_loop:
+                super().set()
+
+
+def _wake_clients_in_event_loop() -> None:
+    """Correct viser 1.1, which wakes the senders to its clients in the thread that changes the page too.
+
+    With many clients that thread then ends with "deque mutated during iteration" after seconds to minutes.
+    """
+    message_buffer: Any = import_module("viser.infra._async_message_buffer").AsyncMessageBuffer
+    initialise = message_buffer.__init__
+    if hasattr(initialise, "__wrapped__"):
+        return
+
+    @wraps(initialise)
+    def initialise_with_loop_event(
+        self: Any, event_loop: asyncio.AbstractEventLoop, *args: Any, **options: Any
+    ) -> None:
+        initialise(self, event_loop, *args, **options)
+        self.message_event = _LoopEvent(event_loop)
+
+    message_buffer.__init__ = initialise_with_loop_event
+
+
+def require_known_viser() -> None:
+    """Refuse versions of viser whose server the guard does not know; raises `UnknownPageServer`."""
+    if not viser.__version__.startswith(GUARDED_VISER):
+        raise UnknownPageServer(_unknown_viser_message(viser.__version__))
+
+
+def _unknown_viser_message(got: str) -> str:
+    """Return the sentence about a version of viser that cannot be guarded."""
+    return f"expected viser {GUARDED_VISER}x, whose web server can be guarded, got {got}; run pip install 'ninedtact[studio]'"
+
+
+def _log_in_one_line(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Log what went wrong in a task of viser, without its traceback."""
+    _LOG.warning("%s: %r", context["message"], context.get("exception"))

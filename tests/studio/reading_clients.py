@@ -1,0 +1,39 @@
+"""Clients of a page, some of which never read. Run with address, protocol, number of clients, number that never read."""
+
+import asyncio
+import sys
+
+import msgspec
+from websockets.asyncio.client import connect
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (0.0, 0.0, 1.0),
+    "fov": 1.0,
+    "near": 0.1,
+    "far": 100.0,
+    "image_height": 500,
+    "image_width": 900,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+
+async def watch(address: str, protocol: str, never_reads: bool) -> None:
+    """Connect as the page of viser does, and read until the end, or not at all."""
+    async with connect(address, subprotocols=[protocol], compression=None, max_size=None) as socket:  # type: ignore[list-item]
+        await socket.send(msgspec.msgpack.encode(CAMERA))
+        if never_reads:
+            socket.transport.pause_reading()
+            await asyncio.Event().wait()
+        async for _ in socket:
+            pass
+
+
+async def watch_all(address: str, protocol: str, clients: int, silent: int) -> None:
+    await asyncio.gather(*(watch(address, protocol, number < silent) for number in range(clients)))
+
+
+if __name__ == "__main__":
+    asyncio.run(watch_all(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])))
