@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 from clearance_agreement import LED_AND_RING, NEAREST, require_agreement
 
-from ninedtact.hardware.buildability.rule_check import find_broken_rules
+from ninedtact.hardware.buildability import find_broken_rules
 from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import HardwareDesign, default_hardware_design

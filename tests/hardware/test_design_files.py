@@ -21,7 +21,7 @@ from ninedtact.design import (
     shore_a_to_shear_modulus_mpa,
 )
 from ninedtact.design_file import DesignFileUnreadable, design_to_toml, read_design_file
-from ninedtact.hardware.buildability.rule_check import find_broken_rules
+from ninedtact.hardware.buildability import find_broken_rules
 from ninedtact.hardware.design import (
     DesignVariant,
     default_hardware_design,

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
+from ninedtact.hardware.buildability import DESIGN_RULES, find_broken_rules, require_buildable_design
 from ninedtact.hardware.buildability.mechanical_rules import DesignRulesBroken
-from ninedtact.hardware.buildability.rule_check import DESIGN_RULES, find_broken_rules, require_buildable_design
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import (
     PART_TABLES,

@@ -10,12 +10,12 @@ import pytest
 from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
 
+from ninedtact.capture.frame_pacing import RepeatingSource
 from ninedtact.capture.image_and_video_files import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.studio.displayed_reading import sensor_status
-from ninedtact.studio.repeating_source import RepeatingSource
 from ninedtact.studio.sensor_poller import ReferenceRecordingTooShort, SensorPhase, SensorPoller, SensorSnapshot
 
 

@@ -102,7 +102,7 @@ class CheckCommand:
 
     def run(self) -> int:
         """Check the rules; build and measure a design that keeps them."""
-        from ninedtact.hardware.buildability.rule_check import find_broken_rules
+        from ninedtact.hardware.buildability import find_broken_rules
 
         if broken := find_broken_rules(self.design_options.read_hardware()):
             print_result(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))

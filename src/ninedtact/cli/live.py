@@ -114,8 +114,8 @@ class Live:
 
     def named_source(self) -> "FrameSource":
         """Return the source, which repeats if --loop is given."""
+        from ninedtact.capture.frame_pacing import RepeatingSource
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-        from ninedtact.studio.repeating_source import RepeatingSource
 
         source = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return RepeatingSource(source) if self.loop else source

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from ninedtact.hardware.bill_of_materials import BillItem, build_bill_of_materials, sensor_cost_usd
-from ninedtact.hardware.buildability.rule_check import require_buildable_design
+from ninedtact.hardware.buildability import require_buildable_design
 from ninedtact.hardware.clearances import Clearance, list_clearances
 from ninedtact.hardware.design import HardwareDesign, lens_reach_mm, sensing_corner_radius_mm
 from ninedtact.hardware.led_board.board_parameters import led_board_for_design

@@ -8,5 +8,5 @@ A `Sensor` and wrench sources go in; a page comes out that shows image, heights,
 files. `sensor_poller` and `wrench_poller` read in threads of their own. `displayed_reading` decides what is shown (read it first).
 `page_and_server` is the page itself with its web server, `socket_guard` says who may connect to it and how much clients may cost,
 `viser_guard` puts that guard under viser, `scene_3d` its 3D part, `page_cards` its pieces of HTML. `reading_view` renders one
-reading, and `repeating_source` lets a recording start again.
+reading.
 """
