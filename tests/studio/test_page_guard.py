@@ -25,7 +25,9 @@ from playwright.sync_api import Browser
 from reading_clients import CAMERA
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request
 from websockets.sync.client import ClientConnection, connect
 
 from ninedtact.design import Gel
@@ -35,7 +37,7 @@ from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin, SocketGuard, SocketLimits
-from ninedtact.studio.viser_guard import UnknownPageServer
+from ninedtact.studio.viser_guard import UnknownPageServer, is_page_message
 
 PATIENCE_S = 90.0
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -97,6 +99,13 @@ def test_other_websites_and_rebound_names_are_refused() -> None:
         assert "text/plain" in refused and "nosniff" in refused
 
 
+def test_browsers_leave_port_80_out() -> None:
+    guard = SocketGuard.for_host("localhost")
+    for host, port, is_own in (("localhost", 80, True), ("[::1]", 80, True), ("localhost", 8080, False)):
+        plain = Request("/", Headers(Host=host, Origin=f"http://{host}"))
+        assert (guard.find_refusal(plain, "127.0.0.1", port) is None) == is_own
+
+
 def test_on_a_network_the_address_has_a_secret() -> None:
     guard = SocketGuard.for_host("0.0.0.0")
     with page_server("0.0.0.0", 0, guard) as server:
@@ -148,6 +157,7 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
                 msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"removed": True}}),
                 msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": float("nan")}}),
             ):
+                assert not is_page_message(message)
                 junk.send(message)
             not_a_number = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": "x"}}
             junk.send(msgspec.msgpack.encode(not_a_number))
