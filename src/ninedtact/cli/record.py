@@ -1,6 +1,7 @@
 """ninedtact record: everything that a sensor and a force/torque sensor deliver, as one file."""
 
 import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -70,6 +71,8 @@ class Record:
         )
 
     def _record(self, folder: "SensorFolder") -> "RecordingWriter":
+        from tqdm import tqdm
+
         from ninedtact.recording.recorder import record
 
         camera, force_torque = self._sources(folder)
@@ -87,7 +90,7 @@ class Record:
                 estimator=estimator,
                 settings=settings,
                 should_stop=lambda: until.now,
-                notify=print_notice,
+                notify=lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
                 on_progress=lambda writer: show(until.elapsed_s, writer),
             )
 
