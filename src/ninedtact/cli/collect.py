@@ -41,7 +41,8 @@ class Collect:
     """
 
     source: str
-    """Camera (0, /dev/video0, usb:1-2, csi:0) or stream; a recording (.mcap); or sim, the twin of the sensor, pressed by a script."""
+    """Camera (0, /dev/video0, usb:1-2, csi:0) or stream; a recording (.mcap); or sim, the twin of the sensor, pressed by a
+    script."""
     force_torque: str
     """Force/torque sensor under the tactile one (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT); a recording if the source
     is one; sim if the source is sim."""

@@ -33,17 +33,15 @@ _BAR_DELAY_S = 0.3
 
 @dataclass(frozen=True)
 class Record:
-    """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly.
-
-    Without loss are the images (bit for bit, compressed by zstd, 250 to 300 kB each at 640 x 480), the wrenches and the heights (32-bit
-    numbers). Images drop when 128 of them wait because disk or computer are slower than the camera; 100,000 samples of a force/torque
-    sensor may wait. Dropped images are counted, printed and marked in the file at their place.
-    """
+    """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly."""
 
     source: str
-    """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the sensor."""
+    """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the
+    sensor."""
     out: Path
-    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read."""
+    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit), wrenches and heights are stored without
+    loss. Images drop if the disk or the computer is too slow for the camera and 128 of them wait already; they are counted, printed,
+    and marked in the file at their place."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own."""
     force_torque: str | None = None
