@@ -39,9 +39,9 @@ class Record:
     """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the
     sensor."""
     out: Path
-    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit), wrenches and heights are stored without
-    loss. Images drop if the disk or the computer is too slow for the camera and 128 of them wait already; they are counted, printed,
-    and marked in the file at their place."""
+    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit), wrenches and heights are stored
+    without loss. Images drop if the disk or the computer is too slow for the camera and 128 of them wait already; they are counted,
+    printed, and marked in the file at their place."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own."""
     force_torque: str | None = None
