@@ -24,7 +24,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
 from ninedtact.capture.frame_pacing import LatestFrameSource
-from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource
+from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader, progress_line
@@ -351,6 +351,32 @@ def test_a_damaged_recording_leaves_the_folder_of_its_export_as_it_was(
     path.write_bytes(content[:-1000])
     assert main(["export", str(path), "--out", str(out)]) == 0
     assert "The file was cut short" in capsys.readouterr().out and (out / "images.csv").is_file()
+
+
+class Waiting(Camera):
+    """A camera that delivers twenty images at once, and no more."""
+
+    def open(self) -> None:
+        super().open()
+        self.has_delivered, self.closing = threading.Event(), threading.Event()
+
+    def read(self) -> Frame:
+        frame = super().read()
+        if frame.index == 20:
+            self.has_delivered.set()
+            self.closing.wait()
+            raise SourceNotOpen(self.name)
+        return frame
+
+    def close(self) -> None:
+        self.closing.set()
+
+
+def test_images_that_were_read_before_the_end_are_written(tmp_path: Path) -> None:
+    camera = Waiting(10.0)
+    with RecordingWriter(tmp_path / "stopped.mcap", RecordingMetadata("stopped")) as episode:
+        Recorder(episode, camera).run(lambda: camera.has_delivered.wait(timeout=5))
+    assert episode.written[Topic.IMAGES] == 20
 
 
 class InTime(FrameSource, WrenchSource):

@@ -201,7 +201,7 @@ class Recorder:
     estimates: RecordedEstimates | None = None
 
     def run(self, should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
-        """Record until `should_stop` is true or the source ends; raises what a live source raises."""
+        """Record until `should_stop` is true or the source ends, all that was read until then; raises what a live source raises."""
         with ExitStack() as opened:
             samples = None
             if self.force_torque is not None:
@@ -211,6 +211,8 @@ class Recorder:
                 while not should_stop():
                     self._write_arrivals(images, samples)
                     on_progress()
+                for _ in range(images.waiting):  # what was read before the end, while writing was slow
+                    self._write_arrivals(images, samples)
             except SourceEnded:
                 return
 
