@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-cluster lint types coverage docs benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster lock licences lint types coverage docs benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -32,6 +32,40 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 test: .venv/ready lint types
 	.venv/bin/python -m pytest -n 2 --dist loadfile --ignore tests/mechanics
 	NINEDTACT_CHECK_MECHANICS=1 .venv/bin/python -m pytest -n 2 --dist loadfile tests/mechanics
+
+# What a person does at the command line, with the lowest versions that pyproject.toml declares, and with newer interpreters. Each
+# runs in an environment of its own, without torch.
+JOURNEYS := tests/test_journeys.py tests/test_force_journeys.py tests/cli
+JOURNEY_INSTALL = VIRTUAL_ENV=$(CURDIR)/.venv-$* .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt \
+	-e '.[studio,force,recording,datasets]' 'pytest>=8' 'hypothesis>=6.100' 'trimesh>=4'
+RUN_JOURNEYS = JAXTYPING_DISABLE=1 .venv-$*/bin/python -m pytest $(JOURNEYS)
+
+test-lowest: test-with-lowest
+
+test-with-%: .venv/bin/uv
+	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-$*
+	$(JOURNEY_INSTALL) --resolution $*-direct
+	$(RUN_JOURNEYS)
+
+test-pythons: test-python-3.12 test-python-3.13
+
+# An interpreter that is missing is passed over with a line that says so.
+test-python-%: .venv/bin/uv
+	@python=$$(.venv/bin/uv python find --no-project --no-python-downloads $* 2>/dev/null \
+	  || ls $${PYENV_ROOT:-$$HOME/.pyenv}/versions/$*.*/bin/python 2>/dev/null | tail -1); \
+	if test -z "$$python"; then echo "Python $*: PASSED OVER, no interpreter found here; 'uv python install $*' installs one"; exit; fi; \
+	set -ex; .venv/bin/uv venv -q --clear --python $$python .venv-$*; $(JOURNEY_INSTALL); $(RUN_JOURNEYS)
+
+# The versions of all packages for development, which `pip install -r requirements-dev.lock` installs anywhere.
+lock: .venv/bin/uv
+	.venv/bin/uv pip compile -q pyproject.toml --python-version 3.11 --extra studio --extra train --extra hardware --extra dev \
+	  -c constraints.txt $(if $(LINKS),--find-links $(LINKS)) --no-emit-index-url --no-emit-find-links \
+	  --custom-compile-command "make lock" -o requirements-dev.lock
+	sed -i -E 's/^([a-z0-9._-]+==[^+ ]+)\+[a-z0-9.]+/\1/' requirements-dev.lock  # +cpu names a build that lies on some machines only
+
+# The licences of all libraries that the package may load at run time; fails where one demands that programs using it take its licence.
+licences: .venv/ready
+	.venv/bin/python scripts/list_licences.py
 
 # Work on local clusters of Dask and Ray, which are started and ended here. Types are checked by `make test`.
 test-cluster: .venv/ready-cluster
@@ -83,4 +117,4 @@ $(addprefix benchmarks/,$(BENCHMARKS)): .venv/ready
 	.venv/bin/python $@.py
 
 clean:
-	rm -rf .venv out
+	rm -rf .venv .venv-* out

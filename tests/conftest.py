@@ -11,10 +11,11 @@ from jaxtyping import install_import_hook
 
 _SOURCES = Path(__file__).parents[1] / "src" / "ninedtact"
 _UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
-install_import_hook(
-    sorted(f"ninedtact.{path.stem}" for path in _SOURCES.iterdir() if path.stem not in _UNCHECKED),
-    "type_checker.checked",
-)
+if not os.environ.get("JAXTYPING_DISABLE"):
+    install_import_hook(
+        sorted(f"ninedtact.{path.stem}" for path in _SOURCES.iterdir() if path.stem not in _UNCHECKED),
+        "type_checker.checked",
+    )
 
 import pytest  # noqa: E402 - the hook comes before anything that may import the package
 

@@ -76,6 +76,23 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     (desk / "sensor" / "force.toml").unlink()
 
 
+def test_a_video_that_is_cut_short_is_estimated_as_far_as_it_goes_and_is_an_error(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = tmp_path / "presses.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    for press in 2 * presses(desk):
+        writer.write(cv2.imread(str(press)))
+    writer.release()
+    video.write_bytes(video.read_bytes()[: int(0.6 * video.stat().st_size)])
+    options = ["--sensor", desk / "sensor", "--reference", desk / "reference.png"]
+    assert main([str(word) for word in ("estimate", *options, video, "--json")]) == 1
+    printed = capsys.readouterr()
+    rows = json.loads(printed.out)["wrenches"]
+    assert [row["image"] for row in rows] == ["0", "1", "2", "3"] and rows[3]["Fz_N"] < rows[0]["Fz_N"] < 0
+    assert "got 4 whole ones and 4 that are missing" in printed.err and "(4 images were estimated)" in printed.err
+
+
 def test_separate_images_do_not_depend_on_their_order(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     order = [2, 0, 3, 1]
     shuffled = [presses(desk)[number] for number in order]

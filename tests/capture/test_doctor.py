@@ -1,13 +1,17 @@
 """The doctor finds cameras, tells their true rate, and is not upset by a machine that has none."""
 
 import json
+import tomllib
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from bench_camera import BenchCamera, BenchCapture
 from hand_fed import HandFed
 from mjpeg_camera import MjpegCamera
+from packaging.requirements import Requirement
 
 from ninedtact.capture.camera_check import (
     CameraCheck,
@@ -17,9 +21,11 @@ from ninedtact.capture.camera_check import (
     frame_rate_advice,
     measure_frame_rate,
 )
-from ninedtact.capture.frame_source import CameraSettings, SourceEnded, SourceUnknown
-from ninedtact.capture.uvc_camera import CameraDevice, list_cameras
-from ninedtact.cli.doctor import Doctor, camera_lines
+from ninedtact.capture.frame_source import CameraLost, CameraNotFound, CameraSettings, SourceEnded, SourceUnknown
+from ninedtact.capture.uvc_camera import CameraDevice, UvcCamera, list_cameras
+from ninedtact.cli.doctor import EXTRAS, Doctor, camera_lines
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_images_that_come_twice_are_told_from_the_true_rate() -> None:
@@ -59,6 +65,53 @@ def test_cameras_are_listed_by_number_with_their_names(tmp_path: Path) -> None:
     assert list_cameras(tmp_path / "not linux") == []
 
 
+def usb_camera(bus: Path, number: int, port: str, serial: str | None) -> None:
+    """A camera as the kernel lists it: its node points to a USB interface, inside the device with the serial number."""
+    interface = bus / "devices" / port / f"{port}:1.0"
+    interface.mkdir(parents=True)
+    if serial is not None:
+        (interface.parent / "serial").write_text(serial + "\n")
+    node = bus / f"video{number}"
+    node.mkdir()
+    (node / "name").write_text("9DTact\n")
+    (node / "device").symlink_to(interface)
+
+
+def test_a_camera_is_found_by_its_port_or_serial_number_whatever_its_number(tmp_path: Path) -> None:
+    opened = []
+
+    def opener(device: int | str) -> BenchCapture:
+        opened.append(device)
+        return BenchCapture(BenchCamera())
+
+    for boot, numbers in enumerate(((0, 2), (2, 0))):
+        bus = tmp_path / str(boot)
+        usb_camera(bus, numbers[0], "1-2", "A17")
+        usb_camera(bus, numbers[1], "1-3.4", None)
+        cameras = partial(list_cameras, bus, Path("/nowhere"))
+        for address in ("usb:1-2", "usb:A17", "usb:1-3.4"):
+            with UvcCamera(address, opener=opener, list_devices=cameras) as camera:
+                assert camera.name == f"camera {address}"
+    assert opened == [f"/nowhere/video{number}" for number in (0, 0, 2, 2, 2, 0)]
+    with pytest.raises(
+        CameraNotFound, match=r"at usb:9-9, got none; .*usb:1-3.4 \(9DTact\), usb:1-2 or usb:A17 \(9DTact\)"
+    ):
+        UvcCamera("usb:9-9", opener=opener, list_devices=cameras).open()
+    usb_camera(bus, 4, "1-5", "A17")
+    with pytest.raises(CameraNotFound, match="expected one camera at usb:A17, got 2"):
+        UvcCamera("usb:A17", opener=opener, list_devices=cameras).open()
+
+
+def test_a_camera_that_stops_is_not_called_unplugged_while_it_is_there() -> None:
+    for device, said in (("/dev/null", "it is still plugged in"), ("/dev/video-not-there", "check that it is plugged")):
+        bench = BenchCamera()
+        with UvcCamera(device, opener=bench.open_capture) as camera:
+            camera.read()
+            bench.plugged_in = False
+            with pytest.raises(CameraLost, match=said):
+                camera.read()
+
+
 def test_no_camera_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
     assert Doctor().run() == 0
     words = capsys.readouterr().out
@@ -67,7 +120,12 @@ def test_no_camera_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
     report = json.loads(capsys.readouterr().out)
     assert set(report) == {"versions", "cameras", "extras"}
     assert {"ninedtact", "python", "opencv", "numpy"} <= set(report["versions"])
-    assert "pip install 'ninedtact[studio]'" in [extra["get_it"] for extra in report["extras"]]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert {extra["name"] for extra in report["extras"]} == set(project["optional-dependencies"]) - {"dev", "docs"}
+    for extra in report["extras"]:
+        assert extra["get_it"] == f"pip install -e '{ROOT}[{extra['name']}]'" and extra["what_for"]
+        packages = {Requirement(text).name for text in project["optional-dependencies"][extra["name"]]}
+        assert len(EXTRAS[extra["name"]][0]) == len(packages)
 
 
 def test_a_stream_is_measured(capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,13 +22,14 @@ from ninedtact.capture.frame_source import (
     SourceNotOpen,
     SourceUnknown,
 )
-from ninedtact.capture.image_and_video_files import ImageFolder, VideoFile
+from ninedtact.capture.image_and_video_files import ImageFolder, VideoDamaged, VideoFile
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.source_from_address import source_for
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
+from ninedtact.capture.video_decoding import VideoTimeline
 from ninedtact.quantities import Frame
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.recorded_source import RecordedSource
@@ -190,6 +191,80 @@ def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_pa
     (tmp_path / "video.mp4").write_bytes(b"not a video" * 100)
     with pytest.raises(ImageUnreadable, match="expected a video"), VideoFile(tmp_path / "video.mp4"):
         pass
+
+
+def written_video(path: Path, codec: str, size: tuple[int, int] = (64, 48)) -> bytes:
+    """Thirty images of rising brightness, with a pattern that fills the bytes of each."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 30.0, size)
+    pattern = np.random.default_rng(0).integers(0, 90, (size[1], size[0], 3))
+    for number in range(30):
+        writer.write((pattern + 5 * number).astype(np.uint8))
+    writer.release()
+    return path.read_bytes()
+
+
+def zeroed(content: bytes, share: float, count: int) -> bytes:
+    """Overwrite some bytes in the middle with zeros."""
+    start = int(share * len(content))
+    return content[:start] + bytes(count) + content[start + count :]
+
+
+DAMAGES = {
+    "cut": ("a.avi", "MJPG", lambda content: content[: len(content) // 2]),
+    "zeros over whole images": ("b.avi", "MJPG", lambda content: zeroed(content, 0.5, len(content) // 10)),
+    "zeros in one image, which a checksum finds": ("c.mkv", "FFV1", lambda content: zeroed(content, 0.5, 20)),
+    "zeros in one image, from which the next are predicted": (
+        "d.avi",
+        "XVID",
+        lambda content: zeroed(content, 0.5, 200),
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_video_gives_its_whole_images_and_then_says_how_many_are_missing(
+    tmp_path: Path, damage: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    name, codec, change = DAMAGES[damage]
+    path = tmp_path / name
+    content = written_video(path, codec)
+    with VideoFile(path) as video:
+        whole = {frame.index: frame.image for frame in video}
+    assert sorted(whole) == list(range(30))
+    path.write_bytes(change(content))
+    with VideoFile(path) as video:
+        frames = []
+        with pytest.raises(
+            VideoDamaged, match=r"expected every image of .* got \d+ whole ones and \d+ that are missing"
+        ) as said:
+            frames.extend(iter(video.read, None))
+        with pytest.raises(SourceEnded, match=f"after {len(frames)}"):
+            video.read()
+    assert 0 < len(frames) < 30 and f"got {len(frames)} whole ones and {30 - len(frames)} that" in str(said.value)
+    images = np.array(list(whole.values()), np.int16)
+    assert all((np.abs(images - frame.image).max((1, 2, 3)) <= 1).any() for frame in frames)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_video_whose_images_change_their_size_ends_there(tmp_path: Path) -> None:
+    large, small = (cv2.imencode(".jpg", np.full((rows, 64, 3), 90, np.uint8))[1].tobytes() for rows in (48, 32))
+    (tmp_path / "two.mjpg").write_bytes(7 * large + 5 * small)
+    with VideoFile(tmp_path / "two.mjpg") as video:
+        assert [video.read().image.shape[:2] for _ in range(7)] == 7 * [(48, 64)]
+        with pytest.raises(ImageSizeWrong, match="to be 64 x 48 pixels, got 64 x 32 after 7 images;"):
+            video.read()
+        with pytest.raises(SourceEnded):
+            video.read()
+
+
+def test_a_camera_that_slows_down_leaves_no_missing_images() -> None:
+    steady, slowing = VideoTimeline(30.0, 60), VideoTimeline(30.0, 60)
+    for number in range(60):
+        if number not in (20, 21):
+            steady.add(number * 1000 / 30)
+    for step in range(45):
+        slowing.add(step * 1000 / 30 if step < 30 else (2 * step - 30) * 1000 / 30)
+    assert steady.missing_count() == 2 and slowing.missing_count() == 0
 
 
 def test_a_folder_is_read_in_counting_order_and_goes_on_after_a_bad_image(tmp_path: Path) -> None:

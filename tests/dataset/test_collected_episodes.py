@@ -12,6 +12,7 @@ from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_toml_schema import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
 from ninedtact.dataset.build import BuildResult, build_dataset
+from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
 from ninedtact.dataset.quality_report import NoUsablePairs
 from ninedtact.dataset.sources.find_sources import find_sources
 from ninedtact.dataset.sources.source import SourceConventions
@@ -22,6 +23,7 @@ from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.ros_messages import PairLabel, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.depth import DepthCurve, Smoothing
+from ninedtact.workflows.dataset_sensors import load_dataset_sensors
 
 RAW, MM_PER_PX = (48, 64), 0.5
 PX_PER_MM = 1 / (MM_PER_PX * max(RAW) / 2)
@@ -66,6 +68,23 @@ def episode(path: Path, attached: dict[str, bytes] | None = None) -> None:
 
 def built_from(out: Path, source: Path, conventions: SourceConventions = SourceConventions()) -> BuildResult:
     return build_dataset(out, find_sources([str(source)], conventions))
+
+
+def test_the_calibrations_of_recordings_are_in_the_data_set_unless_they_contradict_each_other(
+    sensor: SensorFolder, tmp_path: Path
+) -> None:
+    attached = sensor_folder_attachments(sensor.path)
+    episode(tmp_path / "in" / "monday.mcap", attached)
+    episode(tmp_path / "in" / "tuesday.mcap", attached)
+    built_from(tmp_path / "one", tmp_path / "in")
+    known = load_dataset_sensors(tmp_path / "one", None, 1, progress=False)
+    assert list(known.by_name) == ["little"] and not known.refused
+    assert (tmp_path / "one" / "sensors" / "little" / SENSOR_FILE).read_bytes() == attached[f"sensor/{SENSOR_FILE}"]
+    other = attached[f"sensor/{SENSOR_FILE}"].replace(b'software = "test"', b'software = "another"')
+    episode(tmp_path / "in" / "wednesday.mcap", {f"sensor/{SENSOR_FILE}": other})
+    built_from(tmp_path / "two", tmp_path / "in")
+    with pytest.raises(SensorCalibrationMissing, match="got none, or several of one sensor; give --sensors"):
+        load_dataset_sensors(tmp_path / "two", None, 1, progress=False)
 
 
 def test_pairs_are_rectified_with_the_sensor_that_rides_along(sensor: SensorFolder, tmp_path: Path) -> None:

@@ -216,7 +216,7 @@ def disk_of(size: int) -> Iterator[None]:
 def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ninedtact.recording.writer.CHUNK_BYTES", 3000)
     path = tmp_path / "full.mcap"
-    with disk_of(30_000), pytest.raises(RecordingStopped, match=r"expected .* got: .*; what was recorded .* is kept"):
+    with disk_of(30_000), pytest.raises(RecordingStopped, match=r"expected .* got: .*; free the disk"):
         write_episode(path)
     assert path.stat().st_size <= 30_000
     images, samples = prefix_of_the_whole(path)

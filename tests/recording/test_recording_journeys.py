@@ -5,6 +5,7 @@ import io
 import json
 import os
 import pty
+import resource
 import sys
 import termios
 import threading
@@ -23,7 +24,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
 from ninedtact.capture.frame_pacing import LatestFrameSource
-from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource
+from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader, progress_line
@@ -247,7 +248,7 @@ def test_record_prints_what_a_person_must_know_of_every_estimate(
 ) -> None:
     path, sensor = tmp_path / "twin.mcap", tmp_path / "a"
     save_sensor(sensor, calibrated_a)
-    options = ["--source", "sim", "--sensor", sensor, "--seconds", "0.5", "--force", "physics", "--out", path]
+    options = ["--source", "sim", "--sensor", sensor, "--seconds", "3", "--force", "physics", "--out", path]
     assert main(["record", *map(str, options)]) == 0
     said = capsys.readouterr().err
     notices = load_sensor(sensor).estimator("physics").notices
@@ -284,6 +285,98 @@ def test_what_came_before_a_loss_is_kept_and_missing_images_are_counted(tmp_path
     assert episode.dropped == 2 and not [thread for thread in threading.enumerate() if "listen" in thread.name]
     with Recording(path) as read:
         assert read.is_finished and [frame.index for frame in read.frames()] == [0, 1, 2, 3, 4, 7, 8, 9, 10]
+
+
+def untouched_video(path: Path, sensor: Path, images: int) -> Path:
+    """A video of the skin without contact."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    for _ in range(images):
+        writer.write(cv2.imread(str(sensor / "untouched.png")))
+    writer.release()
+    return path
+
+
+def failure_lines(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> list[str]:
+    """Return the lines of a command that fails, without those of its progress bar."""
+    assert main([*map(str, arguments)]) == 1
+    return [line for line in capsys.readouterr().err.splitlines() if line.startswith("ninedtact: ")]
+
+
+def test_a_recording_that_fails_says_what_it_keeps_only_if_it_is_there(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video, path = untouched_video(tmp_path / "half.avi", sensor, 24), tmp_path / "half.mcap"
+    video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
+    kept, said = failure_lines(capsys, "record", "--source", video, "--sensor", sensor, "--out", path)
+    with Recording(path) as recording:
+        images = recording.summary().topics[0].messages
+        assert images in (11, 12) and recording.is_finished
+    assert kept == f"ninedtact: {path} keeps the messages before the failure: {images} of /twin/image_raw"
+    assert f"got {images} whole ones and {24 - images} that are missing or damaged" in said
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        options = ["--source", "sim", "--sensor", sensor, "--seconds", "1", "--out", tmp_path / "full.mcap"]
+        (said,) = failure_lines(capsys, "record", *options)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert "expected to continue writing" in said and not (tmp_path / "full.mcap").exists()
+
+
+def test_heights_that_could_not_be_computed_are_an_error_and_the_images_stay(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video, path = untouched_video(tmp_path / "short.avi", sensor, 6), tmp_path / "short.mcap"
+    options = ["--source", video, "--sensor", sensor, "--out", path, "--heights"]
+    kept, said = failure_lines(capsys, "record", *options)
+    assert f"{path} keeps" in kept and "6 of /twin/image_raw" in kept
+    assert "expected at least 10 images for the reference of heights and forces, got 6" in said
+
+
+def test_a_damaged_recording_leaves_the_folder_of_its_export_as_it_was(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "hand.mcap", tmp_path / "out"
+    recorded_hand(path, sensor, seconds=2.0)
+    content = path.read_bytes()
+    out.mkdir()
+    for share in (0.2, 0.9):  # in a file of the sensor, and in the images
+        at = int(share * len(content))
+        path.write_bytes(content[:at] + bytes(40) + content[at + 40 :])
+        for folder in (out, tmp_path / "new" / "folder"):
+            (said,) = failure_lines(capsys, "export", path, "--out", folder)
+            assert "got damaged data at byte" in said
+        assert list(out.iterdir()) == [] and not (tmp_path / "new" / "folder").exists()
+        assert not list(tmp_path.rglob("*.partial"))
+    path.write_bytes(content[:-1000])
+    assert main(["export", str(path), "--out", str(out)]) == 0
+    assert "The file was cut short" in capsys.readouterr().out and (out / "images.csv").is_file()
+
+
+class Waiting(Camera):
+    """A camera that delivers twenty images at once, and no more."""
+
+    def open(self) -> None:
+        super().open()
+        self.has_delivered, self.closing = threading.Event(), threading.Event()
+
+    def read(self) -> Frame:
+        frame = super().read()
+        if frame.index == 20:
+            self.has_delivered.set()
+            self.closing.wait()
+            raise SourceNotOpen(self.name)
+        return frame
+
+    def close(self) -> None:
+        self.closing.set()
+
+
+def test_images_that_were_read_before_the_end_are_written(tmp_path: Path) -> None:
+    camera = Waiting(10.0)
+    with RecordingWriter(tmp_path / "stopped.mcap", RecordingMetadata("stopped")) as episode:
+        Recorder(episode, camera).run(lambda: camera.has_delivered.wait(timeout=5))
+    assert episode.written[Topic.IMAGES] == 20
 
 
 class InTime(FrameSource, WrenchSource):

@@ -54,16 +54,13 @@ class LatestFrameSource(FrameSource):
         """Wait for a new and recent frame; raises `NoRecentFrame` after `timeout_ms`, or the error of the source."""
         if self._thread is None:
             raise SourceNotOpen(self.name)
-        give_up_at = time.monotonic() + self._timeout_ms / 1000
+        give_up_at, dropped_before = time.monotonic() + self._timeout_ms / 1000, self.dropped
         with self._changed:
             while (frame := self._take_recent()) is None:
                 if self._error is not None:
                     raise self._error.with_traceback(self._error_origin)
                 if time.monotonic() >= give_up_at:
-                    raise NoRecentFrame(
-                        f"expected a new image younger than {self._max_age_ms:g} ms from {self.name}, got none within "
-                        f"{self._timeout_ms:g} ms; check that the camera is plugged in, and not slower than that"
-                    )
+                    raise self._no_recent_frame(self.dropped - dropped_before)
                 self._changed.wait(give_up_at - time.monotonic())
         return frame
 
@@ -74,6 +71,17 @@ class LatestFrameSource(FrameSource):
         self._source.close()
         if thread is not None:
             thread.join()
+
+    def _no_recent_frame(self, too_old: int) -> NoRecentFrame:
+        """Return the error after a wait in which this many images arrived too late."""
+        got, remedy = "none", "check that the camera is plugged in, and not slower than that"
+        if too_old:
+            got = f"{too_old} older ones"
+            remedy = "the camera works, and the computer is too slow: end other programs, or set a lower rate or size"
+        return NoRecentFrame(
+            f"expected a new image younger than {self._max_age_ms:g} ms from {self.name}, got {got} within "
+            f"{self._timeout_ms:g} ms; {remedy}"
+        )
 
     def _take_recent(self) -> Frame | None:
         frame, self._unread = self._unread, None

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from threading import Lock
 
-import cv2
-
 from ninedtact.capture.frame_source import (
     CameraBackend,
     CameraNotFound,
@@ -19,16 +17,25 @@ from ninedtact.capture.frame_source import (
     SourceEnded,
     SourceNotOpen,
 )
-from ninedtact.capture.opencv_capture import FrameGrabber, silence_video_libraries
-from ninedtact.capture.strict_image_reading import ImageUnreadable, read_image, require_image_size
+from ninedtact.capture.strict_image_reading import (
+    ImageSizeWrong,
+    ImageUnreadable,
+    read_image,
+    require_image_size,
+)
+from ninedtact.capture.video_decoding import DecodedImage, VideoDecoder, VideoTimeline
 from ninedtact.quantities import Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 _DEFAULT_VIDEO_HZ = 30.0
 
 
+class VideoDamaged(ImageUnreadable):
+    """Raised at the end of a video of which images are missing or damaged; every other image was delivered before."""
+
+
 class VideoFile(CameraBackend):
-    """A frame source of every image of a video file. The stamp of an image is the time at which it was read."""
+    """A frame source of every undamaged image of a video file. The stamp of an image is the time at which it was read."""
 
     address_help = "a video file"
     is_live = False
@@ -36,7 +43,12 @@ class VideoFile(CameraBackend):
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.name = f"video {path}"
-        self._grabber: FrameGrabber | None = None
+        self.damaged = 0
+        """Images left out since the file was opened because they are damaged; they count in the indices of the frames."""
+        self._decoder: VideoDecoder | None = None
+        self._size: tuple[int, int] | None = None
+        self._next_index = 0
+        self._is_over = False
 
     @classmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "VideoFile | None":
@@ -46,34 +58,75 @@ class VideoFile(CameraBackend):
 
     def open(self) -> None:
         """Open the file at its first image; raises `CameraNotFound` or `ImageUnreadable`."""
-        if self._grabber is not None:
+        if self._decoder is not None:
             return
         if not self.path.is_file():
             raise CameraNotFound(f"expected a video file at {self.path}, got none; check the path")
-        silence_video_libraries()
-        capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
-        if not capture.isOpened():
+        decoder = VideoDecoder(self.path)
+        if not decoder.is_video:
+            decoder.close()
             raise ImageUnreadable(
                 f"expected a video in {self.path}, got something else or half a file; record it again"
             )
-        rate_hz = capture.get(cv2.CAP_PROP_FPS)
-        self.recorded_hz = rate_hz if 0 < rate_hz <= 1000 else _DEFAULT_VIDEO_HZ
-        self._grabber = FrameGrabber(self.name, capture)
+        self.recorded_hz = decoder.rate_hz if 0 < decoder.rate_hz <= 1000 else _DEFAULT_VIDEO_HZ
+        self._timeline = VideoTimeline(decoder.rate_hz, decoder.announced_images)
+        self._next_index, self.damaged, self._is_over, self._size = 0, 0, False, None
+        self._decoder = decoder
 
     def read(self) -> Frame:
-        """Return the next image; raises `SourceEnded` after the last."""
-        if self._grabber is None:
+        """Return the next undamaged image; raises `SourceEnded` after the last.
+
+        Raises `VideoDamaged` instead, once, where images are missing or damaged, and `ImageSizeWrong` where their size changes.
+        """
+        decoder = self._decoder
+        if decoder is None:
             raise SourceNotOpen(self.name)
-        frame = self._grabber.read()
-        if frame is None:
-            raise _ended(self.name, self._grabber.next_index)
-        return frame
+        while not self._is_over and (decoded := decoder.read()) is not None:
+            self._timeline.add(decoded.position_ms)
+            self._require_same_size(decoded)
+            self._next_index += 1
+            if not decoded.is_damaged:
+                return Frame(decoded.image, time.monotonic_ns(), self._next_index - 1)
+            self.damaged += 1
+        if self._decoder is None:
+            raise SourceNotOpen(self.name)
+        if not self._is_over:
+            self._is_over = True
+            self._require_all_images(decoder)
+        raise _ended(self.name, self._next_index - self.damaged)
+
+    def _require_same_size(self, decoded: DecodedImage) -> None:
+        """Raise `ImageSizeWrong` and end the video where an image was stored in another size than those before."""
+        got_rows, got_cols = decoded.stored_size or decoded.image.shape[:2]
+        self._size = self._size or (got_rows, got_cols)
+        rows, cols = self._size
+        if (got_rows, got_cols) != self._size:
+            self._is_over = True
+            raise ImageSizeWrong(
+                f"expected all images of {self.path} to be {cols} x {rows} pixels, got {got_cols} x {got_rows} after "
+                f"{self._next_index} images; use what was read before, or record it again at one size"
+            )
+
+    def _require_all_images(self, decoder: VideoDecoder) -> None:
+        """Raise `VideoDamaged` where images are missing or damaged."""
+        missing = self._timeline.missing_count()
+        if decoder.undecoded is None:
+            trouble = "a failure of the decoder"
+        elif lost := self.damaged + max(decoder.undecoded, missing):
+            trouble = f"{lost} that are missing or damaged"
+        else:
+            return
+        read = self._next_index - self.damaged
+        raise VideoDamaged(
+            f"expected every image of {self.path}, got {read} whole ones and {trouble}: the file is cut or damaged; use what "
+            "was read, or record it again"
+        )
 
     def close(self) -> None:
         """Close the file; opening it again starts from the first image."""
-        grabber, self._grabber = self._grabber, None
-        if grabber is not None:
-            grabber.release()
+        decoder, self._decoder = self._decoder, None
+        if decoder is not None:
+            decoder.close()
 
 
 class ImageList(FrameSource):

@@ -18,6 +18,8 @@ from ninedtact.quantities import Frame
 
 _ONE_AT_A_TIME = Lock()
 """Lock for the standard streams, which belong to the process: two threads that redirect one at once could lose it permanently."""
+_SILENT = 0
+"""Log level of OpenCV at which it prints nothing."""
 
 
 def silence_video_libraries() -> None:
@@ -26,7 +28,9 @@ def silence_video_libraries() -> None:
 
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     if "OPENCV_LOG_LEVEL" not in os.environ:
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        # OpenCV moved this function in 4.13.
+        set_log_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel
+        set_log_level(_SILENT)
 
 
 class CapturedOutput:

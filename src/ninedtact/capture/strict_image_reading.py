@@ -54,7 +54,7 @@ def _png_fault(content: bytes) -> str | None:
             return _DAMAGED
         if last == b"acTL":
             return "an animation"
-        if last == b"IHDR" and (fault := _too_large(int.from_bytes(body[4:8]), int.from_bytes(body[8:12]))):
+        if last == b"IHDR" and (fault := _too_large(int.from_bytes(body[8:12]), int.from_bytes(body[4:8]))):
             return fault
         at += 12 + size
     return None
@@ -65,10 +65,25 @@ def _jpeg_fault(content: bytes) -> str | None:
     for marker, segment in _jpeg_segments(content):
         if marker == 0xD9:
             return None
-        is_frame_header = 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
-        if is_frame_header and (fault := _too_large(int.from_bytes(segment[5:7]), int.from_bytes(segment[3:5]))):
+        if _is_frame_header(marker) and (fault := _too_large(*_frame_header_size(segment))):
             return fault
     return _CUT_SHORT
+
+
+def jpeg_size(content: bytes) -> tuple[int, int] | None:
+    """Return rows and columns of a JPEG image, complete or not; None where its frame header is missing."""
+    headers = (segment for marker, segment in _jpeg_segments(content) if _is_frame_header(marker))
+    segment = next(headers, None)
+    return None if segment is None else _frame_header_size(segment)
+
+
+def _is_frame_header(marker: int) -> bool:
+    return 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
+
+
+def _frame_header_size(segment: bytes) -> tuple[int, int]:
+    """Return rows and columns in the frame header of a JPEG image."""
+    return int.from_bytes(segment[3:5]), int.from_bytes(segment[5:7])
 
 
 def _jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
@@ -89,10 +104,10 @@ def _bmp_fault(content: bytes) -> str | None:
     if len(content) < max(size, 26):
         return _CUT_SHORT
     cols, rows = (int.from_bytes(content[at : at + 4], "little", signed=True) for at in (18, 22))
-    return _too_large(abs(cols), abs(rows))
+    return _too_large(abs(rows), abs(cols))
 
 
-def _too_large(cols: int, rows: int) -> str | None:
+def _too_large(rows: int, cols: int) -> str | None:
     return f"{cols} x {rows} pixels" if cols * rows > _LARGEST_PIXELS else None
 
 

@@ -32,6 +32,7 @@ _DAMAGED_IN_A_ROW = 3
 _OLDEST_DRIVER_STAMP_NS = 10_000_000_000
 _EXPOSURE_STEPS_PER_MS = 10
 _MANUAL, _AUTOMATIC = (1.0, 2.0), (3.0, 0.0)
+_USB = "usb:"
 _KERNEL_DEVICE_LIST = Path("/sys/class/video4linux")
 _QUERY_CAPABILITIES = 0x80685600
 """Number of VIDIOC_QUERYCAP, https://docs.kernel.org/userspace-api/media/v4l/vidioc-querycap.html."""
@@ -49,29 +50,35 @@ def _open_capture(device: int | str) -> VideoCaptureProtocol:
 
 
 class UvcCamera(CameraBackend):
-    """A camera by number or path (`0`, `/dev/video0`; `/dev/v4l/by-id/…` stays the same in another socket)."""
+    """A camera by number or path (`0`, `/dev/video0`), or by what stays the same after a restart of the computer.
 
-    address_help = "a camera (0, /dev/video0)"
+    `usb:1-2` is whatever camera is plugged into this USB port, `usb:SERIAL` the camera with this serial number.
+    """
+
+    address_help = "a camera (0, /dev/video0, usb:PORT, usb:SERIAL)"
 
     def __init__(
         self,
         device: int | str = 0,
         settings: CameraSettings = DEFAULT_CAMERA,
         opener: Callable[[int | str], VideoCaptureProtocol] = _open_capture,
+        list_devices: "Callable[[], list[CameraDevice]]" = lambda: list_cameras(),
     ) -> None:
-        """opener: turns a device into a capture, opened or not; the one place where the package accesses a camera."""
+        """opener: turns a device into a capture, opened or not; the one place where the package accesses a camera.
+        list_devices: returns the cameras among which one is found by its USB port or serial number.
+        """
         self.device = device
         self.settings = settings
         self.name = f"camera {device}"
-        self._opener = opener
+        self._opener, self._list_devices = opener, list_devices
         self._grabber: FrameGrabber | None = None
 
     @classmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "UvcCamera | None":
-        """Return the camera of a number or of a path in /dev."""
+        """Return the camera of a number, of a path in /dev, or of a USB port or serial number."""
         if address.isdecimal():
             return cls(int(address), settings)
-        return cls(address, settings) if address.startswith("/dev/") else None
+        return cls(address, settings) if address.startswith(("/dev/", _USB)) else None
 
     @property
     def current_settings(self) -> CameraSettings:
@@ -84,9 +91,10 @@ class UvcCamera(CameraBackend):
         Raises `CameraNotFound` or `CameraSettingRefused`.
         """
         if self._grabber is None:
-            capture = self._opener(self.device)
+            device = self._find_device()
+            capture = self._opener(device)
             try:
-                self._grabber = self._start(capture)
+                self._grabber = self._start(capture, device)
             except BaseException:
                 capture.release()
                 raise
@@ -95,7 +103,7 @@ class UvcCamera(CameraBackend):
         """Wait for the next image; raises `CameraLost` after two seconds of silence."""
         frame = _read_past_damaged_images(self._open_grabber())
         if frame is None:
-            raise CameraLost(f"expected an image from {self.name}, got none; check that it is plugged in")
+            raise CameraLost(f"expected an image from {self.name}, got none; {_silence_remedy(self.device)}")
         return frame
 
     def close(self) -> None:
@@ -109,9 +117,23 @@ class UvcCamera(CameraBackend):
             raise SourceNotOpen(self.name)
         return self._grabber
 
-    def _start(self, capture: VideoCaptureProtocol) -> FrameGrabber:
+    def _find_device(self) -> int | str:
+        """Return number or path of the camera; raises `CameraNotFound` unless one alone has the USB port or serial number."""
+        if not isinstance(self.device, str) or not self.device.startswith(_USB):
+            return self.device
+        devices = self._list_devices()
+        found = [device.path for device in devices if self.device in device.usb_addresses]
+        if len(found) != 1:
+            others = ", ".join(f"{' or '.join(device.usb_addresses)} ({device.name})" for device in devices) or "none"
+            raise CameraNotFound(
+                f"expected one camera at {self.device}, got {len(found) or 'none'}; plug it in or name another (this machine has "
+                f"{others})"
+            )
+        return found[0]
+
+    def _start(self, capture: VideoCaptureProtocol, device: int | str) -> FrameGrabber:
         if not capture.isOpened():
-            raise CameraNotFound(f"expected {self.name} to open, got {_open_failure(self.device)}")
+            raise CameraNotFound(f"expected {self.name} to open, got {_open_failure(device)}")
         _apply_settings(self.settings, capture, self.name)
         grabber = FrameGrabber(self.name, capture, _arrival_ns)
         if _read_past_damaged_images(grabber) is None:
@@ -239,12 +261,14 @@ class CameraDevice:
 
     path: str
     name: str
+    usb_addresses: tuple[str, ...] = ()
+    """Addresses by its USB port (`usb:1-2`) and by its serial number, as far as it has them; they outlast a restart."""
 
 
 def list_cameras(kernel_list: Path = _KERNEL_DEVICE_LIST, device_folder: Path = Path("/dev")) -> list[CameraDevice]:
     """Return all devices that can deliver images, in the order of their numbers; none where the system is not Linux."""
     nodes = sorted(kernel_list.glob("video*"), key=lambda node: (len(node.name), node.name))
-    found = [CameraDevice(str(device_folder / node.name), _kernel_name(node)) for node in nodes]
+    found = [CameraDevice(str(device_folder / node.name), _kernel_name(node), _usb_addresses(node)) for node in nodes]
     return [device for device in found if _delivers_images(device.path)]
 
 
@@ -253,6 +277,30 @@ def _kernel_name(node: Path) -> str:
         return (node / "name").read_text().strip()
     except OSError:
         return "unnamed"
+
+
+def _usb_addresses(node: Path) -> tuple[str, ...]:
+    """Return the addresses of a camera by USB port and serial number; none where it is not a USB camera.
+
+    The node's device is a USB interface, named by its port and a colon (https://docs.kernel.org/driver-api/usb/usb.html).
+    """
+    interface = (node / "device").resolve()
+    port, colon, _ = interface.name.partition(":")
+    if not colon or "-" not in port:
+        return ()
+    try:
+        serial = (interface.parent / "serial").read_text().strip()
+    except OSError:
+        serial = ""
+    return (_USB + port, _USB + serial) if serial else (_USB + port,)
+
+
+def _silence_remedy(device: int | str) -> str:
+    """Return what to do about a camera that stopped: whether it is unplugged, or something keeps its images from arriving."""
+    path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
+    if not path.exists():
+        return "check that it is plugged in"
+    return "it is still plugged in: end other programs that load the computer or the USB bus, then plug it in again"
 
 
 def _delivers_images(path: str) -> bool:

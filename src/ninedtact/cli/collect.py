@@ -13,7 +13,7 @@ import tyro
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.cli.record import require_duration, require_new_recording
-from ninedtact.cli.result_and_interrupt import print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     is_recording,
     is_simulated,
@@ -41,7 +41,8 @@ class Collect:
     """
 
     source: str
-    """Camera (0, /dev/video0, csi:0) or stream; a recording (.mcap); or sim, the twin of the sensor, pressed by a script."""
+    """Camera (0, /dev/video0, usb:1-2, csi:0) or stream; a recording (.mcap); or sim, the twin of the sensor, pressed by a
+    script."""
     force_torque: str
     """Force/torque sensor under the tactile one (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT); a recording if the source
     is one; sim if the source is sim."""
@@ -107,6 +108,7 @@ class Collect:
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
         from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
         from ninedtact.recording.reader import sensor_folder_attachments
+        from ninedtact.recording.recorder import report_kept_messages
         from ninedtact.recording.writer import RecordingWriter
 
         metadata = self._metadata(folder, settings, setup)
@@ -122,6 +124,7 @@ class Collect:
         )
         with (
             stop_on_signal(self.seconds) as until,
+            report_kept_messages(self.out, print_notice),
             writer,
             open_key_reader() as keys,
             closing(setup.arrivals()) as arrivals,

@@ -6,14 +6,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ninedtact.capture.camera_check import CameraCheck
 
-_EXTRAS = {
-    "studio": (("viser",), "the live page"),
-    "train": (("torch",), "training force models"),
+EXTRAS = {
+    "studio": (("viser",), "the live page: demo, live"),
+    "force": (("onnxruntime",), "force by a network: --force corrected or a model (.onnx)"),
     "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
-    "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
+    "datasets": (("joblib", "pyarrow"), "data sets: simulate dataset, dataset, evaluate --data"),
+    "train": (
+        ("torch", "lightning", "onnx", "onnxruntime", "onnxscript", "tensorboard"),
+        "training force models: train",
+    ),
+    "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
+    "hardware": (("build123d", "ezdxf", "shapely"), "parts, moulds, drawings and the circuit board: hardware"),
+    "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
+    "cluster": (("dask", "distributed", "joblib", "ray"), "work on clusters of Dask and Ray: --cluster"),
 }
-"""The modules of each extra, and its purpose."""
+"""The modules of each extra, and what it brings."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,10 @@ class Doctor:
 
         if self.source is not None:
             return [check_camera(source_for(self.source))]
-        return [check_camera(source_for(camera.path), camera.name) for camera in list_cameras()]
+        return [
+            check_camera(source_for(camera.path), ", ".join((camera.name, *camera.usb_addresses)))
+            for camera in list_cameras()
+        ]
 
 
 def _software_versions() -> dict[str, str]:
@@ -86,10 +97,19 @@ def _optional_parts() -> list[_OptionalPart]:
     from importlib.util import find_spec
 
     found = []
-    for name, (modules, what_for) in _EXTRAS.items():
+    package = _installed_from()
+    for name, (modules, what_for) in EXTRAS.items():
         lacking = [module for module in modules if find_spec(module) is None]
-        found.append(_OptionalPart(name, what_for, not lacking, lacking, f"pip install 'ninedtact[{name}]'"))
+        found.append(_OptionalPart(name, what_for, not lacking, lacking, f"pip install {package}[{name}]'"))
     return found
+
+
+def _installed_from() -> str:
+    """Return what pip installs the package from, with an opening quote: the folder of a checkout, or its name."""
+    from pathlib import Path
+
+    checkout = Path(__file__).parents[3]
+    return f"-e '{checkout}" if (checkout / "pyproject.toml").is_file() else "'ninedtact"
 
 
 def _to_json(report: _DoctorReport) -> str:
@@ -107,8 +127,10 @@ def _to_text(report: _DoctorReport) -> str:
     lines += [line for camera in report.cameras for line in camera_lines(camera)] or none
     lines += ["", "optional parts"]
     for extra in report.extras:
-        state = "ready" if extra.installed else f"missing ({', '.join(extra.lacking)}), {extra.get_it}"
-        lines.append(f"  {extra.name:<14}{state} ({extra.what_for})")
+        state = "ready" if extra.installed else "missing"
+        lines.append(f"  {extra.name:<14}{state:<9}{extra.what_for}")
+        if not extra.installed:
+            lines.append(f"  {'':<14}no {' and no '.join(extra.lacking)}: {extra.get_it}")
     return "\n".join(lines)
 
 

@@ -41,8 +41,8 @@ class Live:
     """Show a sensor live in the browser: camera image, heights, 3D surface, wrench, rates. Ctrl-C ends it."""
 
     source: str
-    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), recording, video file or folder of images; or sim, the twin of
-    the sensor, pressed by several objects in turn, with its true wrench."""
+    """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), recording, video file or folder of images; or sim,
+    the twin of the sensor, pressed by several objects in turn, with its true wrench."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote. A recording (.mcap) brings its own."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()

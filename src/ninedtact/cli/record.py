@@ -1,6 +1,7 @@
 """ninedtact record: everything that a sensor and a force/torque sensor deliver, as one file."""
 
 import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -35,9 +36,12 @@ class Record:
     """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly."""
 
     source: str
-    """Camera (0, /dev/video0, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the sensor."""
+    """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the
+    sensor."""
     out: Path
-    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read."""
+    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit), wrenches and heights are stored
+    without loss. Images drop if the disk or the computer is too slow for the camera and 128 of them wait already; they are counted,
+    printed, and marked in the file at their place."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own."""
     force_torque: str | None = None
@@ -70,6 +74,8 @@ class Record:
         )
 
     def _record(self, folder: "SensorFolder") -> "RecordingWriter":
+        from tqdm import tqdm
+
         from ninedtact.recording.recorder import record
 
         camera, force_torque = self._sources(folder)
@@ -87,7 +93,7 @@ class Record:
                 estimator=estimator,
                 settings=settings,
                 should_stop=lambda: until.now,
-                notify=print_notice,
+                notify=lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
                 on_progress=lambda writer: show(until.elapsed_s, writer),
             )
 

@@ -12,6 +12,8 @@ from ninedtact.cli.result_and_interrupt import print_result
 if TYPE_CHECKING:
     from ninedtact.recording.reader import RecordingSummary
 
+_CUT_SHORT = "The file was cut short: its last half second may be missing."
+
 
 @dataclass(frozen=True)
 class Info:
@@ -53,10 +55,7 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
     if summary.pairs:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in summary.pairs.items())}"
     if not summary.finished:
-        yield (
-            "  The file was cut short: its last half second may be missing. It can be read as it is; "
-            "'ninedtact info --repair' finishes it for other programs."
-        )
+        yield f"  {_CUT_SHORT} It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ class Export:
             images = len(recording.positions(Topic.IMAGES))
             with tqdm(total=images, unit="images", disable=self.json) as bar:
                 written = export_recording(recording, self.out, on_image=bar.update)
-        figures = {"out": str(self.out), "written": written}
-        return print_result(
-            self.json, figures, [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
-        )
+            finished = recording.is_finished
+        figures = {"out": str(self.out), "finished": finished, "written": written}
+        lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
+        return print_result(self.json, figures, lines if finished else [*lines, f"  {_CUT_SHORT}"])

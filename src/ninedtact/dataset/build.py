@@ -16,7 +16,8 @@ from typing import Any
 
 import msgspec
 
-from ninedtact.atomic_write import write_file_atomically
+from ninedtact.atomic_write import write_file_atomically, write_files_atomically
+from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.dataset.card import format_build_card, require_licence
 from ninedtact.dataset.checks import CheckSettings, FileCheck, check_pair_file, combine_file_checks
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_folder
@@ -227,8 +228,30 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int,
     for number, file in enumerate(kept):
         _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
     write_reference_file(folder.references, _unique_references(files))
+    _save_sensor_folders(folder, sources)
     card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
     write_file_atomically(folder.card, card.encode())
+
+
+def _save_sensor_folders(folder: DatasetFolder, sources: Sequence[Source]) -> None:
+    """Write the sensor folders that the sources carry, for those who compute heights; raises `FileNotWritten`.
+
+    A sensor that comes with several calibrations is left out, because its images do not say which one is theirs.
+    """
+    found: dict[str, dict[str, bytes]] = {}
+    contradictory = set()
+    for source in sources:
+        for name, files in source.sensor_folders():
+            if files.get(SENSOR_FILE) != found.setdefault(name, files).get(SENSOR_FILE):
+                contradictory.add(name)
+    entries = [
+        (f"{name}/{path}", content)
+        for name, files in found.items()
+        if name not in contradictory and Path(name).name == name and not (folder.sensor_folders / name).exists()
+        for path, content in files.items()
+    ]
+    if entries:
+        write_files_atomically(folder.sensor_folders, entries)
 
 
 def _rows_with_faults(report: QualityReport) -> dict[str, set[int]]:

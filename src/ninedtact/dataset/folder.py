@@ -4,6 +4,7 @@ settings.json        what the data set is made from; written first
 data/                files of pairs
 references.parquet   reference images (no contact)
 sensors.json         all parameters of simulated sensors, in a generated data set
+sensors/             sensor folders by the names of the sensors: carried by recordings, or calibrated for simulated sensors
 report.json          what the checks found, in a built data set
 README.md            the card; written last: where it exists, the data set is finished
 """
@@ -65,6 +66,11 @@ class DatasetFolder:
     def sensors(self) -> Path:
         """The parameters of the simulated sensors."""
         return self.path / SENSORS_FILE
+
+    @property
+    def sensor_folders(self) -> Path:
+        """The folder of the sensor folders, by name."""
+        return self.path / "sensors"
 
     @property
     def parts(self) -> Path:

@@ -14,7 +14,7 @@ class RecordingRefused(OutputError):
 
 
 class RecordingStopped(DatasetError):
-    """Raised where nothing more can be written; everything written before is kept."""
+    """Raised where nothing more can be written; the messages written before are kept."""
 
 
 class RecordingLibrariesMissing(MissingLibraryError):

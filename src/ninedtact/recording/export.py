@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ninedtact.atomic_write import write_file_atomically
+from ninedtact.atomic_write import create_folder_atomically, write_file_atomically
 from ninedtact.errors import OutputError
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.ros_messages import Topic
@@ -28,14 +28,20 @@ class ExportRefused(OutputError):
 def export_recording(recording: Recording, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
     """Write everything into a new or empty folder and return how many rows or files of each kind were written.
 
-    Images are PNG, wrenches and times CSV, heights .npy in mm. `on_image` is called after every image. Raises `ExportRefused`.
+    Images are PNG, wrenches and times CSV, heights .npy in mm. `on_image` is called after every image. Raises `ExportRefused`, and
+    `RecordingUnreadable` for a damaged recording; the folder is then as it was before.
 
         with Recording("press.mcap") as recording:
             export_recording(recording, Path("press"))
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
-    out.mkdir(parents=True, exist_ok=True)
+    with create_folder_atomically(out) as folder:
+        return _export_into(recording, folder, on_image)
+
+
+def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) -> dict[str, int]:
+    """Write everything into a folder that exists."""
     written = {
         "images": _export_images(recording, out, on_image),
         "references": _export_references(recording, out),

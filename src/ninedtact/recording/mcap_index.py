@@ -6,6 +6,7 @@ here; an incomplete record at the end is ignored. All schemas and channels are i
 """
 
 import struct
+import zlib
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 from numpy import ndarray as Array
@@ -27,6 +28,7 @@ RECORD_PREFIX_BYTES = 9
 _KNOWN_RECORDS = (Opcode.HEADER, Opcode.METADATA, Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
 """Opcodes of the records that the writer of this package puts before the end of the data."""
 _INDEX_ENTRY = np.dtype([("stamp_ns", "<u8"), ("offset", "<u8")])
+_CHECKSUM_BYTES = 4
 _MESSAGE_HEADER = struct.Struct("<HIQQ")
 """Channel, sequence number, log time and publish time."""
 MESSAGE_POSITION = np.dtype([("stamp_ns", "i8"), ("chunk", "i4"), ("channel", "i4"), ("offset", "i8")])
@@ -180,6 +182,15 @@ def read_chunk(file: BinaryIO, span: McapRecordSpan, name: str) -> Chunk:
     except Exception as trouble:  # every decompressor has errors of its own
         raise damage_error(name, span.start) from trouble
     return chunk
+
+
+def read_attachment(file: BinaryIO, span: McapRecordSpan, name: str) -> Attachment:
+    """Return an attached file, checked; raises `RecordingUnreadable`."""
+    content = _read_content(file, span)
+    checksum = int.from_bytes(content[-_CHECKSUM_BYTES:], "little")
+    if checksum and zlib.crc32(content[:-_CHECKSUM_BYTES]) != checksum:  # zero stands for no checksum
+        raise damage_error(name, span.start)
+    return Attachment.read(ReadDataStream(BytesIO(content)))
 
 
 def damage_error(name: str, at: int) -> RecordingUnreadable:

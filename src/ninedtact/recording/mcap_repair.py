@@ -26,7 +26,13 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from ninedtact.recording.mcap_index import RECORD_PREFIX_BYTES, McapIndex, McapRecordSpan, record_stream
+from ninedtact.recording.mcap_index import (
+    RECORD_PREFIX_BYTES,
+    McapIndex,
+    McapRecordSpan,
+    read_attachment,
+    record_stream,
+)
 from ninedtact.recording.reader import Recording
 
 _FOOTER_BYTES = 20
@@ -94,7 +100,7 @@ def _summary_records(found: McapIndex, file: BinaryIO) -> Iterator[McapRecord]:
     for number in range(len(found.chunks)):
         yield _chunk_index(found, number, file)
     for span in found.attachments:
-        yield _attachment_index(span, Attachment.read(record_stream(file, span)))
+        yield _attachment_index(span, read_attachment(file, span, str(file.name)))
     for span in found.metadata:
         yield MetadataIndex(span.start, span.end - span.start, Metadata.read(record_stream(file, span)).name)
 

@@ -60,6 +60,12 @@ class BackgroundReader(Generic[Item]):
         self._closing = False
         self._thread = Thread(target=self._read_all, name=f"listen to {source.name}", daemon=True)
 
+    @property
+    def waiting(self) -> int:
+        """Number of items that were read and not yet taken."""
+        with self._changed:
+            return len(self._items)
+
     def take(self, wait_s: float = 0.0) -> Arrival[Item] | None:
         """Return the oldest item, or None when none arrives in time; after the last one raises what ended the source."""
         with self._changed:

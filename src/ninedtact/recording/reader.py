@@ -29,6 +29,7 @@ from ninedtact.recording.mcap_index import (
     index_first_and_last_chunk,
     index_mcap_records,
     parse_mcap_message,
+    read_attachment,
     read_chunk,
     record_stream,
 )
@@ -235,8 +236,8 @@ class Recording:
         return [decode_event(message.data, message.stamp_ns) for message in self.messages(Topic.EVENTS)]
 
     def attachments(self) -> Iterator[Attachment]:
-        """Yield the attached files with their names."""
-        return (Attachment.read(record_stream(self._file, span)) for span in self.index.attachments)
+        """Yield the attached files with their names; raises `RecordingUnreadable` where one is damaged."""
+        return (read_attachment(self._file, span, str(self.path)) for span in self.index.attachments)
 
     def save_sensor_folder(self, into: Path) -> Path:
         """Write the attached sensor folder; raises `RecordingUnreadable` where the recording carries none."""
@@ -247,16 +248,22 @@ class Recording:
         return into
 
     def write_sensor_files(self, into: Path) -> int:
-        """Write the files of the attached sensor folder and return their number. Names that lead elsewhere are skipped."""
-        count = 0
+        """Write the files of the attached sensor folder and return their number."""
+        files = self.sensor_files()
+        for name, content in files.items():
+            path = into / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        return len(files)
+
+    def sensor_files(self) -> dict[str, bytes]:
+        """Return the content of the attached sensor folder's files by their paths in it; paths leading elsewhere are skipped."""
+        files = {}
         for attachment in self.attachments():
             name = PurePosixPath(attachment.name)
             if name.parts[:1] == (SENSOR_FOLDER,) and len(name.parts) > 1 and ".." not in name.parts:
-                path = into.joinpath(*name.parts[1:])
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(attachment.data)
-                count += 1
-        return count
+                files[str(PurePosixPath(*name.parts[1:]))] = attachment.data
+        return files
 
     def summary(self) -> RecordingSummary:
         """Return sensor, duration, topics with rates and gaps, drops, pairs and events."""
@@ -306,8 +313,13 @@ def median_rate_hz(stamps_ns: Array) -> float:
 
 def sensor_folder_attachments(folder: Path) -> dict[str, bytes]:
     """Return the content of the files of a sensor folder by the names that they have in a recording."""
+    return {f"{SENSOR_FOLDER}/{name}": content for name, content in read_folder(folder).items()}
+
+
+def read_folder(folder: Path) -> dict[str, bytes]:
+    """Return the content of all files of a folder by their paths in it."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {f"{SENSOR_FOLDER}/{path.relative_to(folder).as_posix()}": path.read_bytes() for path in files}
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 def extract_sensor_folder(recording: Path | str, into: Path) -> Path:

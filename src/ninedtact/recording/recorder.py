@@ -1,7 +1,7 @@
 """Records a sensor: reads its sources in the background, so that slow writing delays no source, and counts lost items."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -11,12 +11,14 @@ from ninedtact.calibration.drift.diagnosis_and_reference_check import load_refer
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator, NoForce
 from ninedtact.quantities import EstimateWarning, Frame, Wrench
 from ninedtact.reading import Reading
+from ninedtact.recording.errors import ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.ros_messages import EventKind, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -47,10 +49,12 @@ def record(
     source: opened and closed here. sensor: its folder is attached to the file. force_torque: its wrenches are written as
     measured. heights and estimator: also write heights (mm) and estimated wrenches; the first ten frames are then taken as
     reference images (no contact), and compared with those of the calibration. settings: stored in the file, JSON. notify: called
-    with every fault of the reference, a sentence. on_progress: called a few times a second.
+    with every fault of the reference and, after an error, with what the file keeps: sentences. on_progress: called a few times a
+    second.
 
     Returns the closed writer, which has the numbers of messages and dropped images. Raises `RecordingRefused`,
-    `RecordingStopped` and what a lost device raises; the file keeps everything recorded before.
+    `RecordingStopped`, what a lost device or a damaged video raises, and `ReferenceMomentRefused` where there were too few frames
+    for a reference; the file keeps everything recorded before.
 
     >>> sensor = ninedtact.load_sensor("my_sensor")
     >>> writer = ninedtact.record(ninedtact.source_for("sim"), "press.mcap", sensor, seconds=0.5)
@@ -73,11 +77,29 @@ def record(
         software=version("ninedtact"),
     )
     end_at = float("inf") if seconds is None else monotonic() + seconds
-    with RecordingWriter(out, metadata, topics, sensor_folder_attachments(sensor.path)) as writer:
-        Recorder(writer, source, force_torque, estimates).run(
-            lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer)
-        )
+    with report_kept_messages(Path(out), notify):
+        with RecordingWriter(out, metadata, topics, sensor_folder_attachments(sensor.path)) as writer:
+            Recorder(writer, source, force_torque, estimates).run(
+                lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer)
+            )
+        if estimates is not None:
+            estimates.require_reference()
     return writer
+
+
+@contextmanager
+def report_kept_messages(path: Path, notify: Callable[[str], None]) -> Iterator[None]:
+    """Where the block fails, notify of what the recording that it began holds, as read back from the file."""
+    existed = path.exists()
+    try:
+        yield
+    except BaseException:
+        with suppress(NinedtactError, OSError):
+            if not existed and path.exists():
+                with Recording(path) as recording:
+                    counts = [f"{topic.messages} of {topic.topic}" for topic in recording.summary().topics]
+                notify(f"{path} keeps the messages before the failure: {', '.join(counts)}")
+        raise
 
 
 @dataclass
@@ -91,6 +113,14 @@ class ReadingComputer:
     """What it returned for the first ten frames."""
     _first: list[Frame] = field(default_factory=list, init=False)
     _depth_reader: DepthReader | None = field(default=None, init=False)
+
+    def require_reference(self) -> None:
+        """Raise `ReferenceMomentRefused` where the frames so far were too few for reference images."""
+        if self._depth_reader is None:
+            raise ReferenceMomentRefused(
+                f"expected at least {_REFERENCE_FRAMES} images for the reference of heights and forces, got {len(self._first)}, "
+                "so that neither was computed; record longer"
+            )
 
     def readings(self, frame: Frame) -> Iterator[Reading]:
         """Yield the readings that this frame completes: none for the first nine frames, ten for the tenth, then one."""
@@ -135,6 +165,10 @@ class RecordedEstimates:
         force = {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if self._estimates_force else set()
         return force | ({Topic.HEIGHTS} if self.heights else set())
 
+    def require_reference(self) -> None:
+        """Raise `ReferenceMomentRefused` where nothing could be written for lack of reference images."""
+        self._computer.require_reference()
+
     def write(self, frame: Frame, writer: RecordingWriter) -> None:
         """Write heights and estimate of a frame, and of the first frames once the reference is known."""
         for reading in self._computer.readings(frame):
@@ -167,7 +201,7 @@ class Recorder:
     estimates: RecordedEstimates | None = None
 
     def run(self, should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
-        """Record until `should_stop` is true or the source ends; raises what a live source raises."""
+        """Record until `should_stop` is true or the source ends, all that was read until then; raises what a live source raises."""
         with ExitStack() as opened:
             samples = None
             if self.force_torque is not None:
@@ -177,6 +211,8 @@ class Recorder:
                 while not should_stop():
                     self._write_arrivals(images, samples)
                     on_progress()
+                for _ in range(images.waiting):  # what was read before the end, while writing was slow
+                    self._write_arrivals(images, samples)
             except SourceEnded:
                 return
 

@@ -209,8 +209,8 @@ class _RecordFile:
             os.lseek(self._file, self._end, os.SEEK_SET)
             if isinstance(error, OSError):
                 raise RecordingStopped(
-                    f"expected to continue writing {self.path}, got: {error.strerror}; what was recorded until then is "
-                    "kept: free the disk, and record on under another name"
+                    f"expected to continue writing {self.path}, got: {error.strerror}; free the disk, and record "
+                    "on under another name"
                 ) from error
             raise
         self._end += len(records)

@@ -18,15 +18,13 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.dataset.calibrated_readings import CalibratedSensor, SensorCalibrationMissing
-from ninedtact.dataset.folder import SENSORS_FILE
+from ninedtact.dataset.folder import SENSORS_FILE, DatasetFolder
 from ninedtact.errors import NinedtactError
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
 
 _REFUSAL_FILE = "refused.txt"
-_CALIBRATIONS_FOLDER = "sensors"
-"""Folder in a simulated data set for the calibrations of its sensors."""
 
 
 @dataclass(frozen=True)
@@ -54,25 +52,31 @@ def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
 def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progress: bool) -> DatasetSensors:
     """Read the calibration of every sensor of a data set.
 
-    given: a folder with a sensor folder for each sensor, by name; where None, the data set's simulated sensors are calibrated.
-    workers: number of processes that calibrate, or a cluster. Raises `SensorCalibrationMissing`, `SensorFolderDamaged`.
+    given: a folder with a sensor folder for each sensor, by name; where None, the calibrations that the recordings of the data set
+    carried are read, or its simulated sensors are calibrated. workers: number of processes that calibrate, or a cluster. Raises
+    `SensorCalibrationMissing`, `SensorFolderDamaged`.
     """
+    require_dataset_sensors(data, given)
     refused: dict[str, str] = {}
     if given is None:
-        members = load_simulated_sensors(data)
-        if not members:
-            raise SensorCalibrationMissing(
-                f"expected the calibrations of the sensors of {data}, got none; give --sensors, a folder that holds a sensor "
-                "folder of each name, or train on images: --channels deformation"
-            )
-        given = data / _CALIBRATIONS_FOLDER
+        members, given = load_simulated_sensors(data), DatasetFolder(data).sensor_folders
         refused = calibrate_simulated_sensors(members, given, workers, progress)
-        if len(refused) == len(members):
+        if members and len(refused) == len(members):
             raise SensorCalibrationMissing(
                 f"expected simulated sensors that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
             )
     folders = [path.parent for path in sorted(given.glob(f"*/{SENSOR_FILE}"))]
     return DatasetSensors({folder.name: _load_calibrated_sensor(folder) for folder in folders}, refused)
+
+
+def require_dataset_sensors(data: Path, given: Path | None) -> None:
+    """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time."""
+    carried = any(DatasetFolder(data).sensor_folders.glob(f"*/{SENSOR_FILE}"))
+    if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
+        raise SensorCalibrationMissing(
+            f"expected the calibrations of the sensors of {data}, got none, or several of one sensor; give --sensors, a folder "
+            "that holds a sensor folder of each name, or train on images: --channels deformation"
+        )
 
 
 def calibrate_simulated_sensors(

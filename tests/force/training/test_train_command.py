@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -195,13 +197,17 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
     out = ["--out", str(tmp_path / "out")]
     images = ["--channels", "deformation", "--size", "32", "24"]
     assert "give --sensors" in told(capsys, ["--data", str(folder), *out])
+    words = ["train", "--data", str(folder), *out]
+    program = f"import sys; from ninedtact.cli import main; main({words}); print('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "False\n"
     one = data_set(tmp_path / "one", pairs=8, objects=1, size=(32, 24))
     assert "different objects" in told(capsys, ["--data", str(one), *out, *images])
     bad = data_set(tmp_path / "bad", pairs=8, size=(32, 24), bad=True)
     assert "1 not finite" in told(capsys, ["--data", str(bad), *out, *images])
     assert "Parquet" in told(capsys, ["--data", str(tmp_path / "none"), *out, *images])
-    assert "multiples of 4" in told(capsys, ["--data", str(folder), *out, "--size", "30", "20"])
-    assert "one of moments" in told(capsys, ["--data", str(folder), *out, "--network", "alexnet"])
+    given = ["--data", str(folder), *out, "--sensors", str(tmp_path)]
+    assert "multiples of 4" in told(capsys, [*given, "--size", "30", "20"])
+    assert "one of moments" in told(capsys, [*given, "--network", "alexnet"])
     assert not (tmp_path / "out").exists()
 
 

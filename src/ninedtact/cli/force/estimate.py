@@ -51,14 +51,26 @@ class Estimate:
     """Print the wrenches as one JSON object; errors are null where nothing is estimated."""
 
     def run(self) -> int:
-        """Estimate every image; nothing is written where one of them is bad."""
+        """Estimate every image; return 1 where a video or recording was damaged, after the result of what could be read.
+
+        Nothing is written where a single image is bad.
+        """
+        from ninedtact.errors import FileFormatError
         from ninedtact.open_sensor import load_named_sensor
 
         with load_named_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             from ninedtact.force.estimator_loading import load_estimator
 
             estimator = load_estimator(self.force, folder)
-            found = [self.row(name, reading) for name, reading in self.readings(folder, estimator)]
+            found: list[dict[str, Any]] = []
+            damage: FileFormatError | None = None
+            try:
+                for name, reading in self.readings(folder, estimator):
+                    found.append(self.row(name, reading))
+            except FileFormatError as error:
+                if self.images_are_separate or not found:
+                    raise
+                damage = error
         if self.out is not None:
             _write_csv(self.out, found)
         figures = {
@@ -67,7 +79,10 @@ class Estimate:
             "notices": estimator.notices,
             "wrenches": found,
         }
-        return print_result(self.json, figures, [*format_estimates(found, self.out), *estimator.notices])
+        print_result(self.json, figures, [*format_estimates(found, self.out), *estimator.notices])
+        if damage is not None:
+            print_notice(f"{damage} ({len(found)} images were estimated)")
+        return 0 if damage is None else 1
 
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""

@@ -61,7 +61,8 @@ class Train:
     paper: DenseNet-169 on whole images, as published. Other options change the preset."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name, for computing heights.
-    By default the sensors of a simulated data set are calibrated from their own simulated images."""
+    By default the calibrations that the recordings of a data set carried are used, and simulated sensors are calibrated from their
+    own simulated images."""
     network: str | None = None
     """moments, densenet121, 161, 169 or 201, resnet18 or 50, vit."""
     channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "physics", "deformation", "mixed"] | None = (
@@ -97,6 +98,7 @@ class Train:
     def run(self) -> int:
         """Train, and print the scores on the held-out pairs."""
         require_training_packages()
+        self._require_calibrations()  # at once: importing torch takes seconds
         from ninedtact.workflows.dataset_training import HeldOutSettings, train_on_dataset
 
         trained = train_on_dataset(
@@ -113,6 +115,15 @@ class Train:
             notify=print_notice,
         )
         return 0 if trained is None else print_result(self.json, _result_to_json(trained), _format_result(trained))
+
+    def _require_calibrations(self) -> None:
+        """Raise `SensorCalibrationMissing` where heights are to be computed without a calibration of any sensor."""
+        from ninedtact.force.network_input import InputChannels
+        from ninedtact.workflows.dataset_sensors import require_dataset_sensors
+
+        of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
+        if of_heights:
+            require_dataset_sensors(self.data, self.sensors)
 
     def settings(self) -> "TrainingSettings":
         """Return the preset with these options; raises `TrainingImpossible`, `NetworkUnknown`."""

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -102,6 +103,15 @@ class RecordingsSource(Source):
     def files(self) -> list[Path]:
         """Return the files of all recordings."""
         return find_source_files(self.path, RECORDING_SUFFIX)
+
+    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
+        """Yield the sensor of each recording with its attached folder, or with the one that was given in its place."""
+        from ninedtact.recording.reader import Recording, read_folder
+
+        given = self.conventions.sensor_folder
+        for file in self.files():
+            with suppress(NinedtactError), Recording(file) as recording:  # one that cannot be read is in the report
+                yield recording.sensor, recording.sensor_files() if given is None else read_folder(given)
 
     def parts(self) -> list[SourcePart]:
         """Return one part for each recording."""

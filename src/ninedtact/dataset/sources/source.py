@@ -122,6 +122,10 @@ class Source(ABC):
     def parts(self) -> list[SourcePart]:
         """Return the parts in order."""
 
+    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
+        """Yield the name of each sensor whose calibration the source carries, and the files of its folder by their paths."""
+        return iter(())
+
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated about the source as phrases for the card."""
         return iter(())
