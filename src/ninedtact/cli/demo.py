@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -59,7 +59,7 @@ class Demo:
     """Address of the page; with another one than this computer's own, the printed address contains a random token."""
     port: int = 0
     """Port of the page; 0 takes any free port."""
-    allow_origin: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
     """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
 
     def run(self) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic_ns
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -65,7 +65,7 @@ class Live:
     who has the printed address, which contains a random token, can see the page and press its buttons."""
     port: int = 8080
     """Port of the page."""
-    allow_origin: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
     """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
 
     def run(self) -> int:
