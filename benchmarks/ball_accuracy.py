@@ -18,10 +18,11 @@ from figures import Figure, answer, at_most, holds
 from real_images import sensor_folder
 
 from ninedtact import SensorDesign, read_image
-from ninedtact.calibration.ball.ball_fit import BallFit, DepthMethod, fit_ball
+from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_drift_warnings
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.procedure import build_rectification
+from ninedtact.shape.depth import DepthMethod
 from ninedtact.shape.rectification import Rectification
 
 METHODS: tuple[DepthMethod, ...] = ("ratio", "table")

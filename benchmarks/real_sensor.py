@@ -6,8 +6,8 @@ import numpy as np
 from real_images import PRESSES, sensor_folder
 
 from ninedtact import CalibrationImages, CalibrationSettings, SensorFolder, calibrate, read_image
-from ninedtact.calibration.ball.ball_fit import DepthMethod
 from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.depth import DepthMethod
 
 
 def real_sensor(name: str, method: DepthMethod = "physics") -> tuple[dict[str, np.ndarray], CalibratedShape]:

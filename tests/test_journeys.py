@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from ninedtact.cli import main
 
@@ -31,9 +32,23 @@ def sensor(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_calibrate_prints_its_certificate(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "s"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+def test_calibrate_prints_its_certificate(
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: list[int] = []
+
+    def is_terminal() -> bool:
+        threads.append(max(library["num_threads"] for library in threadpool_info()))
+        return True
+
+    monkeypatch.setattr("sys.stderr.isatty", is_terminal)
+    with threadpool_limits(2):
+        assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "s"), "--json"]) == 0
+    out, progress = capsys.readouterr()
+    assert all(word in progress for word in ("pins of the board", "image of the ball", "certificate"))
+    assert progress.endswith("\r") and not progress.rpartition("\n")[2].split("\r")[-2].strip(), "the line is removed"
+    assert set(threads[:-2]) == {1}, "several threads would wait for each other while a sensor is calibrated"
+    told = json.loads(out)
     assert told["board"]["pins_found"] == told["board"]["pins_expected"] == 63
     assert (
         told["board"]["leave_one_out_rms_mm"] <= 0.05

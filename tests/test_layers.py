@@ -108,9 +108,23 @@ def test_a_heavy_library_is_imported_by_its_package_only(path: Path) -> None:
         assert home is None or set(enclosing_packages(path)) & home, f"{path} imports {name}"
 
 
-@pytest.mark.parametrize("statement", ["import ninedtact", "import ninedtact.cli"])
-def test_start_is_light(statement: str) -> None:
-    heavy = ("cv2", "scipy", "torch", "viser", "matplotlib", "build123d", "OCP", "ezdxf")
+ALL_HEAVY = ("cv2", "scipy", "torch", "viser", "matplotlib", "build123d", "OCP", "ezdxf")
+
+
+@pytest.mark.parametrize(
+    ("statement", "heavy"),
+    [
+        ("import ninedtact", ALL_HEAVY),
+        ("import ninedtact.cli", ALL_HEAVY),
+        (
+            "import ninedtact.sensor, ninedtact.force.traction.estimator, ninedtact.calibration.sensor_folder, "
+            "ninedtact.calibration.drift.diagnosis_and_reference_check",
+            ("scipy.optimize", "scipy.interpolate", "scipy.ndimage", "scipy.signal", "matplotlib"),
+        ),
+    ],
+    ids=["package", "command line", "one estimate"],
+)
+def test_start_is_light(statement: str, heavy: tuple[str, ...]) -> None:
     check = f"{statement}; import sys; print(*[name for name in {heavy} if name in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == ""

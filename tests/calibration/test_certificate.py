@@ -14,7 +14,6 @@ from drawn_presses import DrawnPresses
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ninedtact.calibration.ball.ball_fit import DepthMethod
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.certificate.checks import (
     CHECK_LEVELS,
@@ -30,6 +29,7 @@ from ninedtact.calibration.certificate.plot_board import arrow_magnification
 from ninedtact.calibration.certificate.plot_style import draw_board_not_found, stretch_contrast
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
+from ninedtact.shape.depth import DepthMethod
 
 HOSTILE = "<script>alert('id')</script> & \"co\""
 GOOD = Certificate(

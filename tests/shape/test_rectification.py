@@ -73,3 +73,12 @@ def test_the_lens_backwards_is_the_lens() -> None:
     assert LENS.to_mm(LENS.to_px(points)) == pytest.approx(points, abs=1e-6)
     with pytest.raises(PointNotSeen):
         LENS.to_mm(np.array([[1e7, 1e7]]))
+
+
+def test_derivatives_of_the_lens_are_those_of_difference_quotients() -> None:
+    points, base, step = np.random.default_rng(2).uniform([-11, -8.5], [11, 8.5], (50, 2)), LENS.parameters, 1e-5
+    by_point = [(LENS.to_px(points + d) - LENS.to_px(points - d)) / (2 * step) for d in np.eye(2) * step]
+    assert LENS.px_per_mm(points) == pytest.approx(np.stack(by_point, axis=-1), abs=1e-5)
+    lenses = [(LENS.with_parameters(base + d), LENS.with_parameters(base - d)) for d in np.eye(len(base)) * step]
+    by_parameter = [(more.to_px(points) - less.to_px(points)) / (2 * step) for more, less in lenses]
+    assert LENS.px_per_parameter(points) == pytest.approx(np.stack(by_parameter, axis=-1), rel=1e-4, abs=1e-2)

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
-from scipy import ndimage
 
 from ninedtact.errors import CalibrationError
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
@@ -98,4 +97,6 @@ def require_same_image_size(name: str, reference: BgrImage, press: BgrImage) -> 
 
 def smooth_gaussian(image: Float32[Array, "rows cols"], sigma_px: float) -> Float32[Array, "rows cols"]:
     """Smooth an image by a Gaussian of this standard deviation; the border is repeated."""
-    return np.asarray(ndimage.gaussian_filter(image, sigma_px, mode="nearest"))
+    from scipy.ndimage import gaussian_filter  # slow to import
+
+    return np.asarray(gaussian_filter(image, sigma_px, mode="nearest"))

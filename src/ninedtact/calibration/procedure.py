@@ -2,14 +2,16 @@
 refinement, certificate); `repeat_calibration` runs them on the images stored in a sensor folder, by any method.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from ninedtact.calibration.ball.ball_fit import BallFit, DepthMethod, fit_ball
+from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
 from ninedtact.calibration.ball.contact_circle import reference_drift_warnings
 from ninedtact.calibration.ball.physics_method import PhysicsDepthFit
 from ninedtact.calibration.board.board_fit import (
@@ -20,7 +22,6 @@ from ninedtact.calibration.board.board_fit import (
     integer_pin_centres_px,
     published_leave_one_out_errors_mm,
 )
-from ninedtact.calibration.board.lattice import CameraRotation
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, to_grey_float
 from ninedtact.calibration.certificate.checks import unusual_fit_warnings
@@ -44,9 +45,9 @@ from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, ParameterU
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.shape.depth import Smoothing
+from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px
-from ninedtact.shape.rectification import Area, Rectification, rectification_of_projection
+from ninedtact.shape.rectification import Area, CameraRotation, Rectification, rectification_of_projection
 from ninedtact.simulation.sensor_population import fit_deviation
 
 LensKind = Literal["model", "paper"]
@@ -92,10 +93,28 @@ def calibrate(
     design: SensorDesign = SensorDesign(),
     settings: CalibrationSettings = CalibrationSettings(),
     sensor_id: str = "9dtact",
+    on_step: Callable[[str], None] = lambda step: None,
 ) -> Calibration:
-    """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do."""
+    """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do.
+
+    on_step: called with what is fitted next, in words. Linear algebra runs on one thread meanwhile: its matrices are small, so that
+    several threads would mostly wait for each other, at three times the processor time.
+    """
+    with threadpool_limits(1):
+        return _calibrate(images, design, settings, sensor_id, on_step)
+
+
+def _calibrate(
+    images: CalibrationImages,
+    design: SensorDesign,
+    settings: CalibrationSettings,
+    sensor_id: str,
+    on_step: Callable[[str], None],
+) -> Calibration:
+    """Calibrate a sensor, as `calibrate` does."""
+    on_step("finding the pins of the board and fitting the lens to them")
     board = fit_board(images.board_reference, images.board, design.pin_board, settings.camera_rotation_deg)
-    found = _fit_board_and_ball(images, board, design, settings)
+    found = _fit_board_and_ball(images, board, design, settings, on_step)
     board, rectify, ball = found.board, found.rectify, found.ball
     record = SensorRecord(
         format=SENSOR_FORMAT,
@@ -113,7 +132,11 @@ def calibrate(
 
 
 def _fit_board_and_ball(
-    images: CalibrationImages, board: BoardFit, design: SensorDesign, settings: CalibrationSettings
+    images: CalibrationImages,
+    board: BoardFit,
+    design: SensorDesign,
+    settings: CalibrationSettings,
+    on_step: Callable[[str], None],
 ) -> JointCalibration:
     """Fit lens and depth; by the method `physics`, board and ball are fitted together."""
 
@@ -124,7 +147,10 @@ def _fit_board_and_ball(
         rectify: Rectification, beliefs: tuple[ParameterPrior, ...] = (), near: ParameterVector | None = None
     ) -> BallFit:
         presses, how = (images.ball_reference, images.ball), (settings.method, settings.smoothing)
-        return fit_ball(rectify, *presses, design, *how, beliefs, near)
+        on_step("fitting gel and light to the image of the ball")
+        found = fit_ball(rectify, *presses, design, *how, beliefs, near)
+        on_step("fitting the depth of the pins and the lens to the image of the board")
+        return found
 
     rectify = lens(board)
     first = JointCalibration(board, rectify, ball(rectify))

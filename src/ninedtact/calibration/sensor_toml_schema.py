@@ -8,10 +8,9 @@ from datetime import datetime
 
 from msgspec import Struct, field
 
-from ninedtact.calibration.ball.ball_fit import DepthMethod
-from ninedtact.calibration.board.lattice import CameraRotation
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.shape.depth import Deblurring, DepthCurve, LightLoss, Smoothing
+from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, LightLoss, Smoothing
+from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.illumination import BrightnessModel
 
 SENSOR_FORMAT = 4

@@ -81,13 +81,14 @@ class CalibrateCommand:
         from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 
         require_replaceable_sensor_folder(self.out)
-        try:
-            made = calibrate(
-                self.obtain_images(), self.resolved_design, self.options.settings(), self.id or self.out.name
-            )
-        except BoardNotFound as refusal:
-            raise _with_overlay_image(refusal, self.out) from refusal
-        sensor = save_sensor(self.out, made)
+        images, design, settings = self.obtain_images(), self.resolved_design, self.options.settings()
+        with _StepLine() as line:
+            try:
+                made = calibrate(images, design, settings, self.id or self.out.name, line.show)
+            except BoardNotFound as refusal:
+                raise _with_overlay_image(refusal, self.out) from refusal
+            line.show("drawing the certificate")
+            sensor = save_sensor(self.out, made)
         return print_result(self.json, _to_json_dict(sensor, made), _format_calibration(sensor, made))
 
     @property
@@ -153,6 +154,22 @@ class _StatusLine:
             yield
         finally:
             print(file=sys.stderr)
+
+
+class _StepLine(_StatusLine):
+    """What is being done now, on standard error where that is a terminal; it is removed at the end."""
+
+    def __enter__(self) -> "_StepLine":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{'':{self.width + 2}}\r", end="", file=sys.stderr, flush=True)
+
+    def show(self, step: str) -> None:
+        """Replace the text of the line."""
+        if sys.stderr.isatty():
+            self.update(f"{step} …")
 
 
 def _capture_guided_images(

@@ -112,6 +112,8 @@ def sharpening(rows: int, cols: int, sigma_px: float, floor: float) -> tuple[int
 
 
 BrightnessSignal = Literal["difference", "ratio"]
+DepthMethod = Literal["physics", "ratio", "table"]
+"""How a depth curve was calibrated (`calibration.ball.ball_fit`)."""
 
 TABLE_STEPS: dict[BrightnessSignal, float] = {"difference": 128.0, "ratio": 32768.0}
 """Table steps per grey level, and per unit of the ratio: far finer than the noise of a pixel."""

@@ -11,14 +11,16 @@ map.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
-from scipy.interpolate import RBFInterpolator
 
 from ninedtact.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import RBFInterpolator
 
 Points = Float[Array, "n 2"]
 
@@ -88,9 +90,13 @@ class LensModel:
 
     def in_plane(self, points_mm: Points) -> Points:
         """Apply the homography: mm to image units before distortion."""
+        return self._in_plane_with_depth(points_mm)[0]
+
+    def _in_plane_with_depth(self, points_mm: Points) -> tuple[Points, Float[Array, "n 1"]]:
+        """Return the points in image units before distortion, and the divisor of the homography."""
         matrix = np.append(self.homography, 1.0).reshape(3, 3)
         ahead = np.column_stack([points_mm, np.ones(len(points_mm))]) @ matrix.T
-        return ahead[:, :2] / ahead[:, 2:]
+        return ahead[:, :2] / ahead[:, 2:], ahead[:, 2:]
 
     def distort(self, plane: Points) -> Points:
         """Apply the radial and tangential terms, image units to image units."""
@@ -104,7 +110,36 @@ class LensModel:
 
     def px_per_mm(self, points_mm: Points) -> Float[Array, "n 2 2"]:
         """Return the Jacobian of `to_px`: rows are pixel axes, columns are mm axes."""
-        return projection_jacobian(self, np.asarray(points_mm, float))
+        plane, depth = self._in_plane_with_depth(np.asarray(points_mm, float))
+        matrix = np.append(self.homography, 1.0).reshape(3, 3)
+        by_point = (matrix[:2, :2] - plane[..., None] * matrix[2, :2]) / depth[..., None]
+        return np.asarray(self._distortion_jacobian(plane) @ by_point * self.unit_px)
+
+    def px_per_parameter(self, points_mm: Points) -> Float[Array, "n 2 k"]:
+        """Return the derivative of `to_px` by every parameter, in the order of `parameters`."""
+        points_mm = np.asarray(points_mm, float)
+        plane, depth = self._in_plane_with_depth(points_mm)
+        by_plane, offset = self._distortion_jacobian(plane), plane - self.centre
+        ahead, none = np.column_stack([points_mm, np.ones(len(points_mm))]) / depth, np.zeros((len(points_mm), 3))
+        by_rows = np.stack([np.hstack([ahead, none]), np.hstack([none, ahead])], axis=1)
+        by_homography = np.concatenate([by_rows, -plane[..., None] * ahead[:, None, :2]], axis=2)
+        squared, product = (offset**2).sum(axis=1, keepdims=True), 2 * offset.prod(axis=1, keepdims=True)
+        by_radial = [offset * squared ** (n + 1) for n in range(len(self.radial))]
+        along = squared + 2 * offset**2
+        by_tangential = [np.hstack([product, along[:, 1:]]), np.hstack([along[:, :1], product])]
+        rest = np.stack([*by_radial, *by_tangential], axis=-1)
+        return np.concatenate([by_plane @ by_homography, np.eye(2) - by_plane, rest], axis=2) * self.unit_px
+
+    def _distortion_jacobian(self, plane: Points) -> Float[Array, "n 2 2"]:
+        """Return the Jacobian of `distort`."""
+        offset = plane - self.centre
+        squared = (offset**2).sum(axis=1)
+        growth = 1 + sum(k * squared ** (n + 1) for n, k in enumerate(self.radial))
+        slope = sum((2 * n + 2) * k * squared**n for n, k in enumerate(self.radial)) + np.zeros(len(plane))
+        (x, y), (p, q) = offset.T, self.tangential
+        bend = np.stack([2 * p * y + 6 * q * x, 2 * p * x + 2 * q * y, 2 * p * x + 2 * q * y, 2 * q * x + 6 * p * y])
+        outer = offset[:, :, None] * offset[:, None, :] * slope[:, None, None]
+        return np.asarray(np.eye(2) * np.reshape(growth, (-1, 1, 1)) + outer + bend.T.reshape(-1, 2, 2))
 
     def to_mm(self, points_px: Points) -> Points:
         """Return the skin points in mm that appear at these pixels; raises `PointNotSeen` where there is none."""
@@ -128,15 +163,6 @@ class LensModel:
         return (points_px - self.to_px(origin)) @ np.linalg.inv(self.px_per_mm(origin)[0]).T
 
 
-def projection_jacobian(projection: Projection, points_mm: Points, step_mm: float = 1e-3) -> Float[Array, "n 2 2"]:
-    """Return the Jacobian of any projection by central differences: pixels per mm, rows pixel axes, columns mm axes."""
-    columns = [
-        (projection.to_px(points_mm + step) - projection.to_px(points_mm - step)) / (2 * step_mm)
-        for step in np.eye(2) * step_mm
-    ]
-    return np.stack(columns, axis=-1)
-
-
 def central_mm_per_px(projection: Projection, reach_mm: float) -> float:
     """Return the mm on the skin per raw pixel around the centre: the mean over four points `reach_mm` away from it (the paper's
     anchors, where the reach is the pitch).
@@ -158,6 +184,8 @@ class PinMap:
         return np.asarray(self.interpolator(np.asarray(points_mm, float)))
 
     @cached_property
-    def interpolator(self) -> RBFInterpolator:
+    def interpolator(self) -> "RBFInterpolator":
         """The interpolator, solved once."""
+        from scipy.interpolate import RBFInterpolator  # slow to import
+
         return RBFInterpolator(self.points_mm, self.points_px, kernel="cubic")

@@ -5,6 +5,7 @@ by that map.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -16,6 +17,8 @@ from ninedtact.errors import FileFormatError
 from ninedtact.quantities import Frame, HeightSource, Rectified, centred_axis_mm
 from ninedtact.shape.lens import Projection
 
+CameraRotation = Literal[0, 90, 180, 270]
+"""Angle from the image's column axis to the sensor's x axis, in degrees, clockwise on the screen."""
 Area = tuple[float, float, float, float]
 """x from, x to, y from, y to, in mm on the skin."""
 

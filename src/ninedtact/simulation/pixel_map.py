@@ -18,7 +18,6 @@ import numpy as np
 from array_api_compat import device
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
-from scipy.ndimage import map_coordinates
 
 from ninedtact.mechanics.array_namespace import array_namespace_of
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
@@ -98,6 +97,8 @@ def coarse_pixel_grid(raw_shape: tuple[int, int]) -> Float[Array, "n 2"]:
 
 def interpolate_pixel_map(plane_mm: Float[Array, "n 2"], raw_shape: tuple[int, int]) -> PixelMap:
     """Return the pixel map of a raw image of (rows, cols) from the positions of its `coarse_pixel_grid`."""
+    from scipy.ndimage import map_coordinates  # slow to import
+
     rows, cols = (len(range(0, side + STEP_PX, STEP_PX)) for side in raw_shape)
     coarse = plane_mm.reshape(rows, cols, 2)
     pixel = np.mgrid[0 : raw_shape[0], 0 : raw_shape[1]] / STEP_PX

@@ -14,7 +14,6 @@ paper's; real gel piles up at the rim, so that the rule gives depths some 0.1–
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
@@ -48,13 +47,13 @@ from ninedtact.shape.depth import (
     BrightnessSignal,
     Deblurring,
     DepthCurve,
+    DepthMethod,
     DepthReader,
     LightLoss,
     Smoothing,
 )
 from ninedtact.shape.rectification import Rectification
 
-DepthMethod = Literal["physics", "ratio", "table"]
 SIGNAL: dict[DepthMethod, BrightnessSignal] = {"table": "difference", "ratio": "ratio"}
 
 

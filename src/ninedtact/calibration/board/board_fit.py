@@ -23,7 +23,7 @@ from ninedtact.calibration.board.detection import (
     is_plausible_board,
     make_board_not_found_error,
 )
-from ninedtact.calibration.board.lattice import CameraRotation, lattice_size, pin_positions_mm
+from ninedtact.calibration.board.lattice import lattice_size, pin_positions_mm
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens
 from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, measure_pins
 from ninedtact.calibration.brightness import (
@@ -37,6 +37,7 @@ from ninedtact.calibration.brightness import (
 from ninedtact.design import PinBoard
 from ninedtact.errors import InputError
 from ninedtact.shape.lens import LensModel, PinMap, Points, central_mm_per_px
+from ninedtact.shape.rectification import CameraRotation
 
 MAX_MISSING_FRACTION = 0.10
 """Largest fraction of the pins that may be predicted instead of detected."""

@@ -15,7 +15,6 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.board.lattice import (
     CAMERA_ROTATIONS,
-    CameraRotation,
     PinLattice,
     detect_dark_spots,
     find_pin_lattices,
@@ -27,6 +26,7 @@ from ninedtact.calibration.brightness import estimate_pixel_noise, smooth_gaussi
 from ninedtact.design import PinBoard
 from ninedtact.errors import CalibrationError
 from ninedtact.shape.lens import Points
+from ninedtact.shape.rectification import CameraRotation
 
 SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
 """Spot sizes that are tried, as fractions of the image's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""

@@ -22,8 +22,7 @@ from scipy import ndimage
 
 from ninedtact.design import PinBoard
 from ninedtact.shape.lens import Points
-
-CameraRotation = Literal[0, 90, 180, 270]
+from ninedtact.shape.rectification import CameraRotation
 
 CAMERA_ROTATIONS: dict[CameraRotation | Literal["auto"], tuple[CameraRotation, ...]] = {
     "auto": (0, 90),

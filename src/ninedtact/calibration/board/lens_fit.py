@@ -84,11 +84,13 @@ def refine_lens(points_mm: Points, points_px: Points, start: LensModel) -> LensF
     def residual(parameters: Float[Array, " k"]) -> Float[Array, " m"]:
         return (start.with_parameters(parameters).to_px(points_mm) - points_px).ravel()
 
+    def derivative(parameters: Float[Array, " k"]) -> Float[Array, "m k"]:
+        return start.with_parameters(parameters).px_per_parameter(points_mm).reshape(2 * len(points_mm), -1)
+
     solution = least_squares(
-        residual, start.parameters, x_scale="jac", loss="huber", f_scale=OUTLIER_PX, max_nfev=MOST_STEPS
+        residual, start.parameters, derivative, x_scale="jac", loss="huber", f_scale=OUTLIER_PX, max_nfev=MOST_STEPS
     )
-    lens = start.with_parameters(solution.x)
-    return LensFit(lens, points_mm, points_px, lens_parameter_jacobian(lens, points_mm))
+    return LensFit(start.with_parameters(solution.x), points_mm, points_px, derivative(solution.x))
 
 
 def with_radial_terms(lens: LensModel, terms: int) -> LensModel:
@@ -102,19 +104,6 @@ def _fit_affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int,
     units = (points_px - blank.middle_px) / blank.unit_px
     rows = np.linalg.lstsq(np.column_stack([points_mm, np.ones(len(points_mm))]), units, rcond=None)[0].T
     return blank.with_parameters(np.concatenate([rows.ravel(), np.zeros(len(blank.parameters) - 6)]))
-
-
-def lens_parameter_jacobian(lens: LensModel, points_mm: Points, step: float = 1e-6) -> Float[Array, "m k"]:
-    """Return the derivative of all pixels by all parameters, by central differences."""
-    base = lens.parameters
-    return np.column_stack(
-        [
-            (
-                lens.with_parameters(base + dp).to_px(points_mm) - lens.with_parameters(base - dp).to_px(points_mm)
-            ).ravel()
-            for dp in np.eye(len(base)) * step
-        ]
-    ) / (2 * step)
 
 
 def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Float[Array, " k"]:

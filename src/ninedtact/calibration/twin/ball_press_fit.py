@@ -14,10 +14,11 @@ from time import perf_counter
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from ninedtact.calibration.ball.contact_circle import ContactCircle
 from ninedtact.calibration.twin.ball_press_model import (
+    FIT_PARAMETERS,
     PARAMETER_NAMES,
     BallPressModel,
     ObservedBallPress,
@@ -84,9 +85,12 @@ def effective_observation_count(rest: Float[Array, "rows cols"]) -> float:
 
 def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
     """Return the autocorrelation sums at all lags, with lag zero in the middle."""
-    from scipy.signal import fftconvolve
+    from scipy.fft import irfft2, next_fast_len, rfft2
 
-    return np.asarray(fftconvolve(field, field[::-1, ::-1]))
+    rows, cols = field.shape
+    padded = next_fast_len(2 * rows - 1), next_fast_len(2 * cols - 1, real=True)
+    sums = irfft2(np.abs(rfft2(field, padded)) ** 2, padded)
+    return np.asarray(np.roll(sums, (rows - 1, cols - 1), (0, 1))[: 2 * rows - 1, : 2 * cols - 1])
 
 
 THICKNESS_SPREAD = 0.22
@@ -101,7 +105,16 @@ gel) and does not determine the depth.
 """
 DRAG_PER_ASYMMETRY_MM = 3.0
 """Usual drag of a press per asymmetry of its bulge; used for the initial guess only."""
-TRIES = 40
+MOST_ROUGH_STEPS, MOST_FINE_STEPS = 40, 10
+"""Largest number of steps of the first search, which yields the scatter and a start for the second, and of the second."""
+ROUGH, FINE = 3e-3, 5e-5
+"""Relative reduction of the sum of squares below which each search ends. With 200 effective observations these are steps of 0.8 and
+0.1 standard deviations of the result."""
+NEAR = 1e-2
+"""Relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which cost a contact each,
+are kept for the next step."""
+STEP_LENGTHS = (1.0, 0.4)
+"""Fractions of a step that are tried until one reduces the sum of squares."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +128,6 @@ class TwinFit:
     """Residual, observed minus predicted, in grey levels at the observed points."""
     confidence: ParameterUncertainty
     seconds: float
-    evaluations: int
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -209,6 +221,15 @@ class _PriorTerms:
         return self.deviation_grey * np.array(rows, float).reshape(-1, len(PARAMETER_NAMES))
 
 
+@dataclass(frozen=True)
+class _Solution:
+    """The result of one search."""
+
+    vector: ParameterVector
+    slopes: Float[Array, "n parameters"]
+    """Jacobian of the residual there, with one row for every prior."""
+
+
 def fit_twin(
     before: Rectified,
     after: Rectified,
@@ -224,15 +245,13 @@ def fit_twin(
     began = perf_counter()
     middle_mm = _pixel_to_skin_mm(before, circle.centre_px)
     forward = BallPressModel(ObservedBallPress(before, after, middle_mm), design)
-    free, searched = (
-        _fit_least_squares(forward, _initial_guess(forward, circle), _PriorTerms()) if near is None else (near, 0)
-    )
-    points = effective_observation_count(forward.observed.image(forward.fit_linear_terms(free)[1]))
-    prior = _make_prior_terms(forward, free, points, beliefs)
-    vector, again = _fit_least_squares(forward, free, prior)
-    slopes, rest = forward.fit_linear_terms(vector)
-    sure = _estimate_uncertainty(_residual_jacobian(forward, vector, prior), rest, points)
-    return TwinFit(forward, vector, slopes, rest, sure, perf_counter() - began, searched + again)
+    if near is None:
+        near = _fit_roughly(forward, _initial_guess(forward, circle))
+    points = effective_observation_count(forward.observed.image(forward.fit_linear_terms(near)[1]))
+    found = _fit_finely(forward, near, _make_prior_terms(forward, near, points, beliefs))
+    slopes, rest = forward.fit_linear_terms(found.vector)
+    sure = _estimate_uncertainty(found.slopes, rest, points)
+    return TwinFit(forward, found.vector, slopes, rest, sure, perf_counter() - began)
 
 
 def _initial_guess(forward: BallPressModel, circle: ContactCircle) -> ParameterVector:
@@ -250,21 +269,56 @@ def _initial_guess(forward: BallPressModel, circle: ContactCircle) -> ParameterV
     return np.clip([guess[name] for name in PARAMETER_NAMES], low + 1e-3, high - 1e-3)
 
 
-def _fit_least_squares(
-    forward: BallPressModel, start: ParameterVector, prior: _PriorTerms
-) -> tuple[ParameterVector, int]:
-    """Return the least-squares parameters from a start, and the number of predicted images that this took."""
+def _fit_roughly(forward: BallPressModel, start: ParameterVector) -> ParameterVector:
+    """Return the least-squares parameters from a distant start, by a trust-region method, without prior terms."""
+
+    def miss(vector: ParameterVector) -> Float[Array, " n"]:
+        return forward.fit_linear_terms(vector)[1]
+
+    def slope(vector: ParameterVector) -> Float[Array, "n parameters"]:
+        return _image_jacobian(forward, vector, miss(vector))
+
+    bounds, scales = parameter_bounds(), parameter_scales()
+    found = least_squares(miss, start, slope, bounds, x_scale=scales, ftol=ROUGH, xtol=1e-3, max_nfev=MOST_ROUGH_STEPS)
+    return np.asarray(found.x)
+
+
+def _fit_finely(forward: BallPressModel, start: ParameterVector, prior: _PriorTerms) -> _Solution:
+    """Return the least-squares parameters with prior terms from a start near by, by Gauss–Newton.
+
+    The contacts are solved to a tolerance, so the sum of squares scatters from one vector to the next, and a search that waits for
+    the smallest differences of it does not end. This one ends where the linearised problem promises too little.
+    """
 
     def miss(vector: ParameterVector) -> Float[Array, " n"]:
         return np.append(forward.fit_linear_terms(vector)[1], prior.miss(vector))
 
-    def slope(vector: ParameterVector) -> Float[Array, "n parameters"]:
-        return _residual_jacobian(forward, vector, prior)
+    vector, rest, kept = start, miss(start), None
+    for _ in range(MOST_FINE_STEPS):
+        slopes = np.vstack([_image_jacobian(forward, vector, rest[: forward.observed.count], kept), prior.slope])
+        change = _bounded_step(slopes, rest, vector)
+        square = np.sum(rest**2)
+        promised = 1 - np.sum((rest + slopes @ change) ** 2) / square
+        kept = slopes if promised < NEAR else None
+        for length in STEP_LENGTHS if promised > FINE else ():
+            moved = vector + length * change
+            moved_rest = miss(moved)
+            if np.sum(moved_rest**2) < square:
+                vector, rest = moved, moved_rest
+                break
+        else:
+            break
+    return _Solution(vector, slopes)
 
-    found = least_squares(
-        miss, start, slope, parameter_bounds(), x_scale=parameter_scales(), xtol=1e-5, ftol=1e-6, max_nfev=TRIES
-    )
-    return found.x, found.nfev + int(found.njev or 0) * len(PARAMETER_NAMES)
+
+def _bounded_step(
+    slopes: Float[Array, "n parameters"], rest: Float[Array, " n"], vector: ParameterVector
+) -> ParameterVector:
+    """Return the step that minimises the linearised sum of squares within the bounds of the parameters."""
+    low, high = parameter_bounds()
+    triangle = np.linalg.cholesky(slopes.T @ slopes)
+    target = -np.linalg.solve(triangle, slopes.T @ rest)
+    return np.asarray(lsq_linear(triangle.T, target, (low - vector, high - vector), method="bvls").x)
 
 
 def _make_prior_terms(
@@ -276,20 +330,23 @@ def _make_prior_terms(
     return _PriorTerms((mould, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
 
 
-def _residual_jacobian(
-    forward: BallPressModel, vector: ParameterVector, prior: _PriorTerms
+def _image_jacobian(
+    forward: BallPressModel,
+    vector: ParameterVector,
+    rest: Float[Array, " n"],
+    kept: Float[Array, "rows parameters"] | None = None,
 ) -> Float[Array, "n parameters"]:
-    """Return the Jacobian of the residual, with one row for every prior."""
-    return np.vstack([_image_jacobian(forward, vector), prior.slope])
+    """Return the derivative of the residual, `rest` at this vector, by each searched parameter, with level and slopes refitted.
 
-
-def _image_jacobian(forward: BallPressModel, vector: ParameterVector) -> Float[Array, "n parameters"]:
-    """Return the derivative of the residual by each searched parameter, with level and slopes refitted."""
-    here = forward.fit_linear_terms(vector)[1]
+    kept: the Jacobian at a vector near by, whose derivatives by the parameters of the contact are taken over.
+    """
     columns = []
-    for index in range(len(PARAMETER_NAMES)):
+    for index, parameter in enumerate(FIT_PARAMETERS):
+        if kept is not None and parameter.moves_contact:
+            columns.append(kept[: rest.size, index])
+            continue
         moved, step = step_parameter(vector, index)
-        columns.append((forward.fit_linear_terms(moved)[1] - here) / step)
+        columns.append((forward.fit_linear_terms(moved)[1] - rest) / step)
     return np.column_stack(columns)
 
 

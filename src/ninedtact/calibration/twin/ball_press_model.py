@@ -43,15 +43,17 @@ class _FitParameter:
     step: float
     """Step of the difference quotient: small against the relevant scale, large against the solver's tolerance."""
     scale: float = 1.0
+    moves_contact: bool = False
+    """Whether the contact must be solved again when the parameter changes."""
 
 
 FIT_PARAMETERS = (
     _FitParameter("x_mm", -12, 12, 0.02),
     _FitParameter("y_mm", -9, 9, 0.02),
-    _FitParameter("depth_mm", 0.1, 3.0, 0.02),
-    _FitParameter("drag_x_mm", -4, 4, 0.03),
-    _FitParameter("drag_y_mm", -4, 4, 0.03),
-    _FitParameter("thickness_mm", 0.8, 6.0, 0.03),
+    _FitParameter("depth_mm", 0.1, 3.0, 0.02, moves_contact=True),
+    _FitParameter("drag_x_mm", -4, 4, 0.03, moves_contact=True),
+    _FitParameter("drag_y_mm", -4, 4, 0.03, moves_contact=True),
+    _FitParameter("thickness_mm", 0.8, 6.0, 0.03, moves_contact=True),
     _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
     _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
     _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
@@ -131,6 +133,11 @@ class ObservedBallPress:
         return self.ratio[self.chosen].astype(float)
 
     @property
+    def count(self) -> int:
+        """Number of the chosen pixels."""
+        return self.relative_brightness.size
+
+    @property
     def blur_mm(self) -> float:
         """Standard deviation of the smoothing, which is part of the fitted point spread."""
         return SMOOTHING_PX * self.before.mm_per_px
@@ -152,7 +159,7 @@ PATCH = PeriodicGrid(128, 128, 0.2)
 FRICTION = 1.0
 """Coefficient of friction of silicone on a clean surface; between 0.5 and 1 the fit hardly changes."""
 PRESS_STEP_MM, DRAG_STEP_MM = 0.5, 0.35
-EFFORT = SolverSettings(tolerance=2e-3, must_converge=False)
+EFFORT = SolverSettings(tolerance=5e-4, must_converge=False)
 KEPT_CONTACTS = 64
 
 
@@ -165,12 +172,14 @@ class _BallPress:
     thickness_mm: float
 
     def poses(self) -> list[Pose]:
-        """Return the poses of the ball: down in steps, then along in steps, ending at the origin."""
+        """Return the poses of the ball in its own frame: down in steps, then along in steps. Presses to different depths share
+        their first steps, and presses that are dragged differently all steps down.
+        """
         x, y = self.drag_mm
-        down, along = (int(np.ceil(way)) for way in (self.depth_mm / PRESS_STEP_MM, np.hypot(x, y) / DRAG_STEP_MM))
-        presses = [Pose(-x, -y, self.depth_mm * (n + 1) / down) for n in range(down)]
-        drags = [Pose(-x * (1 - (n + 1) / along), -y * (1 - (n + 1) / along), self.depth_mm) for n in range(along)]
-        return presses + drags
+        along = int(np.ceil(np.hypot(x, y) / DRAG_STEP_MM))
+        depths_mm = [*np.arange(PRESS_STEP_MM, self.depth_mm, PRESS_STEP_MM).tolist(), self.depth_mm]
+        drags = [Pose(x * (n + 1) / along, y * (n + 1) / along, self.depth_mm) for n in range(along)]
+        return [*(Pose(depth_mm=depth_mm) for depth_mm in depths_mm), *drags]
 
 
 @dataclass(frozen=True)
@@ -181,20 +190,23 @@ class BallPressModel:
     design: SensorDesign
 
     @cached_property
-    def contacts(self) -> dict[_BallPress, Contact]:
-        """Return the cache of the contacts that were solved last."""
+    def contacts(self) -> dict[tuple[float, tuple[Pose, ...]], Contact]:
+        """Return the cache of the contacts that were solved last, by the thickness of the gel and the way of the ball."""
         return {}
 
     def contact(self, press: _BallPress) -> Contact:
         """Return the solved contact of the skin under this press."""
-        if press not in self.contacts:
+        return self._contact_after(press.thickness_mm, tuple(press.poses()))
+
+    def _contact_after(self, thickness_mm: float, way: tuple[Pose, ...]) -> Contact:
+        """Return the contact after the ball took this way from the undeformed skin on."""
+        if (thickness_mm, way) not in self.contacts:
+            model = ContactModel(_gel_of_unit_modulus(thickness_mm, self.design.gel.poisson_ratio), FRICTION, EFFORT)
+            last = self._contact_after(thickness_mm, way[:-1]) if len(way) > 1 else model.initial_contact()
             if len(self.contacts) >= KEPT_CONTACTS:
                 self.contacts.pop(next(iter(self.contacts)))
-            model = ContactModel(
-                _gel_of_unit_modulus(press.thickness_mm, self.design.gel.poisson_ratio), FRICTION, EFFORT
-            )
-            *_, self.contacts[press] = model.follow(Ball(self.design.ball.radius_mm), press.poses())
-        return self.contacts[press]
+            self.contacts[thickness_mm, way] = model.step(last, Ball(self.design.ball.radius_mm), way[-1])
+        return self.contacts[thickness_mm, way]
 
     def columns(self, vector: ParameterVector) -> Float[Array, "n 3"]:
         """Return the coefficients of level, dark slope and bright slope in the brightness at each observed point."""

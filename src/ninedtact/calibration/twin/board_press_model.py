@@ -106,7 +106,7 @@ class ObservedBoardPress:
 
 MARGIN_MM = 5.0
 """Width of the skin beyond the outermost pins."""
-EFFORT = SolverSettings(tolerance=5e-3, must_converge=False)
+EFFORT = SolverSettings(tolerance=1e-3, must_converge=False)
 
 Field = Float32[Array, "rows cols"]
 
@@ -153,6 +153,7 @@ class BoardPressModel:
 
     fit: TwinFit
     board: PinBoard
+    points_per_pitch: int = GRID_POINTS_PER_PIN_PITCH
 
     @cached_property
     def relief(self) -> HeightGridIndenter:
@@ -164,7 +165,7 @@ class BoardPressModel:
         """The modelled area: the pins, the floor around them, and skin beyond."""
         pitch_mm = self.board.pitch_mm
         width_mm, height_mm = (count * pitch_mm for count in (self.board.cols, self.board.rows))
-        return padded_grid(width_mm, height_mm, pitch_mm / GRID_POINTS_PER_PIN_PITCH, MARGIN_MM)
+        return padded_grid(width_mm, height_mm, pitch_mm / self.points_per_pitch, MARGIN_MM)
 
     @cached_property
     def heights(self) -> dict[BoardPressParameters, Field]:

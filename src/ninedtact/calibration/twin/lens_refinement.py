@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 from ninedtact.calibration.ball.ball_fit import BallFit
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.lens_fit import fit_lens, lens_parameter_jacobian, refine_lens, with_radial_terms
+from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_terms
 from ninedtact.calibration.brightness import BgrImage
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, effective_observation_count
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
@@ -51,14 +51,19 @@ LEAST = BoardPressParameters(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
 MOST_THICKNESS = 0.9
 """Largest depth of a board, as a fraction of the gel's thickness."""
 MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM = 0.1, 0.5, 0.1, 1.5
-STEPS = {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02, "depth_mm": 0.02, "poisson_ratio": -0.003}
-"""Steps of the difference quotients. The parameters that need no new contact solution come first; the steps of the tilt follow from
-that of the depth.
+VIEW_STEPS = {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02}
+CONTACT_STEPS = {"depth_mm": 0.02, "poisson_ratio": -0.003}
+"""Steps of the difference quotients. The parameters of the view need no new contact solution and come first; the steps of the tilt
+follow from that of the depth.
 """
 LARGEST = np.array([0.2, 0.02, 0.02, 0.01, 0.03, 0.2])
 """Largest change of each parameter in one iteration."""
 SETTLED = np.array([2e-3, 2e-4, 2e-4, 2e-4, 2e-4, 2e-3])
-ROUNDS, NEWTON = 12, 2
+NEAR = np.array([2e-2, 5e-3, 5e-3, 3e-3, np.inf, np.inf])
+"""Changes below which the derivatives by depth and Poisson's ratio are kept for the next iteration."""
+ROUGH_POINTS_PER_PITCH = 10
+"""Points per pitch of the pins of the contact grid on which the first fit is made, at a quarter of the cost."""
+ROUGH_ROUNDS, FINE_ROUNDS, NEWTON = 12, 5, 2
 FEWER = 7
 """Every how many observed points one is used to fit the lens to the displaced points."""
 GRADIENT_MM = 0.05
@@ -106,6 +111,8 @@ class _LinearisedProblem:
     """Residual in grey levels."""
     slopes: Float[Array, "n parameters"]
     """Derivative by the press (in the order of its fields), by the lens, and by level and slopes of the light."""
+    by_contact: Float[Array, "2 n"]
+    """Derivative of the predicted brightness by depth and by Poisson's ratio, each of which costs a contact."""
 
 
 @dataclass(frozen=True)
@@ -114,27 +121,27 @@ class _BoardPressSolver:
 
     observed: ObservedBoardPress
     forward: BoardPressModel
-    lens: LensModel
-    """Lens through which the image was rectified."""
+    rectified_through: LensModel
 
-    def solve(self, press: BoardPressParameters) -> BoardPressFit:
-        """Solve from a start by Gauss–Newton; the result states whether it converged."""
-        lens, at_mm, settled = self.lens, self.observed.points_mm, False
-        pixels = lens.to_px(at_mm)
-        for _ in range(ROUNDS):
+    def solve(self, press: BoardPressParameters, lens: LensModel, rounds: int) -> BoardPressFit:
+        """Solve from a start by Gauss–Newton in at most this many rounds; the result states whether it converged."""
+        settled, pixels, kept = False, self.rectified_through.to_px(self.observed.points_mm), None
+        at_mm = _invert_lens_projection(lens, pixels, self.observed.points_mm)
+        for _ in range(rounds):
             moves = _lens_displacement_modes(lens, at_mm)
-            step = self.step(press, at_mm, moves)
+            step = self.step(press, at_mm, moves, kept)
             change = np.linalg.lstsq(step.slopes, step.rest, rcond=1e-10)[0]
             moved = self.clip_to_bounds(press, np.clip(change[: len(LARGEST)], -LARGEST, LARGEST))
             # The lens parameters are too strongly correlated for steps in them, so the lens is fitted to displaced points.
             asked_mm = at_mm + moves @ change[len(LARGEST) : -LIGHT_TERMS]
-            lens = refine_lens(asked_mm[::FEWER], pixels[::FEWER], lens).lens
+            refined = refine_lens(asked_mm[::FEWER], pixels[::FEWER], lens).lens
             try:
-                at_mm = _invert_lens_projection(lens, pixels, asked_mm)
+                at_mm = _invert_lens_projection(refined, pixels, asked_mm)
             except PointNotSeen:
                 return self.summarise(press, lens, step, settled=False)
-            settled = bool((np.abs(_to_vector(moved) - _to_vector(press)) < SETTLED).all())
-            press = moved
+            by = np.abs(_to_vector(moved) - _to_vector(press))
+            settled, kept = bool((by < SETTLED).all()), step.by_contact if (by < NEAR).all() else None
+            press, lens = moved, refined
             if settled:
                 break
         return self.summarise(press, lens, step, settled)
@@ -151,14 +158,27 @@ class _BoardPressSolver:
         like_mm = self.forward.fit.light.point_spread_mm
         return BoardPressFit(press, told, lens, points, rest, contrast, like_mm, settled)
 
-    def step(self, press: BoardPressParameters, at_mm: Points, moves: Float[Array, "n 2 k"]) -> _LinearisedProblem:
-        """Return residual and Jacobian for one press; at_mm: places that the pixels see, moves: their derivative by the lens."""
+    def step(
+        self,
+        press: BoardPressParameters,
+        at_mm: Points,
+        moves: Float[Array, "n 2 k"],
+        kept: Float[Array, "2 n"] | None,
+    ) -> _LinearisedProblem:
+        """Return residual and Jacobian for one press; at_mm: places that the pixels see, moves: their derivative by the lens.
+
+        kept: the derivatives of the contact by depth and Poisson's ratio of a press near by, if they are to be taken over.
+        """
         drawn = self.forward.predict_image(press)
         here = drawn.at(at_mm)
-        by_nearness, by_scattering, by_depth, by_poisson = (
-            (self.forward.predict_image(replace(press, **{name: getattr(press, name) + step})).at(at_mm) - here) / step
-            for name, step in STEPS.items()
-        )
+
+        def derivative(name: str, step: float) -> Float[Array, " n"]:
+            moved = replace(press, **{name: getattr(press, name) + step})
+            return (self.forward.predict_image(moved).at(at_mm) - here) / step
+
+        by_nearness, by_scattering = (derivative(*step) for step in VIEW_STEPS.items())
+        by_contact = np.array([derivative(*step) for step in CONTACT_STEPS.items()]) if kept is None else kept
+        by_depth, by_poisson = by_contact
         x, y = at_mm.T
         by_press = np.column_stack([by_depth, -y * by_depth, x * by_depth, by_poisson, by_nearness, by_scattering])
         by_lens = np.einsum("ni,nik->nk", _brightness_gradient(drawn, at_mm), moves)
@@ -167,7 +187,7 @@ class _BoardPressSolver:
         level = (light @ levels) / (1 + here)
         slopes = np.column_stack([np.column_stack([by_press, by_lens]) * level[:, None], light])
         rest = self.observed.relative_brightness - light @ levels
-        return _LinearisedProblem(rest * self.observed.mean_grey, slopes * self.observed.mean_grey)
+        return _LinearisedProblem(rest * self.observed.mean_grey, slopes * self.observed.mean_grey, by_contact)
 
     def clip_to_bounds(self, press: BoardPressParameters, by: Float[Array, "6"]) -> BoardPressParameters:
         """Return the press moved by a step, within its bounds."""
@@ -178,8 +198,7 @@ class _BoardPressSolver:
 
 def _lens_displacement_modes(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
     """Return how the places that pixels see move with a lens, in mm: independent modes, each scaled to a millimetre (RMS)."""
-    in_image = lens_parameter_jacobian(lens, at_mm).reshape(len(at_mm), 2, -1)
-    moves = np.linalg.solve(lens.px_per_mm(at_mm), in_image)
+    moves = np.linalg.solve(lens.px_per_mm(at_mm), lens.px_per_parameter(at_mm))
     ways, _, _ = np.linalg.svd(moves.reshape(2 * len(at_mm), -1), full_matrices=False)
     return ways.reshape(moves.shape) * np.sqrt(len(at_mm))
 
@@ -198,11 +217,20 @@ def _invert_lens_projection(lens: LensModel, pixels: Points, near_mm: Points) ->
     return near_mm
 
 
-def fit_board_press(observed: ObservedBoardPress, fit: TwinFit, start: BoardPressParameters = START) -> BoardPressFit:
-    """Fit the board image, rectified through its lens, with the twin from the ball press."""
+def fit_board_press(observed: ObservedBoardPress, fit: TwinFit, last: BoardPressFit | None = None) -> BoardPressFit:
+    """Fit the board image, rectified through its lens, with the twin from the ball press.
+
+    last: an earlier fit to start from. Without one, a fit with a coarse contact grid is the start.
+    """
     board = observed.board
     lens = with_radial_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
-    return _BoardPressSolver(observed, BoardPressModel(fit, board.board), lens).solve(start)
+    fine = BoardPressModel(fit, board.board)
+    if last is None:
+        rough = _BoardPressSolver(observed, replace(fine, points_per_pitch=ROUGH_POINTS_PER_PITCH), lens)
+        last = rough.solve(START, lens, ROUGH_ROUNDS)
+    else:
+        last = replace(last, lens=lens)  # through which the images were rectified this time
+    return _BoardPressSolver(observed, fine, lens).solve(last.press, last.lens, FINE_ROUNDS)
 
 
 def _brightness_gradient(drawn: PredictedBoardImage, at_mm: Points) -> Float[Array, "n 2"]:
@@ -255,7 +283,7 @@ class JointCalibration:
             return self
         fit, before, after = self.ball.physical.fit, *(self.rectify(Frame(image)) for image in images)
         observed = ObservedBoardPress(before, after, self.board)
-        told = fit_board_press(observed, fit, START if self.told is None else self.told.press)
+        told = fit_board_press(observed, fit, self.told)
         if not told.accepted:
             return replace(self, told=self.told or told)
         board = _replace_lens(observed, fit, told)
