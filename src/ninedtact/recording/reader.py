@@ -29,6 +29,7 @@ from ninedtact.recording.mcap_index import (
     index_first_and_last_chunk,
     index_mcap_records,
     parse_mcap_message,
+    read_attachment,
     read_chunk,
     record_stream,
 )
@@ -235,8 +236,8 @@ class Recording:
         return [decode_event(message.data, message.stamp_ns) for message in self.messages(Topic.EVENTS)]
 
     def attachments(self) -> Iterator[Attachment]:
-        """Yield the attached files with their names."""
-        return (Attachment.read(record_stream(self._file, span)) for span in self.index.attachments)
+        """Yield the attached files with their names; raises `RecordingUnreadable` for one that is not as it was written."""
+        return (read_attachment(self._file, span, str(self.path)) for span in self.index.attachments)
 
     def save_sensor_folder(self, into: Path) -> Path:
         """Write the attached sensor folder; raises `RecordingUnreadable` where the recording carries none."""
