@@ -12,7 +12,7 @@ import ninedtact
 PACKAGE = Path(ninedtact.__file__).parent
 
 LAYERS = [
-    {"_version", "errors", "atomic_write"},
+    {"_version", "errors", "atomic_write", "checked_reading"},
     {"parallel_jobs"},
     {"quantities", "design", "design_file"},
     {"mechanics", "capture", "shape"},

@@ -202,6 +202,22 @@ can do. Gels that belong to no sensor, as those of closed forms, are free; a cam
 of sight are parallel."""
 
 
+_PLACEMENT_RANGES = {
+    "sensing_area.margin_mm": (0.0, 50.0),
+    "sensing_area.overlap_mm": (0.0, 20.0),
+    "force_torque.origin_mm": (-1000.0, 1000.0),
+    "force_torque.rotation_deg": (-360.0, 360.0),
+}
+"""Least and greatest value of distances and angles that may be zero; each of several numbers keeps the range."""
+
+
+def require_possible_dimension(name: str, value: float) -> None:
+    """Refuse a value beyond the range of this dimension; raises `DesignImpossible`."""
+    least, most = (DIMENSION_RANGES | _PLACEMENT_RANGES)[name]
+    if not least <= value <= most:
+        raise DesignImpossible(f"expected {name} from {least:g} to {most:g}, got {value:g}; correct the design")
+
+
 @dataclass(frozen=True)
 class SensorDesign:
     """The design of one sensor. The calibration searches for it, the twin simulates it, the hardware is built from it."""
@@ -215,7 +231,7 @@ class SensorDesign:
     force_torque: ForceTorqueMount = ForceTorqueMount()
 
     def __post_init__(self) -> None:
-        for name, (least, most) in DIMENSION_RANGES.items():
+        for name in (*DIMENSION_RANGES, *_PLACEMENT_RANGES):
             value = attrgetter(name)(self)
-            if not least <= value <= most:
-                raise DesignImpossible(f"expected {name} from {least:g} to {most:g}, got {value:g}; correct the design")
+            for number in value if isinstance(value, tuple) else (value,):
+                require_possible_dimension(name, number)

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, get_type_hints
 import msgspec
 import tomli_w
 
+from ninedtact.checked_reading import convert_within_bounds, read_text_file
 from ninedtact.design import SensorDesign
 from ninedtact.errors import FileFormatError
 
@@ -39,8 +40,8 @@ def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> Senso
 def read_design_tables(path: Path | str) -> dict[str, Any]:
     """Read the file's tables, of a sensor folder's `sensor.toml` those of its design; raises `DesignFileUnreadable`."""
     try:
-        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as trouble:
+        tables = tomllib.loads(read_text_file(path, accepts_pipe=True))
+    except (OSError, ValueError, RecursionError) as trouble:
         raise DesignFileUnreadable(
             f"expected a design in TOML, got {path} ({trouble}); give a file such as 'ninedtact hardware export' writes"
         ) from trouble
@@ -52,7 +53,7 @@ def convert_design_tables(tables: dict[str, Any], kind: type[Design], path: Path
     """Convert tables strictly to a design of this class; raises as `read_design_file` does."""
     _require_known_keys(tables, kind, path, ())
     try:
-        return msgspec.convert(tables, kind)
+        return convert_within_bounds(tables, kind)
     except msgspec.ValidationError as trouble:
         raise DesignFileUnreadable(
             f"expected every value of {path} to have its own type, got: {trouble}; correct the file"

@@ -37,7 +37,9 @@ class Reading:
     force: WrenchEstimate | None = None
     """The estimate with all its parts; None where the sensor has no estimator."""
     reference_warnings: tuple[EstimateWarning, ...] = ()
-    """Reasons why the reference image cannot be that of the calibrated sensor; empty where it was not checked."""
+    """Reasons to distrust the calibration, or why the reference image cannot be that of the calibrated sensor; empty where neither
+    was checked.
+    """
 
     def with_force(self, estimate: WrenchEstimate) -> "Reading":
         """Return the same reading with an estimate; what has been computed from the image is kept, not computed again."""

@@ -81,6 +81,7 @@ class Sensor:
         watch.mark("depth")
         dropped = frame.index + 1 - self.frames_read
         doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self.reference_faults else ()
+        doubts = (*self.shape.warnings, *doubts)
         reading = Reading(frame, rectified, height, watch.stage_ms, dropped, depth.reference, None, doubts)
         estimate = None
         if self.estimator is not None:

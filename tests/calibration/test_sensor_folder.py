@@ -1,5 +1,6 @@
 """A sensor folder is written whole, read back the same, and refused in words when something is wrong with it."""
 
+import json
 import os
 import shlex
 import shutil
@@ -21,7 +22,7 @@ from ninedtact.calibration.save import (
     to_sensor_toml,
 )
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
-from ninedtact.cli import parse_arguments
+from ninedtact.cli import main, parse_arguments
 from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
@@ -80,6 +81,51 @@ def test_an_older_format_is_refused_with_the_command_that_calibrates_again(
     require_replaceable_sensor_folder(command.out)
     images = command.obtain_images()
     assert all(np.array_equal(vars(images)[name], image) for name, image in vars(calibrated_a.images).items())
+
+
+OUT_OF_BOUNDS = {
+    r"depth.noise_mm = nan \(Expected `float` >= 0.0\)": ("noise_mm = 0.00", "noise_mm = nan #"),
+    r"lens.homography\[0\] = inf": ("homography = [\n    ", "homography = [\n    inf, #"),
+    r"depth.curve.error_mm\[0\] = -0.1": ("error_mm = [\n    ", "error_mm = [\n    -0.1, #"),
+    r"twin.fit.parameters.y_mm.std = -1 \(Expected `float` >= 0.0\)": ("std = 0.0047", "std = -1 #"),
+    r"gel.shear_modulus_mpa from 0.003 to 3, got 93": ("[twin.gel]", "[twin.gel]\nshear_modulus_mpa = 93\n[unread]"),
+    r"grid.raw_rows = 48000000 \(Expected `int` <= 20000\)": ("raw_rows = 480", "raw_rows = 48000000"),
+}
+"""The sentence on each edit, and the edit."""
+
+
+@pytest.mark.parametrize("sentence", OUT_OF_BOUNDS)
+def test_a_number_beyond_its_bounds_is_refused_by_name_value_and_what_is_possible(sentence: str, folder: Path) -> None:
+    edit(folder, *OUT_OF_BOUNDS[sentence])
+    with pytest.raises(SensorFolderDamaged, match=sentence):
+        load_sensor(folder)
+
+
+def test_an_edited_number_is_a_warning_of_every_reading(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record, written = folder / "sensor.toml", (folder / "sensor.toml").read_text()
+    record.write_text("# a remark\n" + written.replace('id = "', 'id = "my ', 1))
+    assert load_sensor(folder).notices == ()
+    given = [*(f"--{name}={folder}/images/ball_reference.png" for name in ("reference",)), f"{folder}/images/ball.png"]
+    for text in (
+        written.replace("noise_mm = 0.00", "noise_mm = 0.01", 1),
+        "\n".join(line for line in written.splitlines() if not line.startswith("checksum")),
+    ):
+        record.write_text(text)
+        assert main(["estimate", f"--sensor={folder}", "--json", *given]) == 0
+        printed = capsys.readouterr()
+        assert "sensor.toml was edited or damaged after the calibration" in printed.err
+        assert "calibration edited" in json.loads(printed.out)["wrenches"][0]["warnings"]
+
+
+def test_a_pipe_in_place_of_a_file_is_refused_at_once(folder: Path) -> None:
+    (folder / "images" / "ball.png").unlink()
+    os.mkfifo(folder / "images" / "ball.png")
+    with pytest.raises(SensorFolderDamaged, match="a pipe or a device"):
+        load_sensor(folder).stored_image("ball")
+    (folder / "sensor.toml").unlink()
+    os.mkfifo(folder / "sensor.toml")
+    with pytest.raises(SensorFolderDamaged, match="a pipe or a device"):
+        load_sensor(folder)
 
 
 DAMAGE = {

@@ -120,6 +120,18 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "two numbers": (lambda f: setattr(f, "position_scale", np.ones(2)), "got 2 numbers"),
     "pixels per mm": (lambda f: f.position_scale.__setitem__(2, 19.6), "got 19.6.* inverse"),
     "centre at the border": (lambda f: f.position_scale.__setitem__(0, 100.0), "reaches beyond.*crop_size"),
+    "constant map": (lambda f: f.col_index.fill(300), "smooth map .*col_index.* spans 0 pixels"),
+    "scattered map": (lambda f: np.random.default_rng(0).shuffle(f.row_index), "smooth map .*row_index"),
+    "depths beyond the gel": (lambda f: f.pixel_to_depth.__imul__(1.5), "2.5 mm .*got 2.7 mm; .*--gel-mm"),
+    "depths that fall": (
+        lambda f: (
+            f.pixel_to_depth[1:].sort()
+            or f.pixel_to_depth.__setitem__(40, 0.02)
+            or f.pixel_to_depth.__setitem__(np.s_[50:], 0.1)
+        ),
+        "rise with the darkening",
+    ),
+    "depths below zero": (lambda f: f.pixel_to_depth.__setitem__(9, -0.3), "none below zero"),
     "Python objects": (lambda f: setattr(f, "pixel_to_depth", np.array([{}, 1])), "without Python objects"),
 }
 

@@ -214,6 +214,17 @@ def test_pairs_that_nothing_can_be_learnt_from_are_refused(folder: Path, column:
         load_dataset(folder)
 
 
+def test_a_flipped_bit_in_a_column_is_refused(folder: Path) -> None:
+    first = min((folder / "data").iterdir())
+    content = bytearray(first.read_bytes())
+    chunk = pq.ParquetFile(first).metadata.row_group(0)
+    wrench = next(chunk.column(at) for at in range(chunk.num_columns) if "wrench" in chunk.column(at).path_in_schema)
+    content[wrench.data_page_offset + wrench.total_compressed_size - 4] ^= 1
+    first.write_bytes(content)
+    with pytest.raises(DatasetDamaged, match="expected a whole Parquet file"):
+        load_dataset(folder)
+
+
 def test_damaged_images_and_impossible_sizes_are_refused(folder: Path) -> None:
     with pytest.raises(ImageSizeImpossible, match="at least 8 x 8"):
         load_dataset(folder, size=(4, 3))

@@ -90,7 +90,9 @@ def model(known: bool = True) -> ForceModel:
     """Corrects F_z by the pressure summed over the input, in the model's unit of modulus."""
     per_input = np.zeros((*SETTINGS.shape, 6))
     per_input[1, ..., 2] = -0.01
-    card = msgspec.structs.replace(a_card(SETTINGS), input_ranges={"max_indentation": (0.0, 0.5 if known else -0.9)})
+    card = msgspec.structs.replace(
+        a_card(SETTINGS), input_ranges={"max_indentation": (0.0, 0.5) if known else (-1.0, -0.9)}
+    )
     written = linear_model(card, per_input.reshape(-1, 6), STD / 2)
     return parse_force_model(written.SerializeToString(), "small")
 

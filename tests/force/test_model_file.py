@@ -10,7 +10,17 @@ from onnx import helper
 
 from ninedtact.force import onnx_model
 from ninedtact.force.network_input import NetworkInputSettings
-from ninedtact.force.onnx_model import METADATA_KEY, ForceModelUnusable, ModelCard, parse_force_model, read_force_model
+from ninedtact.force.onnx_model import (
+    CHECKSUM_METADATA_KEY,
+    CHECKSUM_PLACEHOLDER,
+    METADATA_KEY,
+    SHIPPED_MODEL,
+    ForceModelUnusable,
+    ModelCard,
+    parse_force_model,
+    read_force_model,
+    stamp_checksum,
+)
 
 
 def test_a_card_comes_back_as_it_was_and_the_graph_answers_any_number_of_images(tmp_path: Path) -> None:
@@ -72,3 +82,34 @@ def test_a_shipped_model_with_other_content_is_refused(tmp_path: Path, monkeypat
     monkeypatch.setattr(onnx_model, "SHIPPED_MODEL", other)
     with pytest.raises(ForceModelUnusable, match="install ninedtact again"):
         read_force_model(other)
+
+
+def test_an_edited_model_runs_with_a_notice() -> None:
+    model = linear_model(a_card())
+    assert (
+        "edited or damaged" in parse_force_model(model.SerializeToString(), "old.onnx").notices[0]
+    )  # without a checksum
+    model.metadata_props.add(key=CHECKSUM_METADATA_KEY, value=CHECKSUM_PLACEHOLDER)
+    content = stamp_checksum(model.SerializeToString())
+    assert parse_force_model(content, "own.onnx").notices == () == read_force_model(SHIPPED_MODEL).notices
+    edited = content.replace(b'"modulus_mpa":0.093', b'"modulus_mpa":0.083')
+    assert edited != content and "other.onnx was edited" in parse_force_model(edited, "other.onnx").notices[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (b'"modulus_mpa":0.093', b'"modulus_mpa":1e9', r"modulus_mpa = 1000000000.0 \(Expected `float` <= 3.0\)"),
+        (b'"wrench_min":[-9.0', b'"wrench_min":[9.5', "wrench_min from 9.5 to 9, a range that falls"),
+        (
+            b'"max_indentation":[0.0,0.1',
+            b'"max_indentation":[0.0,1e300',
+            r"input_ranges.max_indentation\[1\] = 1e\+300",
+        ),
+    ],
+)
+def test_a_number_of_the_card_beyond_its_bounds_is_refused_by_name(old: bytes, new: bytes, sentence: str) -> None:
+    card = msgspec.json.encode(a_card())
+    assert old in card
+    with pytest.raises(ForceModelUnusable, match=sentence):
+        parse_force_model(with_card(card.replace(old, new)), "some.onnx")

@@ -151,6 +151,23 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk_and_can_be_mended(
     assert before == (12, 200)
 
 
+def test_a_changed_description_a_changed_attachment_and_a_missing_message_are_refused(tmp_path: Path) -> None:
+    content = write_episode(tmp_path / "whole.mcap", frames=3, samples=20).read_bytes()
+    with Recording(tmp_path / "whole.mcap") as whole:
+        first_index = min(start for starts in whole.index.indexes.values() for start in starts.values())
+    other_channel = bytes([content[first_index + 9] + 9])  # of the messages that this record of the index counts
+    changes = {
+        "checksum": content.replace(b"wall_minus_monotonic_ns\x13\0\0\x001", b"wall_minus_monotonic_ns\x13\0\0\x002"),
+        "damaged data at byte ": content.replace(b"id = 'small'", b"id = 'sma11'"),
+        "damaged data": content[: first_index + 9] + other_channel + content[first_index + 10 :],
+    }
+    for sentence, changed in changes.items():
+        assert changed != content and len(changed) == len(content)
+        (tmp_path / "changed.mcap").write_bytes(changed)
+        with pytest.raises(RecordingUnreadable, match=sentence), Recording(tmp_path / "changed.mcap") as recording:
+            recording.save_sensor_folder(tmp_path / "sensor")
+
+
 def test_damage_is_told_and_never_passes_for_a_image(tmp_path: Path) -> None:
     whole = bytearray(write_episode(tmp_path / "whole.mcap", frames=3, samples=20).read_bytes())
     told = 0

@@ -13,7 +13,8 @@ from ninedtact.atomic_write import create_folder_atomically, list_foreign_files,
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.calibration.sensor_toml_schema import SensorRecord, StoredImage
+from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorRecord, StoredImage
+from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
 from ninedtact.errors import OutputError
 
 CERTIFICATE_FILE = "certificate.html"
@@ -55,8 +56,9 @@ def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredIma
 
 
 def to_sensor_toml(record: SensorRecord) -> bytes:
-    """Return the record as the text of `sensor.toml`."""
-    return tomli_w.dumps(msgspec.to_builtins(record, builtin_types=(type(record.created),))).encode()
+    """Return the record as the text of `sensor.toml`, with the checksum of its numbers."""
+    tables = msgspec.to_builtins(record, builtin_types=(type(record.created),))
+    return tomli_w.dumps({CHECKSUM_KEY: values_checksum(tables, NOT_CALIBRATED), **tables}).encode()
 
 
 @contextmanager

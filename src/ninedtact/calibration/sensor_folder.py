@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from ninedtact.calibration.sensor_toml_schema import (
+    NOT_CALIBRATED,
     SENSOR_FORMAT,
     LensModelTable,
     PinMapTable,
@@ -23,9 +24,16 @@ from ninedtact.calibration.sensor_toml_schema import (
     SensorRecord,
 )
 from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.checked_reading import (
+    CHECKSUM_KEY,
+    convert_within_bounds,
+    read_regular_file,
+    read_text_file,
+    values_checksum,
+)
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import FileFormatError, NinedtactError
-from ninedtact.quantities import Frame
+from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.lens import LensModel, PinMap, Projection
 from ninedtact.shape.rectification import Rectification, rectification_of_projection
@@ -37,6 +45,8 @@ if TYPE_CHECKING:
 SENSOR_FILE = "sensor.toml"
 _MIN_INVERSE_DISTANCE_PER_MM = 1e-4
 """Inverse viewing distance below which lines of sight count as parallel."""
+_MIN_VIEW_SHARE = 0.2
+"""Smallest share of the rectified image that a lens shows; those of real sensors show nine tenths and more."""
 
 
 class SensorFolderDamaged(FileFormatError):
@@ -54,6 +64,17 @@ class SensorFolder:
 
     path: Path
     record: SensorRecord
+    is_edited: bool = False
+    """Whether the numbers of `sensor.toml` differ from those that the calibration wrote."""
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """A sentence for each reason to distrust the calibration; empty for one that is as it was written."""
+        edited = (
+            f"{self.path / SENSOR_FILE} was edited or damaged after the calibration: its checksum is not that of its numbers; "
+            "restore the sensor folder or calibrate again if you did not edit it"
+        )
+        return (edited,) if self.is_edited else ()
 
     @property
     def id(self) -> str:
@@ -72,6 +93,7 @@ class SensorFolder:
             depth.smoothing,
             depth.dimming,
             depth.deblurring,
+            (EstimateWarning.CALIBRATION_EDITED,) if self.is_edited else (),
         )
 
     @property
@@ -94,11 +116,19 @@ class SensorFolder:
         raw_shape = (grid.raw_rows, grid.raw_cols)
         if isinstance(lens, PixelMapTable):
             source_px = _read_pixel_map(self._verify_file(lens.file, lens.sha256), self.record)
-            return Rectification(source_px, grid.mm_per_px, raw_shape, grid.calibrated_area_mm)
-        field_of_view = self.record.design.field_of_view
-        return rectification_of_projection(
-            build_projection(lens, raw_shape), field_of_view, grid.mm_per_px, raw_shape, grid.calibrated_area_mm
-        )
+            rectify = Rectification(source_px, grid.mm_per_px, raw_shape, grid.calibrated_area_mm)
+        else:
+            field_of_view = self.record.design.field_of_view
+            rectify = rectification_of_projection(
+                build_projection(lens, raw_shape), field_of_view, grid.mm_per_px, raw_shape, grid.calibrated_area_mm
+            )
+        share = float((rectify.height_source != HeightSource.OUT_OF_VIEW).mean())
+        if share < _MIN_VIEW_SHARE:
+            raise SensorFolderDamaged(
+                f"expected a lens in {self.path / SENSOR_FILE} that sees the skin, got one that sees {share:.0%} of it; restore "
+                "the sensor folder or calibrate again"
+            )
+        return rectify
 
     def stored_image(self, name: str) -> Frame:
         """Read an image that the sensor was calibrated from: `board_reference`, `board`, `ball_reference` or `ball`.
@@ -137,11 +167,17 @@ class SensorFolder:
     def _verify_file(self, file: str, digest: str) -> Path:
         """Return the path of a file of the folder after its content has been checked against the stored hash."""
         path = self.path / file
-        if not path.is_file():
+        if not path.exists():
             raise SensorFolderDamaged(
                 f"expected {path}, got no such file; restore the sensor folder or calibrate again"
             )
-        if sha256(path.read_bytes()).hexdigest() != digest:
+        try:
+            content = read_regular_file(path)
+        except OSError as trouble:
+            raise SensorFolderDamaged(
+                f"expected to read {path}, got: {trouble}; restore the sensor folder or calibrate again"
+            ) from trouble
+        if sha256(content).hexdigest() != digest:
             raise SensorFolderDamaged(
                 f"expected {path} as it was calibrated with, got other content; restore the sensor folder or calibrate again"
             )
@@ -158,24 +194,26 @@ def load_sensor(folder: Path | str) -> SensorFolder:
     """
     path = Path(folder)
     try:
-        text = (path / SENSOR_FILE).read_text(encoding="utf-8")
+        text = read_text_file(path / SENSOR_FILE)
     except (OSError, UnicodeDecodeError) as trouble:
         raise SensorFolderDamaged(
             f"expected a sensor folder with a readable {SENSOR_FILE}, got {path} ({trouble}); give the folder that "
             "'ninedtact calibrate --out' wrote"
         ) from trouble
-    return SensorFolder(path, _parse_record(path, text))
+    record, is_edited = _parse_record(path, text)
+    return SensorFolder(path, record, is_edited)
 
 
-def _parse_record(folder: Path, text: str) -> SensorRecord:
-    """Parse the text of `sensor.toml` and check every field."""
+def _parse_record(folder: Path, text: str) -> tuple[SensorRecord, bool]:
+    """Parse the text of `sensor.toml` and check every field; the second value says whether a number was edited."""
     try:
         tables = tomllib.loads(text)
         _require_current_format(folder, tables)
-        return msgspec.convert(tables, SensorRecord)
+        is_edited = tables.pop(CHECKSUM_KEY, None) != values_checksum(tables, NOT_CALIBRATED)
+        return convert_within_bounds(tables, SensorRecord), is_edited
     except SensorFolderDamaged:
         raise
-    except (tomllib.TOMLDecodeError, msgspec.ValidationError, RecursionError, NinedtactError) as trouble:
+    except (ValueError, RecursionError, NinedtactError) as trouble:
         raise SensorFolderDamaged(
             f"expected {folder / SENSOR_FILE} as the program wrote it, got: {trouble}; restore the sensor folder or calibrate again"
         ) from trouble

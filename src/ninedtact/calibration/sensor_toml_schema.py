@@ -5,10 +5,12 @@ standard deviation.
 """
 
 from datetime import datetime
+from operator import attrgetter
+from typing import Annotated
 
-from msgspec import Struct, field
+from msgspec import Meta, Struct, field
 
-from ninedtact.design import Gel, SensorDesign
+from ninedtact.design import Gel, SensorDesign, require_possible_dimension
 from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, LightLoss, Smoothing
 from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.illumination import BrightnessModel
@@ -17,65 +19,98 @@ SENSOR_FORMAT = 4
 """Format number, raised with every change that makes older files unreadable. `sensor_folder` refuses such a file with the
 command that calibrates the sensor again from its images.
 """
+NOT_CALIBRATED = ("format", "id", "created", "software")
+"""Keys at the top of the file that the checksum leaves out: they may change without a change of any calibrated number."""
+
+_Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
+"""A finite number without a range of its own."""
+_Error = Annotated[float, Meta(ge=0, le=1e9)]
+"""A standard deviation or another error."""
+_Grey = Annotated[float, Meta(ge=0, le=255)]
+_Share = Annotated[float, Meta(ge=0, le=1)]
+_Count = Annotated[int, Meta(ge=0, le=10_000)]
+_SkinMm = Annotated[float, Meta(ge=-300, le=300)]
+"""A position on the skin or along it."""
+_DepthMm = Annotated[float, Meta(ge=0, le=15)]
+_MmPerPx = Annotated[float, Meta(ge=0.001, le=1)]
+_PixelSide = Annotated[int, Meta(ge=16, le=20_000)]
+_Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+
+
+_Entry = Annotated[float, Meta(ge=-10, le=10)]
+_Radial = Annotated[float, Meta(ge=-1000, le=1000)]
+_Centre = Annotated[float, Meta(ge=-2, le=2)]
+_RawPx = Annotated[float, Meta(ge=-20_000, le=20_000)]
 
 
 class LensModelTable(Struct, tag_field="kind", tag="model", frozen=True, forbid_unknown_fields=True):
     """The parameters of `shape.lens.LensModel`: homography, distortion centre, radial and tangential terms, in image units."""
 
-    homography: tuple[float, float, float, float, float, float, float, float]
-    centre: tuple[float, float]
-    radial: tuple[float, ...]
-    tangential: tuple[float, float]
+    homography: tuple[_Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry]
+    centre: tuple[_Centre, _Centre]
+    radial: Annotated[tuple[_Radial, ...], Meta(max_length=8)]
+    tangential: tuple[_Entry, _Entry]
 
 
 class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
     """The pins through which the paper's map goes (`shape.lens.PinMap`): on the skin and in the raw image."""
 
-    points_mm: list[tuple[float, float]]
-    points_px: list[tuple[float, float]]
+    points_mm: Annotated[list[tuple[_SkinMm, _SkinMm]], Meta(min_length=9)]
+    points_px: list[tuple[_RawPx, _RawPx]]
+
+    def __post_init__(self) -> None:
+        if len(self.points_px) != len(self.points_mm):
+            raise ValueError(
+                f"{len(self.points_mm)} points_mm and {len(self.points_px)} points_px, not as many of both"
+            )
 
 
 class PixelMapTable(Struct, tag_field="kind", tag="map", frozen=True, forbid_unknown_fields=True):
     """A rectification given pixel by pixel in a file of the folder, as imported from the original project."""
 
     file: str
-    sha256: str
+    sha256: _Sha256
 
 
 class GridTable(Struct, frozen=True, forbid_unknown_fields=True):
     """The rectified grid and the size of the raw image."""
 
-    mm_per_px: float
-    raw_rows: int
-    raw_cols: int
-    calibrated_area_mm: tuple[float, float, float, float]
+    mm_per_px: _MmPerPx
+    raw_rows: _PixelSide
+    raw_cols: _PixelSide
+    calibrated_area_mm: tuple[_SkinMm, _SkinMm, _SkinMm, _SkinMm]
     """Smallest and largest x, then smallest and largest y, of the area that the board's pins cover."""
     camera_rotation_deg: CameraRotation = 0
+
+    def __post_init__(self) -> None:
+        left, right, top, bottom = self.calibrated_area_mm
+        if not (left < right and top < bottom):
+            raise ValueError(f"a calibrated_area_mm without area, {self.calibrated_area_mm}")
 
 
 class StoredImage(Struct, frozen=True, forbid_unknown_fields=True):
     """One image that the sensor was calibrated from: its path in the folder and its hash."""
 
     file: str
-    sha256: str
+    sha256: _Sha256
 
 
 class BoardQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """The quality of the camera calibration."""
 
-    pins_found: int
-    pins_expected: int
+    pins_found: _Count
+    pins_expected: _Count
     missing_pins: list[str]
-    leave_one_out_rms_mm: float
+    leave_one_out_rms_mm: _Error
     """Root mean square of the leave-one-out error: each pin predicted from all others."""
-    leave_one_out_max_mm: float
-    published_method_rms_mm: float
+    leave_one_out_max_mm: _Error
+    published_method_rms_mm: _Error
     """Leave-one-out error (RMS) of the paper's method on the same image."""
-    mm_per_px: float
-    mm_per_px_std: float
-    contrast_grey_levels: float
+    mm_per_px: _MmPerPx
+    mm_per_px_std: _Error
+    contrast_grey_levels: _Number
     """Median darkening of the imprints."""
-    noise_grey_levels: float
+    noise_grey_levels: _Grey
     """Standard deviation of one raw pixel."""
     lens: str
     camera_rotation_deg: CameraRotation
@@ -85,24 +120,24 @@ class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """The quality of the depth calibration."""
 
     method: DepthMethod
-    contact_radius_px: float
-    contact_radius_mm: float
-    ball_radius_mm: float
-    max_indentation_mm: float
+    contact_radius_px: _Error
+    contact_radius_mm: _Error
+    ball_radius_mm: _Error
+    max_indentation_mm: _DepthMm
     """Depth of the ball's lowest point."""
-    reconstruction_mae_mm: float
+    reconstruction_mae_mm: _Error
     """Mean absolute error of the ball's reconstructed surface."""
-    cross_validation_mae_mm: float
+    cross_validation_mae_mm: _Error
     """Mean absolute error of one half of the disc, reconstructed with the curve of the other half, over four cuts."""
-    range_mm: float
+    range_mm: _DepthMm
     """Largest indentation that the depth curve covers."""
-    noise_mm: float
+    noise_mm: _DepthMm
     """Standard deviation of one pixel's height from image to image."""
-    darkening_grey_levels: float
+    darkening_grey_levels: _Number
     """Darkening at the deepest point."""
-    asymmetry: float
+    asymmetry: _Number
     """Unevenness of the bulge around the disc, as a fraction of the darkening."""
-    overexposed_fraction: float
+    overexposed_fraction: _Share
     """Fraction of the reference image at or above grey level 250."""
 
 
@@ -118,7 +153,7 @@ class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     """The depth curve and the corrections before and after it."""
 
     method: DepthMethod
-    noise_mm: float
+    noise_mm: _DepthMm
     smoothing: Smoothing
     curve: DepthCurve
     dimming: LightLoss = LightLoss()
@@ -127,28 +162,32 @@ class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     """The point spread that a fine reconstruction removes, where it is known."""
 
 
+_Correlation = Annotated[float, Meta(ge=-1.000001, le=1.000001)]
+_InverseDistance = Annotated[float, Meta(ge=-1, le=1)]
+
+
 class FittedParameterTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One parameter of the twin, its uncertainty, and the parameter that it is most correlated with."""
 
-    value: float
-    std: float | None = None
+    value: _Number
+    std: _Error | None = None
     most_correlated_with: str | None = None
-    correlation: float | None = None
+    correlation: _Correlation | None = None
 
 
 class TwinFitQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """The fit of contact mechanics and light to the ball press."""
 
-    radial_rmse_grey_levels: float
+    radial_rmse_grey_levels: _Error
     """Root mean square residual of the radial brightness profile."""
-    image_rmse_grey_levels: float
+    image_rmse_grey_levels: _Error
     """Root mean square residual of the whole image within 8 mm of the contact."""
-    depth_mm: float
-    drag_mm: tuple[float, float]
+    depth_mm: _DepthMm
+    drag_mm: tuple[_SkinMm, _SkinMm]
     """Displacement of the ball along the skin after the press."""
-    effective_observations: float
+    effective_observations: _Error
     """Effective number of independent observations, from the correlation of the residual."""
-    duration_s: float
+    duration_s: _Error
     parameters: dict[str, FittedParameterTable]
 
 
@@ -157,15 +196,15 @@ class BoardPressTable(Struct, frozen=True, forbid_unknown_fields=True):
 
     accepted: bool
     """Whether the image agrees with the twin's prediction. If it does not, lens and viewing distance do not use the fit."""
-    depth_mm: float
+    depth_mm: _DepthMm
     """Depth of the imprints."""
-    depth_std_mm: float
-    inverse_distance_per_mm: float
-    inverse_distance_std_per_mm: float
-    point_spread_mm: float
+    depth_std_mm: _Error
+    inverse_distance_per_mm: _InverseDistance
+    inverse_distance_std_per_mm: _Error
+    point_spread_mm: _DepthMm
     """Point spread under the pins; that under the ball is in the light."""
-    residual_rms_grey_levels: float
-    contrast_grey_levels: float
+    residual_rms_grey_levels: _Error
+    contrast_grey_levels: _Number
     """Median darkening of the imprints in the raw image."""
 
 
@@ -175,9 +214,13 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     gel: Gel
     """The design's gel with the thickness that the ball press shows."""
     light: BrightnessModel
-    noise_grey_levels: float
+    noise_grey_levels: _Grey
     fit: TwinFitQuality
     board_press: BoardPressTable | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("gel.thickness_mm", "gel.shear_modulus_mpa"):
+            require_possible_dimension(name, attrgetter(name)(self))
 
 
 class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -103,6 +103,8 @@ def _bmp_fault(content: bytes) -> str | None:
     size = int.from_bytes(content[2:6], "little")
     if len(content) < max(size, 26):
         return _CUT_SHORT
+    if size and any(content[size:]):  # not padding: bytes were inserted, and all pixels after them are in another place
+        return _DAMAGED
     cols, rows = (int.from_bytes(content[at : at + 4], "little", signed=True) for at in (18, 22))
     return _too_large(abs(rows), abs(cols))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,7 +45,9 @@ class CheckCommand:
             raise NoImageToCheck(
                 "expected at least one reference image (no contact), got none; name it after the options"
             )
-        known = load_calibrated_reference(load_sensor(self.sensor))
+        folder = load_sensor(self.sensor)
+        print_notices(folder.notices)
+        known = load_calibrated_reference(folder)
         measured = [measure_drift(known, read_image(path)) for path in self.reference]
         results = [
             _check_result(path, one, diagnose_drift(one)) for path, one in zip(self.reference, measured, strict=True)

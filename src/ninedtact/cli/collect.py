@@ -13,7 +13,7 @@ import tyro
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.cli.record import require_duration, require_new_recording
-from ninedtact.cli.result_and_interrupt import print_notice, print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import print_notice, print_notices, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     is_recording,
     is_simulated,
@@ -76,6 +76,7 @@ class Collect:
         settings = self.options.settings()
         screen = CollectScreen()
         with load_named_sensor(self.sensor, self.source) as folder:
+            print_notices(folder.notices)
             setup = self._setup(folder, settings, screen)
             collector = self._collect(folder, settings, setup, screen)
         return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notice
+from ninedtact.cli.result_and_interrupt import print_notice, print_notices
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import SIMULATED, live_source_for, load_named_sensor
@@ -73,6 +73,7 @@ class Live:
         require_page_library()
         require_display_rate(self.display_hz)
         with load_named_sensor(self.sensor, self.source) as folder:
+            print_notices(folder.notices)
             sensor, wrenches = self.sensor_and_wrenches(folder)
             settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
             with suppress(KeyboardInterrupt):

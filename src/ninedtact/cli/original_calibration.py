@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ class ImportCalibrationCommand:
     """First number of `crop_size` in the original's shape_config.yaml."""
     cols: int = SensorDesign().field_of_view.cols
     """Second number of `crop_size`."""
+    gel_mm: float = SensorDesign().gel.thickness_mm
+    """Thickness of the translucent gel; no depth of the list can be beyond it."""
     id: str | None = None
     """Name of the sensor; the original folder's name if not given."""
     json: bool = False
@@ -41,7 +43,8 @@ class ImportCalibrationCommand:
 
         standard = SensorDesign()
         view = replace(standard.field_of_view, rows=self.rows, cols=self.cols)
-        sensor = import_original_calibration(self.folder, self.out, replace(standard, field_of_view=view), self.id)
+        design = replace(standard, field_of_view=view, gel=replace(standard.gel, thickness_mm=self.gel_mm))
+        sensor = import_original_calibration(self.folder, self.out, design, self.id)
         return print_result(self.json, _to_json_dict(sensor), _format_import(sensor))
 
 
@@ -63,6 +66,7 @@ class ExportCalibrationCommand:
         from ninedtact.calibration.sensor_folder import load_sensor
 
         sensor = load_sensor(self.sensor)
+        print_notices(sensor.notices)
         export_original_calibration(sensor, self.out)
         files = [str(self.out / file) for file in ORIGINAL_FILES]
         return print_result(self.json, {**_to_json_dict(sensor), "files": files}, _format_export(sensor, self.out))

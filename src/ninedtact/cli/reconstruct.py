@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ class ReconstructCommand:
                 "expected at least one image of the pressed skin, got none; name it after the options"
             )
         folder = load_sensor(self.sensor)
+        print_notices(folder.notices)
         shape = folder.shape
         depth = shape.depth_reader(*load_reference_check(folder).read_images(self.reference))
         results = []

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.cli.result_and_interrupt import print_notice, print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import print_notice, print_notices, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     is_simulated,
@@ -64,6 +64,7 @@ class Record:
         require_duration(self.seconds)
         require_same_source_kind(self.source, self.force_torque, is_simulated)
         with load_named_sensor(self.sensor, self.source) as folder:
+            print_notices(folder.notices)
             writer = self._record(folder)
         messages = {topic.path(folder.id): number for topic, number in sorted(writer.written.items())}
         figures = {"out": str(self.out), "written": messages, "dropped": writer.dropped}

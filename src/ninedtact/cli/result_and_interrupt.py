@@ -38,6 +38,12 @@ def print_notice(sentence: str) -> None:
     print(f"ninedtact: {sentence}", file=sys.stderr, flush=True)
 
 
+def print_notices(sentences: Iterable[str]) -> None:
+    """Print one line for each sentence to standard error."""
+    for sentence in sentences:
+        print_notice(sentence)
+
+
 @dataclass
 class StopSignal:
     """Whether long work is to end: after a Ctrl-C or a termination, or after a given time."""

@@ -31,6 +31,8 @@ from ninedtact.errors import FileFormatError
 
 _ROWS_PER_GROUP = 100
 """Number of rows in memory at once, which is the smallest unit that a reader can read."""
+_READ_ERRORS = (pa.ArrowException, OSError, ValueError, MemoryError)
+"""Exceptions that Arrow raises for a damaged file; text that is not UTF-8 is a `ValueError`."""
 _NO_WRENCH = [float("nan")] * 6
 
 
@@ -61,7 +63,10 @@ def copy_pair_file(path: Path, target: Path, unwanted_rows: Container[int]) -> N
 def _write_parquet_file(path: Path, rows: Iterator[dict[str, Any]], columns: tuple[Column, ...]) -> None:
     """Write rows of column values; this is the only place that writes Parquet."""
     schema = arrow_schema(columns)
-    with open_atomic_file(path) as file, pq.ParquetWriter(file, schema, compression="snappy") as writer:
+    with (
+        open_atomic_file(path) as file,
+        pq.ParquetWriter(file, schema, compression="snappy", write_page_checksum=True) as writer,
+    ):
         while group := list(islice(rows, _ROWS_PER_GROUP)):
             writer.write_table(pa.Table.from_pylist(group, schema=schema))
 
@@ -72,7 +77,7 @@ def iterate_rows(path: Path, columns: Collection[str] | None = None) -> Iterator
     try:
         for batch in file.iter_batches(_ROWS_PER_GROUP, columns=columns and list(columns)):
             yield from batch.to_pylist()
-    except (pa.ArrowException, OSError) as error:
+    except _READ_ERRORS as error:
         raise _parquet_damage(path, error) from error
 
 
@@ -85,7 +90,7 @@ def iterate_rows_at(path: Path, numbers: Collection[int]) -> Iterator[dict[str, 
         if wanted:
             try:
                 yield from file.read_row_group(group).take(wanted).to_pylist()
-            except (pa.ArrowException, OSError) as error:
+            except _READ_ERRORS as error:
                 raise _parquet_damage(path, error) from error
         begin = end
 
@@ -95,8 +100,8 @@ def read_columns(paths: Sequence[Path], columns: Sequence[str]) -> Any:
     tables = []
     for path in paths:
         try:
-            tables.append(pq.read_table(path, columns=list(columns)))
-        except (pa.ArrowException, OSError) as error:
+            tables.append(open_parquet_file(path).read(columns=list(columns)))
+        except _READ_ERRORS as error:
             raise _parquet_damage(path, error) from error
     return pa.concat_tables(tables)
 
@@ -120,8 +125,10 @@ def wrench_vector(value: Any) -> Float32[Array, "6"]:
 def open_parquet_file(path: Path) -> Any:
     """Open a Parquet file; raises `DatasetDamaged`."""
     try:
-        return pq.ParquetFile(path)
-    except (pa.ArrowException, OSError) as error:
+        if not path.is_file():
+            raise OSError("no such file" if not path.exists() else "a folder, a pipe or a device and not a file")
+        return pq.ParquetFile(path, page_checksum_verification=True)
+    except _READ_ERRORS as error:
         raise _parquet_damage(path, error) from error
 
 

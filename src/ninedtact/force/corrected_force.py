@@ -43,6 +43,11 @@ class CorrectedForce(ForceEstimator):
         self.name = f"physics corrected by {self.model.card.name}"
         self.input = NetworkInputBuilder(self.model.card.input, self.features)
 
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """The notices of physics and of the model's file."""
+        return (*self.physics.notices, *self.model.notices)
+
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the corrected wrench about the skin's centre; exactly zero where nothing touches."""
         physics = self.physics.estimate(reading)

@@ -27,6 +27,7 @@ from jaxtyping import Bool, Int, Shaped
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError
 
 Kind = Literal["standard", "object", "sensor", "sensor_and_object"]
@@ -247,7 +248,7 @@ def write_split(path: Path | str, split: DatasetSplit) -> None:
 def read_split(path: Path | str) -> DatasetSplit:
     """Read and check a file that `write_split` wrote; raises `SplitFileUnusable`."""
     try:
-        content = Path(path).read_bytes()
+        content = read_regular_file(path)
         version = msgspec.json.decode(content, type=dict[str, object]).get("format")
         read = msgspec.json.decode(content, type=DatasetSplit)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as trouble:

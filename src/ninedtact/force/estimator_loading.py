@@ -56,12 +56,12 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
     >>> estimator.name
     'force by physics'
     """
-    from ninedtact.force.known_load_scale import ScaledForceEstimator, read_force_scale
+    from ninedtact.force.known_load_scale import load_scaled_estimator
 
     estimator = load_unscaled_estimator(spec, folder)
     if spec == NONE:
         return estimator
-    return ScaledForceEstimator(estimator, read_force_scale(folder.path, estimator.name))
+    return load_scaled_estimator(estimator, folder.path)
 
 
 def load_unscaled_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":

@@ -13,15 +13,17 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 import tomli_w
 from jaxtyping import Float
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
+from ninedtact.checked_reading import CHECKSUM_KEY, convert_within_bounds, read_text_file, values_checksum
 from ninedtact.errors import FileFormatError, ForceError
 from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench
 from ninedtact.quantities import Traction, Wrench, WrenchEstimate
@@ -70,14 +72,14 @@ class KnownLoadPress:
 class ForceScale:
     """Factor by which a sensor's estimated wrenches are multiplied, as a function of the load; the default is a factor of one."""
 
-    factor: float = 1.0
-    curve: float = 0.0
+    factor: Annotated[float, Meta(ge=1 / WIDEST_FACTOR, le=WIDEST_FACTOR)] = 1.0
+    curve: Annotated[float, Meta(ge=-3, le=3)] = 0.0
     """Exponent c of the load, with which the factor changes."""
-    about_n: float = 1.0
+    about_n: Annotated[float, Meta(ge=1e-3, le=1e3)] = 1.0
     """Load F_0 at which the factor is `factor`."""
-    error: float = 0.0
+    error: Annotated[float, Meta(ge=0, le=1)] = 0.0
     """Relative error of a scaled force: root mean square over presses that are left out of the fit one at a time."""
-    presses: int = 0
+    presses: Annotated[int, Meta(ge=0, le=10_000)] = 0
     """Number of presses of known load that the scale was fitted to."""
 
     def at(self, load_n: float) -> float:
@@ -114,6 +116,12 @@ _UNCALIBRATED_NOTICE = (
 )
 
 
+_EDITED_NOTICE = (
+    "force.toml was edited or damaged after the force calibration: its checksum is not that of its numbers; run "
+    "'ninedtact adapt' again if you did not edit it"
+)
+
+
 def _scale_traction(traction: Traction, pressure_factor: float, shear_factor: float) -> Traction:
     """Return a traction with pressure and shear multiplied by their factors."""
     return replace(
@@ -126,13 +134,16 @@ def _scale_traction(traction: Traction, pressure_factor: float, shear_factor: fl
 class ScaledForceEstimator(ForceEstimator):
     """An estimator whose estimates are multiplied by the force scale of one sensor."""
 
-    def __init__(self, estimator: ForceEstimator, adaptation: ForceScale) -> None:
+    def __init__(self, estimator: ForceEstimator, adaptation: ForceScale, is_edited: bool = False) -> None:
         self.name, self.estimator, self.adaptation = estimator.name, estimator, adaptation
+        self.is_edited = is_edited
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """A sentence on the unknown modulus of a sensor without a force calibration, and those of the estimator."""
-        return self.estimator.notices if self.adaptation.presses else (_UNCALIBRATED_NOTICE, *self.estimator.notices)
+        """A sentence on the unknown modulus of a sensor without a force calibration, one on a file of force scales that was edited,
+        and those of the estimator."""
+        own = () if self.adaptation.presses else (_UNCALIBRATED_NOTICE,)
+        return (*own, *((_EDITED_NOTICE,) if self.is_edited else ()), *self.estimator.notices)
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the scaled estimate; a wrench of zero stays exactly zero.
@@ -221,31 +232,44 @@ class ForceScaleFileDamaged(FileFormatError):
     """The file of force scales cannot be read."""
 
 
-def read_force_scale(sensor: Path, estimator: str) -> ForceScale:
-    """Return the force scale of a sensor folder for this estimator, or `UNCALIBRATED` where there is none.
+@dataclass(frozen=True)
+class ForceScaleTables:
+    """The content of the file of force scales."""
+
+    scales: dict[str, ForceScale]
+    """The force scale of each estimator, by its name."""
+    is_edited: bool = False
+    """Whether the numbers of the file differ from those that `write_force_scale` wrote."""
+
+
+def load_scaled_estimator(estimator: ForceEstimator, sensor: Path) -> ScaledForceEstimator:
+    """Return an estimator with the force scale of a sensor folder, `UNCALIBRATED` where there is none.
 
     Raises `ForceScaleFileDamaged`.
     """
-    return read_force_scale_tables(sensor).get(estimator, UNCALIBRATED)
+    found = read_force_scale_tables(sensor)
+    return ScaledForceEstimator(estimator, found.scales.get(estimator.name, UNCALIBRATED), found.is_edited)
 
 
 def write_force_scale(sensor: Path, estimator: str, adaptation: ForceScale) -> Path:
     """Add or replace the table of one estimator and return the file; raises `ForceScaleFileDamaged`, `FileNotWritten`."""
-    found = {**read_force_scale_tables(sensor), estimator: adaptation}
+    found = {**read_force_scale_tables(sensor).scales, estimator: adaptation}
     plain: dict[str, Any] = {name: msgspec.to_builtins(one) for name, one in found.items()}
     with open_atomic_file(sensor / FORCE_SCALE_FILE) as file:
-        tomli_w.dump(plain, file)
+        tomli_w.dump({CHECKSUM_KEY: values_checksum(plain), **plain}, file)
     return sensor / FORCE_SCALE_FILE
 
 
-def read_force_scale_tables(sensor: Path) -> dict[str, ForceScale]:
-    """Return the force scales of a sensor folder by estimator, none where there is no file; raises `ForceScaleFileDamaged`."""
+def read_force_scale_tables(sensor: Path) -> ForceScaleTables:
+    """Return the force scales of a sensor folder, none where there is no file; raises `ForceScaleFileDamaged`."""
     path = sensor / FORCE_SCALE_FILE
     if not path.exists():
-        return {}
+        return ForceScaleTables({})
     try:
-        return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), dict[str, ForceScale])
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as trouble:
+        tables = tomllib.loads(read_text_file(path))
+        is_edited = tables.pop(CHECKSUM_KEY, None) != values_checksum(tables)
+        return ForceScaleTables(convert_within_bounds(tables, dict[str, ForceScale]), is_edited)
+    except (OSError, ValueError, RecursionError) as trouble:
         raise ForceScaleFileDamaged(
             f"expected {path} as 'ninedtact adapt' wrote it, got: {trouble}; delete it and run 'ninedtact adapt' again"
         ) from trouble

@@ -57,6 +57,11 @@ class NetworkForce(ForceEstimator):
         self.input = NetworkInputBuilder(self.model.card.input, self.features or SensorFeatures(self.gel.thickness_mm))
         self._no_contact_std: Float64[Array, 6] | None = None
 
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """The notices of the model's file."""
+        return self.model.notices
+
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
         if self.contact_test(reading):

@@ -15,11 +15,12 @@ from them how to interpret the heights, which are computed with them.
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import islice
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from jaxtyping import Float32
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel, RectifiedImageSize, SensingArea
@@ -140,9 +141,9 @@ class NetworkInputSettings:
     """Channels and grid of a network's input; raises `NetworkInputImpossible`."""
 
     channels: InputChannels = InputChannels.HEIGHTS_AND_GEL
-    rows: int = 60
-    cols: int = 80
-    mm_per_px: float = 0.3
+    rows: Annotated[int, Meta(ge=1, le=4000)] = 60
+    cols: Annotated[int, Meta(ge=1, le=4000)] = 80
+    mm_per_px: Annotated[float, Meta(ge=0.001, le=20)] = 0.3
 
     def __post_init__(self) -> None:
         if min(self.rows, self.cols) < 1 or not self.mm_per_px > 0:

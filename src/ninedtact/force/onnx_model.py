@@ -2,7 +2,7 @@
 
 The graph takes `input` (n, channels, rows, cols) float32 and returns `wrench` (n, 6) in N and N·m. Networks that predict their own
 errors also return `scale` (n, 6), the scale of the wrench's Laplace distribution. The metadata key `ninedtact` holds the card
-(`ModelCard`) as JSON.
+(`ModelCard`) as JSON, and `ninedtact_checksum` the checksum of the whole file, computed with zeros in its own place.
 
 `SHIPPED_MODEL` is the model of the package; its card says on how much it was trained.
 """
@@ -10,14 +10,15 @@ errors also return `scale` (n, 6), the scale of the wrench's Laplace distributio
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import numpy as np
 from jaxtyping import Float32, Float64
-from msgspec import Struct
+from msgspec import Meta, Struct
 from numpy import ndarray as Array
 
+from ninedtact.checked_reading import convert_within_bounds, read_regular_file
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.out_of_distribution import StatisticRange
@@ -32,19 +33,25 @@ _SHIPPED_SHA256 = "82e1aff5ecc359b1eb40098940984155502c3c27fa6440d7b0590be46cb29
 
 MODEL_FORMAT = 2
 """Format number, raised when older versions of this package can no longer use the file."""
-SixNumbers = tuple[float, float, float, float, float, float]
+_MOST_BYTES = 2_000_000_000
+"""Largest size of a file; ONNX stores no more in one."""
+_Load = Annotated[float, Meta(ge=-1e4, le=1e4)]
+"""Force in N or torque in N·m."""
+SixNumbers = tuple[_Load, _Load, _Load, _Load, _Load, _Load]
+_PointMm = Annotated[float, Meta(ge=-1000, le=1000)]
+_Count = Annotated[int, Meta(ge=0, le=10**12)]
 
 
 class TrainingSummary(Struct, frozen=True, forbid_unknown_fields=True):
     """Data, epochs, settings and package versions of the training that a model comes from."""
 
-    pairs: int
-    validation_pairs: int
-    objects: int
-    sensors: int
-    epochs: int
-    best_epoch: int
-    seconds: float
+    pairs: _Count
+    validation_pairs: _Count
+    objects: _Count
+    sensors: _Count
+    epochs: _Count
+    best_epoch: _Count
+    seconds: Annotated[float, Meta(ge=0, le=1e9)]
     settings: dict[str, Any]
     versions: dict[str, str]
 
@@ -56,9 +63,9 @@ class ModelCard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     name: str
     network: str
     input: NetworkInputSettings
-    about_mm: tuple[float, float, float]
+    about_mm: tuple[_PointMm, _PointMm, _PointMm]
     """Point of the graph's torques."""
-    modulus_mpa: float
+    modulus_mpa: Annotated[float, Meta(ge=0.003, le=3)]
     """Shear modulus of the gel that the graph's wrench is for; the wrench is proportional to a sensor's own modulus."""
     wrench_min: SixNumbers
     """Smallest of the training's wrenches on each axis, about the skin's centre."""
@@ -71,8 +78,17 @@ class ModelCard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Tables of `WrenchEvaluation.to_json_dict`, by the name of the evaluated data."""
     licence: str
 
+    def __post_init__(self) -> None:
+        """Refuse ranges whose lower end is above their upper end."""
+        wrenches = (("wrench_min", pair) for pair in zip(self.wrench_min, self.wrench_max, strict=True))
+        for name, (low, high) in (*wrenches, *self.input_ranges.items()):
+            if not low <= high:
+                raise ValueError(f"{name} from {low:g} to {high:g}, a range that falls")
 
-METADATA_KEY = "ninedtact"
+
+METADATA_KEY, CHECKSUM_METADATA_KEY = "ninedtact", "ninedtact_checksum"
+CHECKSUM_PLACEHOLDER = "0" * 64
+"""Value of the checksum while it is computed."""
 INPUT_NAME, WRENCH_NAME, SCALE_NAME = "input", "wrench", "scale"
 FATAL = 4
 
@@ -96,17 +112,43 @@ class ForceModel:
 
     card: ModelCard
     session: "InferenceSession"
+    file: str = "a force model"
+    """Name of the file, for messages."""
+    is_edited: bool = False
+    """Whether the content of the file differs from what was written."""
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """A sentence where the file was edited or damaged since it was written."""
+        edited = (
+            f"{self.file} was edited or damaged after it was written: its checksum is not that of its content; copy or train it "
+            "again if you did not edit it"
+        )
+        return (edited,) if self.is_edited else ()
 
     def __call__(self, inputs: Float32[Array, "n channels rows cols"]) -> WrenchPrediction:
-        """Return the predictions for a gel of `card.modulus_mpa`, with torques about `card.about_mm`."""
-        found = [np.asarray(array, np.float64) for array in self.session.run(None, {INPUT_NAME: inputs})]
-        return WrenchPrediction(found[0], found[1] if len(found) > 1 else np.full_like(found[0], np.inf))
+        """Return the predictions for a gel of `card.modulus_mpa`, with torques about `card.about_mm`.
+
+        Raises `ForceModelUnusable` where the graph cannot be run, or where its answer is not a number.
+        """
+        try:
+            found = [np.asarray(array, np.float64) for array in self.session.run(None, {INPUT_NAME: inputs})]
+        except Exception as trouble:  # the exceptions of ONNX Runtime have no other common base class
+            raise ForceModelUnusable(
+                f"expected the graph in {self.file} to run, got: {_first_line(trouble)}; copy or train it again"
+            ) from trouble
+        prediction = WrenchPrediction(found[0], found[1] if len(found) > 1 else np.full_like(found[0], np.inf))
+        if not np.isfinite(prediction.wrench).all() or np.isnan(prediction.scale).any():
+            raise ForceModelUnusable(
+                f"expected finite weights in {self.file}, got a network whose wrench is not a number; copy or train it again"
+            )
+        return prediction
 
 
 def read_force_model(path: Path | str) -> ForceModel:
     """Read and check a model; raises `ForceModelUnusable`."""
     try:
-        content = Path(path).read_bytes()
+        content = read_regular_file(path, _MOST_BYTES)
     except OSError as trouble:
         raise ForceModelUnusable(f"expected a force model, got: {trouble}; give the .onnx file of one") from trouble
     if Path(path) == SHIPPED_MODEL and sha256(content).hexdigest() != _SHIPPED_SHA256:
@@ -121,9 +163,30 @@ def parse_force_model(content: bytes, name: str) -> ForceModel:
     session = session_of(content, name)
     card = read_model_card(session, name)
     require_graph(session, card, name)
-    model = ForceModel(card, session)
-    _require_finite_answer(model, name)
+    model = ForceModel(card, session, name, not _has_own_checksum(session, content))
+    model(np.zeros((1, *card.input.shape), np.float32))
     return model
+
+
+def _first_line(trouble: Exception) -> str:
+    """Return the first line of an exception's message."""
+    return (str(trouble).splitlines() or [""])[0]
+
+
+def stamp_checksum(content: bytes) -> bytes:
+    """Return a file with its checksum in place of `CHECKSUM_PLACEHOLDER`, the value of its metadata key."""
+    start = content.index(CHECKSUM_PLACEHOLDER.encode(), content.rindex(CHECKSUM_METADATA_KEY.encode()))
+    end = start + len(CHECKSUM_PLACEHOLDER)
+    return content[:start] + sha256(content).hexdigest().encode() + content[end:]
+
+
+def _has_own_checksum(session: "InferenceSession", content: bytes) -> bool:
+    """Return whether a file is as `stamp_checksum` returned it, or the model that ships with the package."""
+    stated = session.get_modelmeta().custom_metadata_map.get(CHECKSUM_METADATA_KEY, "").encode()
+    if len(stated) == len(CHECKSUM_PLACEHOLDER) and content.count(stated) == 1:
+        blank = content.replace(stated, CHECKSUM_PLACEHOLDER.encode())
+        return sha256(blank).hexdigest().encode() == stated
+    return sha256(content).hexdigest() == _SHIPPED_SHA256
 
 
 def session_of(content: bytes, name: str) -> "InferenceSession":
@@ -142,9 +205,9 @@ def session_of(content: bytes, name: str) -> "InferenceSession":
     try:
         return InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as trouble:  # the exceptions of ONNX Runtime have no other common base class
-        said = (str(trouble).splitlines() or [""])[0]
         raise ForceModelUnusable(
-            f"expected a whole ONNX model in {name}, got {len(content)} bytes that are none ({said}); copy or train it again"
+            f"expected a whole ONNX model in {name}, got {len(content)} bytes that are none ({_first_line(trouble)}); copy or "
+            "train it again"
         ) from trouble
 
 
@@ -162,8 +225,8 @@ def read_model_card(session: "InferenceSession", name: str) -> ModelCard:
             raise ForceModelUnusable(
                 f"expected {name} in format {MODEL_FORMAT}, got format {table.get('format')}; update ninedtact, or train again"
             )
-        return msgspec.convert(table, ModelCard)
-    except (msgspec.MsgspecError, NinedtactError) as trouble:
+        return convert_within_bounds(table, ModelCard)
+    except (ValueError, RecursionError, NinedtactError) as trouble:
         if isinstance(trouble, ForceModelUnusable):
             raise
         raise ForceModelUnusable(
@@ -180,15 +243,6 @@ def require_graph(session: "InferenceSession", card: ModelCard, name: str) -> No
         raise ForceModelUnusable(
             f"expected a graph in {name} from {expected[0][1]} to {WRENCH_NAME} and {SCALE_NAME}, got "
             f"{format_tensor_names(taken)} to {format_tensor_names(given)}; train it again"
-        )
-
-
-def _require_finite_answer(model: ForceModel, name: str) -> None:
-    """Raise `ForceModelUnusable` for a network that has no finite wrench for untouched skin: its weights are not all numbers."""
-    prediction = model(np.zeros((1, *model.card.input.shape), np.float32))
-    if not np.isfinite(prediction.wrench).all() or np.isnan(prediction.scale).any():
-        raise ForceModelUnusable(
-            f"expected finite weights in {name}, got a network whose wrench is not a number; copy or train it again"
         )
 
 

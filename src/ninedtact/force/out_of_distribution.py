@@ -10,16 +10,18 @@ sensor_feature_1 …    features of the sensor (for networks that have them as c
 The ranges are stored in the model's card, and an input beyond them gets a warning.
 """
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float32, Float64
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.force.network_input import InputChannels
 
 Inputs = Float32[Array, "n channels rows cols"]
-StatisticRange = tuple[float, float]
+_Statistic = Annotated[float, Meta(ge=-1e6, le=1e6)]
+StatisticRange = tuple[_Statistic, _Statistic]
 _PRESSED_ABOVE = {True: 0.02, False: 5.0}
 """Threshold of `pressed_fraction`: in gel thicknesses for height channels (True), in grey levels for image channels (False)."""
 SHARES = (0.1, 99.9)

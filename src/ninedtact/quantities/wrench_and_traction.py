@@ -108,6 +108,8 @@ class EstimateWarning(StrEnum):
     """The contact extends beyond the camera's view."""
     REFERENCE_UNLIKE_CALIBRATION = "reference unlike the calibrated one"
     """The reference image of this session shows another sensor or something that touches the gel, or is overexposed."""
+    CALIBRATION_EDITED = "calibration edited"
+    """The numbers of `sensor.toml` are not those that the calibration wrote."""
     IMAGE_DARK = "image dark"
     """The image is too dark to show anything: light off, lens covered, exposure changed."""
     IMAGE_OVEREXPOSED = "image overexposed"

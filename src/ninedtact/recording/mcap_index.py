@@ -16,7 +16,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Schema
+from mcap.records import Attachment, Channel, Chunk, Schema, Statistics
 from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 from numpy import ndarray as Array
@@ -79,7 +79,24 @@ def index_mcap_records(file: BinaryIO, name: str) -> McapIndex:
         found.end = span.end
     if found.finished and not is_over:
         raise damage_error(name, found.end)
+    if found.finished:
+        _require_counted_messages(found, file, name)
     return found
+
+
+def _require_counted_messages(found: McapIndex, file: BinaryIO, name: str) -> None:
+    """Compare a finished file with the counts of its own summary; raises `RecordingUnreadable` where something is missing."""
+    spans = _iterate_records(file, found.end)
+    stated = next((Statistics.read(record_stream(file, one)) for one in spans if one.opcode == Opcode.STATISTICS), None)
+    messages = {channel: sum(map(len, parts)) for channel, parts in found.positions.items()}
+    counts = len(found.chunks), len(found.attachments), len(found.metadata), messages
+    if stated is not None and counts != (
+        stated.chunk_count,
+        stated.attachment_count,
+        stated.metadata_count,
+        {channel: count for channel, count in stated.channel_message_counts.items() if count},
+    ):
+        raise damage_error(name, found.end)
 
 
 def _is_finished(file: BinaryIO) -> bool:
@@ -88,9 +105,9 @@ def _is_finished(file: BinaryIO) -> bool:
     return file.read() == MCAP0_MAGIC
 
 
-def _iterate_records(file: BinaryIO) -> Iterator[McapRecordSpan]:
-    """Yield the whole records after the magic bytes."""
-    size, start = file.seek(0, 2), len(MCAP0_MAGIC)
+def _iterate_records(file: BinaryIO, start: int = len(MCAP0_MAGIC)) -> Iterator[McapRecordSpan]:
+    """Yield the whole records from a position on, by default after the magic bytes."""
+    size = file.seek(0, 2)
     while start + RECORD_PREFIX_BYTES <= size:
         file.seek(start)
         prefix = file.read(RECORD_PREFIX_BYTES)

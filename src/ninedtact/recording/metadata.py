@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from secrets import token_hex
 
+from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
 from ninedtact.recording.errors import RecordingUnreadable
 
 METADATA_RECORD = "ninedtact"
@@ -52,8 +53,9 @@ class RecordingMetadata:
         return stamp_ns + self.wall_minus_monotonic_ns
 
     def to_mcap_metadata(self) -> dict[str, str]:
-        """Return the format number and all fields as strings by name, as MCAP keeps them."""
-        return {"format": str(RECORDING_FORMAT), **{name: str(value) for name, value in asdict(self).items()}}
+        """Return the format number and all fields as strings by name, as MCAP keeps them, with their checksum."""
+        values = {"format": str(RECORDING_FORMAT), **{name: str(value) for name, value in asdict(self).items()}}
+        return {**values, CHECKSUM_KEY: values_checksum(values)}
 
 
 def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> RecordingMetadata:
@@ -67,6 +69,10 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
         age = "a newer" if version > RECORDING_FORMAT else "an older"
         raise RecordingUnreadable(
             f"expected {name} in format {RECORDING_FORMAT}, got format {version} from {age} ninedtact; {remedy}"
+        )
+    if metadata.get(CHECKSUM_KEY) not in (None, values_checksum(metadata)):
+        raise RecordingUnreadable(
+            f"expected the description of {name} as it was written, got other values than its checksum; restore it from a copy"
         )
     try:
         values = {entry.name: metadata[entry.name] for entry in fields(RecordingMetadata)}

@@ -128,6 +128,7 @@ class ReadingComputer:
             rectified = self.shape.rectify(waiting)
             height, reference = depth_reader(rectified), depth_reader.reference
             warnings = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self.reference_faults else ()
+            warnings = (*self.shape.warnings, *warnings)
             yield Reading(waiting, rectified, height, reference=reference, reference_warnings=warnings)
 
     def _readable(self, frame: Frame) -> Iterator[tuple[Frame, DepthReader]]:

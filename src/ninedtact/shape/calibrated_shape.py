@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from ninedtact.errors import CalibrationError
-from ninedtact.quantities import Frame, Rectified
+from ninedtact.quantities import EstimateWarning, Frame, Rectified
 from ninedtact.shape.depth import FINE_SMOOTHING, Deblurring, DepthCurve, DepthReader, LightLoss, Smoothing
 from ninedtact.shape.rectification import Rectification
 
@@ -37,6 +37,8 @@ class CalibratedShape:
     loss: LightLoss = LightLoss()
     deblurring: Deblurring | None = None
     """The removal of the point spread of this sensor's light; None where the calibration does not determine it."""
+    warnings: tuple[EstimateWarning, ...] = ()
+    """Reasons to distrust everything that is measured with this calibration; every reading carries them."""
 
     def fast(self) -> "CalibratedShape":
         """Return the same sensor without deblurring: faster, and three times less accurate (docs/accuracy.md)."""

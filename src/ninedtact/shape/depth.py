@@ -11,11 +11,12 @@ known point spread (Wiener 1949, docs/references.md).
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
 from jaxtyping import Float, Float32, UInt8, UInt16
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
@@ -40,7 +41,7 @@ ROUNDS = 4
 class LightLoss:
     """The model of the relative loss of light c of a whole image, in which a part of the skin is dark."""
 
-    global_dimming: float = 0.0
+    global_dimming: Annotated[float, Meta(ge=0, le=10)] = 0.0
     """c per mean darkening of the view; zero where the calibration does not determine it."""
 
     def __call__(self, grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]) -> float:
@@ -69,9 +70,9 @@ COARSEST = 3
 class Deblurring:
     """The removal of a Gaussian point spread, as far as noise allows."""
 
-    point_spread_mm: float
+    point_spread_mm: Annotated[float, Meta(ge=0.01, le=5)]
     """Standard deviation of the point spread."""
-    floor: float = 0.03
+    floor: Annotated[float, Meta(ge=1e-4, le=1)] = 0.03
     """Power of noise relative to signal; detail that scattering has attenuated below this level is not restored."""
 
     def __call__(self, field: Float32[Array, "rows cols"], mm_per_px: float) -> Float32[Array, "rows cols"]:
@@ -133,13 +134,18 @@ class DepthCurveImpossible(InputError):
     """The given points are not a valid depth curve."""
 
 
+_Signal = Annotated[float, Meta(ge=0, le=255)]
+_KnotMm = Annotated[float, Meta(ge=0, le=15)]
+"""Height or error at a knot; no gel is thicker (`design.DIMENSION_RANGES`)."""
+
+
 @dataclass(frozen=True)
 class CurveContinuation:
     """Knots beyond the deepest calibrated indentation, where the curve follows the brightness model alone; by default none."""
 
-    darkening: tuple[float, ...] = ()
-    indentation_mm: tuple[float, ...] = ()
-    error_mm: tuple[float, ...] = ()
+    darkening: tuple[_Signal, ...] = ()
+    indentation_mm: tuple[_KnotMm, ...] = ()
+    error_mm: tuple[_KnotMm, ...] = ()
     """Standard deviation at each knot, which grows with the distance from the calibrated range."""
 
 
@@ -148,15 +154,15 @@ class DepthCurve:
     """Darkening → indentation and, where it is calibrated, brightening → bulge; both are monotone and zero at zero."""
 
     signal: BrightnessSignal
-    darkening: tuple[float, ...]
+    darkening: tuple[_Signal, ...]
     """Ascending from 0; in grey levels for `difference`, as a fraction of the reference brightness for `ratio`."""
-    indentation_mm: tuple[float, ...]
-    error_mm: tuple[float, ...]
+    indentation_mm: tuple[_KnotMm, ...]
+    error_mm: tuple[_KnotMm, ...]
     """Standard deviation at each knot: the scatter of the pixels about the curve, combined with the cross-validation error between
     the halves of the ball's disc.
     """
-    brightening: tuple[float, ...] = (0.0,)
-    bulge_mm: tuple[float, ...] = (0.0,)
+    brightening: tuple[_Signal, ...] = (0.0,)
+    bulge_mm: tuple[_KnotMm, ...] = (0.0,)
     beyond: CurveContinuation = CurveContinuation()
     """The continuation of the curve; heights there count as extrapolated. Beyond all knots the end value is kept."""
 
@@ -235,8 +241,8 @@ def require_curve(name: str, signal: tuple[float, ...], length_mm: tuple[float, 
 class Smoothing:
     """The two Gaussian filters after the look-up (the paper's), standard deviations in rectified pixels."""
 
-    first_px: float = 1.5
-    second_px: float = 1.5
+    first_px: Annotated[float, Meta(ge=0, le=50)] = 1.5
+    second_px: Annotated[float, Meta(ge=0, le=50)] = 1.5
 
     @property
     def combined_px(self) -> float:

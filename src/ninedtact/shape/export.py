@@ -20,6 +20,7 @@ from jaxtyping import Float32, Int32, UInt16
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError, OutputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud
 from ninedtact.shape.surface import point_cloud, surface_mesh, triangulate_view
@@ -67,7 +68,7 @@ def levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
 def read_height_png(path: Path | str) -> HeightMap:
     """Read back what `encode_height_png` encoded; raises `HeightImageUnreadable`."""
     try:
-        return decode_height_png(Path(path).read_bytes())
+        return decode_height_png(read_regular_file(path))
     except (OSError, ValueError, KeyError, struct.error, cv2.error) as trouble:
         raise HeightImageUnreadable(
             f"expected {path} to be an undamaged height image (16-bit grey PNG with its scale as text), "

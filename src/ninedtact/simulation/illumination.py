@@ -14,12 +14,13 @@ A twin that has no reference image gets a synthetic one: eight white LEDs around
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from array_api_compat import array_namespace
 from jaxtyping import Float, Float32
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
@@ -35,21 +36,21 @@ class InvalidBrightnessModel(InputError):
 class BrightnessModel:
     """How the brightness of one sensor's image follows the height of its skin. Defaults are those of an average sensor."""
 
-    darkening_per_mm: float = 0.13
+    darkening_per_mm: Annotated[float, Meta(ge=0, le=5)] = 0.13
     """Slope of f where indentation begins."""
-    saturation: float = 0.6
+    saturation: Annotated[float, Meta(ge=0, le=100)] = 0.6
     """The product of S and the thickness: how much faster the last millimetre darkens than the first; zero gives a straight
     line."""
-    brightening_per_mm: float = 0.4
+    brightening_per_mm: Annotated[float, Meta(ge=0, le=20)] = 0.4
     """Slope of f where the gel bulges."""
-    point_spread_mm: float = 0.45
+    point_spread_mm: Annotated[float, Meta(ge=0, le=5)] = 0.45
     """Standard deviation of the point-spread."""
-    global_dimming: float = 1.05
+    global_dimming: Annotated[float, Meta(ge=0, le=10)] = 1.05
     """Light that the whole image loses, c, per mean darkening of the view."""
-    inverse_distance_per_mm: float = 0.05
+    inverse_distance_per_mm: Annotated[float, Meta(ge=0, le=1)] = 0.05
     """Inverse of the apparent viewing distance: pressed skin appears displaced outwards by its height times its distance from
     the axis times this. Light comes from within the gel and is refracted, so the camera's position alone does not give it."""
-    thickness_mm: float = 2.5
+    thickness_mm: Annotated[float, Meta(ge=0.1, le=20)] = 2.5
     """Thickness of the gel that f assumes."""
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import InputError, OutputError
+from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -63,6 +64,10 @@ def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, n
         return WAITING_STATUS
     if frozen:
         return SensorStatus("held", f"frozen, what is shown is {_format_duration(age_ms)} old")
+    if EstimateWarning.CALIBRATION_EDITED in reading.reference_warnings:
+        return SensorStatus(
+            "warned", f"{', '.join(reading.reference_warnings)}; calibrate again if you did not edit it"
+        )
     if reading.reference_warnings:
         return SensorStatus(
             "warned", f"{', '.join(reading.reference_warnings)}; take it again, or name the right sensor"

@@ -20,6 +20,7 @@ from tokenize import TokenError
 import numpy as np
 from jaxtyping import Float, Float32, Int32, Shaped
 from numpy import ndarray as Array
+from scipy.optimize import isotonic_regression
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import RectifiedImageSize
@@ -69,7 +70,7 @@ def _load_npy(path: Path) -> object:
         )
     try:
         return np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError) as trouble:
+    except (OSError, ValueError, EOFError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError) as trouble:
         raise _make_damaged_file_error(
             path, "a whole .npy file without Python objects", _first_line(trouble)
         ) from trouble
@@ -108,8 +109,16 @@ ORIGINAL_FILES = (ROW_INDEX, COL_INDEX, POSITION_SCALE, PIXEL_TO_DEPTH)
 GREY_LEVELS = 256
 OUT_OF_VIEW_PX = -1.0
 """Source coordinate of a pixel out of view, in this package's maps."""
-COARSEST_MM_PER_PX = 1.0
-"""Scale above which the value is pixels per mm, as the original's variable name says."""
+FINEST_MM_PER_PX, COARSEST_MM_PER_PX = 0.005, 1.0
+"""Smallest scale of a sensor, and scale above which the value is pixels per mm, as the original's variable name says."""
+_MIN_SPAN_PX = 16
+"""Smallest range of an index map within the crop; a constant map shows one line of the image everywhere."""
+_MAX_STEP_PX, _MIN_SMOOTH_SHARE = 8, 0.9
+"""Largest step from pixel to pixel of an index map, and share of the crop that keeps it; a lens gives steps of one or two."""
+_SLOPE_RANGE = 0.004, 0.25
+"""Smallest and largest depth in mm per grey level, eight times less and more than that of a real sensor."""
+_MAX_FALL_MM = 0.1
+"""Largest deviation (RMS) of a depth list from the nearest one that does not fall."""
 
 
 @dataclass(frozen=True)
@@ -140,8 +149,8 @@ class OriginalCalibration:
         return source
 
 
-def read_original_calibration(folder: Path, view: RectifiedImageSize) -> OriginalCalibration:
-    """Read `sensor_N`, or the one `sensor_N` in a folder; raises `OriginalFolderDamaged`."""
+def read_original_calibration(folder: Path, view: RectifiedImageSize, thickness_mm: float) -> OriginalCalibration:
+    """Read `sensor_N`, or the one `sensor_N` in a folder, of a gel of this thickness; raises `OriginalFolderDamaged`."""
     where = find_original_sensor_folder(folder, ORIGINAL_FILES)
     row_index, col_index = _read_index_map(where / ROW_INDEX, 0), _read_index_map(where / COL_INDEX, 1)
     _require_equal_shapes(where, row_index.shape, col_index.shape)
@@ -149,9 +158,10 @@ def read_original_calibration(folder: Path, view: RectifiedImageSize) -> Origina
         row_index,
         col_index,
         _read_position_scale(where / POSITION_SCALE),
-        _read_depth_list(where / PIXEL_TO_DEPTH),
+        _read_depth_list(where / PIXEL_TO_DEPTH, thickness_mm),
     )
     _require_crop_inside(where, calibration, view)
+    _require_smooth_maps(where, calibration, view)
     return calibration
 
 
@@ -183,7 +193,7 @@ def _read_position_scale(path: Path) -> Float[Array, "3"]:
         raise OriginalFolderDamaged(
             f"expected row, column and mm per pixel in {path}, got {numbers.size} numbers; calibrate the camera again"
         )
-    if not 0 < numbers[2] < COARSEST_MM_PER_PX:
+    if not FINEST_MM_PER_PX < numbers[2] < COARSEST_MM_PER_PX:
         raise OriginalFolderDamaged(
             f"expected mm per pixel (about 0.05) as the third number of {path}, got {numbers[2]:g}; if that is pixels "
             "per mm, store its inverse"
@@ -191,15 +201,47 @@ def _read_position_scale(path: Path) -> Float[Array, "3"]:
     return numbers
 
 
-def _read_depth_list(path: Path) -> Float[Array, " levels"]:
-    """Return a depth list, checked to contain a depth for at least one grey level."""
+def _read_depth_list(path: Path, thickness_mm: float) -> Float[Array, " levels"]:
+    """Return a depth list, checked to hold a depth for at least one grey level, none beyond the gel, and to rise."""
     depth_mm = read_finite_npy(path, 1)
     if depth_mm.size > GREY_LEVELS or not (depth_mm[1:] > 0).any():
         raise OriginalFolderDamaged(
             f"expected depths in mm for up to {GREY_LEVELS} grey levels in {path}, got {depth_mm.size} numbers of "
             f"which {int((depth_mm[1:] > 0).sum())} are depths; calibrate the depth again"
         )
+    known = depth_mm[1:][depth_mm[1:] > 0]
+    slope = known.max() / depth_mm.size
+    if depth_mm[1:].min() < 0 or not _SLOPE_RANGE[0] <= slope <= _SLOPE_RANGE[1]:
+        raise OriginalFolderDamaged(
+            f"expected depths in mm, none below zero and about 0.03 mm more for every grey level, in {path}, got "
+            f"{depth_mm[1:].min():g} to {known.max():g} mm for {depth_mm.size} levels; copy the file again or calibrate the depth "
+            "again"
+        )
+    if (fall := np.sqrt(np.mean((isotonic_regression(known).x - known) ** 2))) > _MAX_FALL_MM:
+        raise OriginalFolderDamaged(
+            f"expected depths that rise with the darkening in {path}, got a list that is {fall:.2f} mm (RMS) from any that does; "
+            "calibrate the depth again"
+        )
+    if known.max() > thickness_mm:
+        raise OriginalFolderDamaged(
+            f"expected depths up to the gel's thickness of {thickness_mm:g} mm in {path}, got {known.max():g} mm; give the "
+            "thickness of your gel with --gel-mm, or calibrate the depth again"
+        )
     return depth_mm
+
+
+def _require_smooth_maps(folder: Path, calibration: OriginalCalibration, view: RectifiedImageSize) -> None:
+    """Refuse index maps that no lens gives: constant within the crop, or with steps from pixel to pixel."""
+    (row, col), maps = calibration.start(view), (calibration.row_index, calibration.col_index)
+    for file, index in zip((ROW_INDEX, COL_INDEX), maps, strict=True):
+        crop = index[row : row + view.rows, col : col + view.cols]
+        steps = (np.abs(np.diff(crop, axis=axis)) <= _MAX_STEP_PX for axis in (0, 1))
+        smooth = min((float(one.mean()) for one in steps if one.size), default=1.0)
+        if (span := int(np.ptp(crop))) < min(_MIN_SPAN_PX, *crop.shape) or smooth < _MIN_SMOOTH_SHARE:
+            raise OriginalFolderDamaged(
+                f"expected the smooth map of a lens in {folder / file}, got one that spans {span} pixels and is smooth on "
+                f"{smooth:.0%} of the crop; copy the file again or calibrate the camera again"
+            )
 
 
 def _require_equal_shapes(folder: Path, shape: tuple[int, ...], other: tuple[int, ...]) -> None:

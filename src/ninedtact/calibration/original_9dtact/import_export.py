@@ -162,7 +162,7 @@ def import_original_calibration(
     `SensorFolderNotReplaceable`, `FileNotWritten`, `OSError`.
     """
     source = find_original_sensor_folder(folder, ORIGINAL_FILES)
-    calibration = read_original_calibration(source, design.field_of_view)
+    calibration = read_original_calibration(source, design.field_of_view, design.gel.thickness_mm)
     with create_sensor_folder(out) as partial:
         write_npy(partial / PIXEL_MAP_FILE, calibration.source_px(design.field_of_view))
         for file in ORIGINAL_FILES:
@@ -232,7 +232,7 @@ def _maps_to_export(sensor: SensorFolder) -> OriginalCalibration:
         row_index, col_index, centre = _build_index_maps(sensor)
         scale = np.array([*centre, sensor.record.grid.mm_per_px], float)
         return OriginalCalibration(row_index, col_index, scale, np.zeros(1))
-    calibration = read_original_calibration(kept, view)
+    calibration = read_original_calibration(kept, view, sensor.record.design.gel.thickness_mm)
     if not np.array_equal(calibration.source_px(view), sensor.rectification.source_px):
         raise OriginalFolderDamaged(f"expected {kept} as it was imported, got other maps; import the sensor again")
     return calibration

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notice, print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_notices, print_result
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 
@@ -61,6 +61,7 @@ class Estimate:
         with load_named_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             from ninedtact.force.estimator_loading import load_estimator
 
+            print_notices(folder.notices)
             estimator = load_estimator(self.force, folder)
             found: list[dict[str, Any]] = []
             damage: FileFormatError | None = None

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.design import SensingArea
 
 if TYPE_CHECKING:
@@ -84,7 +84,9 @@ class Press:
         from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 
-        return build_sensor_twin(load_sensor(self.sensor))
+        folder = load_sensor(self.sensor)
+        print_notices(folder.notices)
+        return build_sensor_twin(folder)
 
     def write_files(self, indenter: "Indenter", contact: "Contact", found: dict[str, Any]) -> dict[str, str]:
         """Write all files, and return the path of each by its name."""

@@ -16,6 +16,7 @@ from typing import NoReturn
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.checked_reading import read_text_file
 from ninedtact.force.evaluation.predictions import (
     AXES,
     ErrorDistribution,
@@ -52,7 +53,7 @@ def read_predictions(
 def _read_csv_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Return the header, and the rows with their line numbers; raises `PredictionsUnusable`."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text_file(path).removeprefix("\ufeff")
         reader = csv.reader(StringIO(text, newline=""), strict=True)
         filled = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
     except (OSError, UnicodeDecodeError, csv.Error) as trouble:

@@ -11,6 +11,8 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import OutputError
 from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.onnx_model import (
+    CHECKSUM_METADATA_KEY,
+    CHECKSUM_PLACEHOLDER,
     INPUT_NAME,
     METADATA_KEY,
     SCALE_NAME,
@@ -19,6 +21,7 @@ from ninedtact.force.onnx_model import (
     ModelCard,
     parse_force_model,
     read_force_model,
+    stamp_checksum,
 )
 from ninedtact.force.training.lightning_adaptations import silence_loggers
 
@@ -73,9 +76,10 @@ def _build_onnx_graph(network: WrenchNetwork, card: ModelCard) -> onnx.ModelProt
 
 def _serialise_with_card(graph: onnx.ModelProto, card: ModelCard) -> bytes:
     """Return the content of the model file."""
-    onnx.helper.set_model_props(graph, {METADATA_KEY: msgspec.json.encode(card).decode()})
+    card_text = msgspec.json.encode(card).decode()
+    onnx.helper.set_model_props(graph, {METADATA_KEY: card_text, CHECKSUM_METADATA_KEY: CHECKSUM_PLACEHOLDER})
     _remove_traces(graph)
-    return graph.SerializeToString()
+    return stamp_checksum(graph.SerializeToString())
 
 
 def _remove_traces(graph: onnx.ModelProto) -> None:
