@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster lock licences lint types coverage docs benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster chaos soak lock licences lint types coverage docs benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -70,6 +70,13 @@ licences: .venv/ready
 # Work on local clusters of Dask and Ray, which are started and ended here. Types are checked by `make test`.
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
+
+# Commands that are interrupted, killed or out of disk, and hours of use in half an hour: docs/reliability.md holds the tables.
+chaos: .venv/ready
+	.venv/bin/python benchmarks/chaos.py
+
+soak: .venv/ready
+	.venv/bin/python benchmarks/soak.py
 
 lint: .venv/ready
 	.venv/bin/ruff check .
