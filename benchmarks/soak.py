@@ -2,8 +2,8 @@
 
 One round: a sensor opens, its page is watched by three browsers, one of which never reads, and it is read as fast as it can be with
 force by physics and a reference that follows; it closes, then a recording with heights and forces is made, read back and deleted.
-Memory, threads, open files (sockets among them) and child processes are counted after each round. What counts is their growth from the second round on, when
-everything has been used once. Run it with `make soak`.
+Memory, threads, open files (sockets among them) and child processes are counted after each round. What counts is their growth from
+the second round on, when everything has been used once. Run it with `make soak`.
 """
 
 import gc
