@@ -6,7 +6,16 @@ import pytest
 
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.shape.calibrated_shape import ReferenceUnusable, mean_rectified_image
-from ninedtact.shape.depth import CurveContinuation, DepthCurve, DepthCurveImpossible, DepthReader, Smoothing
+from ninedtact.shape.depth import (
+    FINE_SMOOTHING,
+    CurveContinuation,
+    Deblurring,
+    DepthCurve,
+    DepthCurveImpossible,
+    DepthReader,
+    Smoothing,
+    look_up_heights,
+)
 
 BEYOND = CurveContinuation((0.35, 0.6), (1.3, 1.8), (0.06, 0.16))
 CURVE = DepthCurve("ratio", (0.0, 0.1, 0.2), (0.0, 0.5, 1.0), (0.0, 0.01, 0.02), (0.0, 0.4), (0.0, 1.0), BEYOND)
@@ -61,3 +70,21 @@ def test_a_reference_of_images_of_different_brightness_is_refused() -> None:
     assert mean_rectified_image(steady).grey == pytest.approx(151)
     with pytest.raises(ReferenceUnusable, match="of one brightness, got mean grey levels from 3 to 152"):
         mean_rectified_image([Rectified(np.full((4, 5), 3, np.float32), 0.05), *steady])
+
+
+def test_deblurred_heights_equal_those_looked_up_at_every_pixel() -> None:
+    y, x = np.mgrid[:345, :460] * 0.052
+    dent = np.exp(-((x - 11) ** 2 + (y - 8) ** 2) / 4) - 0.1 * np.exp(-((x - 14) ** 2 + (y - 8) ** 2) / 8)
+    curve = DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 0.8, 2.0), (0.01,) * 3, (0.0, 0.1), (0.0, 0.3))
+    before = Rectified(np.full(x.shape, 150, np.float32), 0.052)
+    source = np.full(x.shape, HeightSource.MEASURED, np.uint8)
+    reader = DepthReader(curve, before, source, FINE_SMOOTHING, deblurring=Deblurring(0.5))
+    after = Rectified((150 * (1 - 0.25 * dent)).astype(np.float32), 0.052)
+    index = reader.index(after.grey)
+    read = reader(after)
+    assert np.abs(read.z_mm - FINE_SMOOTHING(look_up_heights(curve.table, index))).max() < 0.01
+    assert read.z_mm.min() < -1.5 and read.z_mm.max() > 0.02
+    darker = Rectified((150 * (1 - 0.4 * dent)).astype(np.float32), 0.052)
+    beyond = reader.index(darker.grey) < curve.darkest_index
+    assert beyond.any() and np.array_equal(reader(darker).source == HeightSource.EXTRAPOLATED, beyond)
+    assert not beyond[:, 300:].any() and (read.source == HeightSource.MEASURED).all()

@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, UInt8, UInt16
+from jaxtyping import Float, Float32, Shaped, UInt8, UInt16
 from msgspec import Meta
 from numpy import ndarray as Array
 
@@ -48,20 +48,32 @@ class LightLoss:
         """Return c of this image, zero or below; it is exactly zero where nothing is noticeably dark."""
         if self.global_dimming == 0:
             return 0.0
-        loss = 0.0
+        brightness, loss = _sample_relative_brightness(grey, reference), 0.0
         for _ in range(ROUNDS):
-            loss = -self.global_dimming * mean_darkening(grey, reference, loss)
+            loss = -self.global_dimming * _mean_noticed_darkening(brightness, loss)
         return loss
 
 
 def mean_darkening(grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"], loss: float) -> float:
     """Return the mean darkening of the view relative to the reference image, after the loss is subtracted."""
+    return _mean_noticed_darkening(_sample_relative_brightness(grey, reference), loss)
+
+
+def _sample_relative_brightness(
+    grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]
+) -> Float32[Array, "few_rows few_cols"]:
+    """Return the brightness relative to the reference image at every few rows and columns."""
     few = np.s_[::LOSS_EVERY_PX, ::LOSS_EVERY_PX]
-    darkening = 1 - grey[few] / (np.maximum(reference[few], 1) * np.float32(1 + loss))
-    return float(np.where(darkening > NOTICED, darkening, 0).mean())
+    return np.asarray(grey[few] / np.maximum(reference[few], 1))
 
 
-LEAST_POINTS = 3.0
+def _mean_noticed_darkening(brightness: Float32[Array, "few_rows few_cols"], loss: float) -> float:
+    """Return the mean darkening after the loss is subtracted, of the pixels that are noticeably dark."""
+    darkening = 1 - brightness * np.float32(1 / (1 + loss))
+    return float((darkening * (darkening > NOTICED)).mean())
+
+
+LEAST_POINTS = 2.5
 """Smallest number of points of the coarser grid in one standard deviation of the point spread."""
 COARSEST = 3
 
@@ -76,16 +88,24 @@ class Deblurring:
     """Power of noise relative to signal; detail that scattering has attenuated below this level is not restored."""
 
     def __call__(self, field: Float32[Array, "rows cols"], mm_per_px: float) -> Float32[Array, "rows cols"]:
-        """Return the field as it was before scattering; beyond its border the field is taken as mirrored.
+        """Return the field as it was before scattering; beyond its border the field is taken as mirrored."""
+        return upsample(self.on_coarser_grid(field, mm_per_px), field.shape)
 
-        The computation uses a coarser grid, of which a point spread still spans three points or more: finer detail was blurred
+    def on_coarser_grid(
+        self, field: Float32[Array, "rows cols"], mm_per_px: float
+    ) -> Float32[Array, "few_rows few_cols"]:
+        """Return the same on a coarser grid, of which a point spread still spans some three points: finer detail was blurred
         away.
         """
         coarser = int(np.clip(self.point_spread_mm / mm_per_px / LEAST_POINTS, 1, COARSEST))
         rows, cols = (side // coarser for side in field.shape)
         few = cv2.resize(field, (cols, rows), interpolation=cv2.INTER_AREA)
-        sharp = sharpen(few, self.point_spread_mm / mm_per_px * cols / field.shape[1], self.floor)
-        return np.asarray(cv2.resize(sharp, field.shape[::-1], interpolation=cv2.INTER_CUBIC))
+        return sharpen(few, self.point_spread_mm / mm_per_px * cols / field.shape[1], self.floor)
+
+
+def upsample(field: Shaped[Array, "few_rows few_cols"], shape: tuple[int, ...]) -> Shaped[Array, "rows cols"]:
+    """Return a field on a finer grid of this shape, by cubic interpolation."""
+    return np.asarray(cv2.resize(field, shape[::-1], interpolation=cv2.INTER_CUBIC))
 
 
 def sharpen(field: Float32[Array, "rows cols"], sigma_px: float, floor: float) -> Float32[Array, "rows cols"]:
@@ -249,6 +269,10 @@ class Smoothing:
         """Standard deviation of the one Gaussian that equals the two in sequence, whose variances add."""
         return float(np.hypot(self.first_px, self.second_px))
 
+    def on_grid(self, fineness: float) -> "Smoothing":
+        """Return the same filters on another grid; fineness: its points per rectified pixel."""
+        return self if fineness == 1 else Smoothing(self.first_px * fineness, self.second_px * fineness)
+
     def __call__(self, field: Float32[Array, "rows cols"]) -> Float32[Array, "rows cols"]:
         """Return the smoothed field; a standard deviation of zero leaves it unchanged."""
         if self.combined_px == 0:
@@ -276,9 +300,14 @@ class DepthReader:
     """Given for `fine` reading; without it, reading is `fast`."""
 
     def __call__(self, rectified: Rectified) -> HeightMap:
-        """Return the signed height of the skin, with the `HeightSource` of every pixel."""
-        index = self.index(rectified.grey)
-        z_mm = self.smoothing(look_up_heights(self.curve.table, index))
+        """Return the signed height of the skin, with the `HeightSource` of every pixel.
+
+        After deblurring, heights are looked up and smoothed on the coarser grid, and only then brought to that of the image.
+        """
+        shape = rectified.grey.shape
+        index = self._index_on_computed_grid(rectified.grey)
+        z_mm = self.smoothing.on_grid(index.shape[1] / shape[1])(look_up_heights(self.curve.table, index))
+        z_mm = z_mm if index.shape == shape else upsample(z_mm, shape)
         if not self.curve.knows_bulges:
             cv2.threshold(z_mm, 0, 0, cv2.THRESH_TRUNC, dst=z_mm)
         if not self.all_in_view:
@@ -294,12 +323,18 @@ class DepthReader:
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""
+        index = self._index_on_computed_grid(grey)
+        return index if index.shape == grey.shape else upsample(index, grey.shape)
+
+    def _index_on_computed_grid(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "few_rows few_cols"]:
+        """Return the table index on the grid on which heights are looked up: after deblurring a coarser one."""
         lost = self.loss(grey, self.reference.grey)
         if self.deblurring is None:
             return self.quantise(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
         ratio = np.asarray(cv2.multiply(grey, self.per_reference, scale=1 / (1 + lost)))
-        change = self.deblurring(ratio - 1, self.reference.mm_per_px)
-        return np.asarray(cv2.addWeighted(change, TABLE_STEPS["ratio"], change, 0, ZERO_INDEX, dtype=cv2.CV_16U))
+        change = self.deblurring.on_coarser_grid(ratio, self.reference.mm_per_px)
+        steps = TABLE_STEPS["ratio"]
+        return np.asarray(cv2.addWeighted(change, steps, change, 0, ZERO_INDEX - steps, dtype=cv2.CV_16U))
 
     @cached_property
     def per_reference(self) -> Float32[Array, "rows cols"]:
@@ -331,9 +366,14 @@ class DepthReader:
         """
         return np.float32(TABLE_STEPS["ratio"]) * self.per_reference
 
-    def height_source(self, index: UInt16[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
-        """Return the `HeightSource` of every pixel; the height of a pixel darker than the calibrated range is extrapolated."""
-        beyond = (index < self.curve.darkest_index).view(np.uint8)
+    def height_source(self, index: UInt16[Array, "few_rows few_cols"]) -> UInt8[Array, "rows cols"]:
+        """Return the `HeightSource` of every pixel; the height of a pixel darker than the calibrated range is extrapolated.
+
+        index: on the grid of the image, or on a coarser one.
+        """
+        if index.shape != self.lens_source.shape and index.min() < self.curve.darkest_index:
+            index = upsample(index, self.lens_source.shape)
+        beyond = (index < self.curve.darkest_index).view(np.uint8) if index.shape == self.lens_source.shape else 0
         return np.minimum(self.lens_source, np.uint8(HeightSource.MEASURED) - beyond)
 
     @cached_property
