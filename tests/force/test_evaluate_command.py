@@ -178,7 +178,7 @@ def test_a_bad_cell_is_named_by_line_and_column(tmp_path: Path, capsys, cell: st
 
 def test_what_is_no_file_is_refused(tmp_path: Path, capsys) -> None:
     assert "got: [Errno 2] No such file" in refusal(tmp_path / "missing.csv", capsys)
-    assert "got: [Errno 21] Is a directory" in refusal(tmp_path, capsys)
+    assert "is a folder and not a file" in refusal(tmp_path, capsys)
     (tmp_path / "image.csv").write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
     assert "check the path" in refusal(tmp_path / "image.csv", capsys)
 
