@@ -199,9 +199,8 @@ def show(split: str, methods: list[Method]) -> None:
             " ".join(f"{v:5.2f}" for v in six) for six in (scores.skill, scores.mae * units, scores.std * units)
         )
         slope = scores.slope_with_offset[2]
-        print(
-            f"  {one.name:18s} {skill} | {mae} | {std} | {slope:.2f} | {one.parameters:9,d} | {one.ms:.1f}", flush=True
-        )
+        ms = "–" if np.isnan(one.ms) else f"{one.ms:.1f}"
+        print(f"  {one.name:18s} {skill} | {mae} | {std} | {slope:.2f} | {one.parameters:9,d} | {ms}", flush=True)
 
 
 def draw(tables: dict[str, list[Method]], path: Path) -> None:
