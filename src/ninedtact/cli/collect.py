@@ -200,7 +200,7 @@ def _add_arrival(arrival: "MergedArrival", collector: "Collector", setup: "Colle
 
 
 def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:
-    from ninedtact.recording.collecting.force_coverage import AXES
+    from ninedtact.recording.collecting.pair_selection import AXES
 
     counts = collector.counts
     return {

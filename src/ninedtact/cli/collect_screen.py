@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy import ndarray as Array
 
     from ninedtact.recording.collecting.collector import Collector
-    from ninedtact.recording.collecting.force_coverage import PairCounts
+    from ninedtact.recording.collecting.pair_selection import PairCounts
 
 _BAR_SYMBOLS = "·▁▂▃▄▅▆▇█"
 _KEY_HELP = "n next object   u undo last contact   t tare   q end"
@@ -104,7 +104,7 @@ def progress_line(collector: "Collector") -> str:
 
 def histogram_lines(collector: "Collector") -> list[str]:
     """Return one line for each axis: its range, a bar for each bin, and the present value."""
-    from ninedtact.recording.collecting.force_coverage import AXES, AXIS_SCALES, AXIS_UNITS
+    from ninedtact.recording.collecting.pair_selection import AXES, AXIS_SCALES, AXIS_UNITS
 
     low, high = collector.counts.limits * AXIS_SCALES
     now = collector.newest.wrench.six * AXIS_SCALES if collector.newest is not None else low * 0

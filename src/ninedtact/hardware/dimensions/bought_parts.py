@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ninedtact.design import DesignImpossible
-from ninedtact.hardware.dimensions.bounds import BoundedDimensions, Bounds
+from ninedtact.hardware.dimensions import BoundedDimensions, Bounds
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ silicone layers above it and the moulds in which they are cast.
 from dataclasses import dataclass
 from typing import Annotated
 
-from ninedtact.hardware.dimensions.bounds import BoundedDimensions, Bounds
+from ninedtact.hardware.dimensions import BoundedDimensions, Bounds
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Annotated
 
 from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.dimensions import BoundedDimensions, Bounds
 from ninedtact.hardware.dimensions.bought_parts import LedBoardDimensions
-from ninedtact.hardware.dimensions.bounds import BoundedDimensions, Bounds
 from ninedtact.hardware.led_board.board_outline import BoardOutline, LedBoardImpossible, PointMm
 from ninedtact.hardware.led_board.footprints import led_2835_footprint, micro_usb_footprint, soic_8_ep_footprint
 

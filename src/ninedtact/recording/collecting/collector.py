@@ -16,10 +16,10 @@ import numpy as np
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.collecting.force_coverage import PairCounts
 from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,
+    PairCounts,
     PairSelector,
     ZeroDriftMonitor,
 )
