@@ -121,6 +121,14 @@ def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
     np.testing.assert_allclose([upper - value, value - lower], [[np.nan, 0.5, 0.5, 0.5, np.nan]] * 2)
 
 
+def test_a_history_begins_anew_where_time_goes_back() -> None:
+    history = WrenchHistory("estimated", "by physics", states_errors=True)
+    for second in (1, 2, 3, 1, 2):
+        wrench = Wrench(np.array([0.0, 0.0, -second]), np.zeros(3), stamp_ns=second * 10**9)
+        history.add_estimate(WrenchEstimate(wrench, np.eye(6), True))
+    np.testing.assert_allclose(history.snapshot(None, 2 * 10**9).history[0], [-1, 0])
+
+
 def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
     browser: Browser, tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:

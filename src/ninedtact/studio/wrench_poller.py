@@ -64,11 +64,14 @@ class WrenchHistory:
         self._lock = Lock()
 
     def add(self, sample: WrenchSample) -> None:
-        """Keep a sample, unless it follows the last one within 1/`MOST_HZ`, and drop those that are too old."""
+        """Keep a sample, unless it follows the last one within 1/`MOST_HZ`; drop those that are too old, or of a later time."""
         stamp_ns = sample.wrench.stamp_ns
-        if self._samples and 0 <= stamp_ns - self._samples[-1][0] < NS_PER_S / MOST_HZ:
+        elapsed_ns = stamp_ns - self._samples[-1][0] if self._samples else np.inf
+        if 0 <= elapsed_ns < NS_PER_S / MOST_HZ:
             return
         with self._lock:
+            if elapsed_ns < 0:  # a recording that starts again
+                self._samples.clear()
             self._samples.append((stamp_ns, sample))
             while stamp_ns - self._samples[0][0] > HISTORY_S * NS_PER_S:
                 self._samples.popleft()
