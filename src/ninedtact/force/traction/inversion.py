@@ -123,7 +123,7 @@ class TractionInversion:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem = self._linearise(observation, region, guess)
         offset = self.law(guess.skin_mm) - problem.slope * guess.skin_mm
-        programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
+        programme = problem.quadratic_programme(self.forward.bin(observation.change) - self.forward.scatter(offset))
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
         tractions = problem.tractions(solution.x)
@@ -138,11 +138,12 @@ class TractionInversion:
     ) -> LinearisedProblem:
         """Return the problem linearised about the guessed skin."""
         depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
+        strain = depth_mm / self.forward.thickness_mm
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
         slope = self.law.slope_per_mm(guess.skin_mm)
-        whitener = _build_whitener(observation, guess.misfit)
-        return LinearisedProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, depth_mm)
+        whitener = self._whitener(observation, guess.misfit)
+        return LinearisedProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, strain)
 
     def _guess_from_heights(self, observation: Observation, region: View) -> InitialGuess:
         """Return an initial guess with pressure in proportion to the observed indentation, and no shear."""
@@ -152,9 +153,15 @@ class TractionInversion:
 
     def _misfit(self, observation: Observation, skin_mm: SkinField) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
-        residual = observation.change - self.forward.scatter(self.law(skin_mm))
-        square = float(np.vdot(residual, _build_whitener(observation, 1.0)(residual)))
-        return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
+        residual = self.forward.bin(observation.change) - self.forward.scatter(self.law(skin_mm))
+        square = float(np.vdot(residual, self._whitener(observation, 1.0)(residual)))
+        return float(np.sqrt(max(square / max(float(self.forward.bin(observation.in_view).sum()), 1.0), 1.0)))
+
+    def _whitener(self, observation: Observation, misfit: float) -> Whitener:
+        """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
+        noise = observation.noise * self.forward.cells.cells_per_bin**-0.5
+        std = np.float32(np.hypot(observation.error, noise) * misfit)
+        return Whitener(self.forward.bin(observation.in_view) / std, _LEVEL_STD)
 
     def _extend_to_skin(self, z_mm: View) -> SkinField:
         """Extend heights of the view to all skin by repeating those of its border."""
@@ -169,12 +176,6 @@ class TractionInversion:
     @cached_property
     def _discrete_prior(self) -> DiscretePrior:
         return DiscretePrior(self.forward.cells, self.prior)
-
-
-def _build_whitener(observation: Observation, misfit: float) -> Whitener:
-    """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
-    error = np.sqrt(observation.error**2 + np.float32(observation.noise**2)) * np.float32(misfit)
-    return Whitener(observation.in_view / error, _LEVEL_STD)
 
 
 _THICKNESS_EXPONENT = 1.0
