@@ -222,6 +222,12 @@ def test_a_folder_with_anything_of_ones_own_is_left_alone(
     assert (tmp_path / "letters" / "src" / "mine.txt").read_text() == "keep"
 
 
+def test_a_manifest_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "manifest.json")
+    with pytest.raises(ExportFolderRefused, match="manifest"):
+        require_replaceable_parts_folder(tmp_path)
+
+
 def test_a_link_of_ones_own_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "projects").symlink_to(tmp_path, target_is_directory=True)

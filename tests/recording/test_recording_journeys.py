@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pytest
 from hand import TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
+from mcap.reader import make_reader
 from twin_folder import twin_folder
 
 from ninedtact.calibration.procedure import Calibration
@@ -285,6 +286,30 @@ def test_what_came_before_a_loss_is_kept_and_missing_images_are_counted(tmp_path
     assert episode.dropped == 2 and not [thread for thread in threading.enumerate() if "listen" in thread.name]
     with Recording(path) as read:
         assert read.is_finished and [frame.index for frame in read.frames()] == [0, 1, 2, 3, 4, 7, 8, 9, 10]
+
+
+@pytest.mark.parametrize("step_s", [3600.0, -3600.0])
+def test_a_clock_that_is_set_meanwhile_is_told_and_stamps_continue(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    said: list[str] = []
+    path, image, clock = tmp_path / "clock.mcap", np.zeros((4, 4, 3), np.uint8), time.time_ns
+    with RecordingWriter(path, RecordingMetadata("clock"), notify=said.append) as writer:
+        writer.write_image(Frame(image, time.monotonic_ns(), 0))
+        writer.flush()
+        assert not said
+        monkeypatch.setattr(time, "time_ns", lambda: clock() + int(step_s * 1e9))
+        writer.flush()
+        writer.write_image(Frame(image, time.monotonic_ns(), 1))
+        writer.flush()
+    assert len(said) == 1 and f"moved by {step_s:+.1f} s" in said[0]
+    with Recording(path) as read:
+        assert [(event.subject, event.text) for event in read.events()] == [("clock", said[0])]
+    with path.open("rb") as file:
+        wall_ns, stamps_ns = np.transpose(
+            [(message.publish_time, message.log_time) for *_, message in make_reader(file).iter_messages()]
+        )
+    assert (np.diff(stamps_ns) > 0).all() and (np.diff(wall_ns) == np.diff(stamps_ns)).all()
 
 
 def untouched_video(path: Path, sensor: Path, images: int) -> Path:

@@ -113,7 +113,8 @@ class Collect:
         from ninedtact.recording.writer import RecordingWriter
 
         metadata = self._metadata(folder, settings, setup)
-        writer = RecordingWriter(self.out, metadata, COLLECTED_TOPICS, sensor_folder_attachments(folder.path))
+        attachments = sensor_folder_attachments(folder.path)
+        writer = RecordingWriter(self.out, metadata, COLLECTED_TOPICS, attachments, screen.show_message)
         names = chain(self.objects, (f"object_{number:03d}" for number in count(1)))
         collector = Collector(
             writer,

@@ -49,8 +49,8 @@ def record(
     source: opened and closed here. sensor: its folder is attached to the file. force_torque: its wrenches are written as
     measured. heights and estimator: also write heights (mm) and estimated wrenches; the first ten frames are then taken as
     reference images (no contact), and compared with those of the calibration. settings: stored in the file, JSON. notify: called
-    with every fault of the reference and, after an error, with what the file keeps: sentences. on_progress: called a few times a
-    second.
+    with every fault of the reference, a step of the clock and, after an error, what the file keeps: sentences. on_progress: called
+    a few times a second.
 
     Returns the closed writer, which has the numbers of messages and dropped images. Raises `RecordingRefused`,
     `RecordingStopped`, what a lost device or a damaged video raises, and `ReferenceMomentRefused` where there were too few frames
@@ -78,7 +78,7 @@ def record(
     )
     end_at = float("inf") if seconds is None else monotonic() + seconds
     with report_kept_messages(Path(out), notify):
-        with RecordingWriter(out, metadata, topics, sensor_folder_attachments(sensor.path)) as writer:
+        with RecordingWriter(out, metadata, topics, sensor_folder_attachments(sensor.path), notify) as writer:
             Recorder(writer, source, force_torque, estimates).run(
                 lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer)
             )
