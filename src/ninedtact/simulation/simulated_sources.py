@@ -164,6 +164,11 @@ class DemoSources:
     force_torque: SimulatedForceTorque
     reference_frames: tuple[Frame, ...]
 
+    @property
+    def simulation(self) -> PressSimulation:
+        """The motion that both sources follow; its `hand` lets a person press."""
+        return self.camera.simulation
+
 
 def demo_sources(twin: Twin, rounds: int | None = None) -> DemoSources:
     """Return the sources of the demo, not yet opened."""
