@@ -167,7 +167,7 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
             wait_until(lambda: slider.value == 3.0)
             assert len(server.get_clients()) == 2 and not slider._impl.removed and not shared
             with open_client(server.get_port()) as large, pytest.raises(ConnectionClosed, match="1009"):
-                large.send(b"x" * 100_000)
+                large.send(b"x" * 1_000_000)
                 while True:
                     large.recv(timeout=30)
             wait_until(lambda: len(server.get_clients()) == 2)

@@ -1,4 +1,4 @@
-"""An object that a person moves over a twin: to a depth or under a load, dragged, twisted and tilted, while contact mechanics follow.
+"""An object that a person moves over a twin: to a depth or under a load, dragged, twisted and tilted.
 
 A person states a target at any time; `HandMotion.step` moves the object towards it in steps that are small enough for friction,
 which depends on the path. A step that mechanics refuse leaves the object where it was; `refusal` says why.
@@ -107,7 +107,9 @@ def hover_contact(twin: Twin, target: HandTarget) -> Contact:
 def _step_to_load(twin: Twin, last: Contact, indenter: Indenter, wanted: Pose, load_n: float) -> Contact:
     """Return the contact under a load that is one step nearer to the wanted one; without contact the object comes down first."""
     if not last.touches:
-        return twin.step(last, indenter, _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm + STEP_DEPTH_MM)))
+        return twin.step(
+            last, indenter, _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm + STEP_DEPTH_MM))
+        )
     now_n = -float(last.wrench().force_n[2])
     next_n = now_n + float(np.clip(load_n - now_n, -STEP_LOAD_N, STEP_LOAD_N))
     pose = _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm))

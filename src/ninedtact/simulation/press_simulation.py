@@ -18,6 +18,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import SimulationError
+from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.hand_motion import HandMotion, hover_contact
@@ -106,6 +107,14 @@ class TwinPress:
 
     indenter: Indenter
     contact: Contact
+
+    @property
+    def slip_share(self) -> float | None:
+        """Share of the contact that slips, 0 to 1; None without contact."""
+        touched = to_numpy(self.contact.pressure_mpa) > 0
+        if not touched.any():
+            return None
+        return 1 - float(to_numpy(self.contact.stick_mask)[touched].mean())
 
 
 @dataclass

@@ -151,7 +151,7 @@ def demo_trajectories() -> list[ObjectTrajectory]:
     return [ObjectTrajectory(indenter_from_name(name), trajectory) for name, trajectory in trajectories.items()]
 
 
-TRUE_WRENCH_MEANING = "of the object on the skin, known from the simulation"
+TRUE_WRENCH_MEANING = "what the object of the simulation applies to the skin"
 SAMPLES_HZ = 60.0
 REFERENCE_FRAME_COUNT = 10
 
