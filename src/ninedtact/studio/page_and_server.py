@@ -19,7 +19,7 @@ from ninedtact.studio.displayed_reading import PageController, PageMoment
 from ninedtact.studio.press_control import PressControl
 from ninedtact.studio.press_panel import PressPanel
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
-from ninedtact.studio.sensor_panels import SensorPanel, StatusPanel, WrenchPanel
+from ninedtact.studio.sensor_panels import CurvesPanel, SensorPanel, StatusPanel, WrenchPanel
 from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.view_panels import ImagePanel, ProfilePanel, ViewPanel
 from ninedtact.studio.viewer import PanelFactory, Viewer
@@ -114,6 +114,7 @@ class SensorPage:
         self._viewers: dict[int, Viewer] = {}
         self._lock = Lock()
         press_panels: list[PanelFactory] = [] if press is None else [partial(PressPanel, control=press)]
+        curves: list[PanelFactory] = [CurvesPanel] if controller.wrenches else []
         self._panels: tuple[PanelFactory, ...] = (
             ImagePanel,
             StatusPanel,
@@ -123,6 +124,7 @@ class SensorPage:
             *more_panels,
             SensorPanel,
             WrenchPanel,
+            *curves,
         )
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(title)

@@ -146,22 +146,17 @@ BAND_OPACITY = "22"
 """Opacity of the band of one standard deviation, in hexadecimal."""
 
 
-class WrenchCard:
-    """The wrenches of all sources side by side in one table, and their last seconds on top of each other in two plots.
+class WrenchCurves:
+    """The last seconds of the wrenches of all sources, on top of each other in two plots.
 
     Where there are several sources, wrenches without stated errors (true, measured) are drawn dashed.
     """
 
     def __init__(self, gui: GuiApi, sources: Sequence[WrenchHistory]) -> None:
-        self._text = gui.add_html("")
         self._forces = _add_curves(gui, "force (N)", "F", LEAST_N, sources)
         self._torques = _add_curves(gui, "torque (N·mm)", "T", LEAST_NMM, sources)
 
-    def show_numbers(self, moments: Sequence[WrenchSnapshot], is_past: bool) -> None:
-        """Show the six components of every source."""
-        self._text.content = wrenches_html(moments, is_past)
-
-    def draw_curves(self, moments: Sequence[WrenchSnapshot]) -> None:
+    def draw(self, moments: Sequence[WrenchSnapshot]) -> None:
         """Draw the last seconds of every source."""
         at_s = np.linspace(-HISTORY_S, 0.0, CURVE_POINTS)
         for plot, first, unit, least in ((self._forces, 0, 1.0, LEAST_N), (self._torques, 3, 1e3, LEAST_NMM)):
@@ -242,7 +237,7 @@ def _add_curves(gui: GuiApi, title: str, letter: str, half: float, sources: Sequ
         scales=_curve_scales(half),
         legend=uplot.Legend(show=False),
         title=f"{title}: x orange, y green, z blue",
-        height=160,
+        height=150,
     )
 
 

@@ -7,7 +7,13 @@ from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.displayed_reading import WAITING_STATUS, PageMoment
-from ninedtact.studio.page_cards import WrenchCard, name_value_table_html, shape_summary_html, status_html
+from ninedtact.studio.page_cards import (
+    WrenchCurves,
+    name_value_table_html,
+    shape_summary_html,
+    status_html,
+    wrenches_html,
+)
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, Viewer
 
@@ -62,28 +68,41 @@ class StatusPanel:
 
 
 class WrenchPanel:
-    """The wrenches of all sources in one table and one plot, always in view."""
+    """The wrenches of all sources side by side in one table, below the tabs, so that it is always in view."""
 
-    title, icon = "Wrench", Icon.ARROWS_MOVE
+    title, icon = "", None
+    side: Side = "right"
+
+    def __init__(self, viewer: Viewer) -> None:
+        pass
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the table."""
+        self._table = gui.add_html("")
+
+    def update(self, moment: PageMoment) -> None:
+        """Show the wrenches of this moment."""
+        self._table.content = wrenches_html(moment.wrenches, moment.status.is_past) if moment.wrenches else ""
+
+
+class CurvesPanel:
+    """The last seconds of the wrenches, on top of each other."""
+
+    title, icon = "Wrench, last seconds", Icon.CHART_LINE
     side: Side = "lower left"
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer, self._moments = viewer, 0
-        self._card: WrenchCard | None = None
 
     def build(self, gui: GuiApi) -> None:
-        """Add table and plots where there is a wrench."""
-        if sources := self._viewer.controller.wrenches:
-            self._card = WrenchCard(gui, sources)
+        """Add the plots."""
+        self._curves = WrenchCurves(gui, self._viewer.controller.wrenches)
 
     def update(self, moment: PageMoment) -> None:
-        """Show the wrenches of this moment, and from time to time the curves."""
-        if self._card is None:
-            return
-        self._card.show_numbers(moment.wrenches, moment.status.is_past)
+        """Redraw the curves from time to time, and not while they are frozen."""
         self._moments += 1
-        if self._moments % PLOT_EVERY == 0 and not self._viewer.is_frozen:
-            self._card.draw_curves(moment.wrenches)
+        if self._moments % PLOT_EVERY == 0 and not self._viewer.is_frozen and moment.wrenches:
+            self._curves.draw(moment.wrenches)
 
 
 class SensorPanel:

@@ -10,7 +10,7 @@ from threading import RLock
 from time import monotonic_ns
 from typing import Any, Literal, Protocol
 
-from viser import ClientHandle, GuiApi, GuiEvent, IconName
+from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.studio.displayed_reading import PageController, PageMoment
 from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
@@ -21,11 +21,11 @@ NOTICE_S = 8.0
 NARROW_PX = 600
 """Width of a browser below which the surface is sent coarser from the start: a phone."""
 MAX_EXAGGERATION = 10.0
-LEFT_PX, RIGHT_PX = 330, 350
+LEFT_PX, RIGHT_PX, LOWER_LEFT_PX = 330, 350, 260
 
 
 Side = Literal["left", "lower left", "right"]
-"""The columns of the page: images, wrenches below them, and controls; on a phone they are sections of one sheet."""
+"""The columns of the page: images, curves below them, and controls; on a phone there is only the last."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,8 @@ class Viewer:
         self, client: ClientHandle, controller: PageController, block: GelBlock, panels: Sequence[PanelFactory]
     ) -> None:
         self.client, self.controller, self.block = client, controller, block
-        self.options = ViewOptions(coarser=2 if client.camera.image_width < NARROW_PX else 1)
+        self.is_narrow = client.camera.image_width < NARROW_PX
+        self.options = ViewOptions(coarser=2 if self.is_narrow else 1)
         self.moment: PageMoment | None = None
         """The moment that this viewer is shown; None before the first."""
         self._frozen = False
@@ -122,27 +123,32 @@ class Viewer:
         self.client.add_notification(title, body, color=colour, auto_close_seconds=NOTICE_S)
 
     def _place_panels(self) -> None:
-        """Build all panels, each in its column."""
+        """Build all panels, each in its column; on a phone all named ones are tabs, so that images are one tap away."""
         gui = self.client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
-        upper, lower, tabs = gui.add_panel(), gui.add_panel(), None
+        columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}
         for panel in self._panels:
-            if panel.side == "right" and not panel.title:
+            side: Side = "right" if self.is_narrow else panel.side
+            if side == "right" and not panel.title:
                 panel.build(gui)
                 continue
-            if panel.side == "right":
-                column = tabs = tabs or gui.add_tab_group()
-            else:
-                column = upper if panel.side == "left" else lower
-            with column.add_tab(panel.title, panel.icon):
+            if side not in columns:
+                columns[side] = gui.add_tab_group() if side == "right" else gui.add_panel()
+            with columns[side].add_tab(panel.title, panel.icon):
                 panel.build(gui)
-        upper.dock_left()
-        upper.set_width(LEFT_PX)
-        if self.controller.wrenches:
-            lower.dock_below(upper)
-        else:
-            lower.remove()
+        self._dock(columns.get("left"), columns.get("lower left"))
+
+    def _dock(
+        self, upper: PanelHandle | GuiTabGroupHandle | None, lower: PanelHandle | GuiTabGroupHandle | None
+    ) -> None:
+        """Dock the panels of the left column, one below the other."""
+        if isinstance(upper, PanelHandle):
+            upper.dock_left()
+            upper.set_width(LEFT_PX)
+            if isinstance(lower, PanelHandle):
+                lower.dock_below(upper)
+                lower.set_height(LOWER_LEFT_PX)
 
 
 def is_from_browser(event: GuiEvent[Any]) -> bool:
