@@ -8,6 +8,7 @@ clients, and keeps one upload of each client at a time.
 
 import asyncio
 import logging
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import wraps
@@ -36,6 +37,8 @@ class UnknownPageServer(MissingLibraryError):
 _Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 _ShortText = Annotated[str, msgspec.Meta(max_length=200)]
 _Vector = tuple[_Number, _Number, _Number]
+_Pair = Annotated[list[_Number], msgspec.Meta(min_length=2, max_length=2)]
+"""A list, because msgspec mistakes the limits of numbers in a union with a tuple of fixed length."""
 _Quaternion = tuple[_Number, _Number, _Number, _Number]
 MAX_UPLOAD_BYTES = 16_000_000
 PART_BYTES = 512 * 1024
@@ -63,9 +66,7 @@ class _ControlMessage(msgspec.Struct, tag_field="type", tag="GuiUpdateMessage", 
     """The new value of a button, a choice, a slider or a pair of numbers. viser would set any other attribute of it too."""
 
     uuid: _ShortText
-    updates: Annotated[
-        dict[Literal["value"], bool | _Number | _ShortText | tuple[_Number, _Number]], msgspec.Meta(min_length=1)
-    ]
+    updates: Annotated[dict[Literal["value"], bool | _Number | _ShortText | _Pair], msgspec.Meta(min_length=1)]
 
 
 class _CommandMessage(msgspec.Struct, tag_field="type", tag="CommandTriggerMessage", forbid_unknown_fields=True):
@@ -166,6 +167,7 @@ def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) ->
     require_known_viser()
     _wake_clients_in_event_loop()
     _keep_one_upload_of_each_client()
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)  # a viewer that has just left
     ports = []
 
     def guarded_serve(handler: Any, host: str, port: int, **options: Any) -> serve:
