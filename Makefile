@@ -115,7 +115,7 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
-BENCHMARKS := start_up page_clients force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
+BENCHMARKS := start_up page_clients page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))
