@@ -1,5 +1,6 @@
 """What every member of the FrameSource family honours, live or recorded, bare or wrapped."""
 
+import subprocess
 import sys
 import threading
 import time
@@ -32,12 +33,16 @@ from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_decoding import VideoTimeline
 from ninedtact.quantities import Frame
 from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource
+from ninedtact.recording.recorder import Recorder
+from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 
-sys.path.append(str(Path(__file__).parents[1] / "simulation"))
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("simulation", "recording")]
 from small_press_simulation import TWIN, small_press_simulation
+from twin_folder import twin_folder
 
 IMAGES = 8
 
@@ -183,6 +188,61 @@ def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> Non
         camera.period_s = 60
         with pytest.raises(CameraLost):
             list(source)
+
+
+@pytest.mark.parametrize("command", ["record --out={out}.mcap", "estimate", "live --port=0"])
+def test_every_command_says_within_five_seconds_that_a_stream_has_stalled(command: str, tmp_path: Path) -> None:
+    """The stream stays open and sends nothing more, after the images of a reference and some more."""
+    sensor = twin_folder(tmp_path / "sensor")
+    with MjpegCamera(480, 640, period_s=0.02) as camera:
+        words = command.format(out=tmp_path / "out").split()
+        words += [camera.url, "--force=physics"] if words[0] == "estimate" else [f"--source={camera.url}"]
+        run = [sys.executable, "-m", "ninedtact", *words, f"--sensor={sensor}"]
+        with subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+            began = time.monotonic()
+            while camera.served < 40 and time.monotonic() - began < 60:
+                time.sleep(0.02)
+            camera.period_s, served, stalled_at = 600.0, camera.served, time.monotonic()
+            assert running.stderr is not None and served >= 40
+            said = next((line for line in running.stderr if "expected an image from" in line), "")
+            seconds = time.monotonic() - stalled_at
+            running.terminate()
+    assert "got none; check the camera and the network" in said and seconds < 5
+    if words[0] == "record":
+        with Recording(tmp_path / "out.mcap") as recording:
+            assert len(recording.stamps_ns(Topic.IMAGES)) > 20
+
+
+class Hanging(FrameSource):
+    """A camera whose driver hangs after the first image, until it is closed."""
+
+    name = "a camera that hangs"
+
+    def __init__(self) -> None:
+        self._closed, self._read = threading.Event(), False
+
+    def open(self) -> None: ...
+
+    def read(self) -> Frame:
+        if self._read:
+            self._closed.wait(20)
+            raise SourceNotOpen(self.name)
+        self._read = True
+        return Frame(np.zeros((4, 4, 3), np.uint8), time.monotonic_ns())
+
+    def close(self) -> None:
+        self._closed.set()
+
+
+def test_a_driver_that_hangs_is_told_once(tmp_path: Path) -> None:
+    told, began = [], time.monotonic()
+    with RecordingWriter(tmp_path / "hung.mcap", RecordingMetadata("hung")) as episode:
+        recorder = Recorder(
+            episode, Hanging(), notify=lambda sentence: told.append((sentence, time.monotonic() - began))
+        )
+        recorder.run(lambda: time.monotonic() - began > 4.0)
+    ((sentence, seconds),) = told
+    assert "nothing has arrived from a camera that hangs for 3 s" in sentence and 2.9 < seconds < 5
 
 
 def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_path: Path) -> None:

@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from ninedtact.cli.result_and_interrupt import print_notice, print_notices, print_result, stop_on_signal
+import tyro
+
+from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     is_simulated,
     live_source_for,
-    load_named_sensor,
     require_same_source_kind,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
@@ -39,17 +40,26 @@ class Record:
     """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the
     sensor."""
     out: Path
-    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit), wrenches and heights are stored
-    without loss. Images drop if the disk or the computer is too slow for the camera and 128 of them wait already; they are counted,
-    printed, and marked in the file at their place."""
+    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit) and wrenches are stored without
+    loss, and heights too unless --height-bits is 16. Images drop if the disk or the computer is too slow for the camera and 128 of
+    them wait already; they are counted, printed, and marked in the file at their place."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own."""
     force_torque: str | None = None
     """Force/torque sensor (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), or sim with --source sim."""
     seconds: float | None = None
     """Duration; without it, until Ctrl-C or the end of the source."""
+    images: Literal["zstd", "png"] = "zstd"
+    """Storage of images, both without loss: raw, in chunks that zstd compresses (sensor_msgs/Image), or each as a PNG
+    (sensor_msgs/CompressedImage), which is smaller and takes longer to read (docs: recording)."""
     heights: bool = False
     """Also record the heights; the first ten images are then taken as reference images (no contact)."""
+    height_bits: Literal[32, 16] = 32
+    """Storage of heights: 32, floating point without loss; 16, integers in steps of 0.001 mm, which are smaller and lose up to half
+    a step."""
+    camera_delay_ms: Annotated[float | Literal["saved"], tyro.conf.arg(metavar="MS|saved")] = 0.0
+    """Delay of the camera that is subtracted from the stamps of its images; saved: the one that `ninedtact camera-delay` kept in
+    the sensor folder. The recording states it."""
     force: str = "none"
     """Also record the wrench estimated from the images, by physics or by a force model (.onnx); takes the same reference images."""
     automatic: bool = False
@@ -63,8 +73,7 @@ class Record:
         require_new_recording(self.out)
         require_duration(self.seconds)
         require_same_source_kind(self.source, self.force_torque, is_simulated)
-        with load_named_sensor(self.sensor, self.source) as folder:
-            print_notices(folder.notices)
+        with named_sensor_with_notices(self.sensor, self.source) as folder:
             writer = self._record(folder)
         messages = {topic.path(folder.id): number for topic, number in sorted(writer.written.items())}
         figures = {"out": str(self.out), "written": messages, "dropped": writer.dropped}
@@ -77,8 +86,11 @@ class Record:
     def _record(self, folder: "SensorFolder") -> "RecordingWriter":
         from tqdm import tqdm
 
+        from ninedtact.capture.camera_delay import resolve_camera_delay_ms
+        from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
         from ninedtact.recording.recorder import record
 
+        camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path)
         camera, force_torque = self._sources(folder)
         estimator = self._estimator(folder)
         for notice in estimator.notices if estimator is not None else ():
@@ -93,6 +105,9 @@ class Record:
                 heights=self.heights,
                 estimator=estimator,
                 settings=settings,
+                images=self.images,
+                height_step_mm=HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
+                camera_delay_ms=camera_delay_ms,
                 should_stop=lambda: until.now,
                 notify=lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
                 on_progress=lambda writer: show(until.elapsed_s, writer),
