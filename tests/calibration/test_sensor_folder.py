@@ -130,7 +130,7 @@ def test_an_edited_number_is_a_warning_of_every_reading(folder: Path, capsys: py
         "reconstruct {sensor} --reference=no.png --out={out} no.png",
         "record {sensor} --source=no.mcap --out={out}.mcap",
         "simulate fit {sensor}",
-        "simulate press {sensor} --object=no --out={out}",
+        "simulate press {sensor} --object=no --depth-mm=1 --out={out}",
     ],
 )
 def test_every_command_with_a_sensor_says_that_it_was_edited(

@@ -46,6 +46,7 @@ from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.saved_pairs import read_saved_pairs
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
+from ninedtact.simulation.twin import default_twin
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
 from small_press_simulation import small_press_simulation
@@ -94,8 +95,10 @@ def test_a_small_recording_is_played_back_and_exported_like_a_large_one(
     large, small, copy = tmp_path / "large.mcap", tmp_path / "small.mcap", tmp_path / "sensor"
     shutil.copytree(sensor, copy)
     write_camera_delay(copy, CameraDelay(delay_ms=20.0, error_ms=0.5))
-    options = ["--source", "sim", "--sensor", sensor, "--heights", "--out", large]
-    told(capsys, "record", *options, "--seconds", "2")
+    (tmp_path / "images").mkdir()
+    for number in range(12):
+        cv2.imwrite(str(tmp_path / "images" / f"{number}.png"), default_twin().renderer(None, number))
+    told(capsys, "record", "--source", tmp_path / "images", "--sensor", sensor, "--heights", "--out", large)
     options = ["--images", "png", "--height-bits", "16", "--heights", "--camera-delay-ms", "saved", "--out", small]
     before_ns = time.monotonic_ns()
     told(capsys, "record", "--source", large, "--sensor", copy, *options)

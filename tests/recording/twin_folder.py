@@ -19,19 +19,20 @@ from ninedtact.calibration.sensor_toml_schema import (
     TwinTable,
 )
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.shape.depth import DepthCurve, Smoothing
+from ninedtact.shape.depth import Deblurring, DepthCurve, Smoothing
 from ninedtact.simulation.twin import default_twin
 
 ROWS, COLS, MM_PER_PX = 480, 640, 0.05
 UNITS_PER_MM = 2 / (COLS * MM_PER_PX)
 
 
-def twin_folder(path: Path) -> Path:
-    """Write it."""
+def twin_folder(path: Path, deblurring: Deblurring | None = None) -> Path:
+    """Write it; with the deblurring that force by physics needs, if any."""
     twin = default_twin()
     path.mkdir()
     cv2.imwrite(str(path / "untouched.png"), twin.renderer(None))
     digest = sha256((path / "untouched.png").read_bytes()).hexdigest()
+    curve = DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01))
     record = SensorRecord(
         format=SENSOR_FORMAT,
         id="twin",
@@ -40,7 +41,7 @@ def twin_folder(path: Path) -> Path:
         design=SensorDesign(),
         grid=GridTable(MM_PER_PX, ROWS, COLS, calibrated_area_mm=(-12.0, 12.0, -9.0, 9.0)),
         lens=LensModelTable((UNITS_PER_MM, 0.0, 0.0, 0.0, UNITS_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
-        depth=DepthTable("ratio", 0.01, Smoothing(), DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01))),
+        depth=DepthTable("ratio", 0.01, Smoothing(), curve, deblurring=deblurring),
         twin=TwinTable(Gel(), twin.renderer.light, 1.0, TwinFitQuality(0.1, 0.4, 2.0, (0.0, 0.0), 100.0, 1.0, {})),
         images={"ball_reference": StoredImage("untouched.png", digest)},
     )
