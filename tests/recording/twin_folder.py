@@ -1,5 +1,6 @@
 """The folder of a sensor that looks straight at its skin and knows its twin: enough to simulate and to rectify, at once."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
@@ -26,13 +27,15 @@ ROWS, COLS, MM_PER_PX = 480, 640, 0.05
 UNITS_PER_MM = 2 / (COLS * MM_PER_PX)
 
 
-def twin_folder(path: Path, deblurring: Deblurring | None = None) -> Path:
-    """Write it; with the deblurring that force by physics needs, if any."""
+def twin_folder(path: Path, for_force: bool = False) -> Path:
+    """Write it; for_force: with bulges and the point spread, which force by physics needs."""
     twin = default_twin()
     path.mkdir()
     cv2.imwrite(str(path / "untouched.png"), twin.renderer(None))
     digest = sha256((path / "untouched.png").read_bytes()).hexdigest()
-    curve = DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01))
+    curve, deblurring = DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01)), None
+    if for_force:
+        curve, deblurring = replace(curve, brightening=(0.0, 0.2), bulge_mm=(0.0, 0.5)), Deblurring(0.45)
     record = SensorRecord(
         format=SENSOR_FORMAT,
         id="twin",
