@@ -128,6 +128,49 @@ def test_the_delay_of_the_camera_is_taken_off_every_stamp(sensor: Path, tmp_path
         assert recording.stamps_ns(Topic.IMAGES)[0] == BEGAN_NS - 12_500_000
 
 
+def test_several_sensors_are_recorded_at_once_on_one_clock(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sensors = ["--sensor", f"left={sensor}", f"right={sensor}"]
+    for hand, grey in (("left", 90), ("right", 120)):
+        (tmp_path / hand).mkdir()
+        for number in range(40):
+            cv2.imwrite(str(tmp_path / hand / f"{number:02d}.png"), np.full((480, 640, 3), grey + number, np.uint8))
+    sources = ["--source", f"left={tmp_path / 'left'}", f"right={tmp_path / 'right'}"]
+    began_ns = time.monotonic_ns()
+    found = told(capsys, "record", *sources, *sensors, "--images", "png", "--out", tmp_path / "two.mcap")["recordings"]
+    assert list(found) == ["left", "right"] and found["left"]["written"] == {"/twin/image_raw/compressed": 40}
+    for hand, grey in (("left", 90), ("right", 120)):
+        with Recording(tmp_path / f"two_{hand}.mcap") as recording:
+            assert next(recording.frames()).image[0, 0, 0] == grey
+            stamps_ns = recording.stamps_ns(Topic.IMAGES)
+            assert began_ns < stamps_ns[0] < stamps_ns[-1] < time.monotonic_ns()
+    sources = ["--source", f"left={tmp_path / 'left'}", "right=/dev/video99"]
+    assert main(["record", *map(str, [*sources, *sensors, "--out", tmp_path / "one.mcap"])]) == 1
+    assert not (tmp_path / "one_right.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("sources", "sensors", "sentence"),
+    [
+        (
+            ["left=0", "left=1"],
+            [],
+            "--source with a name of its own for each of several, such as left=usb:1-2, got left=1",
+        ),
+        (["0", "1"], [], "--source with a name of its own for each"),
+        (["left=0", "right=1"], ["middle=a"], "--sensor for left, right, got one for middle"),
+        (["0"], ["a", "b"], "expected one --sensor with one --source, got 2"),
+    ],
+)
+def test_several_sensors_need_names(
+    sources: list[str], sensors: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--source", *sources, *(["--sensor", *sensors] if sensors else []), "--out", str(tmp_path / "two.mcap")]
+    assert main(["record", *options]) == 1 and sentence in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("delay", "sentence"), [("saved", "measure it with 'ninedtact camera-delay"), ("nan", "at most 5000 ms, got nan")]
 )
