@@ -24,6 +24,7 @@ from ninedtact.calibration.save import (
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.cli import main, parse_arguments
 from ninedtact.cli.calibrate import CalibrateCommand
+from ninedtact.cli.demo import Demo
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 
@@ -115,6 +116,37 @@ def test_an_edited_number_is_a_warning_of_every_reading(folder: Path, capsys: py
         printed = capsys.readouterr()
         assert "sensor.toml was edited or damaged after the calibration" in printed.err
         assert "calibration edited" in json.loads(printed.out)["wrenches"][0]["warnings"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "adapt {sensor} --reference=no.png --press no.png 100",
+        "check {sensor} no.png",
+        "collect {sensor} --source=no.mcap --force-torque=no.mcap --out={out}.mcap",
+        "estimate {sensor} --reference=no.png no.png",
+        "export-calibration {sensor} --out={out}",
+        "live {sensor} --source=no.mcap",
+        "reconstruct {sensor} --reference=no.png --out={out} no.png",
+        "record {sensor} --source=no.mcap --out={out}.mcap",
+        "simulate fit {sensor}",
+        "simulate press {sensor} --object=no --depth-mm=1 --out={out}",
+    ],
+)
+def test_every_command_with_a_sensor_says_that_it_was_edited(
+    command: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What each command needs besides the sensor is missing, so that it ends there."""
+    edit(folder, "noise_mm = 0.00", "noise_mm = 0.01")
+    (folder / "images" / "ball.png").unlink()
+    main(command.format(sensor=f"--sensor={folder}", out=tmp_path / "out").split())
+    assert capsys.readouterr().err.count("sensor.toml was edited or damaged after the calibration") == 1
+
+
+def test_the_demo_says_that_its_sensor_was_edited(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    edit(folder, "noise_mm = 0.00", "noise_mm = 0.01")
+    assert Demo(sensor=folder).folder.is_edited
+    assert "sensor.toml was edited or damaged after the calibration" in capsys.readouterr().err
 
 
 def test_a_pipe_in_place_of_a_file_is_refused_at_once(folder: Path) -> None:

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import time
@@ -205,6 +206,18 @@ def test_the_bill_counts(folder: Path) -> None:
     assert (counts["insert"], counts["screw"], counts["clamp screw and nut"]) == (8, 4, 8)
     page = (folder / "bom.html").read_text()
     assert "M3 x 30" in page and "http" not in page
+    prices = [row["together_usd_estimated"] for row in rows]
+    assert re.findall(r'<td class="number">[\d.]+</td><td class="number">([\d.]+)</td>', page) == prices
+    assert re.findall(r'id="total">([\d.]+)<', page) == [
+        f"{sum(round(100 * float(price)) for price in prices) / 100:.2f}"
+    ]
+
+
+def test_every_image_of_the_bill_is_there(folder: Path) -> None:
+    sources = re.findall(r'<img src="([^"]+)"', (folder / "bom.html").read_text())
+    assert len(sources) == len(PART_CATALOGUE)
+    for source in sources:
+        assert cv2.imread(str(folder / source)) is not None, source
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,9 @@ ORIGINAL_FOLDER = "original_9dtact"
 _FORCE_FILE = "force.toml"
 """The force calibration with known loads (`force.adaptation_file`)."""
 
+_CAMERA_FILE = "camera.toml"
+"""The measured delay of the camera (`capture.camera_delay.CAMERA_FILE`)."""
+
 
 class SensorFolderNotReplaceable(OutputError):
     """A sensor cannot be written there without overwriting something else."""
@@ -85,5 +88,5 @@ def require_replaceable_sensor_folder(final: Path) -> None:
 
 def _is_sensor_file(file: str) -> bool:
     """Return whether a path within a sensor folder is one that this program writes there."""
-    files = (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, _FORCE_FILE)
+    files = (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, _FORCE_FILE, _CAMERA_FILE)
     return file in files or file.startswith((f"{IMAGE_FOLDER}/", f"{ORIGINAL_FOLDER}/"))

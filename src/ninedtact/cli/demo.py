@@ -18,6 +18,7 @@ from ninedtact.cli.live import (
     serve_sensor_page,
 )
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
@@ -110,9 +111,7 @@ class Demo:
     @cached_property
     def folder(self) -> "SensorFolder":
         """The folder of the calibrated sensor."""
-        from ninedtact.calibration.sensor_folder import load_sensor
-
-        return load_sensor(self.sensor) if self.sensor is not None else self.calibrate_twin()
+        return load_sensor_with_notices(self.sensor) if self.sensor is not None else self.calibrate_twin()
 
     def calibrate_twin(self) -> "SensorFolder":
         """Calibrate the twin from its four simulated calibration images, as any other sensor."""

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notice, print_notices
+from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import SIMULATED, live_source_for, load_named_sensor
+from ninedtact.open_sensor import SIMULATED, live_source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -73,8 +73,7 @@ class Live:
         """Serve the page until Ctrl-C."""
         require_page_library()
         require_display_rate(self.display_hz)
-        with load_named_sensor(self.sensor, self.source) as folder:
-            print_notices(folder.notices)
+        with named_sensor_with_notices(self.sensor, self.source) as folder:
             sensor, wrenches, pressed = self.sensor_and_wrenches(folder)
             settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
             with suppress(KeyboardInterrupt):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notices, print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:
@@ -63,10 +63,8 @@ class ExportCalibrationCommand:
         """Export, and say what to set there."""
         from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
         from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
-        from ninedtact.calibration.sensor_folder import load_sensor
 
-        sensor = load_sensor(self.sensor)
-        print_notices(sensor.notices)
+        sensor = load_sensor_with_notices(self.sensor)
         export_original_calibration(sensor, self.out)
         files = [str(self.out / file) for file in ORIGINAL_FILES]
         return print_result(self.json, {**_to_json_dict(sensor), "files": files}, _format_export(sensor, self.out))

@@ -17,7 +17,6 @@ from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.ros_messages import (
-    MESSAGE_TYPES,
     EventKind,
     PairLabel,
     RecordingEvent,
@@ -43,7 +42,8 @@ _LONGEST_BUFFERING_S = 0.5
 class RecordingWriter:
     """Writes a recording while it is open (`with`). One thread at a time.
 
-    Images are stored without loss (bgr8) in chunks that zstd compresses (docs/recording.md has the figures).
+    Images are stored without loss, and everything in chunks that zstd compresses. The metadata say whether images are PNG and
+    heights are integers (docs/recording.md has the figures).
 
         with RecordingWriter("press.mcap", RecordingMetadata("my_sensor")) as recording:
             recording.write_image(frame)
@@ -96,12 +96,12 @@ class RecordingWriter:
 
     def write_selected_image(self, frame: Frame) -> None:
         """Write a frame that was selected among many: frames before it do not count as missing."""
-        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns))
+        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns), self.metadata.images)
         self._add(Topic.IMAGES, frame.stamp_ns, image, frame.index)
 
     def write_reference(self, frame: Frame, tare: int) -> None:
         """Write a reference image (no contact) of this tare."""
-        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns))
+        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns), self.metadata.images)
         self._add(Topic.REFERENCE, frame.stamp_ns, image, tare)
 
     def write_measured(self, wrench: Wrench) -> None:
@@ -121,7 +121,8 @@ class RecordingWriter:
     def write_height(self, height: HeightMap, index: int) -> None:
         """Write the heights of the image with this index, NaN out of view."""
         z_mm = np.where(height.in_view, height.z_mm, np.float32(np.nan))
-        self._add(Topic.HEIGHTS, height.stamp_ns, encode_height(z_mm, self.metadata.wall_ns(height.stamp_ns)), index)
+        message = encode_height(z_mm, self.metadata.wall_ns(height.stamp_ns), self.metadata.height_step_mm)
+        self._add(Topic.HEIGHTS, height.stamp_ns, message, index)
 
     def write_label(self, label: PairLabel) -> None:
         """Write that an image was saved as a pair; the label is on disk when this returns."""
@@ -176,12 +177,13 @@ class RecordingWriter:
             wall_ns = self.metadata.wall_ns(now_ns)
             self._writer.add_attachment(wall_ns, now_ns, name, "application/octet-stream", content)
         topics = [topic for topic in Topic if topic in self._topics]
+        sensor, images = self.metadata.sensor, self.metadata.images
         schemas = {
             name: self._writer.register_schema(name, "ros2msg", message_definition(name))
-            for name in dict.fromkeys(MESSAGE_TYPES[topic] for topic in topics)
+            for name in dict.fromkeys(topic.message_type(images) for topic in topics)
         }
         self._channels = {
-            topic: self._writer.register_channel(topic.path(self.metadata.sensor), "cdr", schemas[MESSAGE_TYPES[topic]])
+            topic: self._writer.register_channel(topic.path(sensor, images), "cdr", schemas[topic.message_type(images)])
             for topic in topics
         }
 

@@ -141,7 +141,7 @@ def _folder_files(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
     yield from format_shop_notes(sensor)
     yield from _assembly_files(sensor)
     yield "bom.csv", bill_to_csv(sensor.bill)
-    yield "bom.html", bill_to_html(sensor.design, sensor.bill)
+    yield "bom.html", bill_to_html(sensor.design, sensor.bill, drawn=sensor.parts)
     yield "check.txt", "\n".join(sensor.check_report_lines()).encode()
     yield "check.json", json.dumps(sensor.to_json_dict(), indent=1, ensure_ascii=False).encode()
     yield "design.toml", hardware_design_to_toml(sensor.design).encode()
