@@ -141,12 +141,14 @@ class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """Fraction of the reference image at or above grey level 250."""
 
 
-class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
+class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The quality of both calibrations, and warnings in words."""
 
-    board: BoardQuality
-    ball: BallQuality
-    warnings: list[str]
+    board: BoardQuality | None = None
+    """None where the lens was imported."""
+    ball: BallQuality | None = None
+    """None where no ball has been pressed yet."""
+    warnings: list[str] = field(default_factory=list)
 
 
 class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -233,7 +235,8 @@ class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_default
     design: SensorDesign
     grid: GridTable
     lens: LensModelTable | PinMapTable | PixelMapTable
-    depth: DepthTable
+    depth: DepthTable | None = None
+    """None where no ball has been pressed yet."""
     twin: TwinTable | None = None
     images: dict[str, StoredImage] = field(default_factory=dict)
     certificate: Certificate | None = None

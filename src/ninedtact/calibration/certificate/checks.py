@@ -91,8 +91,9 @@ at 0.03 mm light touches of 0.15 mm are not detected.
 
 
 def check_certificate(certificate: Certificate) -> list[CheckResult]:
-    """Return every check, beginning with the board's."""
-    return [*_check_board(certificate.board), *_check_ball(certificate.ball)]
+    """Return every check, beginning with the board's; those of a press that was not made are left out."""
+    board, ball = certificate.board, certificate.ball
+    return [*([] if board is None else _check_board(board)), *([] if ball is None else _check_ball(ball))]
 
 
 def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
@@ -133,6 +134,13 @@ def certificate_headline(certificate: Certificate) -> str:
         )
     if level == "poor":
         return f"Calibrate again before you rely on this sensor. {_count_in_words(lines, 'warn')}; the lines below say what to do."
+    if certificate.ball is None:
+        checks = (
+            f"All {len(lines)} checks passed"
+            if all(line.level == "pass" for line in lines)
+            else _count_in_words(lines, "warn")
+        )
+        return f"This sensor rectifies images. {checks}; heights and force need a press of the ball, see the warnings below."
     if all(line.level == "pass" for line in lines):
         return f"This sensor can be used with care. All {len(lines)} checks passed, but read the warnings below."
     return f"This sensor can be used with care. {_count_in_words(lines, 'warn')}; the lines below say what to do."
