@@ -43,6 +43,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     LensModelTable,
     PinMapTable,
     SensorRecord,
+    make_lens_correction_table,
 )
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
@@ -209,8 +210,8 @@ def _fit_board_and_ball(
         return found
 
     first = JointCalibration(board, rectify, ball(rectify))
-    if settings.lens == "paper":
-        return first
+    if settings.lens == "paper" or board.correction is not None:
+        return first  # the twin predicts the board through a lens model alone
     return refine_board_and_ball(first, board_images, lens, ball)
 
 
@@ -228,7 +229,7 @@ def _choose_projection(board: BoardFit, kind: LensKind) -> tuple[Projection, flo
     """Return the projection and its mm per raw pixel around the centre."""
     if kind == "paper":
         return fit_published_pin_map(board)
-    return board.lens, central_mm_per_px(board.lens, board.board.pitch_mm)
+    return board.projection, central_mm_per_px(board.projection, board.board.pitch_mm)
 
 
 def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
@@ -236,8 +237,9 @@ def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable
     if kind == "paper":
         points_px = integer_pin_centres_px(board)
         return PinMapTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
-    lens = board.lens
-    return LensModelTable(lens.homography, lens.centre, lens.radial, lens.tangential)  # type: ignore[arg-type]
+    lens, found = board.lens, board.correction
+    table = None if found is None else make_lens_correction_table(found.correction)
+    return LensModelTable(lens.homography, lens.centre, lens.radial, lens.tangential, table)  # type: ignore[arg-type]
 
 
 def _depth_table(ball: BallFit, settings: CalibrationSettings) -> DepthTable:
@@ -294,7 +296,8 @@ def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> B
     """Return the quality of the camera calibration."""
     seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
     original_mm = published_leave_one_out_errors_mm(seen_mm, centres_px)
-    leave_one_out_errors_mm = original_mm if lens == "paper" else board.lens_fit.leave_one_out_errors_mm
+    leave_one_out_errors_mm = original_mm if lens == "paper" else board.leave_one_out_errors_mm
+    is_corrected = lens == "model" and board.correction is not None
     return BoardQuality(
         pins_found=int(board.found.sum()),
         pins_expected=board.board.count,
@@ -308,6 +311,7 @@ def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> B
         noise_grey_levels=board.noise,
         lens=lens,
         camera_rotation_deg=board.mounting,
+        uncorrected_rms_mm=board.lens_fit.leave_one_out_rms_mm if is_corrected else None,
     )
 
 
@@ -347,9 +351,10 @@ def _board_warnings(board: BoardFit) -> list[str]:
             f"found {int(board.found.sum())} of {board.board.count} pins; predicted from the others: "
             f"{'; '.join(board.missing_pins)}; press harder there, or hold the board flatter, for a better lens"
         )
-    if board.lens_fit.leave_one_out_rms_mm > 0.04 * board.board.pitch_mm:
+    error_mm = rms_vector_length(board.leave_one_out_errors_mm)
+    if error_mm > 0.04 * board.board.pitch_mm:
         found.append(
-            f"pins are predicted only to {board.lens_fit.leave_one_out_rms_mm:.2f} mm (0.03 to 0.06 mm is usual); "
+            f"pins are predicted only to {error_mm:.2f} mm (0.03 to 0.06 mm is usual); "
             "focus the camera and press the board evenly"
         )
     return found

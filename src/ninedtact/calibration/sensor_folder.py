@@ -36,7 +36,7 @@ from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.lens import LensModel, PinMap, Projection
+from ninedtact.shape.lens import CorrectedLens, LensCorrection, LensModel, PinMap, Projection
 from ninedtact.shape.rectification import Rectification, rectification_of_projection
 
 if TYPE_CHECKING:
@@ -286,7 +286,11 @@ def _recalibration_command(folder: Path, tables: dict[str, Any]) -> str:
 def build_projection(lens: LensModelTable | PinMapTable, raw_shape: tuple[int, int]) -> Projection:
     """Return the projection from the skin to the raw image that a table of `sensor.toml` describes."""
     if isinstance(lens, LensModelTable):
-        return LensModel(lens.homography, lens.centre, lens.radial, lens.tangential, raw_shape)
+        model, table = LensModel(lens.homography, lens.centre, lens.radial, lens.tangential, raw_shape), lens.correction
+        if table is None:
+            return model
+        correction = LensCorrection(np.array(table.points_mm), np.array(table.weights_px), table.width_mm)
+        return CorrectedLens(model, correction)
     return PinMap(np.array(lens.points_mm), np.array(lens.points_px))
 
 

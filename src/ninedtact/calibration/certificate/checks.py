@@ -168,7 +168,7 @@ def _check_board(board: BoardQuality) -> list[CheckResult]:
         _make_check_result(
             LEAVE_ONE_OUT_RMS_MM.level(board.leave_one_out_rms_mm),
             f"Lens: a pin left out of the fit is predicted to {board.leave_one_out_rms_mm:.3f} mm RMS "
-            f"(expected: at most {LEAVE_ONE_OUT_RMS_MM.good:g} mm)",
+            f"{_correction_in_words(board)}(expected: at most {LEAVE_ONE_OUT_RMS_MM.good:g} mm)",
             "focus the camera on the skin, and press the board evenly",
         ),
         _make_check_result(
@@ -243,6 +243,14 @@ def _relative_contact_radius(ball: BallQuality) -> float:
 def _make_check_result(level: CheckLevel, fact: str, advice: str) -> CheckResult:
     """Return a check with the fact alone where it passes, and with the advice otherwise."""
     return CheckResult(level, f"{fact}." if level == "pass" else f"{fact}. To do: {advice}, and calibrate again.")
+
+
+def _correction_in_words(board: BoardQuality) -> str:
+    """Return that a smooth correction on top of the lens model is used, and the error without it, or an empty text."""
+    before_mm = board.uncorrected_rms_mm
+    return (
+        "" if before_mm is None else f"with a smooth correction on top of the lens model, {before_mm:.3f} mm without "
+    )
 
 
 def _missing_pins_in_words(board: BoardQuality) -> str:

@@ -92,9 +92,17 @@ def _board_table_rows(board: BoardQuality | None) -> Rows:
         ("scale", f"{board.mm_per_px:.5f} ± {board.mm_per_px_std:.5f} mm per pixel"),
         ("imprint of a pin (median)", f"{board.contrast_grey_levels:.1f} grey levels"),
         ("noise of a raw pixel", f"{board.noise_grey_levels:.2f} grey levels"),
-        ("lens", LENS_MODEL_TEXT[board.lens]),
+        ("lens", _lens_in_words(board)),
         ("sensor's x axis, from the image's", f"{board.camera_rotation_deg}° clockwise"),
     ]
+
+
+def _lens_in_words(board: BoardQuality) -> str:
+    """Return the kind of the lens, and whether a smooth correction is used on top of it."""
+    words, before_mm = LENS_MODEL_TEXT[board.lens], board.uncorrected_rms_mm
+    if before_mm is None:
+        return words
+    return f"{words}, and a smooth correction, without which the left-out error is {before_mm:.3f} mm"
 
 
 def _published_error_in_words(board: BoardQuality) -> str:
