@@ -223,7 +223,6 @@ def _position_in_words(mark: SkinMark) -> str:
 
 
 _DISQUALIFYING: frozenset[DriftDiagnosis] = frozenset(("something touches the gel", "another sensor's gel"))
-_CALIBRATION_REFERENCES = frozenset(("board_reference", "ball_reference"))
 
 
 class ReferenceImplausible(InputError):
@@ -291,5 +290,5 @@ def load_reference_check(folder: SensorFolder) -> ReferenceCheck:
 
     Raises `SensorFolderDamaged`.
     """
-    has_images = folder.record.images.keys() >= _CALIBRATION_REFERENCES
+    has_images = "ball_reference" in folder.record.images
     return ReferenceCheck(folder.id, load_calibrated_reference(folder) if has_images else None)
