@@ -88,3 +88,20 @@ def test_deblurred_heights_equal_those_looked_up_at_every_pixel() -> None:
     beyond = reader.index(darker.grey) < curve.darkest_index
     assert beyond.any() and np.array_equal(reader(darker).source == HeightSource.EXTRAPOLATED, beyond)
     assert not beyond[:, 300:].any() and (read.source == HeightSource.MEASURED).all()
+
+
+@pytest.mark.parametrize("shape", [(4, 5), (2, 2)])
+def test_exactly_the_darkest_calibrated_value_is_still_measured(shape: tuple[int, int]) -> None:
+    last = CURVE.darkest_index
+    for index, source in ((last, HeightSource.MEASURED), (last - 1, HeightSource.EXTRAPOLATED)):
+        assert (reader(CURVE).height_source(np.full(shape, index, np.uint16)) == source).all()
+    assert last == pytest.approx(0.8 * 32768, abs=1)
+
+
+def test_what_the_camera_does_not_see_stays_out_of_view_however_dark_it_is() -> None:
+    lens_source = np.array([[HeightSource.MEASURED, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW]], np.uint8)
+    reading = DepthReader(CURVE, Rectified(np.full((1, 3), 200, np.float32), 0.05), lens_source)
+    dark = np.zeros((1, 3), np.uint16)
+    expected = [[HeightSource.EXTRAPOLATED, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW]]
+    np.testing.assert_array_equal(reading.height_source(dark), expected)
+    np.testing.assert_array_equal(reading.height_source(dark + CURVE.darkest_index), lens_source)
