@@ -50,7 +50,7 @@ def mutants(
     seed: int = 0,
     at: tuple[str, ...] = (),
     again: bool = False,
-    tests_s: float = 60.0,
+    tests_s: float = 20.0,
 ) -> None:
     """Print how many mutants of each package its own tests kill, and every one that survives.
 

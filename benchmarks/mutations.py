@@ -54,6 +54,7 @@ _SILENT_KEYWORDS = {
     "encoding",
     "repr",
     "compare",
+    "init",
     "maxsize",
     "stacklevel",
 }

@@ -97,8 +97,8 @@ def test_what_noise_could_darken_is_no_contact() -> None:
 
 def test_pressure_beside_what_is_unseen_reaches_it() -> None:
     in_view, pressure = np.ones((8, 9), np.float32), np.zeros((8, 9), np.float32)
-    in_view[:, 0], pressure[4, 5] = 0, 1.0
-    for col, part, reaches in ((1, 0.06, True), (1, 0.04, False), (2, 0.5, False)):
+    in_view[:, 0], pressure[4, 5] = 0, 2.0
+    for col, part, reaches in ((1, 0.12, True), (1, 0.08, False), (2, 1.0, False)):
         beside = pressure.copy()
         beside[4, col] = part
         assert pressure_reaches_unseen(beside, in_view) == reaches
