@@ -34,6 +34,7 @@ def test_pressed_is_blue_bulging_is_red_untouched_is_pale_and_unseen_is_grey():
     source[0, 5] = HeightSource.OUT_OF_VIEW
     z_mm = np.array([[-9, -1, 0, 0.25, 9, np.nan]])
     colours = colourise_heights(skin(z_mm, source), ColourScale(2.0, 0.5))[0].astype(int)
+    np.testing.assert_array_equal(colourise_heights(skin(z_mm, source))[0], colours)  # the default scale
     blue, green, red = colours.T
     assert (blue[:2] > red[:2] + 40).all()
     assert (red[3:5] > blue[3:5] + 40).all()
