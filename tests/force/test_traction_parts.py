@@ -246,10 +246,23 @@ def test_the_light_that_a_press_takes_from_the_whole_image_is_added_back() -> No
 
 @pytest.mark.parametrize(("ratio", "base"), [(1.41, None), (1.39, COMPLIANT_BASE)])
 def test_the_slopes_of_bulges_and_dents_decide_the_base(ratio: float, base: Gel | None) -> None:
-    bulges = replace(RIGID.curve, brightening=(0.0, 0.15 * 0.5 * ratio), bulge_mm=(0.0, 0.5))
+    steep = 0.15 * ratio
+    bulges = replace(RIGID.curve, brightening=(0.0, 0.1 * steep, 0.5 * steep), bulge_mm=(0.0, 0.2, 0.5))
     assert bulge_to_dent_slope_ratio(bulges) == pytest.approx(ratio)
     substrate = identify_substrate(replace(RIGID, curve=bulges))
     assert substrate.base == base
+    raised = ratio if base is None else TYPICAL_SLOPE_RATIO
+    assert bulge_to_dent_slope_ratio(substrate.observation_model.curve) == pytest.approx(raised)
+
+
+def test_every_image_is_compared_with_its_own_reference() -> None:
+    cells, model = cell_grid_over_image((90, 120), 0.2), replace(RIGID, loss=LightLoss())
+    one, two = (Rectified(np.full((90, 120), grey, np.float32), 0.2) for grey in (100, 150))
+    for reference, expected in ((one, 0.2), (two, -0.2), (two, -0.2), (one, 0.2)):
+        image = Rectified(np.full((90, 120), 120, np.float32), 0.2)
+        np.testing.assert_allclose(model._relative_change(image, reference, cells), expected, atol=1e-5)
+    coarser = cell_grid_over_image((90, 120), 0.1)
+    assert model._relative_change(image, one, coarser).shape == coarser.shape != cells.shape
 
 
 def test_shear_varies_over_the_contact_by_its_spread_and_is_pulled_alike_everywhere() -> None:

@@ -98,6 +98,15 @@ def test_either_there_is_pressure_or_a_gap():
     assert np.abs(gap[contact.pressure_mpa > 0]).max() < 1e-6
 
 
+def test_skin_that_shear_raises_is_pressed_like_any_other():
+    fine = SolverSettings(tolerance=1e-4)
+    contact = pressed(model(friction=1.0, settings=fine), Pose(depth_mm=1.0), Pose(x_mm=0.4, depth_mm=1.0))
+    x, y = SMALL.positions_mm
+    gap = BALL.height_over_skin_mm(Pose(depth_mm=1.0), x, y) - contact.height_mm
+    assert gap.min() > -2e-4
+    assert np.abs(gap[contact.pressure_mpa > 0]).max() < 2e-4
+
+
 def test_the_load_is_the_slope_of_the_energy():
     def energy_mj(depth: float) -> float:
         contact = pressed(model(friction=0.0), Pose(depth_mm=depth))

@@ -155,3 +155,23 @@ def test_a_curve_without_bulges_goes_on_a_little_above_zero_and_hides_it() -> No
     brighter = Rectified(np.full((4, 5), 204, np.float32), 0.05)
     assert (reader(alone)(brighter).z_mm == 0).all() and (reader(CURVE)(brighter).z_mm > 0.04).all()
     assert (CURVE.balance_mm(np.array([0.01])) == 0).all()
+
+
+def test_the_light_that_is_lost_is_restored_before_depths_are_read() -> None:
+    spot = np.ones((40, 60), np.float32)
+    spot[10:30, 20:40] = 0.85
+    share = 0.15 * 400 / 2400
+    reference = Rectified(np.full(spot.shape, 200, np.float32), 0.05)
+    seen = Rectified((200 * spot * np.float32(1 - 0.8 * share)), 0.05)
+    source = np.full(spot.shape, HeightSource.MEASURED, np.uint8)
+    read = DepthReader(CURVE, reference, source, Smoothing(0, 0), loss=LightLoss(0.8))(seen).z_mm
+    np.testing.assert_allclose(read[10:30, 20:40], -0.75, atol=0.01)
+    assert np.abs(read[spot == 1]).max() < 0.01
+
+
+@pytest.mark.parametrize(("mm_per_px", "coarser"), [(0.05, 3), (0.1, 2), (0.15, 1), (0.3, 1)])
+def test_a_blurred_field_is_sharpened_on_a_grid_that_still_resolves_the_blur(mm_per_px: float, coarser: int) -> None:
+    assert Deblurring(0.55).floor == 0.03
+    field = np.ones((60, 90), np.float32)
+    assert Deblurring(0.55).on_coarser_grid(field, mm_per_px).shape == (60 // coarser, 90 // coarser)
+    np.testing.assert_allclose(Deblurring(0.55)(field, mm_per_px), 1, atol=1e-5)
