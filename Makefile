@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster chaos soak lock licences lint types coverage docs benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster chaos soak mutants lock licences lint types coverage docs benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -77,6 +77,10 @@ chaos: .venv/ready
 
 soak: .venv/ready
 	.venv/bin/python benchmarks/soak.py
+
+# Do the tests of a package notice a changed operator? `benchmarks/mutants.py --package shape --per-package 40` tries more of one.
+mutants: .venv/ready
+	.venv/bin/python benchmarks/mutants.py
 
 lint: .venv/ready
 	.venv/bin/ruff check .

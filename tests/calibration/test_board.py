@@ -14,7 +14,7 @@ from ninedtact.calibration.board.board_fit import (
     integer_pin_centres_px,
     published_leave_one_out_errors_mm,
 )
-from ninedtact.calibration.board.detection import BoardNotFound
+from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
 from ninedtact.calibration.brightness import ImageUnusable
 from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
@@ -243,3 +243,24 @@ def test_real_boards_need_no_correction_until_they_are_dented(
     original_mm = rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm, integer_pin_centres_px(fit)))
     left_out_mm = rms_vector_length(fit.leave_one_out_errors_mm)
     assert left_out_mm < 1.15 * plain.lens_fit.leave_one_out_rms_mm and left_out_mm < 0.7 * original_mm
+
+
+def dark_columns(left: float, *contrasts: float) -> np.ndarray:
+    """A change of light with dark spots 40 pixels apart: columns of four spots, each column with its contrast."""
+    y, x = np.mgrid[:300, :400]
+    across = sum(each * np.exp(-((x - left - 40 * n) ** 2) / 2 / 5.0**2) for n, each in enumerate(contrasts))
+    down = sum(np.exp(-((y - 80 - 40 * n) ** 2) / 2 / 5.0**2) for n in range(4))
+    return (-across * down).astype(np.float32)
+
+
+def test_of_a_wider_lattice_the_part_with_most_contrast_is_the_board() -> None:
+    candidate = find_board_candidate(dark_columns(60, 1, 5, 5, 5, 5, 5, 2), PinBoard(4, 5), 0)
+    assert candidate is not None and len(candidate.lattice) == 20
+    np.testing.assert_allclose(candidate.lattice.points_px.min(axis=0), [100, 80], atol=1)
+    np.testing.assert_allclose(candidate.lattice.points_px.max(axis=0), [260, 200], atol=1)
+
+
+@pytest.mark.parametrize(("board", "mounting"), [(PinBoard(4, 5), 0), (PinBoard(5, 4), 90)])
+def test_the_orientation_in_which_the_board_has_most_contrast_is_taken(board: PinBoard, mounting: int) -> None:
+    candidate = find_board_candidate(dark_columns(100, 5, 5, 5, 5, 5), board, "auto")
+    assert candidate is not None and (candidate.mounting, len(candidate.lattice)) == (mounting, 20)

@@ -24,6 +24,7 @@ from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Wrench, WrenchEstimate
 from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.export import ExportRefused, export_recording
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import (
     HEIGHT_STEP_16_BIT_MM,
@@ -32,7 +33,7 @@ from ninedtact.recording.metadata import (
     RecordingMetadata,
     parse_recording_metadata,
 )
-from ninedtact.recording.reader import Recording
+from ninedtact.recording.reader import Recording, median_rate_hz
 from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingRefused, RecordingStopped, RecordingWriter
 
@@ -79,7 +80,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         ((index, z_mm),) = read.heights()
         assert index == 5 and np.isnan(z_mm[0, 0])
         # Metres on disk: the round trip is exact to the last bit of a 32-bit number.
-        assert z_mm.ravel()[1:] == pytest.approx(pressed.ravel()[1:], rel=2e-7, abs=0)
+        np.testing.assert_allclose(z_mm.ravel()[1:], pressed.ravel()[1:], rtol=2e-7)
         (covariance,) = read.covariances()
         assert np.array_equal(covariance, np.diag(np.arange(6.0) ** 2))
         assert list(read.warnings()) == [(5, [EstimateWarning.PART_UNSEEN.value])]
@@ -378,3 +379,37 @@ def test_a_recording_never_overwrites_and_is_missed_in_words(tmp_path: Path) -> 
     assert path.read_bytes() == before
     with pytest.raises(CameraNotFound, match="no such file"):
         Recording(tmp_path / "none.mcap")
+
+
+@pytest.mark.parametrize("purpose", ["record", "collect"])
+def test_rate_and_gaps_are_those_of_the_stamps(purpose: str, tmp_path: Path) -> None:
+    path = tmp_path / "gaps.mcap"
+    with RecordingWriter(path, RecordingMetadata("gaps", purpose=purpose)) as episode:
+        for number in (0, 1, 2, 4, 5, 8, 9, 10, 11, 15):
+            episode.write_image(Frame(noise(0), BEGAN_NS + number * 20_000_000, number))
+            if number in (0, 4):
+                episode.write_measured(Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS + number * 20_000_000))
+    with Recording(path) as read:
+        topics = {topic.topic.rpartition("/")[2]: topic for topic in read.summary().topics}
+    images, measured = topics["image_raw"], topics["wrench_measured"]
+    assert (images.messages, measured.messages, measured.rate_hz) == (10, 2, None)
+    if purpose == "record":  # steps of three and four are gaps, one of two is not
+        assert (images.rate_hz, images.longest_gap_ms, images.gaps) == (pytest.approx(50), pytest.approx(80), 2)
+    else:  # images that were selected have no rate
+        assert images.rate_hz is images.gaps is None
+    assert median_rate_hz(np.array([5])) == median_rate_hz(np.array([5, 5, 5])) == 30
+
+
+def test_a_folder_that_holds_something_is_not_exported_into(tmp_path: Path) -> None:
+    path, out = tmp_path / "one.mcap", tmp_path / "out"
+    with RecordingWriter(path, RecordingMetadata("one")) as episode:
+        episode.write_image(frame(0))
+    with Recording(path) as read:
+        out.mkdir()
+        (out / "mine.txt").write_text("mine")
+        for taken in (out, out / "mine.txt"):
+            with pytest.raises(ExportRefused, match="new or empty folder"):
+                export_recording(read, taken)
+        assert [each.name for each in out.iterdir()] == ["mine.txt"]
+        (out / "mine.txt").unlink()
+        assert export_recording(read, out)["images"] == 1 and export_recording(read, tmp_path / "new")["images"] == 1
