@@ -290,5 +290,6 @@ def load_reference_check(folder: SensorFolder) -> ReferenceCheck:
 
     Raises `SensorFolderDamaged`.
     """
-    has_images = "ball_reference" in folder.record.images
+    needed = {"ball_reference"} if folder.is_imported else {"board_reference", "ball_reference"}
+    has_images = needed <= folder.record.images.keys()
     return ReferenceCheck(folder.id, load_calibrated_reference(folder) if has_images else None)
