@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster chaos soak lock licences lint types coverage docs benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster chaos soak mutants lock licences lint types coverage docs benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -78,6 +78,10 @@ chaos: .venv/ready
 soak: .venv/ready
 	.venv/bin/python benchmarks/soak.py
 
+# Do the tests of a package notice a changed operator? `benchmarks/mutants.py --package shape --per-package 40` tries more of one.
+mutants: .venv/ready
+	.venv/bin/python benchmarks/mutants.py
+
 lint: .venv/ready
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
@@ -115,7 +119,7 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
-BENCHMARKS := start_up page_clients force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
+BENCHMARKS := start_up page_clients page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))

@@ -26,6 +26,8 @@ from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms, r
 
 SENSOR_A_MM = 0.05
 OF_ORIGINAL = 0.8
+DENTS = ((5, 560, 240, 90), (8, 80, 80, 100), (4, 320, 300, 60))
+"""Largest displacement, place and width of the dents, in pixels."""
 
 
 def board_accuracy(json: bool = False) -> None:
@@ -43,13 +45,28 @@ def measured(folder: Path) -> Iterator[Figure]:
     seconds = time.perf_counter() - start
     found, expected, name = int(board.found.sum()), board.board.count, folder.name
     yield holds(f"{name}: pins found", f"{found} of {expected}", f"{expected} of {expected}", found == expected)
-    ours, original = board.lens_fit.leave_one_out_rms_mm, original_mm(board)
+    ours, original = rms_vector_length(board.leave_one_out_errors_mm), original_mm(board)
     limit = SENSOR_A_MM if name == "sensor_a" else OF_ORIGINAL * original
     yield at_most(f"{name}: left-out error, mm", ours, limit, peer=original)
     yield at_most(f"{name}: of the original's", ours / original, OF_ORIGINAL)
     yield Figure(f"{name}: left-out error by fitting again, mm", rms_vector_length(refitted_mm(board.lens_fit)))
     yield Figure(f"{name}: radial terms chosen", len(board.lens.radial))
+    yield Figure(f"{name}: smooth correction", "none" if board.correction is None else "used")
     yield Figure(f"{name}: seconds to find and fit", seconds)
+    for number, dent in enumerate(DENTS, start=1):
+        bent = fit_board(dented(reference, dent), dented(press, dent), SensorDesign().pin_board)
+        ours, original, alone = rms_vector_length(bent.leave_one_out_errors_mm), original_mm(bent), bent.lens_fit
+        yield at_most(f"{name}, dent {number}: left-out error, mm", ours, original, peer=original)
+        yield Figure(f"{name}, dent {number}: lens alone, mm", alone.leave_one_out_rms_mm)
+
+
+def dented(image: np.ndarray, dent: tuple[float, float, float, float]) -> np.ndarray:
+    """The image displaced smoothly near one place, as no lens model follows it; dent: pixels, column, row, width."""
+    rows, cols = image.shape[:2]
+    x, y = np.meshgrid(np.arange(cols, dtype=np.float32), np.arange(rows, dtype=np.float32))
+    largest, column, row, width = dent
+    by = largest * np.exp(-((x - column) ** 2 + (y - row) ** 2) / (2 * width**2))
+    return cv2.remap(image, x + by, y - 0.6 * by, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def original_mm(board: BoardFit) -> float:

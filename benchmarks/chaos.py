@@ -4,6 +4,8 @@
                  train
     full disk    the same commands on a file system that is too small (a tmpfs, which needs permission to mount one)
     two writers  two commands that write to the same place at the same time
+    clock set    the wall clock jumps by an hour while live, record or collect runs (`chaos_of_time`)
+    stall        the network camera of live or record falls silent, for a while or for ever (`chaos_of_time`)
 
 A case is answered well where the command ends within `END_S`, prints no traceback, and leaves at the path that it was told to write
 nothing, a result that is whole, or one that running the command again completes. Run it with `make chaos`.
@@ -14,7 +16,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +24,18 @@ from tempfile import TemporaryDirectory
 
 import cv2
 import tyro
+from chaos_of_time import (
+    HOUR_S,
+    PASSING_STALLS,
+    STALLS,
+    TOLD_S,
+    StallingCamera,
+    answers,
+    clock_step_environment,
+    complaint_about_page,
+    complaint_about_stamps,
+    free_port,
+)
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.dataset.reader import load_dataset
@@ -51,17 +65,27 @@ class Command:
     """Whether a result can be read; it is not asked where there is none."""
     resumes: bool = False
     """Whether a part of the result may be there, which the same command completes."""
+    troubles: tuple[str, ...] = ("signals", "full disk", "two writers")
+    url: str = ""
+    """Address of the page that the command serves until it is interrupted."""
 
     def line(self, folder: Path) -> tuple[str, ...]:
         """Return the command line that writes into a folder."""
         return (*NINEDTACT, *self.arguments, "--out", str(folder / self.result))
 
 
-def chaos(cases: int = 8, seed: int = 0, only: tuple[str, ...] = ()) -> None:
+def chaos(cases: int = 8, seed: int = 0, only: tuple[str, ...] = (), troubles: tuple[str, ...] = ()) -> None:
     """Print how many cases were tried and how many were answered well, and every one that was not.
 
-    cases: number for each command and kind of trouble. only: names of the commands that are tried.
+    cases: number for each command and kind of trouble. only, troubles: names of the commands and kinds that are tried.
     """
+    tried = {
+        "signals": try_signal,
+        "full disk": try_full_disk,
+        "two writers": try_two_writers,
+        "clock set": try_clock_step,
+        "stall": try_stall,
+    }
     chance = random.Random(seed)
     with TemporaryDirectory(prefix="chaos_") as name:
         commands = [command for command in make_commands(Path(name)) if not only or command.name in only]
@@ -70,12 +94,9 @@ def chaos(cases: int = 8, seed: int = 0, only: tuple[str, ...] = ()) -> None:
         bad = [
             complaint
             for command in commands
-            for trouble, attempt in (
-                ("signals", try_signal),
-                ("full disk", try_full_disk),
-                ("two writers", try_two_writers),
-            )
-            for complaint in table_row(command, trouble, attempt, cases, chance)
+            for trouble in command.troubles
+            if not troubles or trouble in troubles
+            for complaint in table_row(command, trouble, tried[trouble], cases, chance)
         ]
     print("\n".join(["", *bad] if bad else ["", "none was answered badly"]))
     sys.exit(bool(bad))
@@ -118,10 +139,18 @@ def make_commands(folder: Path) -> list[Command]:
         "--held-out",
         "standard",
     )
+    live = ("live", "--sensor", str(sensor), "--port", str(port := free_port()))
+    reference = ("--reference", str(images / "ball_reference.png"))
+    from_stream = ("record", "--sensor", str(sensor), "--seconds", "20")
+    page = f"http://127.0.0.1:{port}/"
+    both = ("signals", "full disk", "two writers", "clock set")
     return [
         Command("calibrate", ("calibrate", "--images", str(images), "--method", "ratio"), "sensor", 6, is_sensor),
-        Command("record", record, "press.mcap", 8, is_recording),
-        Command("collect", collect, "pairs.mcap", 10, is_recording),
+        Command("record", record, "press.mcap", 8, is_recording, troubles=both),
+        Command("record stream", from_stream, "press.mcap", 8, is_recording, troubles=("stall",)),
+        Command("collect", collect, "pairs.mcap", 10, is_recording, troubles=both),
+        Command("live", (*live, "--source", "sim"), "readings", 8, is_folder, troubles=("clock set",), url=page),
+        Command("live stream", (*live, *reference), "readings", 8, is_folder, troubles=("stall",), url=page),
         Command("simulate dataset", ("simulate", "dataset", *small_data(60)), "data", 15, is_dataset, resumes=True),
         Command("hardware export", ("hardware", "export"), "hardware", 30, is_hardware),
         Command("train", train, "model", 20, is_model, resumes=True),
@@ -130,7 +159,10 @@ def make_commands(folder: Path) -> list[Command]:
 
 def require_undisturbed_success(commands: list[Command], folder: Path) -> None:
     """Run every command once without trouble: what fails by itself proves nothing."""
+    (folder / "undisturbed").mkdir()
     for command in commands:
+        if "signals" not in command.troubles:  # it ends by its trouble alone
+            continue
         subprocess.run(command.line(folder / "undisturbed"), check=True, capture_output=True)
         if not command.is_whole(folder / "undisturbed" / command.result):
             raise SystemExit(f"expected a whole result of an undisturbed '{command.name}', got an unfinished one")
@@ -169,6 +201,10 @@ def is_recording(path: Path) -> bool:
         return sum(1 for _ in recording.frames()) >= 0
 
 
+def is_folder(path: Path) -> bool:
+    return path.is_dir()
+
+
 def is_dataset(path: Path) -> bool:
     return len(load_dataset(path)) > 0
 
@@ -184,15 +220,16 @@ def is_model(path: Path) -> bool:
 def table_row(
     command: Command,
     trouble: str,
-    attempt: Callable[[Command, Path, random.Random], str | None],
+    attempt: Callable[[Command, Path, random.Random, int], str | None],
     cases: int,
     chance: random.Random,
 ) -> list[str]:
     """Try one kind of trouble with one command, print the row, and return what was answered badly."""
     complaints: list[str] = []
-    for _ in range(cases):
+    for number in range(cases):
         with TemporaryDirectory(prefix="chaos_") as folder:
-            complaint = attempt(command, Path(folder), chance)
+            complaint = attempt(command, Path(folder), chance, number)
+        Path(f"{folder}.txt").unlink(missing_ok=True)
         if complaint == NOT_TRIED:
             print(f"{command.name:18s} {trouble:12s} not tried: no permission to mount a small file system")
             return []
@@ -204,13 +241,13 @@ def table_row(
 NOT_TRIED = "not tried"
 
 
-def try_signal(command: Command, folder: Path, chance: random.Random) -> str | None:
+def try_signal(command: Command, folder: Path, chance: random.Random, number: int) -> str | None:
     """Stop a command at a random moment; return what was wrong with its end, or None."""
-    sent = chance.choice(SIGNALS)
+    sent = SIGNALS[number % len(SIGNALS)]
     with start(command, folder) as running:
         time.sleep(chance.uniform(0.05, 1.1 * command.seconds))
         running.send_signal(sent)
-        complaint = complaint_about_end(running)
+        complaint = complaint_about_end(running, folder)
     after = f"after {sent.name}"
     if complaint:
         return f"{complaint} {after}"
@@ -221,9 +258,9 @@ def try_signal(command: Command, folder: Path, chance: random.Random) -> str | N
     return f"{left} {after}" if left else None
 
 
-def try_full_disk(command: Command, folder: Path, chance: random.Random) -> str | None:
+def try_full_disk(command: Command, folder: Path, chance: random.Random, number: int) -> str | None:
     """Run a command on a small file system; return what was wrong with its end, or None."""
-    size_kb = chance.choice(DISK_KB)
+    size_kb = DISK_KB[number % len(DISK_KB)]
     mounted = subprocess.run(
         ("mount", "-t", "tmpfs", "-o", f"size={size_kb}k", "tmpfs", str(folder)), capture_output=True, check=False
     )
@@ -231,7 +268,7 @@ def try_full_disk(command: Command, folder: Path, chance: random.Random) -> str 
         return NOT_TRIED
     try:
         with start(command, folder) as running:
-            complaint = complaint_about_end(running, command.seconds * 4 + END_S)
+            complaint = complaint_about_end(running, folder, command.seconds * 4 + END_S)
         return (
             complaint or complaint_about_result(command, folder)
         ) and f"{complaint or 'a damaged result'} on {size_kb} kB"
@@ -239,12 +276,12 @@ def try_full_disk(command: Command, folder: Path, chance: random.Random) -> str 
         subprocess.run(("umount", str(folder)), check=True)
 
 
-def try_two_writers(command: Command, folder: Path, chance: random.Random) -> str | None:
+def try_two_writers(command: Command, folder: Path, chance: random.Random, number: int) -> str | None:
     """Run a command twice at the same time; return what was wrong with either end, or None."""
     with start(command, folder) as first:
         time.sleep(chance.uniform(0, 0.3 * command.seconds))
         with start(command, folder) as second:
-            complaints = [complaint_about_end(one, command.seconds * 8 + END_S) for one in (first, second)]
+            complaints = [complaint_about_end(one, folder, command.seconds * 8 + END_S) for one in (first, second)]
     if any(complaints):
         return str(next(filter(None, complaints)))
     if not (folder / command.result).exists():
@@ -252,27 +289,81 @@ def try_two_writers(command: Command, folder: Path, chance: random.Random) -> st
     return complaint_about_result(command, folder)
 
 
-def start(command: Command, folder: Path) -> "subprocess.Popen[str]":
-    """Start a command in a session of its own, so that its workers are seen to end with it."""
-    return subprocess.Popen(
-        command.line(folder),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=folder.parent,
-        start_new_session=True,
+def try_clock_step(command: Command, folder: Path, chance: random.Random, number: int) -> str | None:
+    """Set the clock of a command by an hour while it runs; return what was wrong, or None."""
+    trigger = folder / "clock"
+    patched = clock_step_environment(folder, (HOUR_S, -HOUR_S)[number % 2], trigger)
+    with start(command, folder, environment=patched) as running:
+        has_begun = (lambda: answers(command.url)) if command.url else (folder / command.result).exists
+        while not has_begun() and running.poll() is None:
+            time.sleep(0.05)
+        time.sleep(chance.uniform(0.2, 2.5))
+        trigger.touch()
+        if command.url:
+            time.sleep(2)
+        complaint = complaint_about_page(running, command.url) if command.url else None
+        complaint = complaint or complaint_about_end(running, folder, command.seconds * 4 + END_S)
+    if complaint is None and not command.url:
+        complaint = complaint_about_stamps(folder / command.result, said_by(folder))
+    return complaint
+
+
+def try_stall(command: Command, folder: Path, chance: random.Random, number: int) -> str | None:
+    """Let the stream that a command reads stall; return what was wrong, or None."""
+    image = cv2.imread(
+        str(Path(command.arguments[command.arguments.index("--sensor") + 1], "images/ball_reference.png"))
     )
+    camera = StallingCamera(image, STALLS[number % len(STALLS)], chance.uniform(3, 5))
+    with camera.serve() as url, start(command, folder, ("--source", url)) as running:
+        if not camera.stalled.wait(60):
+            running.kill()
+            return f"did not read the stream: {said_by(folder)[-300:]}"
+        stalled_at = time.monotonic()
+        while url not in said_by(folder) and time.monotonic() < stalled_at + TOLD_S:
+            time.sleep(0.05)
+        complaint = None if url in said_by(folder) else f"no word about the stall within {TOLD_S:g} s"
+        if command.url:
+            time.sleep(max(0.0, stalled_at + camera.length_s() + 4 - time.monotonic()))
+            if "is back" not in said_by(folder) and camera.stall in PASSING_STALLS:
+                complaint = complaint or "no word about the end of the stall"
+            answered = complaint_about_page(running, command.url)
+            complaint = complaint or answered
+        complaint = complaint or complaint_about_end(running, folder)
+    complaint = complaint or complaint_about_result(command, folder)
+    return f"{complaint}, stall: {camera.stall}" if complaint else None
 
 
-def complaint_about_end(running: "subprocess.Popen[str]", limit_s: float = END_S) -> str | None:
+def start(
+    command: Command, folder: Path, more: tuple[str, ...] = (), environment: Mapping[str, str] | None = None
+) -> "subprocess.Popen[str]":
+    """Start a command in a session of its own, so that its workers are seen to end with it."""
+    with Path(f"{folder}.txt").open("a") as said:
+        return subprocess.Popen(
+            (*command.line(folder), *more),
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+            text=True,
+            cwd=folder.parent,
+            env=environment,
+            start_new_session=True,
+        )
+
+
+def said_by(folder: Path) -> str:
+    """Return what the commands that write to a folder have printed on standard error; the file lies beside the folder."""
+    return Path(f"{folder}.txt").read_text(errors="replace")
+
+
+def complaint_about_end(running: "subprocess.Popen[str]", folder: Path, limit_s: float = END_S) -> str | None:
     """Wait for the end; return a complaint about a command that hangs or prints a traceback."""
     try:
-        _, said = running.communicate(timeout=limit_s)
+        running.wait(timeout=limit_s)
     except subprocess.TimeoutExpired:
         with suppress(ProcessLookupError):
             running.kill()
-        running.communicate()
+        running.wait()
         return f"did not end within {limit_s:.0f} s"
+    said = said_by(folder)
     return f"traceback: {said.strip().splitlines()[-1]}" if "Traceback (most recent call last)" in said else None
 
 

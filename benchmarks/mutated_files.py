@@ -28,6 +28,7 @@ import tyro
 from file_mutations import Mutation, remove
 
 from ninedtact.cli import main as run_command
+from ninedtact.errors import NinedtactError
 
 LONGEST_S = 20.0
 """Time after which a case counts as one that does not end; the slowest good one takes a few seconds."""
@@ -273,6 +274,19 @@ def _stated_stds(row: dict[str, Any]) -> dict[str, str]:
 def command(*words: str | Path) -> Callable[[Path], int]:
     """Return a command line as a function; the word OUT in it stands for the folder of results."""
     return lambda out: run_command([str(out / "x") if word == "OUT" else str(word) for word in words])
+
+
+def refusing(work: Callable[[Path], int]) -> Callable[[Path], int]:
+    """Return work of the library that ends as a command does where it is refused."""
+
+    def run(out: Path) -> int:
+        try:
+            return work(out)
+        except NinedtactError as refusal:
+            print(f"ninedtact: {refusal}", file=sys.stderr)
+            return 1
+
+    return run
 
 
 def quietly(work: Callable[[], object]) -> None:

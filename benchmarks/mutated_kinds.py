@@ -19,7 +19,8 @@ from file_mutations import (
     place_mutations,
     text_mutations,
 )
-from mutated_files import FileKind, command, quietly
+from mutated_data_and_objects import cache_files, foreign_data_files, generated_data_set_files, meshes, videos
+from mutated_files import FileKind, command, quietly, refusing
 from real_images import sensor_folders
 
 from ninedtact import default_twin, load_sensor, read_image
@@ -61,8 +62,13 @@ SHARES = {
     "Parquet": 0.06,
     "predictions": 0.05,
     "image": 0.09,
+    "data set (JSON)": 0.12,
+    "data of others": 0.08,
+    "cache": 0.04,
+    "video": 0.08,
+    "mesh": 0.12,
 }
-"""Share of the cases by kind of file; what lies in place of a file comes on top."""
+"""Cases of each kind of file, in parts of the number that is asked for; what lies in place of a file comes on top."""
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
 
 
@@ -101,6 +107,11 @@ def file_kinds(
         _data_sets,
         _predictions,
         _images,
+        generated_data_set_files,
+        foreign_data_files,
+        cache_files,
+        videos,
+        meshes,
     ]
     kinds = [kind for make in makers for kind in make(sensor, folder, count, seed)]
     return [replace(kind, mutations=[*kind.mutations, *place_mutations(places)]) for kind in kinds]
@@ -169,34 +180,17 @@ def _designs(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> li
             "design",
             design,
             text_mutations(contents[0], count["design"], seed),
-            [_refusing(press)],
+            [refusing(press)],
             is_authored=True,
         ),
         FileKind(
             "hardware design",
             hardware,
             text_mutations(contents[1], count["hardware design"], seed),
-            [_refusing(check)],
+            [refusing(check)],
             is_authored=True,
         ),
     ]
-
-
-def _refusing(work: Callable[[Path], int]) -> Callable[[Path], int]:
-    """Return work of the library that ends as a command does where it is refused."""
-
-    def run(out: Path) -> int:
-        import sys
-
-        from ninedtact.errors import NinedtactError
-
-        try:
-            return work(out)
-        except NinedtactError as refusal:
-            print(f"ninedtact: {refusal}", file=sys.stderr)
-            return 1
-
-    return run
 
 
 def _force_models(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> list[FileKind]:
@@ -329,7 +323,7 @@ def _data_sets(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> 
 
     commands = [
         command("dataset", "check", data, "--report", "OUT", "--workers", "1", "--json"),
-        _refusing(read),
+        refusing(read),
     ]
     return [
         FileKind(

@@ -46,7 +46,7 @@ def page_clients(clients: int = 20, rounds: int = 5, images: int = 240, json: bo
     """Show the page to nobody and to a crowd in turns, and print what that costs."""
     pictures, shape = real_sensor("sensor_a")
     sensor = Sensor(LatestFrameSource(PacedCamera(pictures["ball_reference"], pictures["ball"])), shape, 2)
-    alone, crowded, memory_mb = [], [], []
+    alone, crowded, few, memory_mb = [], [], [], []
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as poller:
         studio, stop = PageController(poller, Path("out/readings")), threading.Event()
         page = SensorPage(server, studio, gel_block_under_skin(shape, Gel()), "sensor_a")
@@ -56,34 +56,38 @@ def page_clients(clients: int = 20, rounds: int = 5, images: int = 240, json: bo
             alone.append(lost_images(poller, images))
             with crowd(server, clients):
                 crowded.append(lost_images(poller, images))
+            with crowd(server, 3):
+                page.viewers[1].toggle_freeze()
+                few.append(lost_images(poller, images))
             time.sleep(3)
             memory_mb.append(resident_now_mb())
         stop.set()
         showing.join()
-    answer("Clients of the live page", list(figures(clients, rounds * images, alone, crowded, memory_mb)), json)
+    answer("Clients of the live page", list(figures(clients, rounds * images, alone, crowded, few, memory_mb)), json)
 
 
 def figures(
-    clients: int, images: int, alone: list[int], crowded: list[int], memory_mb: list[float]
+    clients: int, images: int, alone: list[int], crowded: list[int], few: list[int], memory_mb: list[float]
 ) -> Iterator[Figure]:
     yield Figure("lost without clients, %", 100 * sum(alone) / images)
     yield at_most(f"lost with {clients} clients, one of which never reads, %", 100 * sum(crowded) / images, 5)
+    yield at_most("lost with three viewers, one of them frozen and one asleep, %", 100 * sum(few) / images, 5)
     yield Figure("memory after the first crowd left, MB", memory_mb[0])
     yield Figure(f"memory after {len(memory_mb)} crowds left, MB", memory_mb[-1])
 
 
 @contextmanager
-def crowd(server: viser.ViserServer, clients: int) -> Iterator[None]:
-    """Connect clients, wait for all, and let them leave at the end."""
+def crowd(server: viser.ViserServer, clients: int, silent: int = 1, others: int = 0) -> Iterator[None]:
+    """Connect clients, some of which never read, beside others, wait for all, and let them leave at the end."""
     command = [sys.executable, str(CLIENTS), f"ws://127.0.0.1:{server.get_port()}", f"viser-v{viser.__version__}"]
-    process = subprocess.Popen([*command, str(clients), "1"])
-    while len(server.get_clients()) < clients:
+    process = subprocess.Popen([*command, str(clients), str(silent)])
+    while len(server.get_clients()) < clients + others:
         time.sleep(0.1)
     time.sleep(1)
     yield
     process.kill()
     process.wait()
-    while server.get_clients():
+    while len(server.get_clients()) > others:
         time.sleep(0.1)
 
 

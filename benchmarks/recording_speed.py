@@ -1,10 +1,11 @@
-"""Recording: what an image and a force sample cost to write, how large a minute is, and what else could hold the images.
+"""Recording: what an image, heights and a force sample cost to write, how large a minute is, and what each storage of them saves.
 
 Times are the writing thread's own, which other programs on the machine do not change. Images: the twelve real ones, and
 untouched skin of the default twin, whose noise is that of a sensor read without compression.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import cycle, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,9 +16,11 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least
 from real_images import PRESSES, sensor_folders
+from real_sensor import real_sensor
 
-from ninedtact import Frame, Wrench, default_twin, read_image
-from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact import Frame, HeightMap, Wrench, default_twin, read_image
+from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
@@ -35,7 +38,8 @@ def recording_speed(count: int = 150, json: bool = False) -> None:
     }
     cv2.setNumThreads(1)
     figures = [figure for name, images in sets.items() for figure in of_images(name, images, count)]
-    answer("Recording, one thread", [*figures, *of_samples()], json)
+    figures += [figure for name, images in sets.items() for figure in of_storages(name, images, count)]
+    answer("Recording, one thread", [*figures, *of_heights(count), *of_samples()], json)
 
 
 def of_images(name: str, images: Images, count: int) -> list[Figure]:
@@ -62,6 +66,53 @@ def of_images(name: str, images: Images, count: int) -> list[Figure]:
             peer=f"PNG {png_kb:.0f}, bare {images[0].nbytes / 1e3:.0f}",
         ),
         Figure(f"{name} images: a minute at {HZ} Hz, MB", round(per_image_kb * HZ * 60 / 1e3)),
+    ]
+
+
+def of_storages(name: str, images: Images, count: int) -> list[Figure]:
+    """Both storages of images, written and read in turn; ratios are those of one run."""
+    frames = [Frame(image, number, number) for number, image in enumerate(islice(cycle(images), count))]
+    metadata = {storage: RecordingMetadata("benchmark", images=storage) for storage in ("zstd", "png")}
+    zstd, png = (written_and_read(metadata[each], Topic.IMAGES, frames) for each in ("zstd", "png"))
+    return compared(f"{name} images as PNG", "zstd", png, zstd)
+
+
+def of_heights(count: int) -> list[Figure]:
+    """Heights of a real ball press and of no contact, in 32 and in 16 bits."""
+    images, shape = real_sensor("sensor_a")
+    depth = shape.depth_reader(Frame(images["ball_reference"]))
+    seen = [depth(shape.rectify(Frame(images[name]))) for name in ("ball", "ball_reference", "board")]
+    heights = [replace(height, stamp_ns=number) for number, height in enumerate(islice(cycle(seen), count))]
+    steps_mm = {"32 bits": 0.0, "16 bits": HEIGHT_STEP_16_BIT_MM}
+    large, small = (
+        written_and_read(RecordingMetadata("benchmark", height_step_mm=step), Topic.HEIGHTS, heights)
+        for step in steps_mm.values()
+    )
+    return [*compared("heights in 16 bits", "32 bits", small, large), Figure("heights in 16 bits: step, mm", 0.001)]
+
+
+def written_and_read(metadata: RecordingMetadata, topic: Topic, items: Sequence[Frame | HeightMap]) -> np.ndarray:
+    """Time to write and to read one item, ms, and its size, kB."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "items.mcap"
+        with RecordingWriter(path, metadata, [topic]) as episode:
+            write_ms = timed_ms(
+                lambda: [
+                    episode.write_image(item) if isinstance(item, Frame) else episode.write_height(item, item.stamp_ns)
+                    for item in items
+                ]
+            )
+        size_kb = path.stat().st_size / 1e3
+        with Recording(path) as recording:
+            read_ms = timed_ms(lambda: list(recording.frames() if topic is Topic.IMAGES else recording.heights()))
+    return np.array([write_ms, read_ms, size_kb]) / len(items)
+
+
+def compared(what: str, other: str, found: np.ndarray, beside: np.ndarray) -> list[Figure]:
+    """Three figures with their ratios to those of the other storage."""
+    return [
+        Figure(f"{what}: {part}", round(one, 1), peer=f"{other} {two:.1f}; ratio {one / two:.2f}")
+        for part, one, two in zip(("written in, ms", "read in, ms", "size, kB"), found, beside, strict=True)
     ]
 
 

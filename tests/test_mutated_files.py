@@ -13,6 +13,8 @@ from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.shape.depth import Deblurring
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+SLOW = ("video, press.mp4", "video, press.mkv", "mesh, strange")
+"""Kinds that only the benchmark tries."""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="cases run in forked processes")
@@ -30,7 +32,7 @@ def test_no_mutated_file_is_answered_badly(
     record = msgspec.structs.replace(twin_sensor.record, depth=depth)
     (tmp_path / "sensor" / SENSOR_FILE).write_bytes(to_sensor_toml(record))
     kinds = file_kinds(tmp_path / "sensor", tmp_path, cases=60, seed=1, places=("fifo",))
-    tallies = [tally_kind(kind, tmp_path) for kind in kinds]
+    tallies = [tally_kind(kind, tmp_path) for kind in kinds if kind.name not in SLOW]
     report = "\n".join(table_lines(tallies))
-    assert len(kinds) > 10 and sum(tally.verdicts.total() for tally in tallies) >= 60, report
+    assert len(kinds) > 30 and sum(tally.verdicts.total() for tally in tallies) >= 60, report
     assert not any(tally.bad for tally in tallies), report

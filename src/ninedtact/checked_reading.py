@@ -12,11 +12,29 @@ from collections.abc import Collection, Mapping
 from hashlib import sha256
 from pathlib import Path
 from time import monotonic, sleep
+from tokenize import TokenError
 from typing import Any
+from zipfile import BadZipFile
+from zlib import error as ZlibError
 
 import msgspec
 
 CHECKSUM_KEY = "checksum"
+NPY_READ_ERRORS = (
+    OSError,
+    ValueError,
+    EOFError,
+    TypeError,
+    OverflowError,
+    SyntaxError,
+    TokenError,
+    MemoryError,
+    KeyError,
+    RuntimeError,
+    BadZipFile,
+    ZlibError,
+)
+"""Exceptions that NumPy raises for a damaged .npy or .npz file."""
 _LONGEST_PIPE_S = 5.0
 MOST_TEXT_BYTES = 20_000_000
 """Largest size of a text file that is read."""
@@ -43,6 +61,17 @@ def read_text_file(path: Path | str, accepts_pipe: bool = False) -> str:
     if accepts_pipe and Path(path).is_fifo():
         return _read_pipe(Path(path)).decode()
     return read_regular_file(path, MOST_TEXT_BYTES).decode()
+
+
+def read_json_table(path: Path | str, most_bytes: int | None = MOST_TEXT_BYTES) -> dict[str, Any]:
+    """Return the object of a JSON file as a dictionary; raises `OSError` as `read_regular_file`, and `ValueError`."""
+    try:
+        found = json.loads(read_regular_file(path, most_bytes).decode())
+    except RecursionError as error:
+        raise ValueError("brackets are nested too deeply") from error
+    if not isinstance(found, dict):
+        raise ValueError(f"{path} holds no table of names and values")
+    return found
 
 
 def _read_pipe(path: Path) -> bytes:

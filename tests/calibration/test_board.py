@@ -1,6 +1,7 @@
 """The pin board is found and the lens recovered, on known lenses and on real images; what is no board is refused."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,10 +14,12 @@ from ninedtact.calibration.board.board_fit import (
     integer_pin_centres_px,
     published_leave_one_out_errors_mm,
 )
-from ninedtact.calibration.board.detection import BoardNotFound
+from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
 from ninedtact.calibration.brightness import ImageUnusable
-from ninedtact.calibration.procedure import CalibrationImages
+from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.design import PinBoard
 
 BOARD = PinBoard()
@@ -34,7 +37,7 @@ def test_a_known_lens_is_recovered() -> None:
     images = sensor.images()
     fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.found.all()
-    assert lens_error_mm(fit.lens, sensor.lens) < 0.01
+    assert lens_error_mm(fit.lens, sensor.lens) < 0.01 and fit.correction is None
     assert fit.lens_fit.leave_one_out_rms_mm < 0.02
 
 
@@ -188,3 +191,76 @@ def test_noise_hardly_moves_the_lens() -> None:
         images = sensor.images()
         errors.append(lens_error_mm(fit_board(images.board_reference, images.board, BOARD).lens, sensor.lens))
     assert errors[1] < 0.03
+
+
+def dent_px(points_px: np.ndarray) -> np.ndarray:
+    """A smooth displacement of up to eight pixels near a corner, which no lens model follows."""
+    squared = ((points_px - np.array([90.0, 100.0])) ** 2).sum(axis=-1, keepdims=True)
+    return 8 * np.exp(-squared / (2 * 100.0**2)) * np.array([1.0, -0.6])
+
+
+def dented(image: np.ndarray) -> np.ndarray:
+    """The image as seen through glass that displaces it by `dent_px`."""
+    rows, cols = image.shape[:2]
+    source = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).astype(float)
+    source += dent_px(source)
+    return cv2.remap(
+        image, *np.moveaxis(source.astype(np.float32), -1, 0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
+def test_a_smooth_correction_follows_what_no_lens_model_does(tmp_path: Path) -> None:
+    sensor = KnownSensor()
+    images = CalibrationImages(**{name: dented(image) for name, image in vars(sensor.images()).items()})
+    made = calibrate(images, settings=CalibrationSettings(method="ratio"))
+    fit, folder = made.board, save_sensor(tmp_path / "sensor", made)
+    assert fit.correction is not None
+    original_mm = rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm, integer_pin_centres_px(fit)))
+    left_out_mm = rms_vector_length(fit.leave_one_out_errors_mm)
+    assert left_out_mm < 0.6 * original_mm and left_out_mm < 0.7 * fit.lens_fit.leave_one_out_rms_mm
+    # Between the pins as well, the corrected lens is nearer to what is known.
+    points_mm = np.stack(np.meshgrid(np.linspace(-9, 9, 25), np.linspace(-7, 7, 25)), axis=-1).reshape(-1, 2)
+    straight_px = sensor.lens.to_px(points_mm)
+    known_px = straight_px
+    for _ in range(30):
+        known_px = straight_px - dent_px(known_px)
+    corrected, alone = (rms_vector_length(one.to_px(points_mm) - known_px) for one in (fit.projection, fit.lens))
+    assert corrected < 0.6 * alone
+
+    loaded, page = load_sensor(folder.path), (folder.path / "certificate.html").read_text()
+    np.testing.assert_array_equal(loaded.rectification.source_px, made.rectify.source_px)
+    assert loaded.record == folder.record and "with a smooth correction on top of the lens model" in page
+
+
+@pytest.mark.parametrize("letter", "aij")
+def test_real_boards_need_no_correction_until_they_are_dented(
+    letter: str, real_images: dict[str, CalibrationImages]
+) -> None:
+    images = real_images[letter]
+    plain = fit_board(images.board_reference, images.board, BOARD)
+    assert plain.correction is None
+    fit = fit_board(dented(images.board_reference), dented(images.board), BOARD)
+    original_mm = rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm, integer_pin_centres_px(fit)))
+    left_out_mm = rms_vector_length(fit.leave_one_out_errors_mm)
+    assert left_out_mm < 1.15 * plain.lens_fit.leave_one_out_rms_mm and left_out_mm < 0.7 * original_mm
+
+
+def dark_columns(left: float, *contrasts: float) -> np.ndarray:
+    """A change of light with dark spots 40 pixels apart: columns of four spots, each column with its contrast."""
+    y, x = np.mgrid[:300, :400]
+    across = sum(each * np.exp(-((x - left - 40 * n) ** 2) / 2 / 5.0**2) for n, each in enumerate(contrasts))
+    down = sum(np.exp(-((y - 80 - 40 * n) ** 2) / 2 / 5.0**2) for n in range(4))
+    return (-across * down).astype(np.float32)
+
+
+def test_of_a_wider_lattice_the_part_with_most_contrast_is_the_board() -> None:
+    candidate = find_board_candidate(dark_columns(60, 1, 5, 5, 5, 5, 5, 2), PinBoard(4, 5), 0)
+    assert candidate is not None and len(candidate.lattice) == 20
+    np.testing.assert_allclose(candidate.lattice.points_px.min(axis=0), [100, 80], atol=1)
+    np.testing.assert_allclose(candidate.lattice.points_px.max(axis=0), [260, 200], atol=1)
+
+
+@pytest.mark.parametrize(("board", "mounting"), [(PinBoard(4, 5), 0), (PinBoard(5, 4), 90)])
+def test_the_orientation_in_which_the_board_has_most_contrast_is_taken(board: PinBoard, mounting: int) -> None:
+    candidate = find_board_candidate(dark_columns(100, 5, 5, 5, 5, 5), board, "auto")
+    assert candidate is not None and (candidate.mounting, len(candidate.lattice)) == (mounting, 20)

@@ -6,6 +6,7 @@ import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -13,7 +14,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ninedtact.calibration.procedure import Calibration, CalibrationSettings, calibrate
+from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
+from ninedtact.calibration.drift.drift_measurement import load_calibrated_reference, measure_drift
+from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
+from ninedtact.calibration.procedure import Calibration, CalibrationSettings, calibrate, repeat_calibration
 from ninedtact.calibration.save import (
     SensorFolderNotReplaceable,
     create_sensor_folder,
@@ -21,9 +25,13 @@ from ninedtact.calibration.save import (
     save_sensor,
     to_sensor_toml,
 )
-from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
+from ninedtact.calibration.sensor_folder import DepthNotCalibrated, SensorFolder, SensorFolderDamaged, load_sensor
+from ninedtact.calibration.twin.sensor_twin import TwinMissing
 from ninedtact.cli import main, parse_arguments
-from ninedtact.cli.calibrate import CalibrateCommand
+from ninedtact.cli.calibrate import CalibrateCommand, DepthWouldBeLost, ImagesMissing
+from ninedtact.cli.demo import Demo
+from ninedtact.cli.option_parser import CalibrationOptions
+from ninedtact.cli.original_calibration import ImportCalibrationCommand
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 
@@ -115,6 +123,37 @@ def test_an_edited_number_is_a_warning_of_every_reading(folder: Path, capsys: py
         printed = capsys.readouterr()
         assert "sensor.toml was edited or damaged after the calibration" in printed.err
         assert "calibration edited" in json.loads(printed.out)["wrenches"][0]["warnings"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "adapt {sensor} --reference=no.png --press no.png 100",
+        "check {sensor} no.png",
+        "collect {sensor} --source=no.mcap --force-torque=no.mcap --out={out}.mcap",
+        "estimate {sensor} --reference=no.png no.png",
+        "export-calibration {sensor} --out={out}",
+        "live {sensor} --source=no.mcap",
+        "reconstruct {sensor} --reference=no.png --out={out} no.png",
+        "record {sensor} --source=no.mcap --out={out}.mcap",
+        "simulate fit {sensor}",
+        "simulate press {sensor} --object=no --depth-mm=1 --out={out}",
+    ],
+)
+def test_every_command_with_a_sensor_says_that_it_was_edited(
+    command: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What each command needs besides the sensor is missing, so that it ends there."""
+    edit(folder, "noise_mm = 0.00", "noise_mm = 0.01")
+    (folder / "images" / "ball.png").unlink()
+    main(command.format(sensor=f"--sensor={folder}", out=tmp_path / "out").split())
+    assert capsys.readouterr().err.count("sensor.toml was edited or damaged after the calibration") == 1
+
+
+def test_the_demo_says_that_its_sensor_was_edited(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    edit(folder, "noise_mm = 0.00", "noise_mm = 0.01")
+    assert Demo(sensor=folder).folder.is_edited
+    assert "sensor.toml was edited or damaged after the calibration" in capsys.readouterr().err
 
 
 def test_a_pipe_in_place_of_a_file_is_refused_at_once(folder: Path) -> None:
@@ -212,3 +251,75 @@ def test_a_full_disk_leaves_nothing(calibrated_a: Calibration, tmp_path: Path, m
 def test_a_sensor_folder_moves(folder: Path, tmp_path: Path) -> None:
     shutil.move(folder, tmp_path / "elsewhere")
     assert load_sensor(tmp_path / "elsewhere").stored_image("board").image.shape == (480, 640, 3)
+
+
+def calibrate_command(out: Path, images: Path, names: tuple[str, ...], **options: Any) -> int:
+    """Run the command on some of the images of a folder, by the method that is done soonest unless `options` say another."""
+    how = options.pop("options", CalibrationOptions(method="ratio"))
+    return CalibrateCommand(out, **{name: (images / f"{name}.png",) for name in names}, options=how, **options).run()
+
+
+def test_a_board_alone_rectifies_and_a_ball_completes_it(
+    twin_sensor: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, out = twin_sensor.path / "images", tmp_path / "finger"
+    assert calibrate_command(out, images, ("board_reference", "board")) == 0
+    assert "No ball has been pressed" in (out / "certificate.html").read_text()
+    assert "heights, force, 'ninedtact check' and the twin are missing" in capsys.readouterr().out
+    alone, frame = load_sensor(out), twin_sensor.stored_image("ball")
+    np.testing.assert_array_equal(alone.rectification(frame).grey, twin_sensor.rectification(frame).grey)
+    advice = f"ninedtact calibrate --out {out} --ball-reference REFERENCE.png --ball BALL.png"
+    for needs_depth in (
+        lambda: alone.shape,
+        lambda: load_calibrated_reference(alone),
+        lambda: repeat_calibration(alone, "physics"),
+    ):
+        with pytest.raises(DepthNotCalibrated, match=advice):
+            needs_depth()
+    with pytest.raises(TwinMissing, match=advice):
+        alone.twin()
+
+    assert calibrate_command(out, images, ("ball_reference", "ball")) == 0
+    whole = load_sensor(out)
+    assert (whole.record.lens, whole.record.depth) == (twin_sensor.record.lens, twin_sensor.record.depth)
+    assert whole.record.certificate == twin_sensor.record.certificate
+    assert whole.id == "finger"
+
+    with pytest.raises(DepthWouldBeLost, match="choose another --out"):
+        calibrate_command(out, images, ("board_reference", "board"))
+    with pytest.raises(ImagesMissing, match="images of the ball alone"):
+        calibrate_command(tmp_path / "new", images, ("ball_reference", "ball"))
+    assert load_sensor(out).record == whole.record
+
+
+def test_images_of_a_ball_upgrade_an_imported_sensor(
+    twin_sensor: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    original, images, out = tmp_path / "sensor_3", twin_sensor.path / "images", tmp_path / "finger"
+    export_original_calibration(twin_sensor, original)
+    ImportCalibrationCommand(original, out).run()
+    upgrade = f"--from-import {out} --out {out} --ball-reference REFERENCE.png --ball BALL.png"
+    said = capsys.readouterr().out
+    assert "no force, no twin and no 'ninedtact check'" in said and upgrade in said
+    imported, reference = load_sensor(out), twin_sensor.stored_image("ball_reference")
+    for needs_ball in (imported.twin, lambda: load_calibrated_reference(imported)):
+        with pytest.raises((TwinMissing, SensorFolderDamaged), match=upgrade):
+            needs_ball()
+
+    ball, physics = ("ball_reference", "ball"), CalibrationOptions()
+    assert calibrate_command(out, images, ball, from_import=out, options=physics) == 0
+    upgraded = load_sensor(out)
+    assert upgraded.id == "sensor_3" and upgraded.record.grid == imported.record.grid
+    np.testing.assert_array_equal(upgraded.rectification.source_px, imported.rectification.source_px)
+    assert "imported from the original project and is used as it is" in (out / "certificate.html").read_text()
+    certificate = upgraded.record.certificate
+    assert certificate is not None and certificate.board is None and certificate.ball is not None
+    assert certificate.ball.max_indentation_mm == pytest.approx(1.8, abs=0.1)  # the depth that was simulated
+    shown = upgraded.twin().renderer(None, 0).astype(float)
+    assert np.abs(shown - reference.image).mean() < 2
+    findings = diagnose_drift(measure_drift(load_calibrated_reference(upgraded), reference.image))
+    assert [finding.diagnosis for finding in findings] in ([], ["fine"])
+    assert upgraded.estimator("physics").name
+
+    with pytest.raises(ImagesMissing, match="beside --from-import"):
+        calibrate_command(out, images, ("board_reference", "board"), from_import=out)

@@ -15,8 +15,9 @@ BOUNDARY = "frame"
 class MjpegCamera:
     """Serves numbered images at `url`, each `period_s` after the last, for as long as it is plugged in."""
 
-    def __init__(self, rows: int = 48, cols: int = 64, period_s: float = 0.01) -> None:
-        self.rows, self.cols = rows, cols
+    def __init__(self, rows: int = 48, cols: int = 64, period_s: float = 0.01, steady: bool = False) -> None:
+        """steady: all images are alike."""
+        self.rows, self.cols, self.steady = rows, cols, steady
         self.period_s = period_s
         self.served = 0
         self.plugged_in = threading.Event()
@@ -43,9 +44,9 @@ class MjpegCamera:
             self._server = None
 
     def jpegs(self) -> Iterator[bytes]:
-        """Images until the plug is pulled; each one a grey level brighter than the last."""
+        """Images until the plug is pulled; each one a grey level brighter than the last, or all alike."""
         while self.plugged_in.is_set():
-            yield encoded(self.served % 200 + 20, self.rows, self.cols)
+            yield encoded(120 if self.steady else self.served % 200 + 20, self.rows, self.cols)
             self.served += 1
             time.sleep(self.period_s)
 

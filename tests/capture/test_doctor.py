@@ -155,3 +155,12 @@ def test_a_camera_that_regulates_itself_is_pointed_out() -> None:
     assert len(camera_settings_advice(regulated)) == 2 and camera_settings_advice(CameraSettings()) == []
     lines = camera_lines(CameraCheck("camera 0", "9DTact", trouble="expected much, got little; wait"))
     assert lines == ["  camera 0 (9DTact)", "    expected much, got little; wait"]
+
+
+def test_uneven_times_between_images_are_jitter() -> None:
+    source = HandFed()
+    for number in range(40):
+        source.show(level=number, stamp_ns=1_000_000_000 + number * 10_000_000 + (number % 2) * 2_000_000)
+    rate = measure_frame_rate(source, frames=35)
+    assert rate.jitter_ms == pytest.approx(2.0, rel=0.01)  # 12 and 8 ms in turn
+    assert rate.true_hz == pytest.approx(100, rel=0.01) and rate.duplicates == 0

@@ -13,6 +13,8 @@ from ninedtact.capture.strict_image_reading import (
     ImageSizeWrong,
     ImageUnreadable,
     average_images,
+    image_file_fault,
+    jpeg_size,
     read_image,
     require_image_size,
 )
@@ -140,3 +142,34 @@ def test_an_average_is_rounded_and_refuses_mixed_sizes() -> None:
         average_images([])
     with pytest.raises(ImageSizeWrong, match="the press"):
         require_image_size(IMAGE, rows=480, cols=640, what="the press")
+
+
+def test_a_jpeg_tells_its_size_and_its_end_through_restart_markers() -> None:
+    done, content = cv2.imencode(".jpg", IMAGE, [cv2.IMWRITE_JPEG_RST_INTERVAL, 1])
+    whole = content.tobytes()
+    assert done and b"\xff\xd0" in whole and b"\xff\xd7" not in whole[:200]
+    assert image_file_fault(whole) is None and jpeg_size(whole) == (24, 32)
+    assert image_file_fault(whole[:-2]) == "a file that is cut short" == image_file_fault(whole[: len(whole) // 2])
+    assert jpeg_size(whole[: whole.index(b"\xff\xc0") + 9]) == (24, 32)
+    assert jpeg_size(whole[: whole.index(b"\xff\xc0")]) is None
+    thumbnail = b"\xff\xe1\x00\x0a" + b"\xff\xd9" * 4  # an end of image within a segment is not the file's
+    assert image_file_fault(whole[:2] + thumbnail + whole[2:]) is None
+    assert image_file_fault(whole[:2] + thumbnail) == "a file that is cut short"
+
+
+def test_an_image_of_a_hundred_million_pixels_is_the_largest() -> None:
+    header = (10_000).to_bytes(4) + (10_000).to_bytes(4) + bytes((8, 2, 0, 0, 0))
+    end = png_chunk(b"IEND", b"")
+    start = b"\x89PNG\r\n\x1a\n"
+    assert image_file_fault(start + png_chunk(b"IHDR", header) + end) is None
+    larger = (10_000).to_bytes(4) + (10_001).to_bytes(4) + header[8:]
+    assert image_file_fault(start + png_chunk(b"IHDR", larger) + end) == "10000 x 10001 pixels"
+
+
+def test_a_bmp_is_as_long_as_it_says_and_only_padded_behind() -> None:
+    whole = WHOLE[".bmp"]
+    assert image_file_fault(whole) is image_file_fault(whole + b"\0\0") is None
+    assert image_file_fault(whole[:-1]) == "a file that is cut short"
+    assert image_file_fault(whole + b"\0\1") == "a damaged file"
+    wide = whole[:18] + (20_000).to_bytes(4, "little") + (-20_000).to_bytes(4, "little", signed=True) + whole[26:]
+    assert image_file_fault(wide) == "20000 x 20000 pixels"

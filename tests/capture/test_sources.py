@@ -1,10 +1,11 @@
 """What every member of the FrameSource family honours, live or recorded, bare or wrapped."""
 
+import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import cv2
@@ -30,14 +31,20 @@ from ninedtact.capture.source_from_address import source_for
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_decoding import VideoTimeline
-from ninedtact.quantities import Frame
+from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording import merge_streams
 from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource
+from ninedtact.recording.recorder import Recorder
+from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 
-sys.path.append(str(Path(__file__).parents[1] / "simulation"))
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("simulation", "recording")]
 from small_press_simulation import TWIN, small_press_simulation
+from twin_folder import twin_folder
 
 IMAGES = 8
 
@@ -183,6 +190,81 @@ def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> Non
         camera.period_s = 60
         with pytest.raises(CameraLost):
             list(source)
+
+
+@pytest.mark.parametrize("command", ["record --out={out}.mcap", "estimate", "live --port=0"])
+def test_every_command_says_within_five_seconds_that_a_stream_has_stalled(command: str, tmp_path: Path) -> None:
+    """The stream stays open and sends nothing more, after the images of a reference and some more."""
+    sensor = twin_folder(tmp_path / "sensor", for_force=True)
+    with MjpegCamera(480, 640, period_s=0.02, steady=True) as camera:
+        words = command.format(out=tmp_path / "out").split()
+        words += [camera.url, "--force=physics"] if words[0] == "estimate" else [f"--source={camera.url}"]
+        run = [sys.executable, "-m", "ninedtact", *words, f"--sensor={sensor}"]
+        with subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+            began = time.monotonic()
+            while camera.served < 40 and running.poll() is None and time.monotonic() - began < 120:
+                time.sleep(0.02)
+            camera.period_s, served, stalled_at = 600.0, camera.served, time.monotonic()
+            assert running.stderr is not None and served >= 40
+            said = next((line for line in running.stderr if "expected an image from" in line), "")
+            seconds = time.monotonic() - stalled_at
+            running.terminate()
+    assert "got none; check the camera and the network" in said and seconds < 5
+    if words[0] == "record":
+        with Recording(tmp_path / "out.mcap") as recording:
+            assert len(recording.stamps_ns(Topic.IMAGES)) > 20
+
+
+class Hanging(FrameSource):
+    """A camera whose driver hangs after the first image, until it is closed."""
+
+    name = "a camera that hangs"
+
+    def __init__(self) -> None:
+        self._closed, self._read = threading.Event(), False
+
+    def open(self) -> None: ...
+
+    def read(self) -> Frame:
+        if self._read:
+            self._closed.wait(20)
+            raise SourceNotOpen(self.name)
+        self._read = True
+        return Frame(np.zeros((4, 4, 3), np.uint8), time.monotonic_ns())
+
+    def close(self) -> None:
+        self._closed.set()
+
+
+class SteadyWrenches(WrenchSource):
+    """A hundred samples a second."""
+
+    name = "a force/torque sensor"
+
+    def open(self) -> None: ...
+
+    def read(self) -> Wrench:
+        time.sleep(0.01)
+        return Wrench(np.zeros(3), np.zeros(3), stamp_ns=time.monotonic_ns())
+
+    def close(self) -> None: ...
+
+
+def test_a_driver_that_hangs_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In `record` and in `collect`."""
+    assert merge_streams.STALL_S <= 4
+    monkeypatch.setattr(merge_streams, "STALL_S", 0.3)
+    told: list[str] = []
+    began = time.monotonic()
+    with RecordingWriter(tmp_path / "hung.mcap", RecordingMetadata("hung")) as episode:
+        Recorder(episode, Hanging(), notify=told.append).run(lambda: time.monotonic() - began > 1.0)
+    assert told == ["nothing has arrived from a camera that hangs for 0.3 s; check it and its cable"]
+    began = time.monotonic()
+    with closing(merge_streams.merge_live_streams(Hanging(), SteadyWrenches(), told.append)) as arrivals:
+        for _ in arrivals:
+            if time.monotonic() - began > 1.0:
+                break
+    assert told == 2 * told[:1]
 
 
 def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from built_sets import built_from, listed, references_in, rows_in, sources_at
 from little_sources import LittleTree, little_episode, little_tree
 
 from ninedtact.atomic_write import FileNotWritten
+from ninedtact.checked_reading import values_checksum
 from ninedtact.dataset.build import BuildSettings, build_dataset
 from ninedtact.dataset.card import LicenceImpossible
 from ninedtact.dataset.checks import CheckSettings, CheckSettingsImpossible
@@ -80,8 +81,11 @@ def test_several_sources_keep_their_ids_apart(twins: Path, tree: LittleTree, tmp
 def test_objects_of_another_seed_are_other_objects(twins: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(twins, copy)
-    settings = json.loads((copy / "settings.json").read_text())
-    (copy / "settings.json").write_text(json.dumps({**settings, "objects_seed": 7}))
+    settings = {**json.loads((copy / "settings.json").read_text()), "objects_seed": 7}
+    (copy / "settings.json").write_text(json.dumps(settings))
+    with pytest.raises(DatasetDamaged, match="checksum"):
+        built_from(tmp_path / "edited", copy)
+    (copy / "settings.json").write_text(json.dumps({**settings, "checksum": values_checksum(settings)}))
     built_from(tmp_path / "out", copy)
     assert {row["object"] for row in rows_in(tmp_path / "out")} <= {"none", "ball:3@7", "cylinder:2,5@7", "cone@7"}
 

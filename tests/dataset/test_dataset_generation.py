@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 import tyro
 
+from ninedtact.checked_reading import values_checksum
 from ninedtact.cli.simulate.dataset import SimulateDatasetCommand
 from ninedtact.dataset.folder import DatasetFolderTaken
 from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset
@@ -117,7 +118,8 @@ def test_everything_to_make_it_again_is_beside_it(made: GenerationResult) -> Non
     assert kept["seed"] == 0
     assert kept["object_names"] == list(SMALL.object_names)
     sensors = json.loads((made.folder / "sensors.json").read_text())
-    assert sensors[2] == json.loads(json.dumps(sample_sensor(2).to_json_dict()))
+    wanted = json.loads(json.dumps(sample_sensor(2).to_json_dict()))
+    assert sensors[2] == {**wanted, "checksum": values_checksum(wanted)}
     card = (made.folder / "README.md").read_text()
     assert "data/train-*.parquet" in card
     assert "2 no_contact" in card

@@ -154,6 +154,11 @@ def test_images_are_decoded_once_and_again_where_the_files_changed(
     assert len(list((folder / "cache").glob("32x24-*"))) == 1
     row = rows_in(folder)[0]
     assert np.array_equal(again.images(np.array([0]))[0], small(row["image"]))
+    cached = next((folder / "cache").glob("32x24-*/images.npy"))
+    cached.write_bytes(cached.read_bytes()[:-1])
+    again = load_dataset(folder, size=(32, 24))
+    assert len(decoded_files) == 12, "a damaged cache is made again"
+    assert np.array_equal(again.images(np.array([0]))[0], small(row["image"]))
 
 
 def small(image: dict[str, bytes]) -> np.ndarray:

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from ninedtact.force.contact_detection import detect_contact
+from ninedtact.force.contact_detection import (
+    ContactRegionSettings,
+    detect_contact,
+    find_contact_region,
+    pressure_reaches_unseen,
+)
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
 from ninedtact.reading import Reading
 
@@ -46,3 +51,54 @@ def test_without_a_reference_heights_decide() -> None:
 
     for dent, touched in ((0.0, False), (0.1, True)):
         assert detect_contact(replace(reading(*FULL, 1, dent=dent), reference=None)) == touched
+
+
+SETTINGS = ContactRegionSettings()
+BLOCK, ASIDE, FAR = np.s_[6:11, 6:11], np.s_[6:9, 11:14], np.s_[14:16, 18:21]
+
+
+def region_of(
+    *dents: tuple[tuple[slice, slice], float], noise: float = 1e-3, margin_mm: float = 0.0
+) -> np.ndarray | None:
+    """The contact region of square dents, the first of which is dark."""
+    z_mm, change = np.zeros((2, 20, 26), np.float32)
+    for place, depth_mm in dents:
+        z_mm[place] = -depth_mm
+    change[dents[0][0]] = -0.2
+    z_mm[0] = -margin_mm
+    return find_contact_region(change, z_mm, np.ones_like(z_mm), noise, 1, SETTINGS)
+
+
+@pytest.mark.parametrize(("deepest_mm", "shallow_mm", "deep_mm"), [(2.0, 0.06, 0.2), (0.4, 0.02, 0.05)])
+def test_a_contact_takes_in_what_is_deep_and_what_is_joined_to_it(
+    deepest_mm: float, shallow_mm: float, deep_mm: float
+) -> None:
+    expected = np.zeros((20, 26), np.float32)
+    expected[5:12, 6:11] = expected[6:11, 5:12] = 1  # the block and its rim
+    alone = region_of((BLOCK, deepest_mm), (ASIDE, 0.9 * shallow_mm), (FAR, 0.9 * deep_mm))
+    assert alone is not None
+    np.testing.assert_array_equal(alone, expected)
+    joined = region_of((BLOCK, deepest_mm), (ASIDE, 1.1 * shallow_mm), (FAR, 1.1 * deep_mm))
+    assert joined is not None and joined[ASIDE].all() and joined[FAR].all()
+    assert joined[:, 16:].sum() == 6 + 10  # with its rim
+
+
+def test_the_margin_of_the_image_does_not_say_how_deep_a_contact_is() -> None:
+    with_margin = region_of((BLOCK, 0.4), (FAR, 0.06), margin_mm=3.0)
+    assert with_margin is not None and with_margin[FAR].all() and with_margin[0].all()
+
+
+def test_what_noise_could_darken_is_no_contact() -> None:
+    darkest = 0.2 * 0.82  # the middle of five dark cells, smoothed over 1.5 cells on each axis
+    limit = 9 / (2 * np.sqrt(np.pi) * 1.5)
+    assert region_of((BLOCK, 0.4), noise=0.95 * darkest / limit) is not None
+    assert region_of((BLOCK, 0.4), noise=1.05 * darkest / limit) is None
+
+
+def test_pressure_beside_what_is_unseen_reaches_it() -> None:
+    in_view, pressure = np.ones((8, 9), np.float32), np.zeros((8, 9), np.float32)
+    in_view[:, 0], pressure[4, 5] = 0, 2.0
+    for col, part, reaches in ((1, 0.12, True), (1, 0.08, False), (2, 1.0, False)):
+        beside = pressure.copy()
+        beside[4, col] = part
+        assert pressure_reaches_unseen(beside, in_view) == reaches

@@ -51,12 +51,13 @@ def test_a_model_cut_off_anywhere_is_refused() -> None:
 def with_card(card: ModelCard | bytes) -> bytes:
     model = linear_model(a_card(), keyed=False)
     text = card if isinstance(card, bytes) else msgspec.json.encode(card)
-    helper.set_model_props(model, {METADATA_KEY: text.decode()})
+    helper.set_model_props(model, {METADATA_KEY: text.decode(), "note": "of somebody"})
     return model.SerializeToString()
 
 
 def test_what_is_another_thing_is_refused() -> None:
     assert "whole ONNX" in told(b"this is no model")
+    assert "readable text" in told(with_card(a_card()).replace(b"of somebody", b"of\xf1somebody"))
     assert "without its card" in told(linear_model(a_card(), keyed=False).SerializeToString())
     assert "format 1" in told(with_card(msgspec.structs.replace(a_card(), format=1)))
     assert "(1, 60, 80)" in told(

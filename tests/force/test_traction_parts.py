@@ -17,7 +17,7 @@ from ninedtact.force.traction.forward_model import (
     bulge_to_dent_slope_ratio,
     identify_substrate,
 )
-from ninedtact.force.traction.inversion import UncertaintyModel
+from ninedtact.force.traction.inversion import UncertaintyModel, _wrench_operator
 from ninedtact.force.traction.linearisation import (
     DiscretePrior,
     LinearisedProblem,
@@ -30,7 +30,7 @@ from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessOb
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.surface_displacement import Skin, gel_skin
-from ninedtact.quantities import Traction
+from ninedtact.quantities import Rectified, Traction
 from ninedtact.shape.depth import DepthCurve, LightLoss
 
 CELLS = CellGrid(20, 26, 0.5)
@@ -44,6 +44,9 @@ def drawn(*shape: int) -> np.ndarray:
 
 def test_the_view_and_its_cells() -> None:
     cells = cell_grid_over_image((345, 460), 0.0522)
+    assert cells.image_shape == (26, 35) and cells.shape == (28, 37)
+    assert cells.pitch_mm == pytest.approx(0.689, abs=1e-3)
+    assert cell_grid_over_image((40, 300), 0.1).image_shape == (8, 43)
     assert cells.image_shape[1] * cells.pitch_mm == pytest.approx(24.0, rel=0.015)
     assert cells.image_shape[0] * cells.pitch_mm == pytest.approx(18.0, rel=0.015)
 
@@ -224,3 +227,98 @@ def test_heights_on_a_base_that_yields_are_those_of_the_contact_mechanics() -> N
     true = skin.operators.displacement_mm(*spread_over_cells(tractions))[0]
     found = ForwardModel(CELLS, 2.5, 0.5, 0.6, COMPLIANT_BASE).heights(tractions[:, : CELLS.rows, : CELLS.cols])
     np.testing.assert_allclose(found, true, atol=1e-4)
+
+
+def test_the_light_that_a_press_takes_from_the_whole_image_is_added_back() -> None:
+    cells, reference = cell_grid_over_image((90, 120), 0.2), np.full((90, 120), 160, np.float32)
+    pressed = np.ones_like(reference)
+    pressed[30:60, 40:80] = 0.7
+    share = 1 - pressed.mean(dtype=float)
+    lost = -0.5 * share  # of the light, by a global dimming of one half
+    seen = RIGID._relative_change(
+        Rectified(reference * pressed * np.float32(1 + lost), 0.2), Rectified(reference, 0.2), cells
+    )
+    row, col = (side // 2 for side in cells.shape)
+    assert lost == pytest.approx(-0.0167, abs=1e-3)
+    assert seen[row, col] == pytest.approx(-0.3, abs=1e-3)
+    assert seen[2, 2] == pytest.approx(0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("ratio", "base"), [(1.41, None), (1.39, COMPLIANT_BASE)])
+def test_the_slopes_of_bulges_and_dents_decide_the_base(ratio: float, base: Gel | None) -> None:
+    steep = 0.15 * ratio
+    bulges = replace(RIGID.curve, brightening=(0.0, 0.1 * steep, 0.5 * steep), bulge_mm=(0.0, 0.2, 0.5))
+    assert bulge_to_dent_slope_ratio(bulges) == pytest.approx(ratio)
+    substrate = identify_substrate(replace(RIGID, curve=bulges))
+    assert substrate.base == base
+    raised = ratio if base is None else TYPICAL_SLOPE_RATIO
+    assert bulge_to_dent_slope_ratio(substrate.observation_model.curve) == pytest.approx(raised)
+
+
+def test_every_image_is_compared_with_its_own_reference() -> None:
+    cells, model = cell_grid_over_image((90, 120), 0.2), replace(RIGID, loss=LightLoss())
+    one, two = (Rectified(np.full((90, 120), grey, np.float32), 0.2) for grey in (100, 150))
+    for reference, expected in ((one, 0.2), (two, -0.2), (two, -0.2), (one, 0.2)):
+        image = Rectified(np.full((90, 120), 120, np.float32), 0.2)
+        np.testing.assert_allclose(model._relative_change(image, reference, cells), expected, atol=1e-5)
+    coarser = cell_grid_over_image((90, 120), 0.1)
+    assert model._relative_change(image, one, coarser).shape == coarser.shape != cells.shape
+
+
+def test_shear_varies_over_the_contact_by_its_spread_and_is_pulled_alike_everywhere() -> None:
+    prior = TractionPrior(pull=0.2, spread=0.05, spread_mm=1.5)
+    modes = DiscretePrior(CELLS, prior).shear_modes
+    np.testing.assert_allclose(modes[:, 0], 0.2)
+    covariance = modes[:, 1:] @ modes[:, 1:].T
+    assert np.sqrt(np.diag(covariance).mean()) == pytest.approx(0.05, rel=1e-3)
+    rows, cols = np.indices(CELLS.shape).reshape(2, -1)
+    middle = int(np.flatnonzero((rows == CELLS.rows // 2) & (cols == CELLS.cols // 2))[0])
+    correlation = (covariance[middle] / covariance[middle, middle]).reshape(CELLS.shape)
+    # Bumps of 0.8 steps: two points a distance r apart have the correlation exp(-r²/(4 · 0.8² · 1.5²)).
+    aside = np.arange(-4, 5)
+    expected = np.exp(-((aside * CELLS.pitch_mm) ** 2) / (4 * (0.8 * 1.5) ** 2))
+    np.testing.assert_allclose(correlation[CELLS.rows // 2, CELLS.cols // 2 + aside], expected, atol=0.05)
+    np.testing.assert_allclose(correlation[CELLS.rows // 2 + aside, CELLS.cols // 2], expected, atol=0.05)
+
+
+def test_the_skin_around_the_view_is_wide_enough_and_wraps_around() -> None:
+    rows, cols = CELLS.patch.shape
+    assert rows >= CELLS.rows + 2 * 7 and cols >= CELLS.cols + 2 * 7  # 3.3 mm on each side, in cells of 0.5 mm
+    down = CELLS.offsets(0)
+    np.testing.assert_array_equal(down[: CELLS.rows], np.arange(CELLS.rows))
+    np.testing.assert_array_equal(np.sort(down), np.arange(down.min(), down.min() + rows))
+    assert down[-1] == -1 and -down.min() == pytest.approx((rows - CELLS.rows) / 2, abs=0.5)
+
+
+@pytest.mark.parametrize("point_spread_mm", [0.0, 0.6])
+def test_light_scatters_with_the_variance_of_the_point_spread_and_of_a_cell(point_spread_mm: float) -> None:
+    down, across = ForwardModel(CELLS, 2.5, 0.5, point_spread_mm).point_spread
+    for axis, weights in ((0, down), (1, across.T)):
+        middle, offsets_mm = CELLS.shape[axis] // 2, CELLS.offsets(axis) * CELLS.pitch_mm
+        variance = weights[middle] @ (offsets_mm - middle * CELLS.pitch_mm) ** 2
+        blurred = point_spread_mm**2 + CELLS.pitch_mm**2 / 12
+        assert weights[middle].sum() == pytest.approx(1, abs=1e-4)
+        if point_spread_mm:  # a Gaussian narrower than a cell has no such moment on a grid of cells
+            assert variance == pytest.approx(blurred, rel=1e-3)
+        neighbours = weights[middle, middle + 1] / weights[middle, middle]
+        assert neighbours == pytest.approx(np.exp(-(CELLS.pitch_mm**2) / 2 / blurred), rel=1e-3)
+
+
+def test_the_wrench_is_linear_in_the_unknowns() -> None:
+    line = linearised()
+    unknowns = drawn(len(line.jacobian)).astype(float)
+    tractions = line.tractions(unknowns)
+    wrench = Traction(tractions[0], tractions[1:], CELLS.pitch_mm).wrench()
+    np.testing.assert_allclose(_wrench_operator(line) @ unknowns, wrench.six, rtol=1e-4, atol=1e-6)
+
+
+def test_pressure_is_free_at_first_where_it_was_and_shear_everywhere() -> None:
+    line = linearised()
+    pressure = np.zeros(CELLS.shape, np.float32)
+    pressure[7, 9:12] = 0.3
+    free = line.initially_free(pressure)
+    cells = len(line.contact_cells[0])
+    assert free[cells:].all() and len(free) == len(line.curvature)
+    assert {(row, col) for row, col in zip(*(each[free[:cells]] for each in line.contact_cells), strict=True)} == {
+        (7, 9), (7, 10), (7, 11),
+    }  # fmt: skip

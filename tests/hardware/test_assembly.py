@@ -9,7 +9,7 @@ from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import HardwareDesign, default_hardware_design
 from ninedtact.hardware.dimensions.made_parts import BaseDimensions, ShellDimensions
-from ninedtact.hardware.published_specifications import PUBLISHED_9DTACT
+from ninedtact.hardware.published_specifications import OTHER_PUBLISHED_SENSORS, PUBLISHED_9DTACT
 
 TIGHT_IN_THE_ORIGINAL = {
     "lens head, hole of the LED board",
@@ -97,7 +97,8 @@ def test_figures_beside_the_paper(default: CompleteDesign) -> None:
     figures = default.specification
     assert figures.size_mm == pytest.approx((32.5, 25.5, 25.3))
     assert figures.ratio_mm == pytest.approx(PUBLISHED_9DTACT.ratio_mm, abs=0.5)
-    assert round(PUBLISHED_9DTACT.ratio_mm) == 49
+    ratios = {row.name: round(row.ratio_mm) for row in (PUBLISHED_9DTACT, *OTHER_PUBLISHED_SENSORS)}
+    assert [*ratios.values()] == [49, 508, 88, 102, 90, 165], "as the paper's table has them"
     assert figures.mass_g == pytest.approx(PUBLISHED_9DTACT.mass_g, rel=0.2)
     assert figures.cost_usd == pytest.approx(PUBLISHED_9DTACT.cost_usd, rel=0.3)
 

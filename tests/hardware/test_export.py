@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import time
@@ -205,6 +206,18 @@ def test_the_bill_counts(folder: Path) -> None:
     assert (counts["insert"], counts["screw"], counts["clamp screw and nut"]) == (8, 4, 8)
     page = (folder / "bom.html").read_text()
     assert "M3 x 30" in page and "http" not in page
+    prices = [row["together_usd_estimated"] for row in rows]
+    assert re.findall(r'<td class="number">[\d.]+</td><td class="number">([\d.]+)</td>', page) == prices
+    assert re.findall(r'id="total">([\d.]+)<', page) == [
+        f"{sum(round(100 * float(price)) for price in prices) / 100:.2f}"
+    ]
+
+
+def test_every_image_of_the_bill_is_there(folder: Path) -> None:
+    sources = re.findall(r'<img src="([^"]+)"', (folder / "bom.html").read_text())
+    assert len(sources) == len(PART_CATALOGUE)
+    for source in sources:
+        assert cv2.imread(str(folder / source)) is not None, source
 
 
 @pytest.mark.parametrize(
@@ -220,6 +233,12 @@ def test_a_folder_with_anything_of_ones_own_is_left_alone(
     assert main(["hardware", "export", "--out", str(tmp_path / "letters")]) == 1
     assert "choose another name" in capsys.readouterr().err
     assert (tmp_path / "letters" / "src" / "mine.txt").read_text() == "keep"
+
+
+def test_a_manifest_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "manifest.json")
+    with pytest.raises(ExportFolderRefused, match="manifest"):
+        require_replaceable_parts_folder(tmp_path)
 
 
 def test_a_link_of_ones_own_is_left_alone(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ import cv2
 import pytest
 
 from ninedtact.cli import main
-from ninedtact.cli.hardware import format_bill_of_materials
+from ninedtact.cli.hardware import ExploreCommand, format_bill_of_materials
 from ninedtact.hardware.complete_design import CompleteDesign
-from ninedtact.hardware.design import read_hardware_design
+from ninedtact.hardware.design import default_hardware_design, read_hardware_design
 from ninedtact.hardware.guide.fabrication_guide import format_guide
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -39,10 +39,18 @@ def test_check_names_the_broken_rule(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_bom(default: CompleteDesign, capsys: pytest.CaptureFixture[str]) -> None:
     code, found = told(capsys, "bom")
-    assert code == 0 and found["sensor_usd_estimated"] == pytest.approx(
-        sum(item["count"] * item["each_usd"] for item in found["items"] if item["kind"] == "sensor")
-    )
-    assert found["items"] == [asdict(item) for item in default.bill]
+    cents = {
+        kind: sum(round(100 * item["count"] * item["each_usd"]) for item in found["items"] if item["kind"] == kind)
+        for kind in ("sensor", "connection", "tool")
+    }
+    assert code == 0 and round(100 * found["sensor_usd_estimated"]) == cents["sensor"]
+    assert round(100 * found["sensor_in_use_usd_estimated"]) == cents["sensor"] + cents["connection"]
+    assert round(100 * found["total_usd_estimated"]) == sum(cents.values())
+    assert [item["name"] for item in found["items"] if item["kind"] == "connection"] == [
+        "light cable",
+        "camera adapter",
+    ]
+    assert found["items"] == [{**asdict(item), "usd": item.usd} for item in default.bill]
     assert "the paper says about 15 $" in "\n".join(format_bill_of_materials(default.bill))
 
 
@@ -57,6 +65,16 @@ def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert thin["depth_range_mm"] < thick["depth_range_mm"] and thin["depth_at_1n_mm"] < thick["depth_at_1n_mm"]
     assert cv2.imread(str(out / "explore.png")) is not None
     assert len((out / "explore.csv").read_text().splitlines()) == 4
+
+
+def test_explore_without_values_compares_the_usual_gels() -> None:
+    """`test_explore` builds designs; here only what would be built."""
+    usual = [*ExploreCommand().design_sweep.designs(default_hardware_design())]
+    assert {(choice.gel_mm, choice.shore_a) for choice in usual} == {
+        (gel, shore) for gel in (1.5, 2.5, 4.0) for shore in (5.0, 15.0)
+    }
+    given = [*ExploreCommand(gel_mm=(2.0,)).design_sweep.designs(default_hardware_design())]
+    assert [(choice.gel_mm, choice.shore_a) for choice in given] == [(2.0, None)]
 
 
 def test_a_wider_area_takes_a_taller_sensor(capsys: pytest.CaptureFixture[str]) -> None:

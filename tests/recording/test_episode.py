@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from episodes import BEGAN_NS, BOTH, FRAME_NS, SHAPE, frame, noise, sample, write_episode, write_messages
@@ -23,9 +24,16 @@ from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Wrench, WrenchEstimate
 from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.export import ExportRefused, export_recording
 from ninedtact.recording.mcap_repair import repair_recording
-from ninedtact.recording.metadata import METADATA_RECORD, RECORDING_FORMAT, RecordingMetadata
-from ninedtact.recording.reader import Recording
+from ninedtact.recording.metadata import (
+    HEIGHT_STEP_16_BIT_MM,
+    METADATA_RECORD,
+    RECORDING_FORMAT,
+    RecordingMetadata,
+    parse_recording_metadata,
+)
+from ninedtact.recording.reader import Recording, median_rate_hz
 from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingRefused, RecordingStopped, RecordingWriter
 
@@ -72,7 +80,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         ((index, z_mm),) = read.heights()
         assert index == 5 and np.isnan(z_mm[0, 0])
         # Metres on disk: the round trip is exact to the last bit of a 32-bit number.
-        assert z_mm.ravel()[1:] == pytest.approx(pressed.ravel()[1:], rel=2e-7, abs=0)
+        np.testing.assert_allclose(z_mm.ravel()[1:], pressed.ravel()[1:], rtol=2e-7)
         (covariance,) = read.covariances()
         assert np.array_equal(covariance, np.diag(np.arange(6.0) ** 2))
         assert list(read.warnings()) == [(5, [EstimateWarning.PART_UNSEEN.value])]
@@ -83,6 +91,53 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         assert read.events() == [RecordingEvent(BEGAN_NS + 5 * FRAME_NS, EventKind.DROPPED, "3"), event]
         (attachment,) = read.attachments()
         assert (attachment.name, attachment.data) == ("sensor/images/ball.png", b"\0\1")
+
+
+def test_png_images_and_heights_of_16_bits_come_back(tmp_path: Path) -> None:
+    """Images bit for bit, heights to half a step of what the metadata state; other programs decode both."""
+    path, step_mm = tmp_path / "small.mcap", HEIGHT_STEP_16_BIT_MM
+    pressed = np.linspace(-2.5, 0.9, 12, dtype=np.float32).reshape(3, 4)
+    source = np.full((3, 4), HeightSource.MEASURED.value, np.uint8)
+    source[0, 0] = HeightSource.OUT_OF_VIEW
+    session = RecordingMetadata("small", images="png", height_step_mm=step_mm, camera_delay_ms=12.5)
+    with RecordingWriter(path, session) as episode:
+        episode.write_image(frame(0))
+        episode.write_image(Frame(noise(9)[::-1, ::2], BEGAN_NS + FRAME_NS, 1))
+        episode.write_reference(frame(3), tare=2)
+        episode.write_height(HeightMap(pressed, source, 0.05, stamp_ns=BEGAN_NS), 0)
+        episode.write_height(HeightMap(np.full((3, 4), 99.0, np.float32), source, 0.05, stamp_ns=BEGAN_NS), 1)
+    with Recording(path) as read:
+        assert read.metadata == session
+        for got, sent in zip(read.frames(), [noise(0), noise(9)[::-1, ::2]], strict=True):
+            assert np.array_equal(got.image, sent) and got.image.flags.writeable
+        (untouched,), ((_, z_mm), (_, beyond_mm)) = read.frames(Topic.REFERENCE), read.heights()
+        assert np.array_equal(untouched.image, noise(3))
+        assert np.isnan(z_mm[0, 0]) and np.isnan(beyond_mm[0, 0]) and beyond_mm[1, 1] == pytest.approx(32.767)
+        assert np.abs(z_mm - pressed).ravel()[1:].max() <= 0.5001 * step_mm
+        types = {topic.topic: topic.type for topic in read.summary().topics}
+    assert (
+        types["/small/image_raw/compressed"]
+        == types["/small/reference/compressed"]
+        == "sensor_msgs/msg/CompressedImage"
+    )
+    assert others_read(path) == {"/small/image_raw/compressed": 2, "/small/reference/compressed": 1, "/small/height": 2}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        decoded = {channel.topic: message for _, channel, _, message in reader.iter_decoded_messages()}
+        (metadata,) = reader.iter_metadata()
+    assert metadata.metadata["height_step_mm"] == "0.001" and metadata.metadata["camera_delay_ms"] == "12.5"
+    image, height = decoded["/small/image_raw/compressed"], decoded["/small/height"]
+    assert image.format == "bgr8; png compressed bgr8" and bytes(image.data)[1:4] == b"PNG"
+    assert np.array_equal(cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR), noise(9)[::-1, ::2])
+    assert (height.encoding, height.step) == ("16SC1", 8) and len(height.data) == 24
+
+
+@pytest.mark.parametrize("field", ["images", "height_step_mm", "camera_delay_ms"])
+def test_metadata_that_cannot_be_are_refused(field: str) -> None:
+    values = {**RecordingMetadata("x").to_mcap_metadata(), field: "nan"}
+    values.pop("checksum")
+    with pytest.raises(RecordingUnreadable, match="expected it to state what was recorded, got"):
+        parse_recording_metadata(values, "it")
 
 
 def others_read(path: Path) -> dict[str, int]:
@@ -324,3 +379,37 @@ def test_a_recording_never_overwrites_and_is_missed_in_words(tmp_path: Path) -> 
     assert path.read_bytes() == before
     with pytest.raises(CameraNotFound, match="no such file"):
         Recording(tmp_path / "none.mcap")
+
+
+@pytest.mark.parametrize("purpose", ["record", "collect"])
+def test_rate_and_gaps_are_those_of_the_stamps(purpose: str, tmp_path: Path) -> None:
+    path = tmp_path / "gaps.mcap"
+    with RecordingWriter(path, RecordingMetadata("gaps", purpose=purpose)) as episode:
+        for number in (0, 1, 2, 4, 5, 8, 9, 10, 11, 15):
+            episode.write_image(Frame(noise(0), BEGAN_NS + number * 20_000_000, number))
+            if number in (0, 4):
+                episode.write_measured(Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS + number * 20_000_000))
+    with Recording(path) as read:
+        topics = {topic.topic.rpartition("/")[2]: topic for topic in read.summary().topics}
+    images, measured = topics["image_raw"], topics["wrench_measured"]
+    assert (images.messages, measured.messages, measured.rate_hz) == (10, 2, None)
+    if purpose == "record":  # steps of three and four are gaps, one of two is not
+        assert (images.rate_hz, images.longest_gap_ms, images.gaps) == (pytest.approx(50), pytest.approx(80), 2)
+    else:  # images that were selected have no rate
+        assert images.rate_hz is images.gaps is None
+    assert median_rate_hz(np.array([5])) == median_rate_hz(np.array([5, 5, 5])) == 30
+
+
+def test_a_folder_that_holds_something_is_not_exported_into(tmp_path: Path) -> None:
+    path, out = tmp_path / "one.mcap", tmp_path / "out"
+    with RecordingWriter(path, RecordingMetadata("one")) as episode:
+        episode.write_image(frame(0))
+    with Recording(path) as read:
+        out.mkdir()
+        (out / "mine.txt").write_text("mine")
+        for taken in (out, out / "mine.txt"):
+            with pytest.raises(ExportRefused, match="new or empty folder"):
+                export_recording(read, taken)
+        assert [each.name for each in out.iterdir()] == ["mine.txt"]
+        (out / "mine.txt").unlink()
+        assert export_recording(read, out)["images"] == 1 and export_recording(read, tmp_path / "new")["images"] == 1

@@ -6,6 +6,7 @@ import json
 import os
 import pty
 import resource
+import shutil
 import sys
 import termios
 import threading
@@ -16,12 +17,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hand import TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
+from hand import BEGAN_NS, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
+from mcap.reader import make_reader
 from twin_folder import twin_folder
 
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource, SourceNotOpen
@@ -38,11 +41,13 @@ from ninedtact.recording.collecting.pair_selection import CollectSettings
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.recorded_source import RecordedSource
 from ninedtact.recording.recorder import RecordedEstimates, Recorder, record
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.saved_pairs import read_saved_pairs
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
+from ninedtact.simulation.twin import default_twin
 
 sys.path.append(str(Path(__file__).parents[1] / "simulation"))
 from small_press_simulation import small_press_simulation
@@ -82,6 +87,100 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
             assert int(row["monotonic_ns"]) == frame.stamp_ns
     assert len(list((out / "heights").glob("*.npy"))) == exported["heights"]
     assert main(["export", str(path), "--out", str(out)]) == 1 and "new or empty" in capsys.readouterr().err
+
+
+def test_a_small_recording_is_played_back_and_exported_like_a_large_one(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The small one is made from the large one as its source, with the delay of the camera taken off its stamps."""
+    large, small, copy = tmp_path / "large.mcap", tmp_path / "small.mcap", tmp_path / "sensor"
+    shutil.copytree(sensor, copy)
+    write_camera_delay(copy, CameraDelay(delay_ms=20.0, error_ms=0.5))
+    (tmp_path / "images").mkdir()
+    for number in range(12):
+        cv2.imwrite(str(tmp_path / "images" / f"{number}.png"), default_twin().renderer(None, number))
+    told(capsys, "record", "--source", tmp_path / "images", "--sensor", sensor, "--heights", "--out", large)
+    options = ["--images", "png", "--height-bits", "16", "--heights", "--camera-delay-ms", "saved", "--out", small]
+    before_ns = time.monotonic_ns()
+    told(capsys, "record", "--source", large, "--sensor", copy, *options)
+    assert small.stat().st_size < 0.9 * large.stat().st_size
+    found = told(capsys, "info", small)
+    assert (found["height_step_mm"], found["camera_delay_ms"]) == (0.001, 20.0)
+    assert main(["info", str(small)]) == 0
+    said = capsys.readouterr().out
+    assert "heights in steps of 0.001 mm" in said and "less the camera's delay of 20 ms" in said
+    told(capsys, "export", small, "--out", tmp_path / "out")
+    with Recording(large) as one, Recording(small) as other, RecordedSource(small) as played:
+        heights = dict(one.heights())
+        assert other.stamps_ns(Topic.IMAGES)[0] > before_ns
+        for frame, same, again in zip(one.frames(), other.frames(), played, strict=True):
+            assert np.array_equal(frame.image, same.image) and np.array_equal(frame.image, again.image)
+            exported = cv2.imread(str(tmp_path / "out" / "images" / f"image_{same.index:08d}.png"))
+            assert np.array_equal(exported, frame.image)
+            z_mm = np.load(tmp_path / "out" / "heights" / f"height_{same.index:08d}.npy")
+            assert z_mm == pytest.approx(heights[frame.index], abs=0.0006, nan_ok=True)
+
+
+def test_the_delay_of_the_camera_is_taken_off_every_stamp(sensor: Path, tmp_path: Path) -> None:
+    path, folder = tmp_path / "press.mcap", load_sensor(sensor)
+    record(Camera(0.2), path, folder, camera_delay_ms=12.5)
+    with Recording(path) as recording:
+        assert recording.metadata.camera_delay_ms == 12.5
+        assert recording.stamps_ns(Topic.IMAGES)[0] == BEGAN_NS - 12_500_000
+
+
+def test_several_sensors_are_recorded_at_once_on_one_clock(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sensors = ["--sensor", f"left={sensor}", f"right={sensor}"]
+    for hand, grey in (("left", 90), ("right", 120)):
+        (tmp_path / hand).mkdir()
+        for number in range(40):
+            cv2.imwrite(str(tmp_path / hand / f"{number:02d}.png"), np.full((480, 640, 3), grey + number, np.uint8))
+    sources = ["--source", f"left={tmp_path / 'left'}", f"right={tmp_path / 'right'}"]
+    began_ns = time.monotonic_ns()
+    found = told(capsys, "record", *sources, *sensors, "--images", "png", "--out", tmp_path / "two.mcap")["recordings"]
+    assert list(found) == ["left", "right"] and found["left"]["written"] == {"/twin/image_raw/compressed": 40}
+    for hand, grey in (("left", 90), ("right", 120)):
+        with Recording(tmp_path / f"two_{hand}.mcap") as recording:
+            assert next(recording.frames()).image[0, 0, 0] == grey
+            stamps_ns = recording.stamps_ns(Topic.IMAGES)
+            assert began_ns < stamps_ns[0] < stamps_ns[-1] < time.monotonic_ns()
+    sources = ["--source", f"left={tmp_path / 'left'}", "right=/dev/video99"]
+    assert main(["record", *map(str, [*sources, *sensors, "--out", tmp_path / "one.mcap"])]) == 1
+    assert not (tmp_path / "one_right.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("sources", "sensors", "sentence"),
+    [
+        (
+            ["left=0", "left=1"],
+            [],
+            "--source with a name of its own for each of several, such as left=usb:1-2, got left=1",
+        ),
+        (["0", "1"], [], "--source with a name of its own for each"),
+        (["left=0", "right=1"], ["middle=a"], "--sensor for left, right, got one for middle"),
+        (["0"], ["a", "b"], "expected one --sensor with one --source, got 2"),
+    ],
+)
+def test_several_sensors_need_names(
+    sources: list[str], sensors: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--source", *sources, *(["--sensor", *sensors] if sensors else []), "--out", str(tmp_path / "two.mcap")]
+    assert main(["record", *options]) == 1 and sentence in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("delay", "sentence"), [("saved", "measure it with 'ninedtact camera-delay"), ("nan", "at most 5000 ms, got nan")]
+)
+def test_a_delay_that_is_not_known_is_refused(
+    delay: str, sentence: str, sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "no.mcap"
+    options = ["--source", "sim", "--sensor", str(sensor), "--out", str(out), "--camera-delay-ms", delay]
+    assert main(["record", *options]) == 1 and sentence in capsys.readouterr().err and not out.exists()
 
 
 def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Path, sensor: Path) -> None:
@@ -265,7 +364,8 @@ def test_a_program_records_and_reads_what_a_command_would(sensor: Path, tmp_path
         assert recording.summary().topics[0].messages == len(readings) == writer.written[Topic.IMAGES]
     for reading in readings:
         in_view = reading.height.in_view
-        assert heights[reading.frame.index][in_view] == pytest.approx(reading.height.z_mm[in_view], rel=1e-6, abs=1e-6)
+        kept, again = heights[reading.frame.index], reading.height.z_mm
+        np.testing.assert_allclose(kept[in_view], again[in_view], rtol=1e-6, atol=1e-6)
 
 
 class Losing(Camera):
@@ -285,6 +385,30 @@ def test_what_came_before_a_loss_is_kept_and_missing_images_are_counted(tmp_path
     assert episode.dropped == 2 and not [thread for thread in threading.enumerate() if "listen" in thread.name]
     with Recording(path) as read:
         assert read.is_finished and [frame.index for frame in read.frames()] == [0, 1, 2, 3, 4, 7, 8, 9, 10]
+
+
+@pytest.mark.parametrize("step_s", [3600.0, -3600.0])
+def test_a_clock_that_is_set_meanwhile_is_told_and_stamps_continue(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    said: list[str] = []
+    path, image, clock = tmp_path / "clock.mcap", np.zeros((4, 4, 3), np.uint8), time.time_ns
+    with RecordingWriter(path, RecordingMetadata("clock"), notify=said.append) as writer:
+        writer.write_image(Frame(image, time.monotonic_ns(), 0))
+        writer.flush()
+        assert not said
+        monkeypatch.setattr(time, "time_ns", lambda: clock() + int(step_s * 1e9))
+        writer.flush()
+        writer.write_image(Frame(image, time.monotonic_ns(), 1))
+        writer.flush()
+    assert len(said) == 1 and f"moved by {step_s:+.1f} s" in said[0]
+    with Recording(path) as read:
+        assert [(event.subject, event.text) for event in read.events()] == [("clock", said[0])]
+    with path.open("rb") as file:
+        wall_ns, stamps_ns = np.transpose(
+            [(message.publish_time, message.log_time) for *_, message in make_reader(file).iter_messages()]
+        )
+    assert (np.diff(stamps_ns) > 0).all() and (np.diff(wall_ns) == np.diff(stamps_ns)).all()
 
 
 def untouched_video(path: Path, sensor: Path, images: int) -> Path:

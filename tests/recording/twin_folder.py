@@ -1,5 +1,6 @@
 """The folder of a sensor that looks straight at its skin and knows its twin: enough to simulate and to rectify, at once."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
@@ -19,19 +20,22 @@ from ninedtact.calibration.sensor_toml_schema import (
     TwinTable,
 )
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.shape.depth import DepthCurve, Smoothing
+from ninedtact.shape.depth import Deblurring, DepthCurve, Smoothing
 from ninedtact.simulation.twin import default_twin
 
 ROWS, COLS, MM_PER_PX = 480, 640, 0.05
 UNITS_PER_MM = 2 / (COLS * MM_PER_PX)
 
 
-def twin_folder(path: Path) -> Path:
-    """Write it."""
+def twin_folder(path: Path, for_force: bool = False) -> Path:
+    """Write it; for_force: with bulges and the point spread, which force by physics needs."""
     twin = default_twin()
     path.mkdir()
     cv2.imwrite(str(path / "untouched.png"), twin.renderer(None))
     digest = sha256((path / "untouched.png").read_bytes()).hexdigest()
+    curve, deblurring = DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01)), None
+    if for_force:
+        curve, deblurring = replace(curve, brightening=(0.0, 0.2), bulge_mm=(0.0, 0.5)), Deblurring(0.45)
     record = SensorRecord(
         format=SENSOR_FORMAT,
         id="twin",
@@ -40,7 +44,7 @@ def twin_folder(path: Path) -> Path:
         design=SensorDesign(),
         grid=GridTable(MM_PER_PX, ROWS, COLS, calibrated_area_mm=(-12.0, 12.0, -9.0, 9.0)),
         lens=LensModelTable((UNITS_PER_MM, 0.0, 0.0, 0.0, UNITS_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
-        depth=DepthTable("ratio", 0.01, Smoothing(), DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01))),
+        depth=DepthTable("ratio", 0.01, Smoothing(), curve, deblurring=deblurring),
         twin=TwinTable(Gel(), twin.renderer.light, 1.0, TwinFitQuality(0.1, 0.4, 2.0, (0.0, 0.0), 100.0, 1.0, {})),
         images={"ball_reference": StoredImage("untouched.png", digest)},
     )

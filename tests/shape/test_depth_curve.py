@@ -1,5 +1,7 @@
 """A depth curve beyond the depth of the calibrating ball: it continues, marked and with a growing error."""
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -13,8 +15,11 @@ from ninedtact.shape.depth import (
     DepthCurve,
     DepthCurveImpossible,
     DepthReader,
+    LightLoss,
     Smoothing,
     look_up_heights,
+    mean_darkening,
+    sharpen,
 )
 
 BEYOND = CurveContinuation((0.35, 0.6), (1.3, 1.8), (0.06, 0.16))
@@ -88,3 +93,85 @@ def test_deblurred_heights_equal_those_looked_up_at_every_pixel() -> None:
     beyond = reader.index(darker.grey) < curve.darkest_index
     assert beyond.any() and np.array_equal(reader(darker).source == HeightSource.EXTRAPOLATED, beyond)
     assert not beyond[:, 300:].any() and (read.source == HeightSource.MEASURED).all()
+
+
+@pytest.mark.parametrize("shape", [(4, 5), (2, 2)])
+def test_exactly_the_darkest_calibrated_value_is_still_measured(shape: tuple[int, int]) -> None:
+    last = CURVE.darkest_index
+    for index, source in ((last, HeightSource.MEASURED), (last - 1, HeightSource.EXTRAPOLATED)):
+        assert (reader(CURVE).height_source(np.full(shape, index, np.uint16)) == source).all()
+    assert last == pytest.approx(0.8 * 32768, abs=1)
+
+
+def test_what_the_camera_does_not_see_stays_out_of_view_however_dark_it_is() -> None:
+    lens_source = np.array([[HeightSource.MEASURED, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW]], np.uint8)
+    reading = DepthReader(CURVE, Rectified(np.full((1, 3), 200, np.float32), 0.05), lens_source)
+    dark = np.zeros((1, 3), np.uint16)
+    expected = [[HeightSource.EXTRAPOLATED, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW]]
+    np.testing.assert_array_equal(reading.height_source(dark), expected)
+    np.testing.assert_array_equal(reading.height_source(dark + CURVE.darkest_index), lens_source)
+
+
+def test_the_light_that_dark_skin_takes_from_the_whole_image_is_known_from_the_image() -> None:
+    reference, pressed = np.full((100, 150), 160, np.float32), np.ones((100, 150), np.float32)
+    pressed[20:50, 30:80] = 0.7
+    share = 0.3 * 30 * 50 / 15_000
+    lost = -0.8 * share
+    assert LightLoss(0.8)(reference * pressed * np.float32(1 + lost), reference) == pytest.approx(lost, rel=0.01)
+    assert mean_darkening(reference * pressed * np.float32(1 + lost), reference, lost) == pytest.approx(share, rel=1e-3)
+    assert LightLoss(0.0)(reference * pressed, reference) == 0
+    for dim, seen in ((0.981, False), (0.979, True)):  # drift and noise stay below two per cent
+        assert (mean_darkening(reference * np.float32(dim), reference, 0.0) > 0) == seen
+
+
+def test_smoothing_is_that_of_the_paper_and_scales_with_the_grid() -> None:
+    assert Smoothing().combined_px == pytest.approx(1.5 * np.sqrt(2))
+    assert FINE_SMOOTHING.combined_px == pytest.approx(2.5 * np.sqrt(2))
+    assert Smoothing(3.0, 4.0).on_grid(0.5).combined_px == pytest.approx(2.5)
+    spot = np.zeros((41, 41), np.float32)
+    spot[20, 20] = 1
+    blurred = Smoothing(1.5, 2.0)(spot)
+    variance = (blurred.sum(axis=0) * (np.arange(41) - 20) ** 2).sum()
+    assert blurred.sum() == pytest.approx(1, abs=1e-4) and variance == pytest.approx(2.5**2, rel=0.03)
+    np.testing.assert_array_equal(Smoothing(0, 0)(spot), spot)
+
+
+def test_a_point_spread_is_undone_up_to_the_noise_floor() -> None:
+    rows, cols, sigma, floor = 48, 60, 2.0, 0.03
+    x = np.arange(cols)
+    for waves in (0, 1, 3, 6):
+        field = np.tile(1 + 0.2 * np.cos(np.pi * waves * (x + 0.5) / cols), (rows, 1)).astype(np.float32)
+        spread = np.exp(-((np.pi * waves / cols * sigma) ** 2) / 2)
+        gain = spread * (1 + floor) / (spread**2 + floor)
+        inside = np.s_[:, 10:-10]
+        np.testing.assert_allclose(sharpen(field, sigma, floor)[inside], (1 + (field - 1) * gain)[inside], atol=0.004)
+
+
+def test_a_curve_without_bulges_goes_on_a_little_above_zero_and_hides_it() -> None:
+    alone = DepthCurve("ratio", (0.0, 0.1, 0.2), (0.0, 0.5, 1.5), (0.0,) * 3)
+    np.testing.assert_allclose(alone.balance_mm(np.array([-0.1, 0.005, 0.0125, 0.1])), [0, 0.025, 0.0625, 0.0625])
+    grey = replace(alone, signal="difference", darkening=(0.0, 10.0, 20.0))
+    np.testing.assert_allclose(grey.balance_mm(np.array([1.0, 2.0, 5.0])), [0.05, 0.1, 0.1])
+    brighter = Rectified(np.full((4, 5), 204, np.float32), 0.05)
+    assert (reader(alone)(brighter).z_mm == 0).all() and (reader(CURVE)(brighter).z_mm > 0.04).all()
+    assert (CURVE.balance_mm(np.array([0.01])) == 0).all()
+
+
+def test_the_light_that_is_lost_is_restored_before_depths_are_read() -> None:
+    spot = np.ones((40, 60), np.float32)
+    spot[10:30, 20:40] = 0.85
+    share = 0.15 * 400 / 2400
+    reference = Rectified(np.full(spot.shape, 200, np.float32), 0.05)
+    seen = Rectified((200 * spot * np.float32(1 - 0.8 * share)), 0.05)
+    source = np.full(spot.shape, HeightSource.MEASURED, np.uint8)
+    read = DepthReader(CURVE, reference, source, Smoothing(0, 0), loss=LightLoss(0.8))(seen).z_mm
+    np.testing.assert_allclose(read[10:30, 20:40], -0.75, atol=0.01)
+    assert np.abs(read[spot == 1]).max() < 0.01
+
+
+@pytest.mark.parametrize(("mm_per_px", "coarser"), [(0.05, 3), (0.1, 2), (0.15, 1), (0.3, 1)])
+def test_a_blurred_field_is_sharpened_on_a_grid_that_still_resolves_the_blur(mm_per_px: float, coarser: int) -> None:
+    assert Deblurring(0.55).floor == 0.03
+    field = np.ones((60, 90), np.float32)
+    assert Deblurring(0.55).on_coarser_grid(field, mm_per_px).shape == (60 // coarser, 90 // coarser)
+    np.testing.assert_allclose(Deblurring(0.55)(field, mm_per_px), 1, atol=1e-5)

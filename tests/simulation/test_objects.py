@@ -167,6 +167,9 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "text.stl").write_text("This is no mesh.\n")
     (tmp_path / "nothing.stl").write_bytes(b"")
     (tmp_path / "nan.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 nan 0\nf 1 2 3\n")
+    sheets = [[0, 1, 2], [1, 3, 2]] * 1000
+    corners = [[0, 0, 0], [40, 0, 1], [0, 40, 0], [40, 40, 0]]
+    trimesh.Trimesh(corners, sheets, process=False).export(tmp_path / "sheets.ply")
     (tmp_path / "astray.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 8\n")
     return tmp_path
 
@@ -216,6 +219,7 @@ def test_holes_and_crops_are_told(folder: Path) -> None:
         ("text.stl", "text"),
         ("nothing.stl", "nothing"),
         ("nan.obj", "not a number"),
+        ("sheets.ply", "upon each other about 2\\d{3} times"),
         ("astray.obj", "astray"),
         ("missing.stl", "which is not there"),
     ],

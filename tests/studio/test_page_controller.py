@@ -13,44 +13,38 @@ from small_sensor import SkinCamera, sensor_on, wait_until
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.quantities import Wrench
 from ninedtact.studio.displayed_reading import (
     MAX_SLOWDOWN,
-    DisplayOptions,
     NothingToSave,
     PageController,
-    PageReport,
+    PageMoment,
     SaveLimits,
     SaveRefused,
     adapt_slowdown,
 )
-from ninedtact.studio.reading_view import ReadingView
+from ninedtact.studio.reading_view import ImageKind, ReadingView, SkinColouring, TractionSource
 from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample
 
 
 class Screen:
-    """A `Display` that remembers what it was told to show."""
+    """A `PageDisplay` that remembers what it was told to show."""
 
     def __init__(self) -> None:
         self.is_watched = True
-        self.wanted = DisplayOptions()
-        self.views: list[ReadingView] = []
-        self.looks: list[DisplayOptions] = []
-        self.report: PageReport | None = None
+        self.moments: list[PageMoment] = []
 
-    def display_options(self) -> DisplayOptions:
-        return self.wanted
+    def show(self, moment: PageMoment) -> None:
+        self.moments.append(moment)
 
-    def show(self, view: ReadingView, look: DisplayOptions) -> None:
-        self.views.append(view)
-        self.looks.append(look)
-
-    def show_report(self, report: PageReport) -> None:
-        self.report = report
+    @property
+    def views(self) -> list[ReadingView]:
+        return [moment.view for moment in self.moments if moment.view is not None]
 
     @property
     def sentence(self) -> str:
-        assert self.report is not None
-        return self.report.status.sentence
+        return self.moments[-1].status.sentence
 
     @property
     def deepest_mm(self) -> float:
@@ -85,23 +79,33 @@ def test_the_screen_follows_the_skin_and_nothing_is_drawn_twice(stage: Stage) ->
         wait_until(lambda: stage.sees(0.0))
         stage.camera.level = 75
         wait_until(lambda: stage.sees(1.0))
-    drawn = [id(view.reading) for view in stage.screen.views]
-    assert len(drawn) == len(set(drawn))
     newest = stage.screen.views[-1]
-    assert np.array_equal(newest.image, newest.reading.frame.image) and not newest.is_past
+    assert len({id(view) for view in stage.screen.views}) == len({id(view.reading) for view in stage.screen.views})
+    assert newest.image(ImageKind.HEIGHT) is newest.image(ImageKind.HEIGHT)
+    assert np.array_equal(newest.image(ImageKind.CAMERA), newest.reading.frame.image) and not newest.is_past
 
 
-def test_frozen_holds_what_is_shown_and_says_how_old_it_is(stage: Stage) -> None:
+def test_one_moment_has_the_reading_and_the_wrench_of_the_same_stamp(stage: Stage) -> None:
+    history = WrenchHistory("measured", "by a sensor")
+    stage.studio.wrenches = (history,)
     with stage.loop:
         wait_until(lambda: stage.sees(0.0))
-        stage.studio.frozen = True
-        stage.camera.level, shown = 75, len(stage.screen.views)
-        time.sleep(0.1)
-        assert stage.says("frozen, what is shown is ") and len(stage.screen.views) == shown
-        stage.screen.wanted = DisplayOptions(as_points=False, exaggeration=3.0)
-        assert stage.sees(0.0) and stage.screen.looks[-1].exaggeration == 3.0 and len(stage.screen.views) == shown + 1
-        stage.studio.frozen = False
-        wait_until(lambda: stage.sees(1.0))
+        for _ in range(5):
+            reading = stage.loop.snapshot(0).reading
+            assert reading is not None
+            for offset_ns in (-40_000_000, 0, 40_000_000):
+                wrench = Wrench(
+                    np.array([0.0, 0.0, -offset_ns / 1e9]), np.zeros(3), stamp_ns=reading.stamp_ns + offset_ns
+                )
+                history.add(WrenchSample(wrench, np.full(6, np.nan)))
+            stage.loop.snapshot = lambda now_ns, held=stage.loop.snapshot(0): held  # type: ignore[method-assign, misc]
+            stage.studio.refresh(stage.screen)
+            moment = stage.screen.moments[-1]
+            sample = moment.wrenches[0].sample
+            assert moment.reading is not None and sample is not None
+            assert sample.wrench.stamp_ns == moment.reading.stamp_ns
+            del stage.loop.snapshot
+            time.sleep(0.05)
 
 
 def test_what_is_not_the_present_is_faded_until_the_camera_is_back(stage: Stage) -> None:
@@ -112,8 +116,9 @@ def test_what_is_not_the_present_is_faded_until_the_camera_is_back(stage: Stage)
         wait_until(lambda: stage.says("no image for"))
         faded = stage.screen.views[-1]
         assert faded.is_past and len(stage.losses) == 1
-        for image, past in ((bright.heights, faded.heights), (bright.surface.colours, faded.surface.colours)):
-            assert past.mean() < 0.5 * image.mean()
+        assert faded.image(ImageKind.HEIGHT).mean() < 0.5 * bright.image(ImageKind.HEIGHT).mean()
+        points = [view.surface(SkinColouring.HEIGHT, 1, TractionSource.ESTIMATED).colours for view in (bright, faded)]
+        assert points[1].mean() < 0.5 * points[0].mean()
         stage.camera.plugged_in = True
         wait_until(lambda: stage.says("live"))
         assert not stage.screen.views[-1].is_past
@@ -131,12 +136,13 @@ def test_nothing_is_drawn_while_nobody_looks(stage: Stage) -> None:
 def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
     with stage.loop:
         with pytest.raises(NothingToSave, match="wait for the first image"):
-            stage.studio.save()
+            stage.studio.save(None)
         wait_until(lambda: stage.sees(0.0))
         stage.camera.level = 75
         wait_until(lambda: stage.sees(1.0))
-        stage.studio.frozen, stage.camera.level = True, 50
-        paths = stage.studio.save()
+        shown, stage.camera.level = stage.screen.moments[-1], 50
+        wait_until(lambda: stage.sees(2.0))
+        paths = stage.studio.save(shown)
     by_ending = {path.name.split("_", maxsplit=4)[-1]: path for path in paths}
     assert set(by_ending) == {"image.png", "height.npy", "height.png", "height.ply"}
     assert np.load(by_ending["height.npy"]).min() == pytest.approx(-1.0, abs=0.01)
@@ -152,10 +158,10 @@ def test_too_many_saves_are_refused_and_write_nothing(stage: Stage, tmp_path: Pa
         hasty.refresh(stage.screen)
         small.refresh(stage.screen)
         with ThreadPoolExecutor(20) as clicks:
-            results = [clicks.submit(hasty.save) for _ in range(20)]
+            results = [clicks.submit(hasty.save, stage.screen.moments[-1]) for _ in range(20)]
         refusals = [result.exception() for result in results if result.exception() is not None]
         with pytest.raises(SaveRefused, match=r"at most 0% of the free disk, 0 MB, got 0 MB and another reading; free"):
-            small.save()
+            small.save(stage.screen.moments[-1])
     assert len(refusals) == 18 and len(list((tmp_path / "hasty").iterdir())) == 8 and not (tmp_path / "small").exists()
     assert re.fullmatch(
         r"expected at most 2 saves a minute, got one more; wait (59|60) s, or use 'ninedtact record'", str(refusals[0])
@@ -189,12 +195,12 @@ def test_a_sensor_thread_that_gives_up_is_told_to_the_screen_and_to_the_caller(s
 
 
 def test_an_interrupted_page_says_that_it_is_over(stage: Stage) -> None:
-    def interrupted(report: PageReport) -> None:
-        stage.screen.report = report
-        if report.status.tone == "live":
+    def interrupted(moment: PageMoment) -> None:
+        stage.screen.moments.append(moment)
+        if moment.status.tone == "live":
             raise KeyboardInterrupt
 
-    stage.screen.show_report = interrupted  # type: ignore[method-assign]
+    stage.screen.show = interrupted  # type: ignore[method-assign]
     with stage.loop, pytest.raises(KeyboardInterrupt):
         stage.studio.run(stage.screen, display_hz=100.0)
     assert stage.screen.sentence == "stopped: the program has ended" and stage.screen.views[-1].is_past

@@ -37,7 +37,7 @@ from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin, SocketGuard, SocketLimits
-from ninedtact.studio.viser_guard import UnknownPageServer, is_page_message
+from ninedtact.studio.viser_guard import PART_BYTES, UnknownPageServer, is_page_message
 
 PATIENCE_S = 90.0
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -167,7 +167,7 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
             wait_until(lambda: slider.value == 3.0)
             assert len(server.get_clients()) == 2 and not slider._impl.removed and not shared
             with open_client(server.get_port()) as large, pytest.raises(ConnectionClosed, match="1009"):
-                large.send(b"x" * 100_000)
+                large.send(b"x" * 1_000_000)
                 while True:
                     large.recv(timeout=30)
             wait_until(lambda: len(server.get_clients()) == 2)
@@ -177,6 +177,42 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
     assert "dropped a message of 4 bytes" in dropped
     assert failed == "Task exception was never retrieved: ValueError(\"could not convert string to float: 'x'\")"
     assert all(record.exc_info is None for record in caplog.records) and "Traceback" not in capfd.readouterr().err
+
+
+def test_every_control_of_the_page_is_heard_and_no_more_than_one_file_at_a_time() -> None:
+    update = {"type": "GuiUpdateMessage", "uuid": "u"}
+    handle = {"type": "TransformControlsUpdateMessage", "name": "/handle", "owner": "1"}
+    start = {"type": "FileTransferStartUpload", "source_component_uuid": "b", "transfer_uuid": "t", "filename": "a.stl"}
+    start |= {"mime_type": "model/stl", "part_count": 2, "size_bytes": 9}
+    part = {"type": "FileTransferPart", "source_component_uuid": "b", "transfer_uuid": "t", "part_index": 0}
+    click = {"type": "ScenePointerMessage", "event_type": "click", "ray_origin": (0.0, 0.0, 1.0), "modifier": "shift"}
+    click |= {"ray_direction": (0.0, 0.0, -1.0), "screen_pos": [(0.5, 0.5)]}
+    for accepted, message in (
+        *((True, update | {"updates": {"value": value}}) for value in (True, 1.25, 7, "height", (1.0, -2.5))),
+        *(
+            (False, update | {"updates": {"value": value}})
+            for value in ((1.0,), (1.0, 2.0, 3.0), None, {}, 1e12, "x" * 201)
+        ),
+        (True, handle | {"wxyz": (1.0, 0, 0, 0), "position": (1.5, 0.0, 6.0)}),
+        (False, handle | {"wxyz": (1.0, 0, 0, float("nan")), "position": (1.5, 0.0, 6.0)}),
+        (True, {"type": "CommandTriggerMessage", "uuid": "c"}),
+        (True, click),
+        (False, click | {"screen_pos": [(0.5, 0.5)] * 3}),
+        (True, start),
+        (False, start | {"size_bytes": 16_000_001}),
+        (False, start | {"part_count": 33}),
+        (True, part | {"content": b"x" * PART_BYTES}),
+        (False, part | {"content": b"x" * (PART_BYTES + 1)}),
+        (False, part | {"content": b"", "part_index": -1}),
+    ):
+        assert is_page_message(msgspec.msgpack.encode(message)) == accepted, message
+    with page_server("127.0.0.1", 0) as server, open_client(server.get_port()) as client:
+        button = server.gui.add_upload_button("upload")
+        start |= {"source_component_uuid": button._impl.uuid}
+        unfinished = server.gui._current_file_upload_states
+        for name in ("first", "second"):
+            client.send(msgspec.msgpack.encode(start | {"transfer_uuid": name}))
+            wait_until(lambda name=name: list(unfinished) == [name])
 
 
 @contextmanager

@@ -63,4 +63,4 @@ def test_the_block_of_gel_is_as_large_as_what_the_camera_sees() -> None:
     texts = {mark.text: mark.at_mm for mark in block.marks()}
     assert {"\N{MINUS SIGN}10", "0", "5", "\N{MINUS SIGN}2", "x (mm)", "z (mm)"} <= set(texts)
     assert texts["\N{MINUS SIGN}2"][2] == -2
-    assert session_colour_scale(SHAPE.curve) == ColourScale(2.0, 0.5)
+    assert session_colour_scale(SHAPE.curve) == ColourScale(2.0, 2.0)

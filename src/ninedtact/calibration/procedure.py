@@ -1,9 +1,10 @@
 """The calibration procedure: four images → one calibrated sensor. `calibrate` runs the steps from top to bottom (board, lens, ball,
-refinement, certificate); `repeat_calibration` runs them on the images stored in a sensor folder, by any method.
+refinement, certificate); `repeat_calibration` runs them on the images stored in a sensor folder, by any method, or with new images
+of a ball. Without images of a ball the result only rectifies; with an imported rectification only the ball is fitted.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Literal
@@ -23,28 +24,33 @@ from ninedtact.calibration.board.board_fit import (
     published_leave_one_out_errors_mm,
 )
 from ninedtact.calibration.board.lens_fit import rms_vector_length
-from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, to_grey_float
+from ninedtact.calibration.brightness import (
+    OVEREXPOSED,
+    BgrImage,
+    estimate_pixel_noise,
+    relative_brightness_change,
+    to_grey_float,
+)
 from ninedtact.calibration.certificate.checks import unusual_fit_warnings
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
     BallQuality,
-    BoardPressTable,
     BoardQuality,
     Certificate,
     DepthTable,
-    FittedParameterTable,
     GridTable,
     LensModelTable,
     PinMapTable,
     SensorRecord,
-    TwinFitQuality,
-    TwinTable,
+    make_lens_correction_table,
 )
-from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, ParameterUncertainty, TwinFit
+from ninedtact.calibration.twin.ball_press_fit import ParameterPrior
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
-from ninedtact.calibration.twin.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
-from ninedtact.design import Gel, SensorDesign
+from ninedtact.calibration.twin.lens_refinement import JointCalibration, refine_board_and_ball
+from ninedtact.calibration.twin.sensor_twin import fitted_gel, make_twin_table
+from ninedtact.design import SensorDesign
+from ninedtact.errors import InputError
 from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px
 from ninedtact.shape.rectification import Area, CameraRotation, Rectification, rectification_of_projection
@@ -55,12 +61,26 @@ LensKind = Literal["model", "paper"]
 
 @dataclass(frozen=True)
 class CalibrationImages:
-    """The four raw images, (rows, cols, 3) BGR."""
+    """The four raw images, (rows, cols, 3) BGR, or those of the board alone, or those of the ball for an imported lens."""
 
-    board_reference: BgrImage
-    board: BgrImage
-    ball_reference: BgrImage
-    ball: BgrImage
+    board_reference: BgrImage | None = None
+    board: BgrImage | None = None
+    ball_reference: BgrImage | None = None
+    ball: BgrImage | None = None
+
+    @property
+    def board_pair(self) -> tuple[BgrImage, BgrImage] | None:
+        """The skin before the board and under it; None where the board was not pressed."""
+        return None if self.board_reference is None or self.board is None else (self.board_reference, self.board)
+
+    @property
+    def ball_pair(self) -> tuple[BgrImage, BgrImage] | None:
+        """The skin before the ball and under it; None where the ball was not pressed."""
+        return None if self.ball_reference is None or self.ball is None else (self.ball_reference, self.ball)
+
+
+class PressMissing(InputError):
+    """Neither images of the board nor an imported rectification, or an imported rectification without images of a ball."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +102,26 @@ class Calibration:
     """A calibrated sensor, with the images and fits from which it was made."""
 
     images: CalibrationImages
-    board: BoardFit
-    ball: BallFit
+    board_fit: BoardFit | None
+    """None where the rectification was imported."""
+    ball_fit: BallFit | None
+    """None where there are no images of a ball."""
     rectify: Rectification
     record: SensorRecord
+    imported: SensorFolder | None = None
+    """The imported sensor whose rectification this calibration uses."""
+
+    @property
+    def board(self) -> BoardFit:
+        """The fit of the board, of a calibration that has one."""
+        assert self.board_fit is not None, "expected a calibration with a board, got an imported rectification"
+        return self.board_fit
+
+    @property
+    def ball(self) -> BallFit:
+        """The fit of the ball, of a calibration that has one."""
+        assert self.ball_fit is not None, "expected a calibration with a ball, got one with the board alone"
+        return self.ball_fit
 
 
 def calibrate(
@@ -94,14 +130,17 @@ def calibrate(
     settings: CalibrationSettings = CalibrationSettings(),
     sensor_id: str = "9dtact",
     on_step: Callable[[str], None] = lambda step: None,
+    imported: SensorFolder | None = None,
 ) -> Calibration:
-    """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do.
+    """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do, and
+    `PressMissing`.
 
-    on_step: called with what is fitted next, in words. Linear algebra runs on one thread meanwhile: its matrices are small, so that
-    several threads would mostly wait for each other, at three times the processor time.
+    on_step: called with what is fitted next, in words. imported: a sensor whose rectification is used in place of a board's. Linear
+    algebra runs on one thread meanwhile: its matrices are small, so that several threads would mostly wait for each other, at three
+    times the processor time.
     """
     with threadpool_limits(1):
-        return _calibrate(images, design, settings, sensor_id, on_step)
+        return _calibrate(images, design, settings, sensor_id, on_step, imported)
 
 
 def _calibrate(
@@ -110,30 +149,49 @@ def _calibrate(
     settings: CalibrationSettings,
     sensor_id: str,
     on_step: Callable[[str], None],
+    imported: SensorFolder | None,
 ) -> Calibration:
     """Calibrate a sensor, as `calibrate` does."""
-    on_step("finding the pins of the board and fitting the lens to them")
-    board = fit_board(images.board_reference, images.board, design.pin_board, settings.camera_rotation_deg)
-    found = _fit_board_and_ball(images, board, design, settings, on_step)
-    board, rectify, ball = found.board, found.rectify, found.ball
+    board, ball, told, noise = None, None, None, 0.0
+    if imported is not None and images.ball_pair is not None:
+        on_step("fitting gel and light to the image of the ball")
+        rectify = imported.rectification
+        ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
+        grid, lens = imported.record.grid, imported.record.lens
+        noise = estimate_pixel_noise(relative_brightness_change(*images.ball_pair))
+    elif imported is None and images.board_pair is not None:
+        on_step("finding the pins of the board and fitting the lens to them")
+        board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
+        rectify = build_rectification(board, design, settings.lens)
+        if images.ball_pair is not None:
+            found = _fit_board_and_ball(images.board_pair, images.ball_pair, board, rectify, design, settings, on_step)
+            board, rectify, ball, told = found.board, found.rectify, found.ball, found.told
+        grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
+        lens, noise = _lens_table(board, settings.lens), board.noise
+    else:
+        raise PressMissing(
+            "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
+        )
     record = SensorRecord(
         format=SENSOR_FORMAT,
         id=sensor_id,
         created=datetime.now(UTC).replace(microsecond=0),
         software=version("ninedtact"),
         design=design,
-        grid=GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting),
-        lens=_lens_table(board, settings.lens),
-        depth=_depth_table(ball, settings),
-        twin=None if ball.physical is None else _twin_table(ball.physical, board.noise, found.told),
+        grid=grid,
+        lens=lens,
+        depth=None if ball is None else _depth_table(ball, settings),
+        twin=None if ball is None or ball.physical is None else make_twin_table(ball.physical.fit, noise, told),
         certificate=_make_certificate(images, board, ball, rectify, settings),
     )
-    return Calibration(images, board, ball, rectify, record)
+    return Calibration(images, board, ball, rectify, record, imported)
 
 
 def _fit_board_and_ball(
-    images: CalibrationImages,
+    board_images: tuple[BgrImage, BgrImage],
+    ball_images: tuple[BgrImage, BgrImage],
     board: BoardFit,
+    rectify: Rectification,
     design: SensorDesign,
     settings: CalibrationSettings,
     on_step: Callable[[str], None],
@@ -146,17 +204,15 @@ def _fit_board_and_ball(
     def ball(
         rectify: Rectification, beliefs: tuple[ParameterPrior, ...] = (), near: ParameterVector | None = None
     ) -> BallFit:
-        presses, how = (images.ball_reference, images.ball), (settings.method, settings.smoothing)
         on_step("fitting gel and light to the image of the ball")
-        found = fit_ball(rectify, *presses, design, *how, beliefs, near)
+        found = fit_ball(rectify, *ball_images, design, settings.method, settings.smoothing, beliefs, near)
         on_step("fitting the depth of the pins and the lens to the image of the board")
         return found
 
-    rectify = lens(board)
     first = JointCalibration(board, rectify, ball(rectify))
-    if settings.lens == "paper":
-        return first
-    return refine_board_and_ball(first, (images.board_reference, images.board), lens, ball)
+    if settings.lens == "paper" or board.correction is not None:
+        return first  # the twin predicts the board through a lens model alone
+    return refine_board_and_ball(first, board_images, lens, ball)
 
 
 def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
@@ -173,7 +229,7 @@ def _choose_projection(board: BoardFit, kind: LensKind) -> tuple[Projection, flo
     """Return the projection and its mm per raw pixel around the centre."""
     if kind == "paper":
         return fit_published_pin_map(board)
-    return board.lens, central_mm_per_px(board.lens, board.board.pitch_mm)
+    return board.projection, central_mm_per_px(board.projection, board.board.pitch_mm)
 
 
 def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
@@ -181,69 +237,14 @@ def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable
     if kind == "paper":
         points_px = integer_pin_centres_px(board)
         return PinMapTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
-    lens = board.lens
-    return LensModelTable(lens.homography, lens.centre, lens.radial, lens.tangential)  # type: ignore[arg-type]
+    lens, found = board.lens, board.correction
+    table = None if found is None else make_lens_correction_table(found.correction)
+    return LensModelTable(lens.homography, lens.centre, lens.radial, lens.tangential, table)  # type: ignore[arg-type]
 
 
 def _depth_table(ball: BallFit, settings: CalibrationSettings) -> DepthTable:
     """Return the chosen depth curve as a table of `sensor.toml`."""
     return DepthTable(settings.method, ball.noise_mm, settings.smoothing, ball.curve, ball.loss, ball.deblurring)
-
-
-def _twin_table(physical: PhysicsDepthFit, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
-    """Return the twin from the ball press, and from the board where its image agrees with the prediction."""
-    fit = physical.fit
-    return TwinTable(
-        _fitted_gel(fit),
-        fit.light,
-        noise_grey_levels,
-        _twin_fit_quality(fit),
-        None if told is None else _board_press_table(told, fit),
-    )
-
-
-def _fitted_gel(fit: TwinFit) -> Gel:
-    """Return the design's gel with the fitted thickness."""
-    return replace(fit.forward.design.gel, thickness_mm=fit.parameters["thickness_mm"])
-
-
-def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
-    """Return how the twin was fitted, and how well it explains the press."""
-    sure = fit.confidence
-    return TwinFitQuality(
-        radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
-        image_rmse_grey_levels=fit.image_rmse_grey_levels,
-        depth_mm=fit.parameters["depth_mm"],
-        drag_mm=fit.drag_mm,
-        effective_observations=sure.points,
-        duration_s=fit.seconds,
-        parameters={
-            name: FittedParameterTable(value, sure.deviation.get(name), *_strongest_correlation(sure, name))
-            for name, value in fit.parameters.items()
-        },
-    )
-
-
-def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
-    """Return the fit to the board image. The depth of the imprints is as uncertain as that of the ball, on which the brightness
-    model rests.
-    """
-    depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.parameters["depth_mm"]
-    return BoardPressTable(
-        accepted=told.accepted,
-        depth_mm=depth_mm,
-        depth_std_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
-        inverse_distance_per_mm=told.press.inverse_distance_per_mm,
-        inverse_distance_std_per_mm=told.deviation.inverse_distance_per_mm,
-        point_spread_mm=told.press.point_spread_mm,
-        residual_rms_grey_levels=told.rest_grey,
-        contrast_grey_levels=told.contrast_grey_levels,
-    )
-
-
-def _strongest_correlation(sure: ParameterUncertainty, name: str) -> tuple[str | None, float | None]:
-    """Return the parameter with which a searched parameter is most correlated, and their correlation."""
-    return sure.closest(name) if name in sure.deviation else (None, None)
 
 
 def calibrated_area_mm(design: SensorDesign) -> Area:
@@ -254,19 +255,32 @@ def calibrated_area_mm(design: SensorDesign) -> Area:
 
 
 def _make_certificate(
-    images: CalibrationImages, board: BoardFit, ball: BallFit, rectify: Rectification, settings: CalibrationSettings
+    images: CalibrationImages,
+    board: BoardFit | None,
+    ball: BallFit | None,
+    rectify: Rectification,
+    settings: CalibrationSettings,
 ) -> Certificate:
     """Return the quality figures of both calibrations, and warnings in words."""
+    warnings = [IMPORTED_LENS_WARNING] if board is None else _board_warnings(board)
+    warnings += [BALL_MISSING_WARNING] if ball is None else [*ball.warnings, *_fit_warnings(ball.physical)]
+    if images.board_pair is not None and images.ball_pair is not None:
+        warnings += reference_drift_warnings(images.board_pair[0], images.ball_pair[0])
     return Certificate(
-        _board_quality(board, rectify, settings.lens),
-        _ball_quality(images, ball),
-        [
-            *_board_warnings(board),
-            *ball.warnings,
-            *reference_drift_warnings(images.board_reference, images.ball_reference),
-            *_fit_warnings(ball.physical),
-        ],
+        None if board is None else _board_quality(board, rectify, settings.lens),
+        None if ball is None or images.ball_pair is None else _ball_quality(images.ball_pair[0], ball),
+        warnings,
     )
+
+
+IMPORTED_LENS_WARNING = (
+    "the rectification was imported from the original project and is used as it is; no pin tests it here, and the scale in mm is "
+    "that of the import; press the pin board and calibrate again for a lens with known errors"
+)
+BALL_MISSING_WARNING = (
+    "no ball has been pressed: heights, force, 'ninedtact check' and the twin are missing; to add them, press the ball and run "
+    "'ninedtact calibrate' with --ball-reference, --ball and this folder as --out"
+)
 
 
 def _fit_warnings(physical: PhysicsDepthFit | None) -> list[str]:
@@ -274,7 +288,7 @@ def _fit_warnings(physical: PhysicsDepthFit | None) -> list[str]:
     if physical is None:
         return []
     design = physical.fit.forward.design
-    deviation = fit_deviation(physical.fit.light, _fitted_gel(physical.fit), design)
+    deviation = fit_deviation(physical.fit.light, fitted_gel(physical.fit), design)
     return unusual_fit_warnings(deviation, design)
 
 
@@ -282,7 +296,8 @@ def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> B
     """Return the quality of the camera calibration."""
     seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
     original_mm = published_leave_one_out_errors_mm(seen_mm, centres_px)
-    leave_one_out_errors_mm = original_mm if lens == "paper" else board.lens_fit.leave_one_out_errors_mm
+    leave_one_out_errors_mm = original_mm if lens == "paper" else board.leave_one_out_errors_mm
+    is_corrected = lens == "model" and board.correction is not None
     return BoardQuality(
         pins_found=int(board.found.sum()),
         pins_expected=board.board.count,
@@ -296,6 +311,7 @@ def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> B
         noise_grey_levels=board.noise,
         lens=lens,
         camera_rotation_deg=board.mounting,
+        uncorrected_rms_mm=board.lens_fit.leave_one_out_rms_mm if is_corrected else None,
     )
 
 
@@ -308,7 +324,7 @@ def _relative_scale_std(board: BoardFit, lens: LensKind) -> float:
     return board.lens_fit.mm_per_px_std(pitch_mm) / central_mm_per_px(board.lens, pitch_mm)
 
 
-def _ball_quality(images: CalibrationImages, ball: BallFit) -> BallQuality:
+def _ball_quality(reference: BgrImage, ball: BallFit) -> BallQuality:
     """Return the quality of the depth calibration."""
     circle = ball.press.circle
     return BallQuality(
@@ -323,7 +339,7 @@ def _ball_quality(images: CalibrationImages, ball: BallFit) -> BallQuality:
         noise_mm=ball.noise_mm,
         darkening_grey_levels=circle.drop,
         asymmetry=circle.asymmetry,
-        overexposed_fraction=float((to_grey_float(images.ball_reference) >= OVEREXPOSED).mean()),
+        overexposed_fraction=float((to_grey_float(reference) >= OVEREXPOSED).mean()),
     )
 
 
@@ -335,22 +351,36 @@ def _board_warnings(board: BoardFit) -> list[str]:
             f"found {int(board.found.sum())} of {board.board.count} pins; predicted from the others: "
             f"{'; '.join(board.missing_pins)}; press harder there, or hold the board flatter, for a better lens"
         )
-    if board.lens_fit.leave_one_out_rms_mm > 0.04 * board.board.pitch_mm:
+    error_mm = rms_vector_length(board.leave_one_out_errors_mm)
+    if error_mm > 0.04 * board.board.pitch_mm:
         found.append(
-            f"pins are predicted only to {board.lens_fit.leave_one_out_rms_mm:.2f} mm (0.03 to 0.06 mm is usual); "
+            f"pins are predicted only to {error_mm:.2f} mm (0.03 to 0.06 mm is usual); "
             "focus the camera and press the board evenly"
         )
     return found
 
 
-def repeat_calibration(folder: SensorFolder, method: DepthMethod) -> Calibration:
-    """Calibrate from the stored images, with the stored design, lens and mounting.
+def repeat_calibration(
+    folder: SensorFolder,
+    method: DepthMethod,
+    ball: tuple[BgrImage, BgrImage] | None = None,
+    design: SensorDesign | None = None,
+    on_step: Callable[[str], None] = lambda step: None,
+) -> Calibration:
+    """Calibrate from the stored images, with the stored lens and mounting, or through the imported rectification.
 
-    Raises `SensorFolderDamaged` where images are missing (imported sensors have none), and what `calibrate` raises.
+    ball: new images of the skin before the ball and under it, in place of stored ones. design: in place of the stored one. Raises
+    `SensorFolderDamaged` where images are missing, `DepthNotCalibrated` where none of a ball are stored or given, and what
+    `calibrate` raises.
     """
-    names = CalibrationImages.__dataclass_fields__
-    images = CalibrationImages(**{name: folder.stored_image(name).image for name in names})
+    names = ("ball_reference", "ball") if folder.is_imported else ("board_reference", "board", "ball_reference", "ball")
+    given = {} if ball is None else {"ball_reference": ball[0], "ball": ball[1]}
+    images = CalibrationImages(
+        **{name: given[name] if name in given else folder.stored_image(name).image for name in names}
+    )
     record = folder.record
     lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "model"
-    settings = CalibrationSettings(lens, record.grid.camera_rotation_deg, method, record.depth.smoothing)
-    return calibrate(images, record.design, settings, record.id)
+    smoothing = Smoothing() if record.depth is None else record.depth.smoothing
+    settings = CalibrationSettings(lens, record.grid.camera_rotation_deg, method, smoothing)
+    imported = folder if folder.is_imported else None
+    return calibrate(images, design or record.design, settings, record.id, on_step, imported)

@@ -1,5 +1,6 @@
 """Saving a sensor folder: `sensor.toml`, the four calibration images and the certificate, either completely or not at all."""
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
@@ -25,6 +26,9 @@ ORIGINAL_FOLDER = "original_9dtact"
 _FORCE_FILE = "force.toml"
 """The force calibration with known loads (`force.adaptation_file`)."""
 
+_CAMERA_FILE = "camera.toml"
+"""The measured delay of the camera (`capture.camera_delay.CAMERA_FILE`)."""
+
 
 class SensorFolderNotReplaceable(OutputError):
     """A sensor cannot be written there without overwriting something else."""
@@ -38,17 +42,28 @@ def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
     >>> folder = ninedtact.save_sensor(Path("my_sensor"), ninedtact.calibrate(images))
     """
     with create_sensor_folder(out) as folder:
+        if calibration.imported is not None:
+            _copy_imported_files(folder, calibration.imported)
         record = msgspec.structs.replace(calibration.record, images=_save_images(folder, calibration.images))
         write_file_atomically(folder / SENSOR_FILE, to_sensor_toml(record))
         write_file_atomically(folder / CERTIFICATE_FILE, render_certificate_html(calibration).encode())
     return SensorFolder(out, record)
 
 
+def _copy_imported_files(folder: Path, imported: SensorFolder) -> None:
+    """Copy the rectification of an imported sensor, and the original project's files where they were kept."""
+    shutil.copyfile(imported.path / PIXEL_MAP_FILE, folder / PIXEL_MAP_FILE)
+    if (imported.path / ORIGINAL_FOLDER).is_dir():
+        shutil.copytree(imported.path / ORIGINAL_FOLDER, folder / ORIGINAL_FOLDER)
+
+
 def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredImage]:
-    """Store the four images losslessly; return their paths in the folder and their hashes."""
+    """Store the images losslessly; return their paths in the folder and their hashes."""
     (folder / IMAGE_FOLDER).mkdir()
     entries = {}
     for name, image in vars(images).items():
+        if image is None:
+            continue
         content = cv2.imencode(".png", image)[1].tobytes()
         entries[name] = StoredImage(f"{IMAGE_FOLDER}/{name}.png", sha256(content).hexdigest())
         write_file_atomically(folder / entries[name].file, content)
@@ -85,5 +100,5 @@ def require_replaceable_sensor_folder(final: Path) -> None:
 
 def _is_sensor_file(file: str) -> bool:
     """Return whether a path within a sensor folder is one that this program writes there."""
-    files = (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, _FORCE_FILE)
+    files = (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, _FORCE_FILE, _CAMERA_FILE)
     return file in files or file.startswith((f"{IMAGE_FOLDER}/", f"{ORIGINAL_FOLDER}/"))

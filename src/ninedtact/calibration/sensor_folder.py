@@ -18,6 +18,7 @@ import numpy as np
 from ninedtact.calibration.sensor_toml_schema import (
     NOT_CALIBRATED,
     SENSOR_FORMAT,
+    DepthTable,
     LensModelTable,
     PinMapTable,
     PixelMapTable,
@@ -32,10 +33,10 @@ from ninedtact.checked_reading import (
     values_checksum,
 )
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.errors import FileFormatError, NinedtactError
+from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.lens import LensModel, PinMap, Projection
+from ninedtact.shape.lens import CorrectedLens, LensCorrection, LensModel, PinMap, Projection
 from ninedtact.shape.rectification import Rectification, rectification_of_projection
 
 if TYPE_CHECKING:
@@ -51,6 +52,10 @@ _MIN_VIEW_SHARE = 0.2
 
 class SensorFolderDamaged(FileFormatError):
     """The folder is not a sensor folder, a file in it is missing or changed, or its format is not supported."""
+
+
+class DepthNotCalibrated(CalibrationError):
+    """The sensor was calibrated with the pin board alone, so that it has no depth, no twin and no force."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ class SensorFolder:
     @cached_property
     def shape(self) -> CalibratedShape:
         """The calibrated path from a camera frame to a height map."""
-        depth = self.record.depth
+        depth = self.depth
         return CalibratedShape(
             self.rectification,
             depth.curve,
@@ -97,6 +102,30 @@ class SensorFolder:
         )
 
     @property
+    def depth(self) -> DepthTable:
+        """The calibrated depth; raises `DepthNotCalibrated` for a sensor that was calibrated with the board alone."""
+        if self.record.depth is None:
+            raise DepthNotCalibrated(
+                f"expected {self.path} to be calibrated for depth, got a sensor calibrated with the board alone, which rectifies "
+                f"images and gives no heights and no force; press the ball and run: {self.completion_command}"
+            )
+        return self.record.depth
+
+    @property
+    def is_imported(self) -> bool:
+        """Whether the rectification is that of an imported calibration."""
+        return isinstance(self.record.lens, PixelMapTable)
+
+    @property
+    def completion_command(self) -> str:
+        """The command that adds the twin, from the stored images of the ball or from new ones."""
+        path = quote(str(self.path))
+        if "ball" in self.record.images:
+            return f"ninedtact simulate fit --sensor {path}"
+        origin = f"--from-import {path} " if self.is_imported else ""
+        return f"ninedtact calibrate {origin}--out {path} --ball-reference REFERENCE.png --ball BALL.png"
+
+    @property
     def gel(self) -> Gel:
         """The gel as fitted to the ball image, or as designed where there is no such fit."""
         return self.record.design.gel if self.record.twin is None else self.record.twin.gel
@@ -104,7 +133,7 @@ class SensorFolder:
     @property
     def viewing_distance_mm(self) -> float:
         """Distance from which the skin is viewed: as fitted to the ball press by the method `physics`, otherwise as designed."""
-        if self.record.depth.method != "physics" or self.record.twin is None:
+        if self.depth.method != "physics" or self.record.twin is None:
             return self.record.design.camera.distance_mm
         inverse_distance_per_mm = self.record.twin.light.inverse_distance_per_mm
         return 1 / inverse_distance_per_mm if inverse_distance_per_mm > _MIN_INVERSE_DISTANCE_PER_MM else float("inf")
@@ -133,11 +162,16 @@ class SensorFolder:
     def stored_image(self, name: str) -> Frame:
         """Read an image that the sensor was calibrated from: `board_reference`, `board`, `ball_reference` or `ball`.
 
-        Raises `SensorFolderDamaged` where it is missing or changed; imported sensors have no images.
+        Raises `SensorFolderDamaged` where it is missing or changed, and `DepthNotCalibrated` for an image of the ball that was not
+        pressed yet. Imported sensors have no images of a board.
         """
         if name not in self.record.images:
+            if not self.is_imported and name.startswith("ball"):
+                _ = self.depth
+            advice = "calibrate again" if name.startswith("board") else f"run: {self.completion_command}"
+            kind = "an imported sensor" if self.is_imported else "a sensor"
             raise SensorFolderDamaged(
-                f"expected {self.path} to hold the image {name!r}, got a sensor without it (imported?); calibrate again"
+                f"expected {self.path} to hold the image {name!r}, got {kind} without it; {advice}"
             )
         entry = self.record.images[name]
         return Frame(read_image(self._verify_file(entry.file, entry.sha256)))
@@ -252,7 +286,11 @@ def _recalibration_command(folder: Path, tables: dict[str, Any]) -> str:
 def build_projection(lens: LensModelTable | PinMapTable, raw_shape: tuple[int, int]) -> Projection:
     """Return the projection from the skin to the raw image that a table of `sensor.toml` describes."""
     if isinstance(lens, LensModelTable):
-        return LensModel(lens.homography, lens.centre, lens.radial, lens.tangential, raw_shape)
+        model, table = LensModel(lens.homography, lens.centre, lens.radial, lens.tangential, raw_shape), lens.correction
+        if table is None:
+            return model
+        correction = LensCorrection(np.array(table.points_mm), np.array(table.weights_px), table.width_mm)
+        return CorrectedLens(model, correction)
     return PinMap(np.array(lens.points_mm), np.array(lens.points_px))
 
 

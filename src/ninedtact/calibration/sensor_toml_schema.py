@@ -12,6 +12,7 @@ from msgspec import Meta, Struct, field
 
 from ninedtact.design import Gel, SensorDesign, require_possible_dimension
 from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, LightLoss, Smoothing
+from ninedtact.shape.lens import LensCorrection
 from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.illumination import BrightnessModel
 
@@ -43,13 +44,39 @@ _Centre = Annotated[float, Meta(ge=-2, le=2)]
 _RawPx = Annotated[float, Meta(ge=-20_000, le=20_000)]
 
 
-class LensModelTable(Struct, tag_field="kind", tag="model", frozen=True, forbid_unknown_fields=True):
+class LensCorrectionTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """A smooth correction on top of the lens model (`shape.lens.LensCorrection`)."""
+
+    width_mm: Annotated[float, Meta(ge=0.1, le=100)]
+    points_mm: Annotated[list[tuple[_SkinMm, _SkinMm]], Meta(min_length=1)]
+    weights_px: list[tuple[_RawPx, _RawPx]]
+
+    def __post_init__(self) -> None:
+        if len(self.weights_px) != len(self.points_mm):
+            raise ValueError(
+                f"{len(self.points_mm)} points_mm and {len(self.weights_px)} weights_px, not as many of both"
+            )
+
+
+def make_lens_correction_table(correction: LensCorrection) -> LensCorrectionTable:
+    """Return a correction as a table of the file."""
+    points_mm, weights_px = (
+        [(x, y) for x, y in pairs.tolist()] for pairs in (correction.points_mm, correction.weights_px)
+    )
+    return LensCorrectionTable(correction.width_mm, points_mm, weights_px)
+
+
+class LensModelTable(
+    Struct, tag_field="kind", tag="model", frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """The parameters of `shape.lens.LensModel`: homography, distortion centre, radial and tangential terms, in image units."""
 
     homography: tuple[_Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry]
     centre: tuple[_Centre, _Centre]
     radial: Annotated[tuple[_Radial, ...], Meta(max_length=8)]
     tangential: tuple[_Entry, _Entry]
+    correction: LensCorrectionTable | None = None
+    """None where the lens model alone predicts left-out pins as well."""
 
 
 class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
@@ -95,7 +122,7 @@ class StoredImage(Struct, frozen=True, forbid_unknown_fields=True):
     sha256: _Sha256
 
 
-class BoardQuality(Struct, frozen=True, forbid_unknown_fields=True):
+class BoardQuality(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The quality of the camera calibration."""
 
     pins_found: _Count
@@ -114,6 +141,8 @@ class BoardQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """Standard deviation of one raw pixel."""
     lens: str
     camera_rotation_deg: CameraRotation
+    uncorrected_rms_mm: _Error | None = None
+    """Leave-one-out error (RMS) of the lens model without its smooth correction; None where no correction is used."""
 
 
 class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
@@ -141,12 +170,14 @@ class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """Fraction of the reference image at or above grey level 250."""
 
 
-class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
+class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The quality of both calibrations, and warnings in words."""
 
-    board: BoardQuality
-    ball: BallQuality
-    warnings: list[str]
+    board: BoardQuality | None = None
+    """None where the lens was imported."""
+    ball: BallQuality | None = None
+    """None where no ball has been pressed yet."""
+    warnings: list[str] = field(default_factory=list)
 
 
 class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -233,7 +264,8 @@ class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_default
     design: SensorDesign
     grid: GridTable
     lens: LensModelTable | PinMapTable | PixelMapTable
-    depth: DepthTable
+    depth: DepthTable | None = None
+    """None where no ball has been pressed yet."""
     twin: TwinTable | None = None
     images: dict[str, StoredImage] = field(default_factory=dict)
     certificate: Certificate | None = None

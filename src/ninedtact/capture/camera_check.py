@@ -112,6 +112,18 @@ def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> C
     return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, advice=advice)
 
 
+def describe_camera_settings(settings: CameraSettings) -> str:
+    """Return exposure, gain and white balance as the camera reports them, as text for a person."""
+    exposure = "exposure not reported" if settings.auto_exposure is None else "automatic exposure"
+    if settings.exposure_ms is not None:
+        exposure = f"exposure {settings.exposure_ms:g} ms, fixed"
+    gain = "gain not reported" if settings.gain is None else f"gain {settings.gain:g}"
+    balance = "automatic white balance" if settings.auto_white_balance else "white balance not reported"
+    if not settings.auto_white_balance and settings.white_balance_k is not None:
+        balance = f"white balance {settings.white_balance_k:g} K, fixed"
+    return f"{exposure}; {gain}; {balance}"
+
+
 def frame_rate_advice(rate: FrameRate | None) -> list[str]:
     """Return advice about images that arrive twice; nothing where hardly any do."""
     if rate is None or rate.duplicates <= _TOLERATED_DUPLICATES * rate.frames:

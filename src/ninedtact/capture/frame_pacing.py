@@ -1,5 +1,6 @@
 """Wrappers that pace a source: `LatestFrameSource` returns the newest frame of a live source, `LivePlayback` plays a recording
-at its own rate, `RepeatingSource` starts it again when it ends.
+at its own rate, `RepeatingSource` starts it again when it ends. `DelayCorrectedSource` subtracts the camera's delay from the
+stamps.
 """
 
 import time
@@ -147,6 +148,28 @@ class LivePlayback(FrameSource):
     def close(self) -> None:
         """Close the source and end a wait for the next frame."""
         self._closing.set()
+        self._source.close()
+
+
+class DelayCorrectedSource(FrameSource):
+    """Wraps a source and subtracts the delay of its camera from every stamp, which then is the time of the exposure."""
+
+    def __init__(self, source: FrameSource, delay_ms: float) -> None:
+        self.name, self.is_live = source.name, source.is_live
+        self._source, self._delay_ns = source, round(delay_ms * 1e6)
+
+    def open(self) -> None:
+        """Open the source; raises what it raises."""
+        self._source.open()
+        self.recorded_hz = self._source.recorded_hz
+
+    def read(self) -> Frame:
+        """Return the next frame with its corrected stamp."""
+        frame = self._source.read()
+        return replace(frame, stamp_ns=frame.stamp_ns - self._delay_ns)
+
+    def close(self) -> None:
+        """Close the source."""
         self._source.close()
 
 

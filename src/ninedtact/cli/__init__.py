@@ -35,6 +35,7 @@ COMMANDS = {
     "adapt": "force.fit_force_scale:Adapt",
     "evaluate": "force.evaluate:Evaluate",
     "hardware": "hardware:HardwareCommand",
+    "camera-delay": "camera_delay:CameraDelayCommand",
     "doctor": "doctor:Doctor",
 }
 """Module and class of every command, in the order of `ninedtact --help`. A group of commands is a union of classes; its module

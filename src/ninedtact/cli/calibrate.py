@@ -1,17 +1,20 @@
 """`ninedtact calibrate`: one press of the pin board and one of the ball → a sensor folder with its certificate.
 
-The four images come from files, from a folder, or from a camera. With a camera the terminal guides a person through the two
-presses without any key: every step watches the images, says what it detects, and continues once it has what it needs.
+The four images come from files, from a folder, or from a camera; the board alone makes a sensor that rectifies, to which the ball
+can be added later. With a camera the terminal guides a person through the two presses without any key: every step watches the
+images, says what it detects, and continues once it has what it needs.
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from msgspec import structs
 
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
 from ninedtact.cli.result_and_interrupt import print_result
@@ -31,8 +34,15 @@ _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
 _IMAGE_OPTIONS = ", ".join("--" + name.replace("_", "-") for name in _IMAGE_NAMES)
 
 
+_BOARD_NAMES, _BALL_NAMES = _IMAGE_NAMES[:2], _IMAGE_NAMES[2:]
+
+
 class ImagesMissing(InputError):
-    """The command was given neither four images nor a folder of them nor a camera."""
+    """The command was given neither four images, nor those of one press where these are enough, nor a folder, nor a camera."""
+
+
+class DepthWouldBeLost(InputError):
+    """Images of the board alone would replace a calibration that has depth."""
 
 
 class CalibrationRecordingTooShort(CameraError):
@@ -44,11 +54,14 @@ class CalibrateCommand:
     """Calibrate a sensor from one press of the pin board and one of the ball.
 
     Give the four images, or a folder of them, and the command asks nothing. Give --source, and the terminal guides you through
-    the presses.
+    the presses. The two images of the board alone make a sensor that rectifies images; the two of the ball alone complete the
+    sensor at --out, or an imported one.
     """
 
     out: Path
     """Sensor folder to write. An older calibration there is replaced."""
+    from_import: Path | None = None
+    """Imported sensor, or sensor_N folder of the original project, whose rectification is kept; give it images of a ball."""
     board_reference: tuple[Path, ...] = ()
     """Reference image without contact, taken before the board. Several images are averaged."""
     board: tuple[Path, ...] = ()
@@ -77,19 +90,60 @@ class CalibrateCommand:
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
         from ninedtact.calibration.board.detection import BoardNotFound
-        from ninedtact.calibration.procedure import calibrate
         from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 
         require_replaceable_sensor_folder(self.out)
-        images, design, settings = self.obtain_images(), self.resolved_design, self.options.settings()
-        with _StepLine() as line:
+        with _StepLine() as line, TemporaryDirectory() as scratch:
             try:
-                made = calibrate(images, design, settings, self.id or self.out.name, line.show)
+                made = self._calibrate(Path(scratch), line.show)
             except BoardNotFound as refusal:
                 raise _with_overlay_image(refusal, self.out) from refusal
             line.show("drawing the certificate")
             sensor = save_sensor(self.out, made)
         return print_result(self.json, _to_json_dict(sensor, made), _format_calibration(sensor, made))
+
+    def _calibrate(self, scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
+        """Calibrate from all presses, or with images of a ball on the sensor that has the lens already."""
+        from ninedtact.calibration.procedure import calibrate
+
+        images = self.obtain_images()
+        if images.board_pair is None and images.ball_pair is not None:
+            return self._add_ball(self._lens_folder(scratch), images.ball_pair, on_step)
+        if images.ball_pair is None:
+            _require_no_depth_lost(self.out)
+        return calibrate(images, self.resolved_design, self.options.settings(), self.id or self.out.name, on_step)
+
+    def _add_ball(
+        self, folder: "SensorFolder", ball: "tuple[BgrImage, BgrImage]", on_step: Callable[[str], None]
+    ) -> "Calibration":
+        """Calibrate the depth of a sensor that has its lens already."""
+        from ninedtact.calibration.procedure import repeat_calibration
+
+        if self.resolved_design not in (replace(SensorDesign(), ball=self.resolved_design.ball), folder.record.design):
+            raise DesignGivenTwice(
+                f"expected the design that {folder.path} was made with, got another one; leave out --design, or give the images of "
+                "the board as well"
+            )
+        given = self.ball_radius_mm
+        ball_gauge = folder.record.design.ball if given is None else replace(folder.record.design.ball, radius_mm=given)
+        design = replace(folder.record.design, ball=ball_gauge)
+        made = repeat_calibration(folder, self.options.method, ball, design, on_step)
+        return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
+
+    def _lens_folder(self, scratch: Path) -> "SensorFolder":
+        """Return the sensor whose lens is kept: --from-import, or the sensor that is at --out; raises `ImagesMissing`."""
+        from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
+        from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+
+        origin = self.out if self.from_import is None else self.from_import
+        if (origin / SENSOR_FILE).is_file():
+            return load_sensor(origin)
+        if self.from_import is None:
+            raise ImagesMissing(
+                f"expected --out to be a sensor that was calibrated with the board, got images of the ball alone and {self.out}, "
+                "which is none; give the images of the board as well"
+            )
+        return import_original_calibration(origin, scratch / origin.resolve().name, self.resolved_design)
 
     @property
     def resolved_design(self) -> SensorDesign:
@@ -106,31 +160,60 @@ class CalibrateCommand:
         return replace(design, ball=replace(design.ball, radius_mm=self.ball_radius_mm))
 
     def obtain_images(self) -> "CalibrationImages":
-        """Read the four images from files or from a folder, or take them with a camera; raises `ImagesMissing`."""
+        """Read the images of both presses, or of one, from files or from a folder, or take all with a camera; raises
+        `ImagesMissing`."""
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
         ways = [bool(given), self.images is not None, self.source is not None]
         if sum(ways) == 1 and self.source is not None:
             return _capture_guided_images(self.source, self.resolved_design, self.options.settings(), self.automatic)
         if sum(ways) == 1 and self.images is not None:
-            return _read_images({name: (self.images / f"{name}.png",) for name in _IMAGE_NAMES})
-        if sum(ways) == 1 and len(given) == len(_IMAGE_NAMES):
-            return _read_images({name: getattr(self, name) for name in _IMAGE_NAMES})
+            return _read_images({name: (self.images / f"{name}.png",) for name in self._names_in(self.images)})
+        if sum(ways) == 1 and tuple(given) in self._complete_sets:
+            return _read_images({name: getattr(self, name) for name in given})
         got = ["--" + name.replace("_", "-") for name in given]
         got += [name for name, way in zip(("--images", "--source"), ways[1:], strict=True) if way]
+        if self.from_import is not None:
+            raise ImagesMissing(
+                "expected --ball-reference and --ball beside --from-import, or --images with a folder of them, got "
+                f"{', '.join(got) or 'none of them'}; give the two images of the ball"
+            )
         raise ImagesMissing(
-            f"expected all of {_IMAGE_OPTIONS}, or --images alone, or --source alone, got {', '.join(got) or 'none of them'}; "
-            "give the four images, a folder of them, or a camera"
+            f"expected all of {_IMAGE_OPTIONS}, or the two of one press, or --images alone, or --source alone, got "
+            f"{', '.join(got) or 'none of them'}; give the four images, a folder of them, or a camera"
         )
+
+    @property
+    def _complete_sets(self) -> tuple[tuple[str, ...], ...]:
+        """The sets of images that can be calibrated from."""
+        return (_BALL_NAMES,) if self.from_import is not None else (_IMAGE_NAMES, _BOARD_NAMES, _BALL_NAMES)
+
+    def _names_in(self, folder: Path) -> tuple[str, ...]:
+        """Return the images of a folder that are used: all four, or those of the only press that it has both images of."""
+        there = tuple(name for name in _IMAGE_NAMES if (folder / f"{name}.png").exists())
+        if self.from_import is not None:
+            return _BALL_NAMES
+        return there if there in self._complete_sets else _IMAGE_NAMES
 
 
 def _read_images(paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
-    """Read the four images, each the mean of the files given for it."""
+    """Read the images, each the mean of the files given for it."""
     from ninedtact.calibration.procedure import CalibrationImages
     from ninedtact.capture.strict_image_reading import average_images, read_image
 
     return CalibrationImages(
         **{name: average_images([read_image(path) for path in files]) for name, files in paths.items()}
     )
+
+
+def _require_no_depth_lost(out: Path) -> None:
+    """Raise `DepthWouldBeLost` where the folder holds a sensor that is calibrated for depth."""
+    from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+
+    if (out / SENSOR_FILE).is_file() and load_sensor(out).record.depth is not None:
+        raise DepthWouldBeLost(
+            f"expected images of the ball as well, since {out} is calibrated for depth, got those of the board alone; give all "
+            "four, or choose another --out"
+        )
 
 
 @dataclass
@@ -243,6 +326,9 @@ def _to_json_dict(sensor: "SensorFolder", made: "Calibration") -> dict[str, obje
         "sensor": str(sensor.path),
         "id": sensor.id,
         "result": overall_check_level(certificate),
+        "board": None,
+        "ball": None,
+        "warnings": [],
         **msgspec.to_builtins(certificate),
         "checks": [asdict(check) for check in check_certificate(certificate)],
     }
@@ -254,17 +340,20 @@ def _format_calibration(sensor: "SensorFolder", made: "Calibration") -> Iterator
 
     certificate = made.record.certificate
     assert certificate is not None
-    board, ball = certificate.board, certificate.ball
     yield f"sensor {sensor.id} calibrated: {sensor.path}   (± is one standard deviation)"
-    yield (
-        f"  board  {board.pins_found} of {board.pins_expected} pins, leave-one-out error {board.leave_one_out_rms_mm:.3f} mm "
-        f"(the paper's method: {board.published_method_rms_mm:.3f} mm)"
-    )
-    yield f"  scale  {board.mm_per_px:.5f} ± {board.mm_per_px_std:.5f} mm per pixel"
-    yield (
-        f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f} mm deep, reconstructed to "
-        f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
-    )
+    if (board := certificate.board) is not None:
+        yield (
+            f"  board  {board.pins_found} of {board.pins_expected} pins, leave-one-out error {board.leave_one_out_rms_mm:.3f} mm "
+            f"(the paper's method: {board.published_method_rms_mm:.3f} mm)"
+        )
+        yield f"  scale  {board.mm_per_px:.5f} ± {board.mm_per_px_std:.5f} mm per pixel"
+    else:
+        yield f"  scale  {made.rectify.mm_per_px:.5f} mm per pixel, with the imported rectification"
+    if (ball := certificate.ball) is not None:
+        yield (
+            f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f} mm deep, reconstructed to "
+            f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
+        )
     yield from (f"  warning: {warning}" for warning in certificate.warnings)
     yield f"  {certificate_headline(certificate)}"
     yield from (f"  {check.level}: {check.text}" for check in check_certificate(certificate) if check.level != "pass")

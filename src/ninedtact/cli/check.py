@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notices, print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,15 +38,13 @@ class CheckCommand:
         """Judge every image; 1 where one is not fine."""
         from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
         from ninedtact.calibration.drift.drift_measurement import load_calibrated_reference, measure_drift
-        from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.strict_image_reading import read_image
 
         if not self.reference:
             raise NoImageToCheck(
                 "expected at least one reference image (no contact), got none; name it after the options"
             )
-        folder = load_sensor(self.sensor)
-        print_notices(folder.notices)
+        folder = load_sensor_with_notices(self.sensor)
         known = load_calibrated_reference(folder)
         measured = [measure_drift(known, read_image(path)) for path in self.reference]
         results = [

@@ -13,12 +13,11 @@ import tyro
 from ninedtact.cli.collect_screen import CollectScreen, open_key_reader
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.cli.record import require_duration, require_new_recording
-from ninedtact.cli.result_and_interrupt import print_notice, print_notices, print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     is_recording,
     is_simulated,
     live_source_for,
-    load_named_sensor,
     require_same_source_kind,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
@@ -73,10 +72,9 @@ class Collect:
         require_duration(self.seconds)
         require_same_source_kind(self.source, self.force_torque, is_simulated, is_recording)
         self._require_pairs()
-        settings = self.options.settings()
         screen = CollectScreen()
-        with load_named_sensor(self.sensor, self.source) as folder:
-            print_notices(folder.notices)
+        with named_sensor_with_notices(self.sensor, self.source) as folder:
+            settings = self.options.settings(folder.path)
             setup = self._setup(folder, settings, screen)
             collector = self._collect(folder, settings, setup, screen)
         return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
@@ -113,7 +111,8 @@ class Collect:
         from ninedtact.recording.writer import RecordingWriter
 
         metadata = self._metadata(folder, settings, setup)
-        writer = RecordingWriter(self.out, metadata, COLLECTED_TOPICS, sensor_folder_attachments(folder.path))
+        attachments = sensor_folder_attachments(folder.path)
+        writer = RecordingWriter(self.out, metadata, COLLECTED_TOPICS, attachments, screen.show_message)
         names = chain(self.objects, (f"object_{number:03d}" for number in count(1)))
         collector = Collector(
             writer,

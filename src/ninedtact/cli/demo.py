@@ -18,6 +18,7 @@ from ninedtact.cli.live import (
     serve_sensor_page,
 )
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
@@ -38,7 +39,7 @@ class InvalidDemoOption(InputError):
 
 @dataclass(frozen=True)
 class Demo:
-    """Show a simulated sensor in the browser while objects press, drag and twist it, with its true and its estimated wrench.
+    """Show a simulated sensor in the browser, pressed by hand or by a sequence of objects, with its true and its estimated wrench.
 
     Without a terminal it stops after one round. Results are written to a folder either way.
     """
@@ -53,12 +54,12 @@ class Demo:
     """Folder for the sensor folder, images and figures."""
     rounds: int | None = None
     """Number of rounds of the press sequence; without it, the demo runs until Ctrl-C at a terminal."""
-    display_hz: float = 15.0
+    display_hz: float = 30.0
     """Largest number of readings shown per second."""
     host: str = "127.0.0.1"
     """Address of the page; with another one than this computer's own, the printed address contains a random token."""
-    port: int = 0
-    """Port of the page; 0 takes any free port."""
+    port: int | None = None
+    """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
     """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
 
@@ -73,10 +74,11 @@ class Demo:
         self.out.mkdir(parents=True, exist_ok=True)
         folder = self.folder
         self.write_summary(self.compare_presses(folder))
-        sensor, wrenches = page_sources_of_twin(folder.shape, demo_sources(self.twin, self.resolved_rounds))
+        sources = demo_sources(self.twin, self.resolved_rounds)
+        sensor, wrenches = page_sources_of_twin(folder.shape, sources)
         settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
         with suppress(KeyboardInterrupt):
-            serve_sensor_page(folder, sensor, wrenches, settings)
+            serve_sensor_page(folder, sensor, wrenches, settings, pressed=sources.simulation)
         print(f"stopped after {sensor.frames_read} images; results are in {self.out}")
         return 0
 
@@ -109,9 +111,7 @@ class Demo:
     @cached_property
     def folder(self) -> "SensorFolder":
         """The folder of the calibrated sensor."""
-        from ninedtact.calibration.sensor_folder import load_sensor
-
-        return load_sensor(self.sensor) if self.sensor is not None else self.calibrate_twin()
+        return load_sensor_with_notices(self.sensor) if self.sensor is not None else self.calibrate_twin()
 
     def calibrate_twin(self) -> "SensorFolder":
         """Calibrate the twin from its four simulated calibration images, as any other sensor."""

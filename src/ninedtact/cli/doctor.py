@@ -139,6 +139,10 @@ def camera_lines(camera: "CameraCheck") -> list[str]:
     lines = [f"  {camera.name}" + (f" ({camera.model})" if camera.model else "")]
     if camera.size_px is not None:
         lines.append(f"    {camera.size_px[0]} x {camera.size_px[1]} pixels, {_rate_text(camera)}")
+    if camera.settings is not None:
+        from ninedtact.capture.camera_check import describe_camera_settings
+
+        lines.append(f"    {describe_camera_settings(camera.settings)}")
     lines += [f"    {sentence}" for sentence in camera.advice]
     if camera.trouble is not None:
         lines.append(f"    {camera.trouble}")

@@ -59,7 +59,7 @@ def _require_build123d() -> None:
 
 @dataclass(frozen=True)
 class BomCommand:
-    """List the parts of one sensor and the tools to make it, with estimated prices."""
+    """List the parts of one sensor, its adapter and cable, and the tools to make it, with estimated prices."""
 
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     json: bool = False
@@ -67,25 +67,31 @@ class BomCommand:
 
     def run(self) -> int:
         """Build the parts and print the bill of materials."""
-        from ninedtact.hardware.bill_of_materials import sensor_cost_usd
+        from ninedtact.hardware.bill_of_materials import cost_usd, sensor_cost_usd
 
         items = self.design_options.build_sensor().bill
-        table = {"items": [asdict(item) for item in items], "sensor_usd_estimated": sensor_cost_usd(items)}
+        table = {
+            "items": [{**asdict(item), "usd": item.usd} for item in items],
+            "sensor_usd_estimated": sensor_cost_usd(items),
+            "sensor_in_use_usd_estimated": cost_usd(items, "sensor", "connection"),
+            "total_usd_estimated": cost_usd(items),
+        }
         return print_result(self.json, table, format_bill_of_materials(items))
 
 
 def format_bill_of_materials(items: "list[BillItem]") -> Iterator[str]:
     """Yield the bill of materials as lines of text."""
-    from ninedtact.hardware.bill_of_materials import sensor_cost_usd
+    from ninedtact.hardware.bill_of_materials import BILL_SECTIONS, cost_usd, sensor_cost_usd
     from ninedtact.hardware.published_specifications import PUBLISHED_9DTACT
 
-    for kind, heading in (("sensor", "one sensor"), ("tool", "tools, once for many sensors")):
-        yield heading
+    for kind, heading in BILL_SECTIONS.items():
+        yield f"{heading}: {cost_usd(items, kind):.2f} $"
         yield from (
             f"  {item.count} x {item.name:20}{item.usd:7.2f} $  {item.what}" for item in items if item.kind == kind
         )
     published = f"the paper says about {PUBLISHED_9DTACT.cost_usd:g} $"
-    yield f"one sensor: about {sensor_cost_usd(items):.2f} $ by estimated prices; {published}"
+    yield f"parts of one sensor: about {sensor_cost_usd(items):.2f} $ by estimated prices; {published}"
+    yield f"with adapter and cable: {cost_usd(items, 'sensor', 'connection'):.2f} $; with all tools: {cost_usd(items):.2f} $"
 
 
 @dataclass(frozen=True)
@@ -126,9 +132,9 @@ class SensingAreaUnreadable(InputError):
 class ExploreCommand:
     """Compare designs: predicted depth range, resolution, force range, signal per newton, field of view, size and cost.
 
-    Every combination of the given values is built, and its twin is pressed by a ball of radius 4 mm. The camera is
-    moved away as far as the lens needs. Nothing here is measured: docs/hardware.md states what each prediction rests
-    on.
+    Every combination of the given values is built, and its twin is pressed by a ball of radius 4 mm. Without any values,
+    gels of 1.5, 2.5 and 4 mm with Shore A 5 and 15 are compared, six designs. The camera is moved away as far as the lens
+    needs. Nothing here is measured: docs/hardware.md states what each prediction rests on.
     """
 
     gel_mm: tuple[float, ...] = ()
@@ -171,10 +177,11 @@ class ExploreCommand:
 
     @property
     def design_sweep(self) -> "DesignSweep":
-        """The sweep over the given values; raises `SensingAreaUnreadable`."""
-        from ninedtact.hardware.explore.design_sweep import DesignSweep
+        """The sweep over the given values, or the usual one; raises `SensingAreaUnreadable`."""
+        from ninedtact.hardware.explore.design_sweep import USUAL_SWEEP, DesignSweep
 
-        return DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
+        given = DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
+        return USUAL_SWEEP if given == DesignSweep() else given
 
     def _create_folder(self) -> None:
         """Create the output folder before work begins; raises `OSError`."""

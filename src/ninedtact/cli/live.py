@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notice, print_notices
+from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import SIMULATED, live_source_for, load_named_sensor
+from ninedtact.open_sensor import SIMULATED, live_source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
+    from ninedtact.simulation.press_simulation import PressSimulation
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller
 
@@ -63,8 +64,8 @@ class Live:
     host: str = "127.0.0.1"
     """Address of the page: of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them). Then only
     who has the printed address, which contains a random token, can see the page and press its buttons."""
-    port: int = 8080
-    """Port of the page."""
+    port: int | None = None
+    """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
     """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
 
@@ -72,32 +73,33 @@ class Live:
         """Serve the page until Ctrl-C."""
         require_page_library()
         require_display_rate(self.display_hz)
-        with load_named_sensor(self.sensor, self.source) as folder:
-            print_notices(folder.notices)
-            sensor, wrenches = self.sensor_and_wrenches(folder)
+        with named_sensor_with_notices(self.sensor, self.source) as folder:
+            sensor, wrenches, pressed = self.sensor_and_wrenches(folder)
             settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
             with suppress(KeyboardInterrupt):
-                serve_sensor_page(folder, sensor, wrenches, settings, ends=self.source == SIMULATED)
+                serve_sensor_page(folder, sensor, wrenches, settings, ends=self.source == SIMULATED, pressed=pressed)
         print(f"stopped after {sensor.frames_read} images")
         return 0
 
-    def sensor_and_wrenches(self, folder: "SensorFolder") -> "tuple[Sensor, list[WrenchPoller]]":
-        """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench."""
+    def sensor_and_wrenches(
+        self, folder: "SensorFolder"
+    ) -> "tuple[Sensor, list[WrenchPoller], PressSimulation | None]":
+        """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench and its simulation."""
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
         from ninedtact.reference_following import following_settings_for
 
-        check = load_reference_check(folder)
+        check, pressed = load_reference_check(folder), None
         if self.source == SIMULATED:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
             from ninedtact.simulation.simulated_sources import demo_sources
 
             shown, references = demo_sources(build_sensor_twin(folder)), check.read_images(self.reference)
-            sensor, wrenches = page_sources_of_twin(folder.shape, shown, references)
+            (sensor, wrenches), pressed = page_sources_of_twin(folder.shape, shown, references), shown.simulation
         else:
             sensor, wrenches = self.sensor_at_source(folder.shape, check.read_images(self.reference)), []
         sensor.find_reference_faults = check.find_faults
         sensor.following = following_settings_for(sensor.source) if self.follow_reference else None
-        return sensor, wrenches
+        return sensor, wrenches, pressed
 
     def sensor_at_source(self, shape: "CalibratedShape", references: "Sequence[Frame]") -> "Sensor":
         """Return the sensor on a camera or a recording, not yet opened."""
@@ -130,7 +132,8 @@ class PageSettings:
     """Folder for the readings that are saved from the page."""
     display_hz: float
     host: str
-    port: int
+    port: int | None
+    """Port of the page; None takes the default one or the next that is free."""
     force: str = NONE
     """Specification of the force estimator."""
     allow_origin: tuple[str, ...] = ()
@@ -138,18 +141,28 @@ class PageSettings:
 
 
 def serve_sensor_page(
-    folder: "SensorFolder", sensor: "Sensor", wrenches: "list[WrenchPoller]", settings: PageSettings, ends: bool = True
+    folder: "SensorFolder",
+    sensor: "Sensor",
+    wrenches: "list[WrenchPoller]",
+    settings: PageSettings,
+    ends: bool = True,
+    pressed: "PressSimulation | None" = None,
 ) -> None:
-    """Serve the page of a sensor until Ctrl-C, or with `ends` until the last round of its twin has ended."""
+    """Serve the page of a sensor until Ctrl-C, or with `ends` until the last round of its twin has ended.
+
+    pressed: the simulation of a twin, which is then pressed by hand on the page.
+    """
     from ninedtact.studio.displayed_reading import PageController
-    from ninedtact.studio.page_and_server import SensorPage, page_server
+    from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
+    from ninedtact.studio.press_control import PressControl
     from ninedtact.studio.scene_3d import gel_block_under_skin
     from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
     from ninedtact.studio.socket_guard import SocketGuard
 
     with ExitStack() as opened:
         guard = SocketGuard.for_host(settings.host, settings.allow_origin)
-        server = opened.enter_context(page_server(settings.host, settings.port, guard))
+        port = find_default_port(settings.host) if settings.port is None else settings.port
+        server = opened.enter_context(page_server(settings.host, port, guard))
         estimates = _estimate_history(sensor, settings.force, folder)
         histories = [*(poller.history for poller in wrenches), *estimates]
 
@@ -161,8 +174,10 @@ def serve_sensor_page(
         loop = opened.enter_context(SensorPoller(sensor, keep_estimate))
         for poller in wrenches:
             opened.enter_context(poller)
-        controller = PageController(loop, settings.out, histories)
-        page = SensorPage(server, controller, gel_block_under_skin(folder.shape, folder.record.design.gel), folder.id)
+        press = None if pressed is None else PressControl(pressed)
+        controller = PageController(loop, settings.out, histories, press_at=None if press is None else press.press_at)
+        block = gel_block_under_skin(folder.shape, folder.record.design.gel)
+        page = SensorPage(server, controller, block, folder.id, press)
         print(
             f"{sensor.source.name}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
         )
@@ -193,7 +208,7 @@ def _estimate_history(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
     from ninedtact.studio.wrench_poller import WrenchHistory
 
     sensor.estimator = estimator = load_estimator(force, folder)
-    meaning = f"{estimator.name}, ± one standard deviation"
+    meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"
     return [WrenchHistory("estimated", meaning, estimator.notices, states_errors=True)]
 
 

@@ -74,8 +74,8 @@ class CollectOptions:
 
     tolerance_ms: float = 10.0
     """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
-    camera_delay_ms: float = 0.0
-    """How long before its stamp an image shows the skin."""
+    camera_delay_ms: Annotated[float | Literal["saved"], tyro.conf.arg(metavar="MS|saved")] = 0.0
+    """How long before its stamp an image shows the skin; saved: as `ninedtact camera-delay` kept it in the sensor folder."""
     no_contact: float = 0.03
     """Fraction of pairs without contact."""
     light_touch: float = 0.05
@@ -97,8 +97,12 @@ class CollectOptions:
     reference_images: int = 10
     """Number of reference images (no contact) at every tare."""
 
-    def settings(self) -> "CollectSettings":
-        """Return the settings of the collection; raises `SamplingRuleInvalid` or `CollectSettingsInvalid`."""
+    def settings(self, sensor: Path = Path()) -> "CollectSettings":
+        """Return the settings of the collection with the sensor of this folder.
+
+        Raises `SamplingRuleInvalid`, `CollectSettingsInvalid` or `CameraDelayUnreadable`.
+        """
+        from ninedtact.capture.camera_delay import resolve_camera_delay_ms
         from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
         from ninedtact.capture.training_pair_rule import SamplingRuleSettings
         from ninedtact.recording.collecting.pair_selection import CollectSettings
@@ -110,7 +114,7 @@ class CollectOptions:
             rule=rule,
             checks=SampleCheckSettings(self.range_n, self.range_nm),
             tolerance_ms=self.tolerance_ms,
-            camera_delay_ms=self.camera_delay_ms,
+            camera_delay_ms=resolve_camera_delay_ms(self.camera_delay_ms, sensor),
             no_contact=self.no_contact,
             light_touch=self.light_touch,
             reference_images=self.reference_images,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notices, print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 class ImportCalibrationCommand:
     """Turn a calibration of the original 9DTact project into a sensor folder.
 
-    Pixels are rectified as they were there, depths read from its list. Nothing can be certified or checked for drift
-    without the images behind it: calibrate anew for that.
+    Pixels are rectified as they were there, depths read from its list. Force, the twin and the check for drift need images of
+    a ball: add them with ninedtact calibrate --from-import.
     """
 
     folder: tyro.conf.Positional[Path]
@@ -63,10 +63,8 @@ class ExportCalibrationCommand:
         """Export, and say what to set there."""
         from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
         from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
-        from ninedtact.calibration.sensor_folder import load_sensor
 
-        sensor = load_sensor(self.sensor)
-        print_notices(sensor.notices)
+        sensor = load_sensor_with_notices(self.sensor)
         export_original_calibration(sensor, self.out)
         files = [str(self.out / file) for file in ORIGINAL_FILES]
         return print_result(self.json, {**_to_json_dict(sensor), "files": files}, _format_export(sensor, self.out))
@@ -80,8 +78,8 @@ def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
         "id": sensor.id,
         "mm_per_px": record.grid.mm_per_px,
         "crop_size": [record.design.field_of_view.rows, record.design.field_of_view.cols],
-        "range_mm": record.depth.curve.max_indentation_mm,
-        "noise_mm": record.depth.noise_mm,
+        "range_mm": sensor.depth.curve.max_indentation_mm,
+        "noise_mm": sensor.depth.noise_mm,
     }
 
 
@@ -89,8 +87,9 @@ def _format_import(sensor: "SensorFolder") -> Iterator[str]:
     """The same for a person."""
     record = sensor.record
     yield f"sensor {sensor.id} imported: {sensor.path}"
-    yield f"  scale  {record.grid.mm_per_px:.5f} mm per pixel, depth to {record.depth.curve.max_indentation_mm:.2f} mm"
-    yield "  no images came with it, so 'ninedtact check' cannot compare today's skin with them"
+    yield f"  scale  {record.grid.mm_per_px:.5f} mm per pixel, depth to {sensor.depth.curve.max_indentation_mm:.2f} mm"
+    yield "  it gives heights, but no force, no twin and no 'ninedtact check': these need images of a ball, and none came with it"
+    yield f"  to add these: {sensor.completion_command}"
 
 
 def _format_export(sensor: "SensorFolder", out: Path) -> Iterator[str]:

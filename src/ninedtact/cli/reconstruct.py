@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notices, print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,7 +43,6 @@ class ReconstructCommand:
     def run(self) -> int:
         """Reconstruct every image and write its files; the first unreadable image ends the command."""
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
-        from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
         from ninedtact.shape.image_check import find_image_warnings, require_plausible_image
@@ -52,8 +51,7 @@ class ReconstructCommand:
             raise NoImageToReconstruct(
                 "expected at least one image of the pressed skin, got none; name it after the options"
             )
-        folder = load_sensor(self.sensor)
-        print_notices(folder.notices)
+        folder = load_sensor_with_notices(self.sensor)
         shape = folder.shape
         depth = shape.depth_reader(*load_reference_check(folder).read_images(self.reference))
         results = []

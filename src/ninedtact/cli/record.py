@@ -1,19 +1,21 @@
 """ninedtact record: everything that a sensor and a force/torque sensor deliver, as one file."""
 
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from ninedtact.cli.result_and_interrupt import print_notice, print_notices, print_result, stop_on_signal
+import tyro
+
+from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     is_simulated,
     live_source_for,
-    load_named_sensor,
     require_same_source_kind,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
 
 _BAR = "{n:.0f} of {total:.0f} s |{bar}| {remaining} left, {postfix}"
 _BAR_WITHOUT_END = "{n:.0f} s, {postfix}"
+_NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
+"""One of several sources or sensors, such as left=usb:1-2."""
+_POLL_S = 0.05
 _BAR_DELAY_S = 0.3
 """A camera that is not there is reported before the bar appears."""
 
@@ -35,21 +40,32 @@ _BAR_DELAY_S = 0.3
 class Record:
     """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly."""
 
-    source: str
+    source: tuple[str, ...]
     """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the
-    sensor."""
+    sensor. Several with a name each, such as left=usb:1-2 right=usb:1-3, are recorded at once into OUT_left.mcap and
+    OUT_right.mcap, with stamps of one clock."""
     out: Path
-    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit), wrenches and heights are stored
-    without loss. Images drop if the disk or the computer is too slow for the camera and 128 of them wait already; they are counted,
-    printed, and marked in the file at their place."""
-    sensor: Path | None = None
-    """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own."""
+    """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit) and wrenches are stored without
+    loss, and heights too unless --height-bits is 16. Images drop if the disk or the computer is too slow for the camera and 128 of
+    them wait already; they are counted, printed, and marked in the file at their place."""
+    sensor: tuple[str, ...] = ()
+    """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own. For several
+    sources, one for each name: left=FOLDER right=FOLDER."""
     force_torque: str | None = None
     """Force/torque sensor (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), or sim with --source sim."""
     seconds: float | None = None
     """Duration; without it, until Ctrl-C or the end of the source."""
+    images: Literal["zstd", "png"] = "zstd"
+    """Storage of images, both without loss: raw, in chunks that zstd compresses (sensor_msgs/Image), or each as a PNG
+    (sensor_msgs/CompressedImage), which is smaller and takes longer to read (docs: recording)."""
     heights: bool = False
     """Also record the heights; the first ten images are then taken as reference images (no contact)."""
+    height_bits: Literal[32, 16] = 32
+    """Storage of heights: 32, floating point without loss; 16, integers in steps of 0.001 mm, which are smaller and lose up to half
+    a step."""
+    camera_delay_ms: Annotated[float | Literal["saved"], tyro.conf.arg(metavar="MS|saved")] = 0.0
+    """Delay of the camera that is subtracted from the stamps of its images; saved: the one that `ninedtact camera-delay` kept in
+    the sensor folder. The recording states it."""
     force: str = "none"
     """Also record the wrench estimated from the images, by physics or by a force model (.onnx); takes the same reference images."""
     automatic: bool = False
@@ -62,11 +78,15 @@ class Record:
         require_recording_libraries()
         require_new_recording(self.out)
         require_duration(self.seconds)
-        require_same_source_kind(self.source, self.force_torque, is_simulated)
-        with load_named_sensor(self.sensor, self.source) as folder:
-            print_notices(folder.notices)
+        if len(self.source) != 1 or _NAMED_ADDRESS.match(self.source[0]):
+            return self._record_several()
+        if len(self.sensor) > 1:
+            raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
+        require_same_source_kind(self.source[0], self.force_torque, is_simulated)
+        sensor = Path(self.sensor[0]).expanduser() if self.sensor else None
+        with named_sensor_with_notices(sensor, self.source[0]) as folder:
             writer = self._record(folder)
-        messages = {topic.path(folder.id): number for topic, number in sorted(writer.written.items())}
+        messages = {topic.path(folder.id, self.images): number for topic, number in sorted(writer.written.items())}
         figures = {"out": str(self.out), "written": messages, "dropped": writer.dropped}
         size_mb = self.out.stat().st_size / 1e6
         lines = [f"{self.out}: {size_mb:.1f} MB, {writer.dropped} images dropped"]
@@ -74,11 +94,49 @@ class Record:
             self.json, figures, lines + [f"  {number:8d}  {topic}" for topic, number in messages.items()]
         )
 
+    def _record_several(self) -> int:
+        """Record every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
+        sources, sensors = _by_name("--source", self.source), _by_name("--sensor", self.sensor)
+        if strangers := sensors.keys() - sources.keys():
+            raise RecordingRefused(
+                f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
+            )
+        if self.force_torque is not None:
+            raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
+        outs = {name: self.out.with_name(f"{self.out.stem}_{name}{self.out.suffix}") for name in sources}
+        for out in outs.values():
+            require_new_recording(out)
+        commands = {name: self._command(sources[name], sensors.get(name), out) for name, out in outs.items()}
+        with stop_on_signal() as until:
+            answers = _run_together(commands, lambda: until.requested)
+        found = {name: json.loads(answer) for name, answer in answers.items() if answer}
+        lines = [
+            f"{one['out']}: {sum(one['written'].values())} messages, {one['dropped']} dropped" for one in found.values()
+        ]
+        print_result(self.json, {"recordings": found}, lines)
+        return 0 if len(found) == len(sources) else 1
+
+    def _command(self, address: str, sensor: str | None, out: Path) -> list[str]:
+        """Return the command that records one of several sources."""
+        values: dict[str, object] = {
+            "--seconds": self.seconds,
+            "--images": self.images,
+            "--height-bits": self.height_bits,
+        }
+        values |= {"--camera-delay-ms": self.camera_delay_ms, "--force": self.force, "--sensor": sensor}
+        options = [f"{name}={value}" for name, value in values.items() if value is not None]
+        options += ["--heights"] * self.heights + ["--automatic"] * self.automatic
+        start = [sys.executable, "-m", "ninedtact", "record", "--json"]
+        return [*start, f"--source={address}", f"--out={out}", *options]
+
     def _record(self, folder: "SensorFolder") -> "RecordingWriter":
         from tqdm import tqdm
 
+        from ninedtact.capture.camera_delay import resolve_camera_delay_ms
+        from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
         from ninedtact.recording.recorder import record
 
+        camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path)
         camera, force_torque = self._sources(folder)
         estimator = self._estimator(folder)
         for notice in estimator.notices if estimator is not None else ():
@@ -93,6 +151,9 @@ class Record:
                 heights=self.heights,
                 estimator=estimator,
                 settings=settings,
+                images=self.images,
+                height_step_mm=HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
+                camera_delay_ms=camera_delay_ms,
                 should_stop=lambda: until.now,
                 notify=lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
                 on_progress=lambda writer: show(until.elapsed_s, writer),
@@ -107,10 +168,45 @@ class Record:
         """Return camera and force/torque sensor, not yet opened."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-        if is_simulated(self.source):
+        if is_simulated(self.source[0]):
             return _twin_sources(folder, self.force_torque is not None)
-        camera = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        camera = live_source_for(self.source[0], DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return camera, None if self.force_torque is None else _wrench_source(self.force_torque, folder)
+
+
+def _by_name(option: str, named: tuple[str, ...]) -> dict[str, str]:
+    """Return what an option names, such as left=usb:1-2, by the names; raises `RecordingRefused` for a missing or repeated name."""
+    found: dict[str, str] = {}
+    for text in named:
+        match = _NAMED_ADDRESS.match(text)
+        if match is None or match["name"] in found:
+            raise RecordingRefused(
+                f"expected {option} with a name of its own for each of several, such as left=usb:1-2, got {text}; name each"
+            )
+        found[match["name"]] = match["address"]
+    return found
+
+
+def _run_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
+    """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly."""
+    import signal
+    import subprocess
+    from time import sleep
+
+    # In sessions of their own, so that Ctrl-C reaches this process alone, which passes it on once.
+    running = {
+        name: subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        for name, command in commands.items()
+    }
+    is_ending = False
+    while any(process.poll() is None for process in running.values()):
+        if not is_ending and (should_stop() or any(process.poll() for process in running.values())):
+            is_ending = True
+            for process in running.values():
+                process.send_signal(signal.SIGINT)
+        sleep(_POLL_S)
+    outputs = {name: process.communicate()[0] for name, process in running.items()}
+    return {name: output for name, output in outputs.items() if running[name].returncode == 0}
 
 
 def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":

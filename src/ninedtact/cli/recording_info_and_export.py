@@ -52,6 +52,10 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
             rate = f", {topic.rate_hz:.1f} Hz, {topic.gaps} gaps, longest {topic.longest_gap_ms:.0f} ms"
         yield f"  {topic.messages:8d}  {topic.topic} ({topic.type}){rate}"
     yield f"  {summary.dropped} images dropped"
+    if summary.height_step_mm:
+        yield f"  heights in steps of {summary.height_step_mm:g} mm"
+    if summary.camera_delay_ms:
+        yield f"  stamps are arrival times less the camera's delay of {summary.camera_delay_ms:g} ms"
     if summary.pairs:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in summary.pairs.items())}"
     if not summary.finished:

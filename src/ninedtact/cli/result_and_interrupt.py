@@ -7,9 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
 from time import monotonic
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
 
 
 def print_result(as_json: bool, result: Mapping[str, Any], report_lines: Iterable[str]) -> int:
@@ -42,6 +46,31 @@ def print_notices(sentences: Iterable[str]) -> None:
     """Print one line for each sentence to standard error."""
     for sentence in sentences:
         print_notice(sentence)
+
+
+def load_sensor_with_notices(path: Path) -> "SensorFolder":
+    """Read the sensor folder that a command is given and print why its calibration is to be distrusted, if it is.
+
+    Raises `SensorFolderDamaged`. Every command that needs no source reads its sensor here.
+    """
+    from ninedtact.calibration.sensor_folder import load_sensor
+
+    folder = load_sensor(path)
+    print_notices(folder.notices)
+    return folder
+
+
+@contextmanager
+def named_sensor_with_notices(sensor: Path | None, source: str) -> "Iterator[SensorFolder]":
+    """Load the sensor that a command is given, or that its recording carries, as `load_sensor_with_notices`.
+
+    Raises what `open_sensor.load_named_sensor` raises. Every command with a source reads its sensor here.
+    """
+    from ninedtact.open_sensor import load_named_sensor
+
+    with load_named_sensor(sensor, source) as folder:
+        print_notices(folder.notices)
+        yield folder
 
 
 @dataclass

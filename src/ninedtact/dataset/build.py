@@ -18,10 +18,12 @@ import msgspec
 
 from ninedtact.atomic_write import write_file_atomically, write_files_atomically
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
+from ninedtact.checked_reading import read_regular_file
 from ninedtact.dataset.card import format_build_card, require_licence
 from ninedtact.dataset.checks import CheckSettings, FileCheck, check_pair_file, combine_file_checks
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_folder
 from ninedtact.dataset.parquet_files import (
+    DatasetDamaged,
     copy_pair_file,
     iterate_rows,
     write_pair_file,
@@ -151,7 +153,12 @@ class _PartFiles:
         return self.check.is_file()
 
     def read_check(self) -> FileCheck:
-        return msgspec.json.decode(self.check.read_bytes(), type=FileCheck)
+        try:
+            return msgspec.json.decode(read_regular_file(self.check), type=FileCheck)
+        except (OSError, ValueError, RecursionError) as trouble:
+            raise DatasetDamaged(
+                f"expected the result of a check in {self.check}, got: {trouble}; delete it, and run the command again"
+            ) from trouble
 
 
 @dataclass

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
+from ninedtact.checked_reading import CHECKSUM_KEY, read_json_table, values_checksum
 from ninedtact.dataset.parquet_files import DatasetDamaged, require_pair_columns
 from ninedtact.dataset.schema import DATASET_FORMAT
 from ninedtact.errors import OutputError
@@ -124,13 +125,29 @@ def begin_dataset_folder(folder: DatasetFolder, settings: Mapping[str, Any], sou
     else:
         _require_free_folder(folder.path, source_paths)
         make_folder(folder.path / "data")
-        write_file_atomically(folder.settings, to_json_bytes(resolved))
+        write_file_atomically(folder.settings, to_json_bytes({**resolved, CHECKSUM_KEY: values_checksum(resolved)}))
     for half_written in [*folder.path.rglob(".*.partial")]:
         if half_written.is_dir():
             shutil.rmtree(half_written, ignore_errors=True)
         else:
             half_written.unlink(missing_ok=True)
     make_folder(folder.path / "data")
+
+
+def read_dataset_settings(folder: Path) -> dict[str, Any]:
+    """Return the settings of a data set, none where it states none; raises `DatasetDamaged` where they were changed."""
+    path = folder / SETTINGS_FILE
+    if not path.exists():
+        return {}
+    try:
+        found = read_json_table(path)
+    except (OSError, ValueError) as trouble:
+        raise DatasetDamaged(f"expected settings in {path}, got: {trouble}; copy the whole data set again") from trouble
+    if found.get(CHECKSUM_KEY) not in (None, values_checksum(found)):
+        raise DatasetDamaged(
+            f"expected {path} as it was written, got other settings than its checksum; copy the whole data set again"
+        )
+    return found
 
 
 def make_folder(path: Path, advice: str = "correct the path or its permissions") -> None:
@@ -161,10 +178,11 @@ def _require_free_folder(path: Path, source_paths: Iterable[Path]) -> None:
 def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
     """Refuse to mix two data sets in one folder."""
     try:
-        found = json.loads(kept.read_text())
+        found = read_json_table(kept)
     except (OSError, ValueError):
         found = {}
-    if differing := sorted(name for name in {*found, *resolved} if found.get(name) != resolved.get(name)):
+    names = {*found, *resolved} - {CHECKSUM_KEY}
+    if differing := sorted(name for name in names if found.get(name) != resolved.get(name)):
         name = differing[0]
         raise DatasetFolderTaken(
             f"expected what {kept.parent} was begun with, got another {', '.join(differing)} ({name}: {resolved.get(name)} "

@@ -19,6 +19,7 @@ from jaxtyping import Float16, Float32, Shaped
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.calibrated_readings import (
     READ_COLUMNS,
     CalibratedSensor,
@@ -85,9 +86,13 @@ def load_height_pairs(
     kind = "physics" if with_physics else "heights"
     target = cache / f"{kind}-{_digest_inputs(files, cache, sensors, grid)}"
     make_cache_folder(target)
-    _compute_missing_files(files, target, _CachedFields(grid, with_physics), sensors, workers, progress)
-    stored = [_read_fields(_cache_file(target, file)) for file in files]
-    fields = {name: np.concatenate([one[name] for one in stored]) for name in stored[0]}
+    cached = _CachedFields(grid, with_physics)
+    _compute_missing_files(files, target, cached, sensors, workers, progress)
+    if None in (stored := [_read_fields(_cache_file(target, file), cached) for file in files]):
+        _compute_missing_files(files, target, cached, sensors, workers, progress)
+        stored = [_read_fields(_cache_file(target, file), cached) for file in files]
+    whole = [one for one in stored if one is not None]
+    fields = {name: np.concatenate([one[name] for one in whole]) for name in whole[0]}
     ids, objects = np.array(table["id"].to_pylist()), np.array(read_name_column(table, "object", NO_OBJECT))
     return HeightWrenchPairs(ids, wrenches=wrench_array(table), objects=objects, sensors=names, **fields).select(kept)
 
@@ -146,10 +151,18 @@ def _cache_file(folder: Path, pair_file: Path) -> Path:
     return folder / f"{pair_file.stem}.npz"
 
 
-def _read_fields(file: Path) -> dict[str, Array]:
-    """Return the arrays of one file of the cache."""
-    with np.load(file) as stored:
-        return {name: stored[name] for name in stored.files}
+def _read_fields(file: Path, fields: _CachedFields) -> dict[str, Array] | None:
+    """Return the arrays of one file of the cache; remove a file that is damaged, and return None."""
+    try:
+        with np.load(file) as stored:
+            found = {name: stored[name] for name in stored.files}
+    except NPY_READ_ERRORS:
+        found = {}
+    expected = {name: (part.dtype, part.shape) for name, part in fields.empty().items()}
+    if {name: (part.dtype, part.shape[1:]) for name, part in found.items()} == expected:
+        return found
+    file.unlink(missing_ok=True)
+    return None
 
 
 def _compute_missing_files(

@@ -27,6 +27,7 @@ from jaxtyping import Int32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files, make_folder
 from ninedtact.dataset.parquet_files import DatasetDamaged, iterate_rows, open_parquet_file
 from ninedtact.dataset.stored_images import StoredImageUnreadable, decode_stored_image
@@ -73,12 +74,44 @@ def load_decoded_images(
     cache = folder / "cache" if cache is None else cache
     files = [*find_pair_files(folder), folder / REFERENCES_FILE]
     final = cache / f"{size[0]}x{size[1]}-{digest_files(files, cache)}"
-    if not (final / _STORED_SHAPES).is_file():
+    decoded = _map_decoded_images(final, size)
+    if decoded is None:
+        _remove_damaged(final)
         with _new_cache_folder(final) as partial:
             _decode_files(files, partial, size, threads, progress)
         _remove_outdated(final)
+        decoded = _map_decoded_images(final, size)
+    if decoded is None:
+        raise DatasetDamaged(f"expected decoded images in {final}, got damaged files; delete that folder")
+    return decoded
+
+
+def _remove_damaged(folder: Path) -> None:
+    """Remove decoded images that cannot be read, so that they are decoded again; raises `FileNotWritten`."""
+    try:
+        if folder.exists():
+            shutil.rmtree(folder)
+    except OSError as error:
+        raise FileNotWritten(
+            f"expected to replace the damaged images in {folder}, got: {error.strerror or error}; delete that folder"
+        ) from error
+
+
+def _map_decoded_images(folder: Path, size: tuple[int, int]) -> DecodedImages | None:
+    """Map a folder of decoded images into memory; return None where it is missing or its files do not fit together."""
     names = (_IMAGES, _REFERENCES, _STORED_SHAPES)
-    return DecodedImages(*(np.load(final / name, mmap_mode="r") for name in names))
+    if not all((folder / name).is_file() for name in names):
+        return None
+    try:
+        images, references, shapes = parts = [np.load(folder / name, mmap_mode="r") for name in names]
+        sizes = [getattr(part, "offset", 0) + part.nbytes for part in parts]
+    except NPY_READ_ERRORS:
+        return None
+    if sizes != [(folder / name).stat().st_size for name in names]:
+        return None
+    are_images = all(part.dtype == np.uint8 and part.shape[1:] == size[::-1] for part in (images, references))
+    fit = shapes.dtype == np.int32 and shapes.shape == (len(images), 2) if shapes.ndim and images.ndim else False
+    return DecodedImages(images, references, shapes) if are_images and fit else None
 
 
 def digest_files(files: Sequence[Path], cache: Path) -> str:

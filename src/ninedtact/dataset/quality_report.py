@@ -8,7 +8,8 @@ from pathlib import Path
 import msgspec
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import DatasetError
+from ninedtact.checked_reading import CHECKSUM_KEY, read_json_table, values_checksum
+from ninedtact.errors import DatasetError, FileFormatError
 
 
 class NoUsablePairs(DatasetError):
@@ -17,6 +18,10 @@ class NoUsablePairs(DatasetError):
 
 class FaultsFound(DatasetError):
     """Raised where the checks found faults and none are accepted."""
+
+
+class ReportDamaged(FileFormatError):
+    """Raised for a file that is not a report of checks."""
 
 
 class PairFault(StrEnum):
@@ -110,13 +115,23 @@ def make_quality_report(pairs: int, findings: Iterable[PairFinding], dropped: bo
 
 
 def write_quality_report(path: Path, report: QualityReport) -> None:
-    """Write a report as JSON; raises `FileNotWritten`."""
-    write_file_atomically(path, msgspec.json.format(msgspec.json.encode(report), indent=1), b"\n")
+    """Write a report as JSON, with a checksum over its values; raises `FileNotWritten`."""
+    values = msgspec.to_builtins(report)
+    content = msgspec.json.encode({**values, CHECKSUM_KEY: values_checksum(values)})
+    write_file_atomically(path, msgspec.json.format(content, indent=1), b"\n")
 
 
 def read_quality_report(path: Path) -> QualityReport:
-    """Read a report that `write_quality_report` wrote."""
-    return msgspec.json.decode(path.read_bytes(), type=QualityReport)
+    """Read a report that `write_quality_report` wrote; raises `ReportDamaged`."""
+    try:
+        values = read_json_table(path, most_bytes=None)
+        if values.get(CHECKSUM_KEY) not in (None, values_checksum(values)):
+            raise ValueError("other values than its checksum")
+        return msgspec.convert(values, QualityReport)
+    except (OSError, ValueError) as trouble:
+        raise ReportDamaged(
+            f"expected a report of checks in {path}, got: {trouble}; copy the whole data set again, or check it anew"
+        ) from trouble
 
 
 def require_usable_pairs(report: QualityReport, report_path: Path) -> None:

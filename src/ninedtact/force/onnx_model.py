@@ -161,9 +161,15 @@ def read_force_model(path: Path | str) -> ForceModel:
 def parse_force_model(content: bytes, name: str) -> ForceModel:
     """Return the model in a file's bytes; raises `ForceModelUnusable` with this name in its message."""
     session = session_of(content, name)
-    card = read_model_card(session, name)
-    require_graph(session, card, name)
-    model = ForceModel(card, session, name, not _has_own_checksum(session, content))
+    try:
+        card = read_model_card(session, name)
+        require_graph(session, card, name)
+        is_edited = not _has_own_checksum(session, content)
+    except UnicodeDecodeError as trouble:  # of any text in the file
+        raise ForceModelUnusable(
+            f"expected readable text in {name}, got: {trouble}; copy or train it again"
+        ) from trouble
+    model = ForceModel(card, session, name, is_edited)
     model(np.zeros((1, *card.input.shape), np.float32))
     return model
 

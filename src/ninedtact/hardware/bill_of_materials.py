@@ -1,12 +1,12 @@
-"""The bill of materials: the parts of one sensor and the tools to make it, also as CSV and HTML.
+"""The bill of materials: the parts of one sensor, its adapter and cable, and the tools to make it, also as CSV and HTML.
 
-Prices are our own estimates for single pieces in US dollars, without shipping; no shop was contacted. The paper states about
-$15.
+Prices are our own estimates for single pieces in US dollars, rounded to cents, without shipping; no shop was contacted. The
+paper states about $15, which is compared with the parts of one sensor alone.
 """
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from io import StringIO
 from math import ceil
 from typing import Literal
@@ -14,7 +14,13 @@ from typing import Literal
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.materials import MATERIAL_OF_PART, SILICONES
 
-BillItemKind = Literal["sensor", "tool"]
+BillItemKind = Literal["sensor", "connection", "tool"]
+BILL_SECTIONS: dict[BillItemKind, str] = {
+    "sensor": "One sensor",
+    "connection": "Adapter and cable, for each sensor in use",
+    "tool": "Tools, once for many sensors",
+}
+"""Heading of each section of the bill."""
 SENSOR_USD_PER_CM3 = {"sensor_base": 0.35, "sensor_shell": 0.45, "isolation_ring": 0.35}
 """Price of printed parts: resin, and laser-sintered nylon."""
 TRAY_USD_PER_CM3 = SENSOR_USD_PER_CM3["sensor_shell"]
@@ -33,7 +39,7 @@ class BillItem:
     """One item of the bill of materials."""
 
     kind: BillItemKind
-    """Part of the sensor, or a tool that is used for many sensors."""
+    """Part of the sensor, what connects it to a computer, or a tool that is used for many sensors."""
     name: str
     count: int
     what: str
@@ -44,7 +50,7 @@ class BillItem:
     @property
     def usd(self) -> float:
         """Estimated price of all pieces."""
-        return self.count * self.each_usd
+        return round(self.count * self.each_usd, 2)
 
 
 def build_bill_of_materials(design: HardwareDesign, volumes_mm3: Mapping[str, float]) -> list[BillItem]:
@@ -53,13 +59,15 @@ def build_bill_of_materials(design: HardwareDesign, volumes_mm3: Mapping[str, fl
     volumes_mm3: volumes of the parts that are made, by name.
     """
     cm3 = {name: volume / 1000 for name, volume in volumes_mm3.items()}
-    return [
+    items = (
         *_printed_items(cm3),
         *_cut_items(design, cm3),
         *_gel_items(volumes_mm3),
         *_bought_items(design),
+        *_connection_items(),
         *_tool_items(design, cm3),
-    ]
+    )
+    return [replace(item, each_usd=round(item.each_usd, 2)) for item in items]
 
 
 def _printed_items(cm3: Mapping[str, float]) -> Iterator[BillItem]:
@@ -96,6 +104,13 @@ def _bought_items(design: HardwareDesign) -> Iterator[BillItem]:
     )
 
 
+def _connection_items() -> Iterator[BillItem]:
+    """Yield what connects one sensor to a computer and to its supply."""
+    yield BillItem("connection", "light cable", 1, "micro-USB cable; any 5 V USB supply", 2.0)
+    adapter = "from the camera's flat cable to USB (UVC), as its seller offers it"
+    yield BillItem("connection", "camera adapter", 1, adapter, 5.0)
+
+
 def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
     """Yield the tools that are needed once for many sensors."""
     for name, thick in (
@@ -116,9 +131,6 @@ def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Bi
     yield BillItem(
         "tool", "ball", 1, f"steel ball, diameter {2 * design.sensor.ball.radius_mm:g} mm, to calibrate with", 0.5
     )
-    yield BillItem("tool", "light cable", 1, "micro-USB cable, any 5 V USB supply; one for each sensor in use", 2.0)
-    adapter = "from the camera's flat cable to USB (UVC), as its seller offers it; one for each sensor in use"
-    yield BillItem("tool", "camera adapter", 1, adapter, 5.0)
     yield BillItem(
         "tool", "glue", 1, "clear silicone glue or UV glue for the window; release agent for the moulds", 4.0
     )
@@ -132,12 +144,17 @@ def clamp_screw_length_mm(design: HardwareDesign) -> int:
     return 5 * ceil((stack + NUT_MM) / 5)
 
 
-def sensor_cost_usd(items: list[BillItem]) -> float:
-    """Return the estimated cost of one sensor without tools."""
-    return sum(item.usd for item in items if item.kind == "sensor")
+def cost_usd(items: Iterable[BillItem], *kinds: BillItemKind) -> float:
+    """Return the estimated cost of all items, or of those of some kinds."""
+    return round(sum(item.usd for item in items if not kinds or item.kind in kinds), 2)
 
 
-CSV_HEADINGS = "kind", "name", "count", "what", "each_usd_estimated"
+def sensor_cost_usd(items: Iterable[BillItem]) -> float:
+    """Return the estimated cost of the parts of one sensor, which is what the paper states."""
+    return cost_usd(items, "sensor")
+
+
+CSV_HEADINGS = "kind", "name", "count", "what", "each_usd_estimated", "together_usd_estimated"
 
 
 def bill_to_csv(items: Sequence[BillItem]) -> bytes:
@@ -145,12 +162,17 @@ def bill_to_csv(items: Sequence[BillItem]) -> bytes:
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_HEADINGS)
-    writer.writerows((item.kind, item.name, item.count, item.what, f"{item.each_usd:.2f}") for item in items)
+    writer.writerows(
+        (item.kind, item.name, item.count, item.what, f"{item.each_usd:.2f}", f"{item.usd:.2f}") for item in items
+    )
     return text.getvalue().encode()
 
 
-def bill_to_html(design: HardwareDesign, items: Sequence[BillItem]) -> bytes:
-    """Return the bill of materials as an HTML page that loads nothing but the part images beside it."""
+def bill_to_html(design: HardwareDesign, items: Sequence[BillItem], drawn: Collection[str]) -> bytes:
+    """Return the bill of materials as an HTML page that loads nothing but the part images beside it.
+
+    drawn: names of the parts that have an image.
+    """
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -162,4 +184,4 @@ def bill_to_html(design: HardwareDesign, items: Sequence[BillItem]) -> bytes:
         lstrip_blocks=True,
     )
     page = pages.get_template("bill_of_materials.html.jinja")
-    return page.render(design=design, items=items, total=sensor_cost_usd(list(items))).encode()
+    return page.render(design=design, items=items, sections=BILL_SECTIONS, cost_usd=cost_usd, drawn=drawn).encode()

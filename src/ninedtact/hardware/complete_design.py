@@ -15,9 +15,9 @@ from ninedtact.hardware.led_board.complete_layout import BoardLayout
 from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
 from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_parts
 from ninedtact.hardware.published_specifications import (
+    OTHER_PUBLISHED_SENSORS,
     PUBLICATION_DISCREPANCIES,
     PUBLISHED_9DTACT,
-    PUBLISHED_DIGIT,
     SensorSpecification,
     format_specification_table,
     specification_of_design,
@@ -84,7 +84,7 @@ class CompleteDesign:
             "variant": self.design.variant,
             "specification": {**asdict(self.specification), "ratio_mm": self.specification.ratio_mm},
             "paper": {**asdict(PUBLISHED_9DTACT), "ratio_mm": PUBLISHED_9DTACT.ratio_mm},
-            "others": [{**asdict(PUBLISHED_DIGIT), "ratio_mm": PUBLISHED_DIGIT.ratio_mm}],
+            "others": [{**asdict(other), "ratio_mm": other.ratio_mm} for other in OTHER_PUBLISHED_SENSORS],
             "lens_reach_mm": lens_reach_mm(self.design),
             "sensing_corner_radius_mm": sensing_corner_radius_mm(self.design),
             "interferences": [asdict(pair) for pair in self.interferences],
@@ -106,10 +106,9 @@ class CompleteDesign:
         yield from _format_clearances(self.clearances)
         reach, corner = lens_reach_mm(self.design), sensing_corner_radius_mm(self.design)
         yield f"the lens reaches {reach:.2f} mm, the sensing area's corner is at {corner:.2f} mm"
-        yield "comparison with published sensors (mass of this design by assumed densities, its cost by estimated prices):"
-        yield from (
-            "  " + line for line in format_specification_table((PUBLISHED_9DTACT, self.specification, PUBLISHED_DIGIT))
-        )
+        yield "comparison with Table I of the paper (mass of this design by assumed densities, its cost by estimated prices):"
+        rows = (self.specification, PUBLISHED_9DTACT, *OTHER_PUBLISHED_SENSORS)
+        yield from ("  " + line for line in format_specification_table(rows))
         yield "where the paper and its files disagree (here: the published size):"
         for each in PUBLICATION_DISCREPANCIES:
             yield f"  {each.feature}: paper {each.paper or 'states nothing'}; files {each.files}; here {each.here}"

@@ -16,24 +16,36 @@ class SensorSpecification:
 
     name: str
     size_mm: BoxSize
-    sensing_mm: tuple[float, float]
-    mass_g: float
+    sensing_mm2: float
+    mass_g: float | None
+    """None where the paper states none."""
     cost_usd: float
+    cost_basis: str = "parts"
+    """What the cost is the price of."""
+    rate_hz: float | None = None
+    """Camera images per second that the publication states; None for a design, whose camera board decides."""
 
     @property
     def ratio_mm(self) -> float:
         """Volume of the sensor's box over its sensing area, called dimension-to-area ratio in the paper."""
         x, y, z = self.size_mm
-        return x * y * z / (self.sensing_mm[0] * self.sensing_mm[1])
+        return x * y * z / self.sensing_mm2
 
 
-PUBLISHED_9DTACT = SensorSpecification("9DTact, as published", (32.5, 25.5, 25.5), (24.0, 18.0), 20.0, 15.0)
+PUBLISHED_9DTACT = SensorSpecification(
+    "9DTact, as published", (32.5, 25.5, 25.5), 24.0 * 18.0, 20.0, 15.0, rate_hz=90.0
+)
 """The published 9DTact (docs/references.md#9dtact)."""
-PUBLISHED_DIGIT = SensorSpecification("DIGIT, as published", (20.0, 27.0, 18.0), (19.0, 16.0), 20.0, 15.0)
-"""The published DIGIT (docs/references.md#digit); its cost is that of the parts for one of a thousand."""
-OTHER_SENSING_AREAS_MM2 = {"GelSight Mini": 18.6 * 14.3, "GelSlim 3.0": 675.0, "Insight (a dome)": 4800.0}
-"""docs/references.md#sensing-areas. Size, mass and cost of these sensors, as the paper's table has them, are not known
-here."""
+OTHER_PUBLISHED_SENSORS = (
+    SensorSpecification("GelSight (2017)", (80.0, 40.0, 40.0), 252.0, None, 30.0, rate_hz=90.0),
+    SensorSpecification("GelSlim 3.0", (80.0, 37.0, 20.0), 675.0, 45.0, 25.0, "parts of one of 1000", 90.0),
+    SensorSpecification(
+        "DIGIT", (36.0, 26.0, 33.0), 19.0 * 16.0, 20.0, 15.0, "parts of one of 1000; 300 if bought", 60.0
+    ),
+    SensorSpecification("GelSight Mini", (32.0, 28.5, 28.0), 19.0 * 15.0, 20.8, 499.0, "bought", 25.0),
+    SensorSpecification("DTact", (45.0, 45.0, 47.0), 24.0 * 24.0, 78.0, 34.0, rate_hz=60.0),
+)
+"""The other rows of Table I of the 9DTact paper (docs/references.md#9dtact). The makers' own data sheets differ in places."""
 
 
 def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], cost_usd: float) -> SensorSpecification:
@@ -45,21 +57,24 @@ def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], c
     return SensorSpecification(
         f"this design ({design.variant})",
         (*design.plan_view.outer, design.heights.top),
-        (area.width_mm, area.height_mm),
+        area.width_mm * area.height_mm,
         sum(masses_g),
         cost_usd,
+        "parts, estimated",
     )
 
 
 def format_specification_table(rows: Iterable[SensorSpecification]) -> Iterator[str]:
     """Yield the comparison table as lines of text."""
-    yield f"{'':28}{'size mm':>20}{'sensing mm':>14}{'D/A mm':>9}{'mass g':>9}{'cost $':>9}"
+    yield f"{'':24}{'size mm':>20}{'area mm²':>10}{'D/A mm':>8}{'mass g':>8}{'Hz':>5}{'cost $':>8}  of"
     for row in rows:
         size = " x ".join(f"{side:.1f}" for side in row.size_mm)
-        area = " x ".join(f"{side:g}" for side in row.sensing_mm)
-        yield f"{row.name:28}{size:>20}{area:>14}{row.ratio_mm:9.1f}{row.mass_g:9.1f}{row.cost_usd:9.1f}"
-    areas = ", ".join(f"{name} {area:.0f}" for name, area in OTHER_SENSING_AREAS_MM2.items())
-    yield f"sensing areas of others, mm²: {areas}"
+        mass = "-" if row.mass_g is None else f"{row.mass_g:.1f}"
+        rate = "-" if row.rate_hz is None else f"{row.rate_hz:g}"
+        yield (
+            f"{row.name:24}{size:>20}{row.sensing_mm2:10.0f}{row.ratio_mm:8.1f}{mass:>8}{rate:>5}{row.cost_usd:8.1f}"
+            f"  {row.cost_basis}"
+        )
 
 
 @dataclass(frozen=True)

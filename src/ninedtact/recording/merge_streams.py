@@ -5,10 +5,10 @@ the order of their stamps.
 """
 
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from threading import Condition, Thread
-from time import monotonic_ns
+from time import monotonic, monotonic_ns
 from types import TracebackType
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
@@ -20,6 +20,9 @@ _READ_AHEAD_NS = 300_000_000
 """Time by which samples are read ahead of the newest frame before the next frame is read."""
 _BUFFERED_IMAGES, _BUFFERED_SAMPLES = 128, 100_000
 _WAIT_S = 0.02
+STALL_S = 3.0
+"""Time without an item after which a live source counts as stalled. Cameras and streams report a loss on their own after 2 s; this
+covers a source that does neither."""
 
 Item = TypeVar("Item", covariant=True)
 
@@ -50,9 +53,19 @@ MergedArrival = Arrival[Frame | Wrench | WrenchSampleRejected] | None
 class BackgroundReader(Generic[Item]):
     """Reads a source continuously in a thread while it is open (`with`); items that were not taken in time are lost and counted."""
 
-    def __init__(self, source: _Source[Item], capacity: int, *delivered_errors: type[Exception]) -> None:
-        """capacity: items that wait to be taken. delivered_errors: errors that are delivered like items; reading continues."""
+    def __init__(
+        self,
+        source: _Source[Item],
+        capacity: int,
+        *delivered_errors: type[Exception],
+        on_stall: Callable[[str], None] = lambda sentence: None,
+    ) -> None:
+        """capacity: items that wait to be taken. delivered_errors: errors that are delivered like items; reading continues.
+
+        on_stall: called by `take` with a sentence, once each time that nothing has arrived for `STALL_S`.
+        """
         self.source, self.lost = source, 0
+        self._on_stall, self._stall_at = on_stall, float("inf")
         self._capacity, self._delivered_errors = capacity, delivered_errors
         self._items: deque[Arrival[Item]] = deque()
         self._error: BaseException | None = None
@@ -71,14 +84,19 @@ class BackgroundReader(Generic[Item]):
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._error, wait_s)
             if self._items:
+                self._stall_at = monotonic() + STALL_S
                 return self._items.popleft()
             if self._error is not None:
                 raise self._error
-            return None
+        if monotonic() > self._stall_at:
+            self._stall_at = float("inf")
+            self._on_stall(f"nothing has arrived from {self.source.name} for {STALL_S:g} s; check it and its cable")
+        return None
 
     def __enter__(self) -> "BackgroundReader[Item]":
         """Open the source, raising what it raises."""
         self.source.open()
+        self._stall_at = monotonic() + STALL_S
         self._thread.start()
         return self
 
@@ -111,11 +129,16 @@ class BackgroundReader(Generic[Item]):
                 self.lost += 1
 
 
-def merge_live_streams(camera: FrameSource, force_torque: WrenchSource) -> Generator[MergedArrival, None, None]:
-    """Yield what two devices deliver, each read in its own thread; raises what they raise, ends with a recording."""
+def merge_live_streams(
+    camera: FrameSource, force_torque: WrenchSource, on_stall: Callable[[str], None] = lambda sentence: None
+) -> Generator[MergedArrival, None, None]:
+    """Yield what two devices deliver, each read in its own thread; raises what they raise, ends with a recording.
+
+    on_stall: called with a sentence each time that a device has delivered nothing for `STALL_S`.
+    """
     with (
-        BackgroundReader[Wrench](force_torque, _BUFFERED_SAMPLES, WrenchSampleRejected) as samples,
-        BackgroundReader[Frame](camera, _BUFFERED_IMAGES) as images,
+        BackgroundReader[Wrench](force_torque, _BUFFERED_SAMPLES, WrenchSampleRejected, on_stall=on_stall) as samples,
+        BackgroundReader[Frame](camera, _BUFFERED_IMAGES, on_stall=on_stall) as images,
     ):
         try:
             while True:

@@ -8,15 +8,25 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
+from math import isfinite
 from secrets import token_hex
+from typing import Any, Literal, get_args
 
 from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
 from ninedtact.recording.errors import RecordingUnreadable
 
 METADATA_RECORD = "ninedtact"
 """Name of the metadata record."""
-RECORDING_FORMAT = 2
-"""Format number; recordings of other formats are refused. 2: topics per sensor, heights in metres, monotonic log times."""
+RECORDING_FORMAT = 3
+"""Format number; recordings of other formats are refused. 3: storage of images and heights, and the camera delay, are stated."""
+ImageStorage = Literal["zstd", "png"]
+"""How images are stored, both without loss: raw in chunks that zstd compresses, or each as a PNG."""
+HEIGHT_STEP_16_BIT_MM = 0.001
+"""Quantisation step of heights of 16 bits: a twentieth of the noise of one pixel; they reach ±32 mm."""
+
+
+_NUMBERS = ("mm_per_px", "height_step_mm", "camera_delay_ms")
+"""Fields that are floating point numbers."""
 
 
 def wall_minus_monotonic_ns() -> int:
@@ -44,6 +54,11 @@ class RecordingMetadata:
     """The resolved settings of the command, JSON."""
     mm_per_px: float = 0.0
     """Scale of the height maps, where there are any."""
+    images: ImageStorage = "zstd"
+    height_step_mm: float = 0.0
+    """Quantisation step of heights that are stored as integers of 16 bits; 0 for 32-bit floating point."""
+    camera_delay_ms: float = 0.0
+    """Delay of the camera that was subtracted from the arrival times of its images; their stamps are times of exposure then."""
     software: str = ""
     id: str = field(default_factory=_new_recording_id)
     wall_minus_monotonic_ns: int = field(default_factory=wall_minus_monotonic_ns)
@@ -75,10 +90,21 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
             f"expected the description of {name} as it was written, got other values than its checksum; restore it from a copy"
         )
     try:
-        values = {entry.name: metadata[entry.name] for entry in fields(RecordingMetadata)}
-        mm_per_px, ahead_ns = float(values.pop("mm_per_px")), int(values.pop("wall_minus_monotonic_ns"))
+        values: dict[str, Any] = {entry.name: metadata[entry.name] for entry in fields(RecordingMetadata)}
+        values |= {name: _finite_float(values[name]) for name in _NUMBERS}
+        values["wall_minus_monotonic_ns"] = int(values["wall_minus_monotonic_ns"])
+        if values["images"] not in get_args(ImageStorage):
+            raise ValueError(f"images stored as {values['images']!r}")
     except (KeyError, ValueError) as error:
         raise RecordingUnreadable(
             f"expected {name} to state what was recorded, got {error}; record it again"
         ) from error
-    return RecordingMetadata(**values, mm_per_px=mm_per_px, wall_minus_monotonic_ns=ahead_ns)
+    return RecordingMetadata(**values)
+
+
+def _finite_float(text: str) -> float:
+    """Return the number; raises `ValueError`, also for one that is not finite."""
+    number = float(text)
+    if not isfinite(number):
+        raise ValueError(f"the number {text}")
+    return number

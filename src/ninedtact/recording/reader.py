@@ -35,7 +35,6 @@ from ninedtact.recording.mcap_index import (
 )
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, parse_recording_metadata
 from ninedtact.recording.ros_messages import (
-    MESSAGE_TYPES,
     EventKind,
     PairLabel,
     RecordingEvent,
@@ -88,6 +87,10 @@ class RecordingSummary:
     """Whether the file was closed properly; if not, its last half second may be missing."""
     dropped: int
     """Images that the source counted and that were not written."""
+    height_step_mm: float
+    """Quantisation step of the heights; 0 where they are floating point."""
+    camera_delay_ms: float
+    """Delay of the camera that was subtracted from the arrival times of the images."""
     topics: list[TopicSummary]
     pairs: dict[str, int]
     """Number of pairs of each kind, undone contacts excluded."""
@@ -127,7 +130,7 @@ class Recording:
     @property
     def topics(self) -> list[str]:
         """Full names of the topics that hold messages, such as `/my_sensor/image_raw`."""
-        return [topic.path(self.sensor) for topic in Topic if len(self.positions(topic))]
+        return [self._path(topic) for topic in Topic if len(self.positions(topic))]
 
     @cached_property
     def duration_s(self) -> float:
@@ -151,9 +154,12 @@ class Recording:
             return 0, 0
         return int(min(map(np.min, stamps_ns))), int(max(map(np.max, stamps_ns)))
 
+    def _path(self, topic: Topic) -> str:
+        return topic.path(self.sensor, self.metadata.images)
+
     def positions(self, topic: Topic) -> Array:
         """Return `MESSAGE_POSITION` of the messages of a topic, in the order of writing."""
-        parts = self.index.positions.get(self._channels.get(topic.path(self.sensor), -1), [])
+        parts = self.index.positions.get(self._channels.get(self._path(topic), -1), [])
         return np.concatenate(parts) if parts else np.empty(0, MESSAGE_POSITION)
 
     def stamps_ns(self, topic: Topic) -> Int64[Array, " n"]:
@@ -179,9 +185,13 @@ class Recording:
         return map(self.message, self.positions(topic))
 
     def frame(self, position: np.void) -> Frame:
-        """Return one frame as it was read, its stamp and index included."""
+        """Return one frame as it was read, its stamp and index included; raises `RecordingUnreadable` where the file is damaged."""
         message = self.message(position)
-        return Frame(decode_image(message.data), message.stamp_ns, message.sequence)
+        try:
+            image = decode_image(message.data, self.metadata.images)
+        except ValueError as error:
+            raise damage_error(str(self.path), self.index.chunks[int(position["chunk"])].end) from error
+        return Frame(image, message.stamp_ns, message.sequence)
 
     def frames(self, topic: Topic = Topic.IMAGES) -> Iterator[Frame]:
         """Yield all frames, or the reference images with `Topic.REFERENCE`."""
@@ -220,7 +230,8 @@ class Recording:
 
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
         """Yield the image index and the heights in mm, NaN out of view."""
-        return ((message.sequence, decode_height(message.data)) for message in self.messages(Topic.HEIGHTS))
+        step_mm = self.metadata.height_step_mm
+        return ((message.sequence, decode_height(message.data, step_mm)) for message in self.messages(Topic.HEIGHTS))
 
     def labels(self) -> Iterator[PairLabel]:
         """Yield the labels of all saved pairs, undone contacts included."""
@@ -279,6 +290,8 @@ class Recording:
             seconds=self.duration_s,
             finished=self.is_finished,
             dropped=self.dropped_count,
+            height_step_mm=metadata.height_step_mm,
+            camera_delay_ms=metadata.camera_delay_ms,
             topics=[summary for topic in Topic if (summary := self._topic_summary(topic)).messages],
             pairs=dict(Counter(label.kind for label in self.kept_labels())),
             events=dict(Counter(event.kind.value for event in self.events())),
@@ -286,7 +299,7 @@ class Recording:
 
     def _topic_summary(self, topic: Topic) -> TopicSummary:
         stamps_ns = self.stamps_ns(topic)
-        name, type_name = topic.path(self.sensor), MESSAGE_TYPES[topic]
+        name, type_name = self._path(topic), topic.message_type(self.metadata.images)
         selected = topic is Topic.IMAGES and self.metadata.purpose != "record"
         if topic not in _PERIODIC_TOPICS or selected or len(stamps_ns) < 3:
             return TopicSummary(name, type_name, len(stamps_ns))

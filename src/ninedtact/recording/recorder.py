@@ -9,6 +9,7 @@ from time import monotonic
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.capture.frame_pacing import DelayCorrectedSource
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
@@ -17,7 +18,7 @@ from ninedtact.quantities import EstimateWarning, Frame, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
-from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.ros_messages import EventKind, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingWriter
@@ -40,6 +41,9 @@ def record(
     heights: bool = False,
     estimator: ForceEstimator | None = None,
     settings: str = "{}",
+    images: ImageStorage = "zstd",
+    height_step_mm: float = 0.0,
+    camera_delay_ms: float = 0.0,
     should_stop: Callable[[], bool] = lambda: False,
     notify: Callable[[str], None] = lambda sentence: None,
     on_progress: Callable[[RecordingWriter], None] = lambda writer: None,
@@ -48,9 +52,10 @@ def record(
 
     source: opened and closed here. sensor: its folder is attached to the file. force_torque: its wrenches are written as
     measured. heights and estimator: also write heights (mm) and estimated wrenches; the first ten frames are then taken as
-    reference images (no contact), and compared with those of the calibration. settings: stored in the file, JSON. notify: called
-    with every fault of the reference and, after an error, with what the file keeps: sentences. on_progress: called a few times a
-    second.
+    reference images (no contact), and compared with those of the calibration. settings: stored in the file, JSON. images: how
+    images are stored, always without loss. height_step_mm: quantisation step of heights in 16 bits; 0 for 32-bit floating
+    point. camera_delay_ms: is subtracted from the arrival times of the images. notify: called with every fault of the reference,
+    a step of the clock and, after an error, what the file keeps: sentences. on_progress: called a few times a second.
 
     Returns the closed writer, which has the numbers of messages and dropped images. Raises `RecordingRefused`,
     `RecordingStopped`, what a lost device or a damaged video raises, and `ReferenceMomentRefused` where there were too few frames
@@ -74,12 +79,16 @@ def record(
         force_torque=force_torque.name if force_torque else "",
         settings=settings,
         mm_per_px=sensor.shape.rectify.mm_per_px if estimates else 0.0,
+        images=images,
+        height_step_mm=height_step_mm if heights else 0.0,
+        camera_delay_ms=camera_delay_ms,
         software=version("ninedtact"),
     )
     end_at = float("inf") if seconds is None else monotonic() + seconds
     with report_kept_messages(Path(out), notify):
-        with RecordingWriter(out, metadata, topics, sensor_folder_attachments(sensor.path)) as writer:
-            Recorder(writer, source, force_torque, estimates).run(
+        with RecordingWriter(out, metadata, topics, sensor_folder_attachments(sensor.path), notify) as writer:
+            camera = DelayCorrectedSource(source, camera_delay_ms) if camera_delay_ms else source
+            Recorder(writer, camera, force_torque, estimates, notify).run(
                 lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer)
             )
         if estimates is not None:
@@ -200,14 +209,18 @@ class Recorder:
     camera: FrameSource
     force_torque: WrenchSource | None = None
     estimates: RecordedEstimates | None = None
+    notify: Callable[[str], None] = lambda sentence: None
+    """Receives a sentence each time that a device has delivered nothing for a while."""
 
     def run(self, should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
         """Record until `should_stop` is true or the source ends, all that was read until then; raises what a live source raises."""
         with ExitStack() as opened:
             samples = None
             if self.force_torque is not None:
-                samples = opened.enter_context(BackgroundReader[Wrench](self.force_torque, _BUFFERED_SAMPLES))
-            images = opened.enter_context(BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES))
+                wrenches = BackgroundReader[Wrench](self.force_torque, _BUFFERED_SAMPLES, on_stall=self.notify)
+                samples = opened.enter_context(wrenches)
+            frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify)
+            images = opened.enter_context(frames)
             try:
                 while not should_stop():
                     self._write_arrivals(images, samples)

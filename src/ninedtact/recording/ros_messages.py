@@ -1,7 +1,8 @@
 """The topics of a recording, and the conversion between the package's quantities and ROS 2 messages.
 
 All wrenches are about the skin centre (frame `skin`), N and N·m. Heights are in metres (REP 103), signed from the untouched
-surface, 32FC1, NaN out of view; in memory they are mm. `header.stamp` is the wall time of arrival. Labels and events are JSON in
+surface, 32FC1, NaN out of view; in memory they are mm. With 16SC1 they are multiples of the step that the metadata of the recording
+states, and −32768 is out of view. `header.stamp` is the wall time of arrival. Labels and events are JSON in
 std_msgs/String, so that no program needs a message definition of this package. rosbags provides types and encoding (CDR).
 """
 
@@ -13,6 +14,7 @@ from enum import StrEnum
 from functools import cache
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray as Array
@@ -22,6 +24,13 @@ from ninedtact.quantities import Wrench
 
 _NS_PER_S = 1_000_000_000
 _MM_PER_M = 1e3
+_OUT_OF_VIEW_16_BIT = -(2**15)
+_COMPRESSED = "/compressed"
+"""End of the name of a topic whose images are compressed one by one, as in image_transport of ROS."""
+_COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
+_PNG_PARAMETERS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # since OpenCV 4.12; smaller and twice as fast
+    _PNG_PARAMETERS += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
 _WARN = 1
 """Level of a diagnostic_msgs/DiagnosticStatus."""
 
@@ -44,11 +53,21 @@ class Topic(StrEnum):
     """Images that were saved as training pairs."""
     EVENTS = "events"
 
-    def path(self, sensor: str) -> str:
-        """Return the full name of the topic, such as `/my_sensor/image_raw`; ROS allows letters, digits and underscores."""
+    def path(self, sensor: str, images: str = "zstd") -> str:
+        """Return the full name of the topic, such as `/my_sensor/image_raw`; ROS allows letters, digits and underscores.
+
+        images: how the recording stores images (`metadata.ImageStorage`).
+        """
         name = re.sub(r"[^A-Za-z0-9_]", "_", sensor)
         prefix = name if name[:1].isalpha() else f"sensor_{name}"
-        return f"/{prefix}/{self.value}"
+        return f"/{prefix}/{self.value}" + (_COMPRESSED if self._is_compressed(images) else "")
+
+    def message_type(self, images: str = "zstd") -> str:
+        """Return the type of the topic's messages, where images are stored in this way."""
+        return _COMPRESSED_IMAGE_TYPE if self._is_compressed(images) else MESSAGE_TYPES[self]
+
+    def _is_compressed(self, images: str) -> bool:
+        return images == "png" and self in (Topic.IMAGES, Topic.REFERENCE)
 
 
 MESSAGE_TYPES = {
@@ -117,13 +136,23 @@ def message_definition(name: str) -> bytes:
     return text.encode()
 
 
-def encode_image(image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
-    """Return an image message, BGR."""
+def encode_image(image: UInt8[Array, "rows cols 3"], wall_ns: int, images: str = "zstd") -> bytes:
+    """Return an image message, BGR: as it is, or as a PNG."""
+    if images == "png":
+        png = np.frombuffer(cv2.imencode(".png", np.ascontiguousarray(image), _PNG_PARAMETERS)[1], np.uint8)
+        message = _type_store().types[_COMPRESSED_IMAGE_TYPE](
+            header=_header(wall_ns, "camera"), format="bgr8; png compressed bgr8", data=png
+        )
+        return bytes(_type_store().serialize_cdr(message, _COMPRESSED_IMAGE_TYPE))
     return _encode_pixels(Topic.IMAGES, _header(wall_ns, "camera"), image.shape[:2], "bgr8", image)
 
 
-def encode_height(z_mm: Float32[Array, "rows cols"], wall_ns: int) -> bytes:
-    """Return a height message in metres, NaN out of view."""
+def encode_height(z_mm: Float32[Array, "rows cols"], wall_ns: int, step_mm: float = 0.0) -> bytes:
+    """Return a height message in metres, NaN out of view; with a step, as multiples of it in 16 bits."""
+    if step_mm:
+        steps = np.clip(np.rint(z_mm / step_mm), _OUT_OF_VIEW_16_BIT + 1, -_OUT_OF_VIEW_16_BIT - 1)
+        whole = np.where(np.isnan(z_mm), _OUT_OF_VIEW_16_BIT, steps).astype("<i2")
+        return _encode_pixels(Topic.HEIGHTS, _header(wall_ns, "skin"), whole.shape, "16SC1", whole)
     z_m = (z_mm.astype(np.float64) / _MM_PER_M).astype("<f4")
     return _encode_pixels(Topic.HEIGHTS, _header(wall_ns, "skin"), z_m.shape, "32FC1", z_m)
 
@@ -166,15 +195,24 @@ def encode_event(event: RecordingEvent) -> bytes:
     return _encode_json(Topic.EVENTS, _without_stamp(event))
 
 
-def decode_image(data: bytes) -> UInt8[Array, "rows cols 3"]:
-    """Return the image of a message in its own memory."""
+def decode_image(data: bytes, images: str = "zstd") -> UInt8[Array, "rows cols 3"]:
+    """Return the image of a message in its own memory; raises `ValueError` for a damaged PNG."""
+    if images == "png":
+        png = _type_store().deserialize_cdr(data, _COMPRESSED_IMAGE_TYPE).data
+        image = cv2.imdecode(png, cv2.IMREAD_COLOR)
+        if image is None:
+            raise ValueError("a PNG that cannot be decoded")
+        return image
     message = _decode(Topic.IMAGES, data)
     return message.data.reshape(message.height, message.width, 3).copy()
 
 
-def decode_height(data: bytes) -> Float32[Array, "rows cols"]:
-    """Return the heights of a message in mm."""
+def decode_height(data: bytes, step_mm: float = 0.0) -> Float32[Array, "rows cols"]:
+    """Return the heights of a message in mm, NaN out of view; step_mm: that of heights in 16 bits."""
     message = _decode(Topic.HEIGHTS, data)
+    if step_mm:
+        steps = message.data.view("<i2").reshape(message.height, message.width)
+        return np.where(steps == _OUT_OF_VIEW_16_BIT, np.nan, steps * step_mm).astype(np.float32)
     z_m = message.data.view("<f4").reshape(message.height, message.width)
     return (z_m.astype(np.float64) * _MM_PER_M).astype(np.float32)
 

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic, monotonic_ns
@@ -15,9 +15,8 @@ from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame, HeightMap, Wrench, WrenchEstimate
 from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
-from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata
+from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.ros_messages import (
-    MESSAGE_TYPES,
     EventKind,
     PairLabel,
     RecordingEvent,
@@ -34,6 +33,8 @@ from ninedtact.recording.ros_messages import (
 
 CHUNK_BYTES = 2**19
 """Less than an image: whatever is written before an image is on disk with it."""
+_CLOCK_STEP_NS = 500_000_000
+"""Change of the wall clock against the monotonic clock that is reported; gradual corrections of the clock remain below it."""
 _LONGEST_BUFFERING_S = 0.5
 """After this time what was written is handed to the operating system, whatever its size."""
 
@@ -41,7 +42,8 @@ _LONGEST_BUFFERING_S = 0.5
 class RecordingWriter:
     """Writes a recording while it is open (`with`). One thread at a time.
 
-    Images are stored without loss (bgr8) in chunks that zstd compresses (docs/recording.md has the figures).
+    Images are stored without loss, and everything in chunks that zstd compresses. The metadata say whether images are PNG and
+    heights are integers (docs/recording.md has the figures).
 
         with RecordingWriter("press.mcap", RecordingMetadata("my_sensor")) as recording:
             recording.write_image(frame)
@@ -53,8 +55,10 @@ class RecordingWriter:
         metadata: RecordingMetadata,
         topics: Collection[Topic] = tuple(Topic),
         attachments: Mapping[str, bytes] | None = None,
+        notify: Callable[[str], None] = lambda sentence: None,
     ) -> None:
-        """topics: those that will be written. attachments: content of the attached files by their names."""
+        """topics: those that will be written. attachments: content of the attached files by their names. notify: receives a
+        sentence where the wall clock is set during the recording."""
         self.path, self.metadata = Path(path), metadata
         self.written: Counter[Topic] = Counter()
         """Messages written so far."""
@@ -64,6 +68,9 @@ class RecordingWriter:
         self._attachments = dict(attachments or {})
         self._next_index: int | None = None
         self._between_records = True
+        self._notify = notify
+        self._wall_ahead_ns = metadata.wall_minus_monotonic_ns
+        self._has_other_clock = abs(wall_minus_monotonic_ns() - self._wall_ahead_ns) > _CLOCK_STEP_NS
 
     def __enter__(self) -> "RecordingWriter":
         """Create the file; raises `RecordingRefused` or `RecordingStopped`."""
@@ -89,12 +96,12 @@ class RecordingWriter:
 
     def write_selected_image(self, frame: Frame) -> None:
         """Write a frame that was selected among many: frames before it do not count as missing."""
-        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns))
+        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns), self.metadata.images)
         self._add(Topic.IMAGES, frame.stamp_ns, image, frame.index)
 
     def write_reference(self, frame: Frame, tare: int) -> None:
         """Write a reference image (no contact) of this tare."""
-        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns))
+        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns), self.metadata.images)
         self._add(Topic.REFERENCE, frame.stamp_ns, image, tare)
 
     def write_measured(self, wrench: Wrench) -> None:
@@ -114,7 +121,8 @@ class RecordingWriter:
     def write_height(self, height: HeightMap, index: int) -> None:
         """Write the heights of the image with this index, NaN out of view."""
         z_mm = np.where(height.in_view, height.z_mm, np.float32(np.nan))
-        self._add(Topic.HEIGHTS, height.stamp_ns, encode_height(z_mm, self.metadata.wall_ns(height.stamp_ns)), index)
+        message = encode_height(z_mm, self.metadata.wall_ns(height.stamp_ns), self.metadata.height_step_mm)
+        self._add(Topic.HEIGHTS, height.stamp_ns, message, index)
 
     def write_label(self, label: PairLabel) -> None:
         """Write that an image was saved as a pair; the label is on disk when this returns."""
@@ -131,6 +139,20 @@ class RecordingWriter:
         with self._writing_records():
             self._writer.flush()
         self._flushed_at = monotonic()
+        self._report_clock_step()
+
+    def _report_clock_step(self) -> None:
+        """Report, as a remark in the recording and to the person who records, that the wall clock was set since the last call."""
+        ahead_ns, before_ns = wall_minus_monotonic_ns(), self._wall_ahead_ns
+        if self._has_other_clock or abs(ahead_ns - before_ns) <= _CLOCK_STEP_NS:
+            return
+        self._wall_ahead_ns = ahead_ns
+        text = (
+            f"the clock of the computer moved by {(ahead_ns - before_ns) / 1e9:+.1f} s during the recording (it was set, or the "
+            "computer slept); all stamps continue with the clock as it was at the beginning"
+        )
+        self.write_event(RecordingEvent(monotonic_ns(), EventKind.REMARK, "clock", text))
+        self._notify(text)
 
     def _add(self, topic: Topic, stamp_ns: int, data: bytes, sequence: int = 0) -> None:
         with self._writing_records():
@@ -155,12 +177,13 @@ class RecordingWriter:
             wall_ns = self.metadata.wall_ns(now_ns)
             self._writer.add_attachment(wall_ns, now_ns, name, "application/octet-stream", content)
         topics = [topic for topic in Topic if topic in self._topics]
+        sensor, images = self.metadata.sensor, self.metadata.images
         schemas = {
             name: self._writer.register_schema(name, "ros2msg", message_definition(name))
-            for name in dict.fromkeys(MESSAGE_TYPES[topic] for topic in topics)
+            for name in dict.fromkeys(topic.message_type(images) for topic in topics)
         }
         self._channels = {
-            topic: self._writer.register_channel(topic.path(self.metadata.sensor), "cdr", schemas[MESSAGE_TYPES[topic]])
+            topic: self._writer.register_channel(topic.path(sensor, images), "cdr", schemas[topic.message_type(images)])
             for topic in topics
         }
 

@@ -4,6 +4,8 @@
 `LensModel`, the default: a wide-angle lens sees the plane through window and gel. The model is a homography (tilt, distance,
 position) followed by radial and tangential terms about a free centre (Brown 1971, as in OpenCV's camera model; docs/references.md).
 
+`CorrectedLens` adds a smooth displacement to it, for lenses and gels that the model does not follow.
+
 `PinMap`, for reproducing the paper: five central anchors, an equidistant grid, and a cubic radial-basis map through all pins
 (docs/references.md: 9DTact, section on camera calibration). It passes exactly through every pin, so every pin's error enters the
 map.
@@ -170,6 +172,38 @@ def central_mm_per_px(projection: Projection, reach_mm: float) -> float:
     points = np.array([(0, 0), (reach_mm, 0), (-reach_mm, 0), (0, reach_mm), (0, -reach_mm)], float)
     middle, *around = projection.to_px(points)
     return float(reach_mm / np.hypot(*(np.array(around) - middle).T).mean())
+
+
+@dataclass(frozen=True)
+class LensCorrection:
+    """A smooth displacement in the image on top of a lens model: Gaussians about the pins, so that it vanishes far from them."""
+
+    points_mm: Points
+    weights_px: Points
+    width_mm: float
+    """Standard deviation of the Gaussians on the skin."""
+
+    def shift_px(self, points_mm: Points) -> Points:
+        """Return the displacement in pixels at these skin points."""
+        return gaussian_kernel(np.asarray(points_mm, float), self.points_mm, self.width_mm) @ self.weights_px
+
+
+def gaussian_kernel(points_mm: Points, centres_mm: Float[Array, "k 2"], width_mm: float) -> Float[Array, "n k"]:
+    """Return the Gaussians about the centres, which are one there, at these points."""
+    squared = sum((points_mm[:, None, axis] - centres_mm[None, :, axis]) ** 2 for axis in (0, 1))
+    return np.asarray(np.exp(-squared / (2 * width_mm**2)))
+
+
+@dataclass(frozen=True)
+class CorrectedLens:
+    """A lens model with a smooth correction."""
+
+    lens: LensModel
+    correction: LensCorrection
+
+    def to_px(self, points_mm: Points) -> Points:
+        """Return the pixels (x, y) at which skin points appear."""
+        return self.lens.to_px(points_mm) + self.correction.shift_px(points_mm)
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,10 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import SimulationError
+from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
+from ninedtact.simulation.hand_motion import HandMotion, hover_contact
 from ninedtact.simulation.trajectory import Trajectory
 from ninedtact.simulation.twin import Twin
 
@@ -99,13 +101,29 @@ class ObjectTrajectory:
     trajectory: Trajectory
 
 
+@dataclass(frozen=True)
+class TwinPress:
+    """An object on the twin at one step, with the contact as it is rendered and measured."""
+
+    indenter: Indenter
+    contact: Contact
+
+    @property
+    def slip_share(self) -> float | None:
+        """Share of the contact that slips, 0 to 1; None without contact."""
+        touched = to_numpy(self.contact.pressure_mpa) > 0
+        if not touched.any():
+            return None
+        return 1 - float(to_numpy(self.contact.stick_mask)[touched].mean())
+
+
 @dataclass
 class PressSimulation:
     """A twin on which trajectories follow each other, round after round, solved step by step when a step is needed.
 
     Sources may read from several threads; each step is solved once. In real time, steps that no source waited for are skipped,
     so that a slow solver makes the motion coarser but never late. Otherwise every step is solved, and the simulation repeats
-    itself exactly each time it starts.
+    itself exactly each time it starts. While `hand` holds an object, that object is pressed instead of those of the trajectories.
     """
 
     twin: Twin
@@ -115,12 +133,18 @@ class PressSimulation:
     real_time: bool = True
     rounds: int | None = None
     """Number of rounds after which the sources end; None: they never end."""
+    hand: HandMotion = field(default_factory=HandMotion)
+    """The object that a person moves instead; empty at the beginning."""
     clock: SimulationClock = field(init=False)
     contacts: dict[int, Contact] = field(default_factory=dict, init=False, repr=False)
     """The newest steps by number, ascending. The step before the first is undeformed skin."""
     wrenches: dict[int, Float64[Array, "6"]] = field(default_factory=dict, init=False, repr=False)
     """True wrenches of the newest steps about the centre of the skin, by number."""
+    indenters: dict[int, Indenter] = field(default_factory=dict, init=False, repr=False)
+    """The objects of the newest steps, by number."""
     lock: RLock = field(default_factory=RLock, init=False, repr=False)
+    _last_grasp: int = field(default=0, init=False)
+    """The object in the hand that was pressed at the newest step, by its number; zero for one of the trajectories."""
 
     def __post_init__(self) -> None:
         if not self.trajectories or not self.round_s > 0 or not self.hz > 0:
@@ -146,6 +170,7 @@ class PressSimulation:
             if self.clock.join():
                 self.contacts.clear()
                 self.wrenches.clear()
+                self.indenters.clear()
 
     def require_time(self, at_s: float) -> None:
         """Refuse a time after the last round; raises `SourceEnded`."""
@@ -166,6 +191,16 @@ class PressSimulation:
             if number not in self.contacts:
                 raise self._step_expired(number, self.contacts)
             return self.twin.correct_contact(self.contacts[number])
+
+    def press_at(self, stamp_ns: int) -> TwinPress | None:
+        """Return the object and the contact that the camera saw at a time; None where that step is no longer stored."""
+        number = round((stamp_ns - self.clock.start_ns) * self.hz / 1e9)
+        with self.lock:
+            if not self.contacts or not next(iter(self.contacts)) <= number <= next(reversed(self.contacts)):
+                return None
+            number = min(self.contacts, key=lambda step: abs(step - number))
+            contact, indenter = self.contacts[number], self.indenters[number]
+        return TwinPress(indenter, self.twin.correct_contact(contact))
 
     def wrench_six_at(self, at_s: float) -> Float64[Array, "6"]:
         """Return the true wrench (N, N·m) about the centre of the skin at a time, interpolated linearly between steps.
@@ -189,23 +224,31 @@ class PressSimulation:
         newest = next(reversed(self.contacts), -1)
         missing = range(newest + 1, number + 1)
         for step in missing[-1:] if self.real_time else missing:
-            self._store(step, self._solve_step(newest, step))
+            self._store(step, *self._solve_step(newest, step))
             newest = step
 
-    def _store(self, step: int, contact: Contact) -> None:
+    def _store(self, step: int, indenter: Indenter, contact: Contact) -> None:
         """Store a step and drop the oldest one."""
         self.contacts[step], self.wrenches[step] = contact, self.twin.correct_contact(contact).wrench().six
-        for memory, kept in ((self.contacts, KEPT_CONTACTS), (self.wrenches, KEPT_WRENCHES)):
+        self.indenters[step] = indenter
+        memories = ((self.contacts, KEPT_CONTACTS), (self.indenters, KEPT_CONTACTS), (self.wrenches, KEPT_WRENCHES))
+        for memory, kept in memories:
             if len(memory) > kept:
                 del memory[next(iter(memory))]
 
-    def _solve_step(self, newest: int, step: int) -> Contact:
-        """Return the contact at a step after the newest one; every trajectory starts on undeformed skin."""
+    def _solve_step(self, newest: int, step: int) -> tuple[Indenter, Contact]:
+        """Return the object and the contact at a step after the newest one; every object starts on undeformed skin."""
+        grasp, held = self.hand.grasp_number, self.hand.held_object
+        before, self._last_grasp = self._last_grasp, 0 if held is None else grasp
+        if held is not None:
+            continues = newest >= 0 and before == grasp
+            last = self.contacts[newest] if continues else hover_contact(self.twin, self.hand.target)
+            return held, self.hand.step(self.twin, last, held)
         number, within_s = self.trajectory_at(step / self.hz)
-        continues = newest >= 0 and self.trajectory_at(newest / self.hz)[0] == number
+        continues = newest >= 0 and before == 0 and self.trajectory_at(newest / self.hz)[0] == number
         last = self.contacts[newest] if continues else self.twin.model.initial_contact()
         item = self.trajectories[number % len(self.trajectories)]
-        return self.twin.step(last, item.indenter, item.trajectory.pose_at(within_s))
+        return item.indenter, self.twin.step(last, item.indenter, item.trajectory.pose_at(within_s))
 
     def trajectory_at(self, at_s: float) -> tuple[int, float]:
         """Return the number of the trajectory at a time, counted through all rounds, and the time since it began."""

@@ -151,7 +151,7 @@ def demo_trajectories() -> list[ObjectTrajectory]:
     return [ObjectTrajectory(indenter_from_name(name), trajectory) for name, trajectory in trajectories.items()]
 
 
-TRUE_WRENCH_MEANING = "of the object on the skin, known from the simulation"
+TRUE_WRENCH_MEANING = "what the object of the simulation applies to the skin"
 SAMPLES_HZ = 60.0
 REFERENCE_FRAME_COUNT = 10
 
@@ -163,6 +163,11 @@ class DemoSources:
     camera: SimulatedCamera
     force_torque: SimulatedForceTorque
     reference_frames: tuple[Frame, ...]
+
+    @property
+    def simulation(self) -> PressSimulation:
+        """The motion that both sources follow; its `hand` lets a person press."""
+        return self.camera.simulation
 
 
 def demo_sources(twin: Twin, rounds: int | None = None) -> DemoSources:

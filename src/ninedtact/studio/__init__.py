@@ -2,11 +2,13 @@
 
     sensor thread:  Sensor ──read──▶ newest SensorSnapshot, estimates in a WrenchHistory    as fast as the camera
     force threads:  WrenchSource ──read──▶ WrenchHistory                                    one for each source
-    page thread:    SensorSnapshot ──render──▶ ReadingView ──▶ browser                      at the display rate
+    page thread:    SensorSnapshot ──▶ PageMoment ──▶ each Viewer ──▶ its panels            at the display rate
 
-A `Sensor` and wrench sources go in; a page comes out that shows image, heights, wrenches, rates and warnings, and saves readings as
-files. `sensor_poller` and `wrench_poller` read in threads of their own. `displayed_reading` decides what is shown (read it first).
-`page_and_server` is the page itself with its web server, `socket_guard` says who may connect to it and how much clients may cost,
-`viser_guard` puts that guard under viser, `scene_3d` its 3D part, `page_cards` its pieces of HTML. `reading_view` renders one
-reading.
+A `Sensor` and wrench sources go in; a page comes out that shows image, heights, wrenches, rates and warnings, saves readings as
+files, and presses a twin by hand. `sensor_poller` and `wrench_poller` read in threads of their own. `displayed_reading` makes one
+moment of each refresh (read it first), and `viewer` shows it in one browser, panel by panel. The panels are in `sensor_panels`,
+`view_panels` and `press_panel`; `page_cards` holds their pieces of HTML. `reading_view` draws images and surface of one
+reading, `skin_fields` its pressure and shear, `scene_3d` the 3D scene. `press_control` is what people do with a twin.
+`page_and_server` is the page with its web server, `socket_guard` says who may connect to it and how much clients may cost,
+`viser_guard` puts that guard under viser.
 """

@@ -1,10 +1,14 @@
-"""The controller of the live page: takes the newest reading, decides what is shown, reports the sensor's status, saves readings."""
+"""The controller of the live page: makes one consistent moment of each refresh, reports the sensor's status, saves readings.
+
+A `PageMoment` is everything that the page shows at one refresh. Each viewer shows a whole moment, the newest or the one that this
+viewer has frozen, so that images, surface, wrenches and plots always belong together.
+"""
 
 import shutil
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from math import ceil
 from pathlib import Path
@@ -21,6 +25,7 @@ from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.export import export_shape
+from ninedtact.simulation.press_simulation import TwinPress
 from ninedtact.studio.reading_view import ReadingView, render_reading, session_colour_scale
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSnapshot
@@ -171,45 +176,39 @@ class NothingToSave(InputError):
 
 
 @dataclass(frozen=True)
-class DisplayOptions:
-    """How the page draws the skin."""
-
-    as_points: bool = True
-    """Coloured points; otherwise a smooth surface in the colour of silicone."""
-    exaggeration: float = 1.0
-    """Vertical exaggeration: factor by which heights are enlarged."""
-
-
-@dataclass(frozen=True)
-class PageReport:
-    """What the page shows besides the reading: state, rates, costs and wrenches."""
+class PageMoment:
+    """Everything that the page shows at one refresh."""
 
     status: SensorStatus
-    moment: SensorSnapshot
-    shown: Reading | None
-    shown_hz: float
-    page_ms: dict[str, float]
-    """Time that drawing and sending the last reading took."""
+    sensor: SensorSnapshot
+    view: ReadingView | None
+    """The newest reading with what is drawn of it, dimmed where it is not current; None before the first reading."""
     wrenches: tuple[WrenchSnapshot, ...] = ()
-    """State of each wrench source at the time of the shown reading."""
+    """State of each wrench source at the time of the reading."""
+    shown_hz: float = 0.0
+    page_ms: dict[str, float] = field(default_factory=dict)
+    """Time that drawing and sending the last moment took."""
+
+    @property
+    def reading(self) -> Reading | None:
+        """The reading of this moment."""
+        return None if self.view is None else self.view.reading
+
+    def status_while_frozen(self, now: "PageMoment", now_ns: int) -> SensorStatus:
+        """Return the status for a viewer who has frozen this moment and for whom the sensor is now in another."""
+        return sensor_status(now.sensor, self.reading, True, now_ns)
 
 
 @runtime_checkable
 class PageDisplay(Protocol):
-    """The interface of a display of readings. Nothing is drawn while no browser is connected."""
+    """The interface of a display of moments. No reading is drawn while no browser is connected."""
 
     @property
     def is_watched(self) -> bool:
         """Whether at least one browser is connected."""
 
-    def display_options(self) -> DisplayOptions:
-        """Return the current options for drawing the skin."""
-
-    def show(self, view: ReadingView, options: DisplayOptions) -> None:
-        """Draw the view of one reading."""
-
-    def show_report(self, report: PageReport) -> None:
-        """Show state, rates, costs and wrenches."""
+    def show(self, moment: PageMoment) -> None:
+        """Show a moment, whose parts may be those of the last one."""
 
 
 MAX_LOST_SHARE = 0.02
@@ -226,6 +225,10 @@ def adapt_slowdown(slowdown: float, moment: SensorSnapshot) -> float:
     return float(np.clip(slowdown * (1.1 if lost_share > MAX_LOST_SHARE else 0.97), 1.0, MAX_SLOWDOWN))
 
 
+RECHECK_S = 0.1
+"""Longest time between two refreshes while no new reading arrives."""
+
+
 class PageController:
     """Connects a sensor poller and histories of wrenches with a display."""
 
@@ -235,19 +238,19 @@ class PageController:
         out: Path,
         wrenches: Sequence[WrenchHistory] = (),
         save_limits: SaveLimits = SaveLimits(),
+        press_at: Callable[[int], TwinPress | None] | None = None,
     ) -> None:
+        """press_at: returns what pressed a twin at a stamp; None for a sensor that is no twin."""
         self.scale: ColourScale = session_colour_scale(loop.sensor.shape.curve)
-        self.frozen = False
         self.wrenches = tuple(wrenches)
         self._loop, self._out, self._quota = loop, out, _SaveQuota(save_limits)
+        self._press_at = press_at
         self._view: ReadingView | None = None
-        self._displayed: tuple[int, bool, DisplayOptions] | None = None
-        """What was drawn last: number of the view, whether dimmed, and the display options."""
-        self._views, self._shown, self._page_ms = 0, RateMeter(), Stopwatch().stage_ms
+        self._views, self._shown, self._page_ms = 0, RateMeter(), dict[str, float]()
 
     @property
     def shown_reading(self) -> Reading | None:
-        """The reading that is displayed; None before the first."""
+        """The newest reading on the page; None before the first."""
         return None if self._view is None else self._view.reading
 
     def run(self, display: PageDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False) -> None:
@@ -260,59 +263,50 @@ class PageController:
                     slowdown = adapt_slowdown(slowdown, self._loop.snapshot(time.monotonic_ns()))
                 due_at = max(due_at + slowdown / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
+                self._loop.wait_for_change(RECHECK_S)
         finally:
             self.show_final_state(display)
 
     def refresh(self, display: PageDisplay) -> None:
         """Update the display once; raises the error with which the sensor thread failed."""
         now_ns = time.monotonic_ns()
-        moment = self._loop.snapshot(now_ns)
+        sensor = self._loop.snapshot(now_ns)
         if display.is_watched:
-            self._take(moment.reading)
-        self._present(display, moment, sensor_status(moment, self.shown_reading, self.frozen, now_ns))
-        if moment.phase is SensorPhase.FAILED and moment.trouble is not None:
-            raise moment.trouble
+            self._take(sensor.reading)
+        self._present(display, sensor, sensor_status(sensor, self.shown_reading, False, now_ns))
+        if sensor.phase is SensorPhase.FAILED and sensor.trouble is not None:
+            raise sensor.trouble
 
     def show_final_state(self, display: PageDisplay) -> None:
         """Mark the page as ended, because a browser keeps the last page that it received."""
-        moment = self._loop.snapshot(time.monotonic_ns())
-        self._present(display, moment, _final_status(moment))
+        sensor = self._loop.snapshot(time.monotonic_ns())
+        self._present(display, sensor, _final_status(sensor))
 
     def take_reference(self) -> None:
         """Make the next images the reference."""
         self._loop.take_reference()
 
-    def save(self) -> list[Path]:
-        """Write the shown reading to files; raises `NothingToSave`, `SaveRefused` and `FileNotWritten`."""
-        if self.shown_reading is None:
+    def save(self, moment: PageMoment | None) -> list[Path]:
+        """Write the reading of a moment to files; raises `NothingToSave`, `SaveRefused` and `FileNotWritten`."""
+        if moment is None or moment.reading is None:
             raise NothingToSave(WITHOUT_READING)
-        return self._quota.save(self.shown_reading, self._out)
+        return self._quota.save(moment.reading, self._out)
 
     def _take(self, reading: Reading | None) -> None:
-        held = self.frozen and self._view is not None
-        if reading is None or reading is self.shown_reading or held:
+        if reading is None or reading is self.shown_reading:
             return
-        watch = Stopwatch()
-        self._view, self._views = render_reading(reading, self.scale), self._views + 1
-        watch.mark("draw")
-        self._page_ms |= watch.stage_ms
+        press = None if self._press_at is None else self._press_at(reading.stamp_ns)
+        self._view, self._views = render_reading(reading, self.scale, press), self._views + 1
         self._shown.tick(time.monotonic_ns(), self._views)
 
-    def _present(self, display: PageDisplay, moment: SensorSnapshot, status: SensorStatus) -> None:
-        if display.is_watched and self._view is not None:
-            self._draw(display, self._view, status.is_past)
+    def _present(self, display: PageDisplay, sensor: SensorSnapshot, status: SensorStatus) -> None:
+        """Show the newest view with everything that belongs to its moment."""
+        if self._view is not None and self._view.is_past != status.is_past:
+            # A view that is dimmed, or no longer, is another view: nothing of it has been drawn yet.
+            self._view = self._view.dimmed_copy() if status.is_past else self._view.bright_copy()
         now_ns, at_ns = time.monotonic_ns(), None if self.shown_reading is None else self.shown_reading.frame.stamp_ns
         wrenches = tuple(history.snapshot(at_ns, now_ns) for history in self.wrenches)
-        display.show_report(
-            PageReport(status, moment, self.shown_reading, self._shown.hz(now_ns), dict(self._page_ms), wrenches)
-        )
-
-    def _draw(self, display: PageDisplay, view: ReadingView, is_past: bool) -> None:
-        """Draw the view where it differs from what was drawn last."""
-        options = display.display_options()
-        if (wanted := (self._views, is_past, options)) != self._displayed:
-            watch = Stopwatch()
-            display.show(view.dimmed_copy() if is_past else view, options)
-            watch.mark("send")
-            self._page_ms |= watch.stage_ms
-            self._displayed = wanted
+        watch = Stopwatch()
+        display.show(PageMoment(status, sensor, self._view, wrenches, self._shown.hz(now_ns), self._page_ms))
+        watch.mark("page")
+        self._page_ms = dict(watch.stage_ms)

@@ -3,16 +3,19 @@
 from collections.abc import Iterator, Sequence
 from html import escape
 
+import cv2
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
-from viser import GuiUplotHandle, ViserServer, uplot
+from viser import GuiApi, GuiUplotHandle, uplot
 
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.displayed_reading import SensorStatus
+from ninedtact.studio.reading_view import HeightProfile
 from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
+from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
 from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample, WrenchSnapshot
 
 TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a", "warned": "#c92a2a"}
@@ -92,7 +95,49 @@ def colour_legend_html(scale: ColourScale) -> str:
     )
 
 
-COLOURS = {"x": "#c92a2a", "y": "#2b8a3e", "z": "#1c6fb7"}
+def magnitude_legend_html(name: str, end_mpa: float) -> str:
+    """Return the colours of pressure or shear with the MPa at their end as HTML."""
+    levels = cv2.applyColorMap(np.arange(0, 256, 17, dtype=np.uint8)[None], cv2.COLORMAP_CIVIDIS)[0, :, ::-1]
+    colours = ",".join("#" + bytes(colour).hex() for colour in levels.tolist())
+    return (
+        f'<div style="margin:0 0.7em"><div style="height:10px;border-radius:3px;background:linear-gradient(90deg,{colours})">'
+        f'</div><div style="display:flex;justify-content:space-between;font-size:0.8em;{DIM}"><span>0</span>'
+        f"<span>{escape(name)}</span><span>{end_mpa:g} MPa</span></div></div>"
+    )
+
+
+def sticking_legend_html() -> str:
+    """Return the colours of stick and slip as HTML."""
+    parts = (("sticks", STICK), ("slips", SLIP), ("no contact", NO_CONTACT))
+    return (
+        '<div style="margin:0 0.7em;font-size:0.8em">'
+        + " ".join(
+            f'<span style="display:inline-block;width:0.9em;height:0.9em;background:#{bytes(bgr[::-1]).hex()}"></span> {name}'
+            for name, bgr in parts
+        )
+        + "</div>"
+    )
+
+
+def profile_html(profile: HeightProfile) -> str:
+    """Return the heights at both ends and the lowest point of a line as HTML."""
+    rows = {"A": _format_height(profile, 0), "B": _format_height(profile, -1)}
+    if np.isfinite(profile.height_mm).any():
+        lowest = int(np.nanargmin(profile.height_mm))
+        rows[f"lowest, {profile.distance_mm[lowest]:.1f} mm from A"] = _format_height(profile, lowest)
+    return name_value_table_html(rows)
+
+
+def _format_height(profile: HeightProfile, number: int) -> str:
+    """Return the height at one point of a line, with the true one where it is known."""
+    height = profile.height_mm[number]
+    seen = f"{height:+.2f} mm" if np.isfinite(height) else "out of view"
+    true = "" if profile.true_mm is None else f" (true {profile.true_mm[number]:+.2f} mm)"
+    return (seen + true).replace("-", "\N{MINUS SIGN}")
+
+
+COLOURS = {"x": "#d55e00", "y": "#009e73", "z": "#0072b2"}
+"""Vermilion, green and blue of Okabe and Ito, which colour-blind readers can distinguish."""
 LEAST_N, LEAST_NMM = 2.0, 4.0
 """Smallest half range of the curves, so that noise stays small."""
 CURVE_POINTS = 400
@@ -101,22 +146,17 @@ BAND_OPACITY = "22"
 """Opacity of the band of one standard deviation, in hexadecimal."""
 
 
-class WrenchCard:
-    """The wrenches of all sources side by side in one table, and their last seconds on top of each other in two plots.
+class WrenchCurves:
+    """The last seconds of the wrenches of all sources, on top of each other in two plots.
 
     Where there are several sources, wrenches without stated errors (true, measured) are drawn dashed.
     """
 
-    def __init__(self, server: ViserServer, sources: Sequence[WrenchHistory]) -> None:
-        self._text = server.gui.add_html("")
-        self._forces = _add_curves(server, "force (N)", "F", LEAST_N, sources)
-        self._torques = _add_curves(server, "torque (N·mm)", "T", LEAST_NMM, sources)
+    def __init__(self, gui: GuiApi, sources: Sequence[WrenchHistory]) -> None:
+        self._forces = _add_curves(gui, "force (N)", "F", LEAST_N, sources)
+        self._torques = _add_curves(gui, "torque (N·mm)", "T", LEAST_NMM, sources)
 
-    def show_numbers(self, moments: Sequence[WrenchSnapshot], is_past: bool) -> None:
-        """Show the six components of every source."""
-        self._text.content = wrenches_html(moments, is_past)
-
-    def draw_curves(self, moments: Sequence[WrenchSnapshot]) -> None:
+    def draw(self, moments: Sequence[WrenchSnapshot]) -> None:
         """Draw the last seconds of every source."""
         at_s = np.linspace(-HISTORY_S, 0.0, CURVE_POINTS)
         for plot, first, unit, least in ((self._forces, 0, 1.0, LEAST_N), (self._torques, 3, 1e3, LEAST_NMM)):
@@ -179,9 +219,7 @@ def _badge_html(text: str) -> str:
     )
 
 
-def _add_curves(
-    server: ViserServer, title: str, letter: str, half: float, sources: Sequence[WrenchHistory]
-) -> GuiUplotHandle:
+def _add_curves(gui: GuiApi, title: str, letter: str, half: float, sources: Sequence[WrenchHistory]) -> GuiUplotHandle:
     """Add a plot of three curves of each source, with a band of one standard deviation where it is stated."""
     series, bands = [uplot.Series(label="s ago")], []
     for source in sources:
@@ -192,14 +230,14 @@ def _add_curves(
             if source.states_errors:
                 bands.append(uplot.Band(series=(len(series), len(series) + 1), fill=colour + BAND_OPACITY))
                 series += [uplot.Series(label=f"{label} {sign} std", width=0) for sign in ("+", "−")]
-    return server.gui.add_uplot(
+    return gui.add_uplot(
         (np.zeros(2),) * len(series),
         tuple(series),
         bands=tuple(bands),
         scales=_curve_scales(half),
         legend=uplot.Legend(show=False),
-        title=f"{title}: x red, y green, z blue",
-        height=160,
+        title=f"{title}: x orange, y green, z blue",
+        height=150,
     )
 
 

@@ -1,17 +1,30 @@
-"""The view of one reading on the live page: image, coloured heights, and the surface with its triangles."""
+"""The view of one reading on the live page: its images, the surface with its triangles, and the profile along a line.
 
-from dataclasses import dataclass, replace
+A `ReadingView` belongs to one reading. What it draws is drawn when a viewer first asks for it, and once for all viewers.
+"""
 
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cached_property
+from typing import Any, TypeVar, cast
+
+import cv2
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Float, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.force.brightness_channels import compute_image_deformation, render_deformation
+from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.measures import ShapeSummary, summarise_shape
+from ninedtact.shape.measures import ContactRule, ShapeSummary, contact_mask
 from ninedtact.shape.surface import point_cloud, triangulate_view
+from ninedtact.simulation.pixel_map import grid_coordinates, sample_periodic
+from ninedtact.simulation.press_simulation import TwinPress
+from ninedtact.studio.skin_fields import SkinTractions, colourise_magnitudes, estimated_tractions, true_tractions
 
 MAX_SURFACE_POINTS = 40_000
 """Number of points that a browser draws smoothly without a graphics card. Measures use the full map, not these points."""
@@ -19,6 +32,42 @@ LIGHT_DIRECTION = np.array([-0.5, 0.35, 0.79], np.float32)
 """Direction towards the light: grazing, from the upper left of the first view, so that shallow relief is visible."""
 SHADE = 0.45
 """Brightness of skin that faces away from the light; level skin keeps its colour."""
+FADED = 0.35
+"""Factor of the brightness of images that are not current."""
+_OUTLINE = (20, 20, 20)
+_JPEG_QUALITY = 85
+
+T = TypeVar("T")
+Image = UInt8[Array, "rows cols 3"]
+
+
+class ImageKind(StrEnum):
+    """An image of the page; the text is the name in its menu."""
+
+    CAMERA = "camera image"
+    GEL_FLOW = "gel flow, red and green"
+    GEL_FLOW_SAFE = "gel flow, orange and blue"
+    HEIGHT = "height"
+    PRESSURE = "pressure"
+    SHEAR = "shear"
+    STICKING = "stick and slip (twin)"
+
+
+class SkinColouring(StrEnum):
+    """What the colours of the surface in 3D show."""
+
+    HEIGHT = "height"
+    PRESSURE = "pressure"
+    SHEAR = "shear"
+    NORMALS = "normals"
+    PLAIN = "plain shaded surface"
+
+
+class TractionSource(StrEnum):
+    """Which pressure and shear are shown."""
+
+    ESTIMATED = "estimated"
+    TRUE = "true (twin)"
 
 
 @dataclass(frozen=True)
@@ -33,14 +82,19 @@ class SkinSurface:
     """Distance of neighbouring points on undeformed skin."""
 
 
-def skin_surface(height: HeightMap, colours_bgr: UInt8[Array, "rows cols 3"]) -> SkinSurface:
-    """Return evenly spaced points of a height map, with their colours in an image of the same size."""
-    every = _row_step(height)
+def skin_surface(height: HeightMap, colours_bgr: Image | None, coarser: int = 1) -> SkinSurface:
+    """Return evenly spaced points of a height map, with their colours in an image of the same size.
+
+    colours_bgr: None colours by the direction of the outward normal: red along x, green along y, blue outwards.
+    coarser: factor by which neighbouring points are farther apart than in the finest surface.
+    """
+    every = _row_step(height) * coarser
     cloud, seen = point_cloud(height, every), height.in_view[::every, ::every]
-    colours = colours_bgr[::every, ::every][seen][:, ::-1]
-    return SkinSurface(
-        cloud.points_mm, _shade_colours(colours, cloud.normals), triangulate_view(seen), every * height.mm_per_px
-    )
+    if colours_bgr is None:
+        colours = np.clip(cloud.normals * 127.5 + 127.5, 0, 255).astype(np.uint8)
+    else:
+        colours = _shade_colours(colours_bgr[::every, ::every][seen][:, ::-1], cloud.normals)
+    return SkinSurface(cloud.points_mm, colours, triangulate_view(seen), every * height.mm_per_px)
 
 
 def _row_step(height: HeightMap) -> int:
@@ -55,43 +109,201 @@ def _shade_colours(colours: UInt8[Array, "n 3"], normals: Float32[Array, "n 3"])
     return np.clip(colours * brightness[:, None], 0, 255).astype(np.uint8)
 
 
-FADED = 0.35
-"""Factor of the brightness of images that are not current."""
+@dataclass(frozen=True)
+class HeightProfile:
+    """Heights along a straight line on the skin."""
+
+    distance_mm: Float[Array, " n"]
+    """Distance from the first end."""
+    height_mm: Float[Array, " n"]
+    """Height of the skin from the image; not a number out of view."""
+    true_mm: Float[Array, " n"] | None
+    """Height of the simulated skin; None for a sensor that is no twin."""
+    points_mm: Float[Array, "n 3"]
+
+
+PROFILE_POINTS = 200
 
 
 @dataclass(frozen=True)
 class ReadingView:
-    """The images, the surface and the summary of one reading."""
+    """The images, the surface and the measures of one reading, with what the twin knows of the same moment."""
 
     reading: Reading
-    image: UInt8[Array, "raw_rows raw_cols 3"]
-    """The camera image in BGR, unchanged."""
-    heights: UInt8[Array, "rows cols 3"]
-    """The heights as a false-colour image in BGR."""
-    surface: SkinSurface
-    summary: ShapeSummary
+    scale: ColourScale
+    press: TwinPress | None = None
+    """The object and the contact of the twin; None for a sensor that is no twin, or where it is no longer known."""
     is_past: bool = False
     """Whether the view is dimmed because it is not current."""
+    _drawn: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
+    """Everything that has been drawn, by what it is."""
+
+    @property
+    def summary(self) -> ShapeSummary:
+        """The measures of the shape."""
+        return self.reading.summary
 
     def dimmed_copy(self) -> "ReadingView":
         """Return the view with dimmed colours, which mark it as not current."""
-        if self.is_past:
-            return self
-        surface = replace(self.surface, colours=_darken(self.surface.colours))
-        return replace(self, image=_darken(self.image), heights=_darken(self.heights), surface=surface, is_past=True)
+        return self if self.is_past else replace(self, is_past=True, _drawn={})
+
+    def bright_copy(self) -> "ReadingView":
+        """Return the view in full brightness."""
+        return replace(self, is_past=False, _drawn={}) if self.is_past else self
+
+    def image(self, kind: ImageKind, with_outline: bool = False, source: TractionSource = TractionSource.TRUE) -> Image:
+        """Return an image in BGR; where something is not known, the image is grey."""
+        return self._draw(("image", kind, with_outline, source), lambda: self._draw_image(kind, with_outline, source))
+
+    def jpeg(self, kind: ImageKind, with_outline: bool = False, source: TractionSource = TractionSource.TRUE) -> bytes:
+        """Return an image as JPEG, which is encoded once for all viewers."""
+        options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+        encode: Callable[[], bytes] = lambda: cv2.imencode(  # noqa: E731
+            ".jpg", self.image(kind, with_outline, source), options
+        )[1].tobytes()
+        return self._draw(("jpeg", kind, with_outline, source), encode)
+
+    def scale_end_mpa(self, kind: ImageKind, source: TractionSource) -> float | None:
+        """Return the pressure or shear at the end of the colours; None for other images and where nothing is known."""
+        tractions = self.tractions(source)
+        if tractions is None or kind not in (ImageKind.PRESSURE, ImageKind.SHEAR):
+            return None
+        return self._coloured_field(kind, tractions, source)[1]
+
+    def tractions(self, source: TractionSource) -> SkinTractions | None:
+        """Return pressure and shear of the twin or of the estimate; None where they are not known."""
+        if source is TractionSource.TRUE:
+            press = self.press
+            return None if press is None else self._draw("true", lambda: true_tractions(press, self.reading.height))
+        traction = None if self.reading.force is None else self.reading.force.traction
+        if traction is None:
+            return None
+        return self._draw("estimated", lambda: estimated_tractions(traction, self.reading.height))
+
+    def surface(self, colouring: SkinColouring, coarser: int, source: TractionSource) -> SkinSurface:
+        """Return the surface in these colours."""
+        return self._draw(
+            ("surface", colouring, coarser, source), lambda: self._draw_surface(colouring, coarser, source)
+        )
+
+    @cached_property
+    def contact_outlines_px(self) -> list[Int32[Array, "n 1 2"]]:
+        """The edges of the contact, as columns and rows of the height map."""
+        mask = contact_mask(self.reading.height, ContactRule()).astype(np.uint8)
+        return [
+            np.asarray(line, np.int32) for line in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+        ]
+
+    def outline_mm(self) -> Float32[Array, "n 2 3"]:
+        """Return the edges of the contact as pieces of line on the skin."""
+        height = self.reading.height
+        x, y = height.axes_mm
+        pieces = []
+        for line in self.contact_outlines_px:
+            cols, rows = line[:, 0, 0], line[:, 0, 1]
+            z_mm = height.z_mm[rows, cols]
+            stretch = 1 + z_mm / height.camera_distance_mm
+            points = np.stack([x[cols] * stretch, y[rows] * stretch, z_mm + np.float32(0.05)], axis=-1)
+            pieces.append(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
+        return np.concatenate(pieces).astype(np.float32) if pieces else np.zeros((1, 2, 3), np.float32)
+
+    def profile(self, start_mm: tuple[float, float], end_mm: tuple[float, float]) -> HeightProfile:
+        """Return the heights along a line between two positions on the skin."""
+        part = np.linspace(0, 1, PROFILE_POINTS)
+        x, y = (a + part * (b - a) for a, b in zip(start_mm, end_mm, strict=True))
+        z_mm = _heights_at(self.reading.height, x, y)
+        true_mm = None if self.press is None else _true_heights_at(self.press, x, y)
+        points = np.stack([x, y, np.nan_to_num(z_mm) + 0.05], axis=-1)
+        return HeightProfile(part * float(np.hypot(x[-1] - x[0], y[-1] - y[0])), z_mm, true_mm, points)
+
+    def _draw(self, key: Any, draw: Callable[[], T]) -> T:
+        """Return what was drawn under a key, drawn now if it was not."""
+        if key not in self._drawn:
+            self._drawn[key] = draw()
+        return cast(T, self._drawn[key])
+
+    def _draw_image(self, kind: ImageKind, with_outline: bool, source: TractionSource) -> Image:
+        height = self.reading.height
+        image = self._full_image(kind, source)
+        if with_outline and kind is not ImageKind.CAMERA:
+            size = height.z_mm.shape[::-1]
+            if image.shape[1::-1] != size:
+                image = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
+            colour = (255, 255, 255) if kind in (ImageKind.GEL_FLOW, ImageKind.GEL_FLOW_SAFE) else _OUTLINE
+            image = cv2.polylines(image.copy(), self.contact_outlines_px, True, colour, 1, cv2.LINE_AA)
+        return _darken(image) if self.is_past else image
+
+    def _full_image(self, kind: ImageKind, source: TractionSource) -> Image:
+        """Return an image in full brightness, without the edge of the contact."""
+        if kind is ImageKind.CAMERA:
+            return self.reading.frame.image
+        if kind is ImageKind.HEIGHT:
+            return colourise_heights(self.reading.height, self.scale)
+        tractions = self.tractions(TractionSource.TRUE if kind is ImageKind.STICKING else source)
+        if kind in (ImageKind.GEL_FLOW, ImageKind.GEL_FLOW_SAFE) and self.reading.reference is not None:
+            flow = render_deformation(compute_image_deformation(self.reading.rectified, self.reading.reference))
+            return flow if kind is ImageKind.GEL_FLOW else _to_orange_and_blue(flow)
+        if tractions is not None and kind is ImageKind.STICKING:
+            return tractions.sticking_image()
+        if tractions is not None and kind in (ImageKind.PRESSURE, ImageKind.SHEAR):
+            return self._coloured_field(kind, tractions, source)[0]
+        return np.full((*self.reading.height.z_mm.shape, 3), 90, np.uint8)
+
+    def _coloured_field(self, kind: ImageKind, tractions: SkinTractions, source: TractionSource) -> tuple[Image, float]:
+        """Return pressure or shear in colours, and the end of their scale in MPa."""
+        values = tractions.pressure_mpa if kind is ImageKind.PRESSURE else tractions.shear_magnitude_mpa
+        return self._draw(("field", kind, source), lambda: colourise_magnitudes(values))
+
+    def _draw_surface(self, colouring: SkinColouring, coarser: int, source: TractionSource) -> SkinSurface:
+        height = self.reading.height
+        image: Image | None = None
+        if colouring is not SkinColouring.NORMALS:
+            kinds = {SkinColouring.PRESSURE: ImageKind.PRESSURE, SkinColouring.SHEAR: ImageKind.SHEAR}
+            image = self._full_image(kinds.get(colouring, ImageKind.HEIGHT), source)
+            if image.shape[:2] != height.z_mm.shape:
+                image = np.asarray(cv2.resize(image, height.z_mm.shape[::-1], interpolation=cv2.INTER_LINEAR), np.uint8)
+        surface = skin_surface(height, image, coarser)
+        return replace(surface, colours=_darken(surface.colours)) if self.is_past else surface
 
 
-def render_reading(reading: Reading, scale: ColourScale) -> ReadingView:
+def render_reading(reading: Reading, scale: ColourScale, press: TwinPress | None = None) -> ReadingView:
     """Return the view of a reading, with heights in the colours of `scale`."""
-    heights = colourise_heights(reading.height, scale)
-    surface, summary = skin_surface(reading.height, heights), summarise_shape(reading.height)
-    return ReadingView(reading, reading.frame.image, heights, surface, summary)
+    return ReadingView(reading, scale, press)
 
 
 def session_colour_scale(curve: DepthCurve) -> ColourScale:
-    """Return the colour scale of a session, which spans the whole calibrated range."""
-    deepest_mm = max(round(curve.max_indentation_mm, 1), 0.1)
-    return ColourScale(deepest_mm, max(curve.bulge_mm[-1], deepest_mm / 4))
+    """Return the colour scale of a session, symmetric about zero, which spans the whole calibrated range."""
+    deepest_mm = max(round(curve.max_indentation_mm, 1), 0.1, round(curve.bulge_mm[-1], 1) if curve.bulge_mm else 0.0)
+    return ColourScale(deepest_mm, deepest_mm)
+
+
+def _heights_at(height: HeightMap, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Return the heights of the skin at positions: pixels are lines of sight, which are followed to where they meet the skin."""
+    (rows, cols), z_mm = height.z_mm.shape, np.zeros(len(x_mm))
+    inside = np.zeros(len(x_mm), bool)
+    for _ in range(3):  # a line of sight is displaced by a few per cent, so that it converges at once
+        stretch = 1 + z_mm / height.camera_distance_mm
+        col = (x_mm / stretch / height.mm_per_px + (cols - 1) / 2).astype(np.float32)[None]
+        row = (y_mm / stretch / height.mm_per_px + (rows - 1) / 2).astype(np.float32)[None]
+        z_mm = cv2.remap(height.z_mm, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)
+        seen = cv2.remap(height.in_view.astype(np.float32), col, row, cv2.INTER_LINEAR, borderValue=0)
+        inside = seen[0] > 0.999
+    return np.where(inside, z_mm, np.nan)
+
+
+def _true_heights_at(press: TwinPress, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Return the heights of the simulated skin at positions."""
+    contact = press.contact
+    at = grid_coordinates(
+        contact.skin.grid, contact.centre_mm, x_mm[None].astype(np.float32), y_mm[None].astype(np.float32)
+    )
+    return np.asarray(sample_periodic(to_numpy(contact.height_mm).astype(np.float32), *at)[0], float)
+
+
+def _to_orange_and_blue(flow_bgr: Image) -> Image:
+    """Return a gel-flow image whose darker parts are orange and whose brighter parts are blue."""
+    red, green = flow_bgr[..., 2], flow_bgr[..., 1]
+    return np.asarray(cv2.merge([green, cv2.addWeighted(red, 0.6, green, 0.45, 0), red]), np.uint8)
 
 
 def _darken(colours: UInt8[Array, "*shape 3"]) -> UInt8[Array, "*shape 3"]:

@@ -1,20 +1,24 @@
-"""The 3D scene of the live page: the skin, true to scale, on its block of gel with a mm scale, and the wrench on it.
+"""The 3D scene of one viewer: the skin, true to scale, on its block of gel with a mm scale, and the wrench on it.
 
-A wrench is drawn as an arrow where its force passes through the skin, and as an arc for the torque about z there.
+A wrench is drawn as an arrow where its force passes through the skin, and as an arc for the torque about z there. Tractions are
+arrows, the contact has an outline, and the object of a twin is drawn over the skin where it is at that moment.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, UInt32
 from numpy import ndarray as Array
-from viser import ArrowsHandle, LabelHandle, LineSegmentsHandle, MeshHandle, PointCloudHandle, ViserServer
+from viser import ArrowsHandle, LabelHandle, LineSegmentsHandle, MeshHandle, PointCloudHandle, SceneApi, ViserServer
+from viser.transforms import SO3
 
 from ninedtact.design import Gel
+from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import Wrench
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.displayed_reading import DisplayOptions
+from ninedtact.shape.surface import triangulate_view
+from ninedtact.simulation.press_simulation import TwinPress
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
 
 Point = tuple[float, float, float]
@@ -108,11 +112,11 @@ SHAFT_MM, HEAD_MM, HEAD_LONG_MM = 0.22, 0.55, 1.2
 class _WrenchArrows:
     """One wrench in the scene; the head of the arrow is where the force passes through the undeformed skin."""
 
-    def __init__(self, server: ViserServer, name: str) -> None:
-        self._force = _add_arrow(server, f"/{name}/force", FORCE)
-        self._twist = _add_arrow(server, f"/{name}/twist", TWIST)
+    def __init__(self, scene: SceneApi, name: str) -> None:
+        self._force = _add_arrow(scene, f"/{name}/force", FORCE)
+        self._twist = _add_arrow(scene, f"/{name}/twist", TWIST)
         whole = np.zeros((ARC_PIECES, 2, 3), np.float32)
-        self._arc = server.scene.add_line_segments(
+        self._arc = scene.add_line_segments(
             f"/{name}/arc", whole, TWIST, thickness=4.0, thickness_units="screen", visible=False
         )
 
@@ -131,9 +135,9 @@ class _WrenchArrows:
         self._arc.visible = self._twist.visible = abs(turn_deg) > LEAST_ARC_DEG
 
 
-def _add_arrow(server: ViserServer, name: str, colour: tuple[int, int, int]) -> ArrowsHandle:
+def _add_arrow(scene: SceneApi, name: str, colour: tuple[int, int, int]) -> ArrowsHandle:
     """Add one arrow, initially hidden."""
-    return server.scene.add_arrows(
+    return scene.add_arrows(
         name,
         np.zeros((1, 2, 3), np.float32),
         colour,
@@ -168,52 +172,125 @@ def torque_arc_points_mm(place_mm: Float64[Array, "3"], turn_deg: float) -> Floa
 GEL, PAST = (150, 172, 196), (110, 114, 118)
 """Colours of the surface while it is current, and while it is not current."""
 EDGES, FLOOR = (120, 128, 138), (205, 210, 216)
+OUTLINE, PROFILE, TRACTION, OBJECT = (20, 20, 20), (204, 121, 167), (0, 114, 178), (90, 90, 90)
+"""Colours of lines and arrows on the skin, and of the object; from the palette of Okabe and Ito."""
 FIELD_OF_VIEW_RAD = 0.72
 POINT_OVERLAP = 1.3
 """Ratio of point size to spacing, so that steep skin has no gaps."""
 
 
 class SkinScene:
-    """Draws the skin, the gel block and a wrench in a viser server."""
+    """Draws the skin, the gel block, the wrench, tractions and the object in the scene of one viewer."""
 
-    def __init__(self, server: ViserServer, block: GelBlock) -> None:
-        _place_camera(server, block)
-        _add_lights(server)
+    def __init__(self, scene: SceneApi, block: GelBlock) -> None:
         empty, level = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint32)
-        self._mesh: MeshHandle = server.scene.add_mesh_simple("/skin/surface", empty, level, color=GEL, side="double")
-        self._points: PointCloudHandle = server.scene.add_point_cloud(
+        self._mesh: MeshHandle = scene.add_mesh_simple("/skin/surface", empty, level, color=GEL, side="double")
+        self._points: PointCloudHandle = scene.add_point_cloud(
             "/skin/points", empty, GEL, point_shape="square", point_shading="flat"
         )
-        self._lines = [
-            server.scene.add_line_segments(f"/gel/{name}", lines, colour, thickness=1.5, thickness_units="screen")
+        self._block = [
+            scene.add_line_segments(f"/gel/{name}", lines, colour, thickness=1.5, thickness_units="screen")
             for name, lines, colour in (("floor", block.floor_mm, FLOOR), ("edges", block.edges_mm, EDGES))
         ]
-        self._marks = [(mark, _add_label(server, number, mark.text)) for number, mark in enumerate(block.marks())]
-        self._arrows = _WrenchArrows(server, "wrench")
-        self._set_exaggeration(1.0)
+        nothing = np.zeros((1, 2, 3), np.float32)
+        self._outline, self._profile = (
+            scene.add_line_segments(
+                f"/skin/{name}", nothing, colour, thickness=3.0, thickness_units="screen", visible=False
+            )
+            for name, colour in (("outline", OUTLINE), ("profile", PROFILE))
+        )
+        self._tractions = scene.add_arrows(
+            "/skin/tractions", nothing, TRACTION, shaft_radius=0.06, head_radius=0.16, head_length=0.4, visible=False
+        )
+        self._marks = [(mark, _add_label(scene, number, mark.text)) for number, mark in enumerate(block.marks())]
+        self._wrench = _WrenchArrows(scene, "wrench")
+        self._object: MeshHandle = scene.add_mesh_simple("/object", empty, level, visible=False)
+        self._indenter: Indenter | None = None
+        self._scene, self._exaggeration = scene, 0.0
+        self.exaggerate(1.0)
 
     def show_wrench(self, wrench: Wrench | None) -> None:
         """Draw the wrench; vertical exaggeration does not apply to forces."""
-        self._arrows.show(wrench)
+        self._wrench.show(wrench)
 
-    def show(self, surface: SkinSurface, options: DisplayOptions, is_past: bool) -> None:
-        """Draw one surface with the display options."""
-        if options.as_points:
+    def show_surface(self, surface: SkinSurface, as_points: bool, is_past: bool) -> None:
+        """Draw one surface, as coloured points or as a smooth surface in the colour of silicone."""
+        if as_points:
             self._points.points, self._points.colors = surface.points_mm, surface.colours
-            self._points.point_size = surface.spacing_mm * POINT_OVERLAP / np.cbrt(options.exaggeration)
+            self._points.point_size = surface.spacing_mm * POINT_OVERLAP / np.cbrt(self._exaggeration)
         else:
             self._mesh.vertices, self._mesh.faces = surface.points_mm, surface.faces.astype(np.uint32)
             self._mesh.color = PAST if is_past else GEL
-        self._points.visible, self._mesh.visible = options.as_points, not options.as_points
-        self._set_exaggeration(options.exaggeration)
+        self._points.visible, self._mesh.visible = as_points, not as_points
 
-    def _set_exaggeration(self, exaggeration: float) -> None:
-        stretched: list[MeshHandle | PointCloudHandle | LineSegmentsHandle] = [self._mesh, self._points, *self._lines]
+    def show_lines(self, outline_mm: Float32[Array, "n 2 3"] | None, profile_mm: Float64[Array, "n 3"] | None) -> None:
+        """Draw the edge of the contact and the line of the profile; None hides them."""
+        pieces = None if profile_mm is None else np.stack([profile_mm[:-1], profile_mm[1:]], axis=1).astype(np.float32)
+        for lines, points in ((self._outline, outline_mm), (self._profile, pieces)):
+            if points is not None:
+                lines.points = points
+            lines.visible = points is not None
+
+    def show_tractions(self, arrows_mm: Float32[Array, "n 2 3"] | None) -> None:
+        """Draw tractions as arrows; None or no arrows hides them."""
+        if arrows_mm is not None and len(arrows_mm):
+            self._tractions.points = arrows_mm
+        self._tractions.visible = arrows_mm is not None and len(arrows_mm) > 0
+
+    def show_object(self, press: TwinPress | None) -> None:
+        """Draw the object of a twin where it is; it is hidden while heights are exaggerated, because it is rigid."""
+        if press is None or self._exaggeration != 1.0:
+            self._object.visible = False
+            return
+        if press.indenter is not self._indenter:
+            self._indenter = press.indenter
+            vertices, faces = object_underside(press.indenter)
+            self._object = self._scene.add_mesh_simple(
+                "/object", vertices, faces, color=OBJECT, wireframe=True, opacity=0.35, side="double"
+            )
+        self._object.position = tuple(press.contact.pose.origin_mm.tolist())
+        self._object.wxyz = SO3.from_matrix(np.asarray(press.contact.pose.rotation)).wxyz
+        self._object.visible = True
+
+    def exaggerate(self, exaggeration: float) -> None:
+        """Enlarge heights by a factor."""
+        if exaggeration == self._exaggeration:
+            return
+        self._exaggeration = exaggeration
+        stretched: list[MeshHandle | PointCloudHandle | LineSegmentsHandle | ArrowsHandle] = [
+            self._mesh,
+            self._points,
+            *self._block,
+            self._outline,
+            self._profile,
+            self._tractions,
+        ]
         for node in stretched:
             node.scale = (1.0, 1.0, exaggeration)
         for mark, label in self._marks:
             x, y, z = mark.at_mm
             label.position = (x, y, z * exaggeration)
+
+
+OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.4, 14.0, 3.0
+"""Spacing of the drawn points of an object, half of the drawn square, and the height above its lowest point up to which it is
+drawn."""
+
+
+def object_underside(indenter: Indenter) -> tuple[Float32[Array, "n 3"], UInt32[Array, "m 3"]]:
+    """Return the lowest part of the underside of an object as vertices in mm in its own frame, and triangles."""
+    axis = np.arange(-OBJECT_HALF_MM, OBJECT_HALF_MM + OBJECT_PITCH_MM, OBJECT_PITCH_MM)
+    x, y = np.meshgrid(axis, axis)
+    z = np.asarray(indenter.underside_mm(x, y))
+    drawn = z < OBJECT_HEIGHT_MM
+    vertices = np.stack([x[drawn], y[drawn], z[drawn]], axis=-1).astype(np.float32)
+    return vertices, triangulate_view(drawn).astype(np.uint32)
+
+
+def set_up_view(server: ViserServer, block: GelBlock) -> None:
+    """Place camera and lights for all viewers."""
+    _place_camera(server, block)
+    _add_lights(server)
 
 
 def _place_camera(server: ViserServer, block: GelBlock) -> None:
@@ -236,6 +313,6 @@ def _add_lights(server: ViserServer) -> None:
     )
 
 
-def _add_label(server: ViserServer, number: int, text: str) -> LabelHandle:
+def _add_label(scene: SceneApi, number: int, text: str) -> LabelHandle:
     """Add one text at an edge."""
-    return server.scene.add_label(f"/gel/mark_{number}", text, font_screen_scale=0.8, anchor="center-center")
+    return scene.add_label(f"/gel/mark_{number}", text, font_screen_scale=0.8, anchor="center-center")

@@ -123,7 +123,7 @@ class SensorPoller:
         self._reading: Reading | None = None
         self._history, self._delivered, self._read = _IndentationHistory(), RateMeter(), RateMeter()
         self._lock = Lock()
-        self._closing, self._reference_wanted = Event(), Event()
+        self._closing, self._reference_wanted, self._changed = Event(), Event(), Event()
         self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
 
     def snapshot(self, now_ns: int) -> SensorSnapshot:
@@ -139,6 +139,11 @@ class SensorPoller:
                 self._history.until(until_ns),
                 self._trouble,
             )
+
+    def wait_for_change(self, timeout_s: float) -> None:
+        """Wait for the next reading or state, or until the time is over; for one waiting thread."""
+        self._changed.wait(timeout_s)
+        self._changed.clear()
 
     def take_reference(self) -> None:
         """Make the next images the reference. Returns at once; the sensor thread retries until it succeeds."""
@@ -199,6 +204,7 @@ class SensorPoller:
             self._delivered.tick(arrived_ns, reading.frame.index)
             self._read.tick(arrived_ns, self.sensor.frames_read)
             self._history.add(arrived_ns, deepest_mm)
+        self._changed.set()
 
     def _after(self, end: SourceEnded) -> tuple[SensorPhase, BaseException | None]:
         if self._reading is not None:
@@ -212,3 +218,4 @@ class SensorPoller:
     def _note(self, phase: SensorPhase, trouble: BaseException | None) -> None:
         with self._lock:
             self._phase, self._trouble = phase, trouble
+        self._changed.set()

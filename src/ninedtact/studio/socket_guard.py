@@ -52,8 +52,8 @@ class InvalidAllowedOrigin(InputError):
 class SocketLimits:
     """What one server accepts."""
 
-    message_bytes: int = 64 * 1024
-    """Largest message of a client. The page takes no uploads; a message of its controls has some 200 bytes."""
+    message_bytes: int = 600 * 1024
+    """Largest message of a client: one part of an uploaded file. A message of the page's controls has some 200 bytes."""
     messages_per_s: int = 500
     """Messages, pings and fragments per second above which a client is disconnected; a moved mouse makes 50."""
     clients: int = 32

@@ -1,12 +1,14 @@
 """The guard of viser's web server: which messages it gets, and the one place where it starts.
 
-viser 1.1 accepts requests from every website, messages of 50 MB, uploads, and a request to publish the page on the internet; a
-message that it cannot decode ends in a traceback. It offers no hook, but its server starts with one call of `websockets.serve`,
-which `start_guarded_viser` replaces by `SocketGuard.serve`. It also corrects an error of viser with many clients.
+viser 1.1 accepts requests from every website, messages of 50 MB, uploads of any size, and a request to publish the page on the
+internet; a message that it cannot decode ends in a traceback. It offers no hook, but its server starts with one call of
+`websockets.serve`, which `start_guarded_viser` replaces by `SocketGuard.serve`. It also corrects an error of viser with many
+clients, and keeps one upload of each client at a time.
 """
 
 import asyncio
 import logging
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import wraps
@@ -35,12 +37,21 @@ class UnknownPageServer(MissingLibraryError):
 _Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 _ShortText = Annotated[str, msgspec.Meta(max_length=200)]
 _Vector = tuple[_Number, _Number, _Number]
+_Pair = Annotated[list[_Number], msgspec.Meta(min_length=2, max_length=2)]
+"""A list, because msgspec mistakes the limits of numbers in a union with a tuple of fixed length."""
+_Quaternion = tuple[_Number, _Number, _Number, _Number]
+MAX_UPLOAD_BYTES = 16_000_000
+PART_BYTES = 512 * 1024
+"""Size of the parts in which viser's page sends a file."""
+_UploadSize = Annotated[int, msgspec.Meta(ge=0, le=MAX_UPLOAD_BYTES)]
+_PartNumber = Annotated[int, msgspec.Meta(ge=0, le=MAX_UPLOAD_BYTES // PART_BYTES + 1)]
+_Part = Annotated[bytes, msgspec.Meta(max_length=PART_BYTES)]
 
 
 class _CameraMessage(msgspec.Struct, tag_field="type", tag="ViewerCameraMessage", forbid_unknown_fields=True):
     """The pose of a browser's view, which viser's page sends."""
 
-    wxyz: tuple[_Number, _Number, _Number, _Number]
+    wxyz: _Quaternion
     position: _Vector
     fov: _Number
     near: _Number
@@ -52,19 +63,94 @@ class _CameraMessage(msgspec.Struct, tag_field="type", tag="ViewerCameraMessage"
 
 
 class _ControlMessage(msgspec.Struct, tag_field="type", tag="GuiUpdateMessage", forbid_unknown_fields=True):
-    """The new value of a button, a choice or a slider. viser would set any other attribute of it too."""
+    """The new value of a button, a choice, a slider or a pair of numbers. viser would set any other attribute of it too."""
 
     uuid: _ShortText
-    updates: Annotated[dict[Literal["value"], bool | _Number | _ShortText], msgspec.Meta(min_length=1)]
+    updates: Annotated[dict[Literal["value"], bool | _Number | _ShortText | _Pair], msgspec.Meta(min_length=1)]
 
 
-_PAGE_MESSAGES = msgspec.msgpack.Decoder(_CameraMessage | _ControlMessage)
+class _CommandMessage(msgspec.Struct, tag_field="type", tag="CommandTriggerMessage", forbid_unknown_fields=True):
+    """A key that stands for a command, or a command that was chosen."""
+
+    uuid: _ShortText
+
+
+class _ClickMessage(msgspec.Struct, tag_field="type", tag="ScenePointerMessage", forbid_unknown_fields=True):
+    """A click on the scene in 3D."""
+
+    event_type: Literal["click"]
+    ray_origin: _Vector
+    ray_direction: _Vector
+    screen_pos: Annotated[list[tuple[_Number, _Number]], msgspec.Meta(max_length=2)]
+    modifier: _ShortText | None
+
+
+class _HandleMessage(
+    msgspec.Struct, tag_field="type", tag="TransformControlsUpdateMessage", forbid_unknown_fields=True
+):
+    """The pose of the 3D handle."""
+
+    name: _ShortText
+    wxyz: _Quaternion
+    position: _Vector
+    owner: _ShortText = ""
+
+
+class _HandleStartMessage(
+    msgspec.Struct, tag_field="type", tag="TransformControlsDragStartMessage", forbid_unknown_fields=True
+):
+    """The 3D handle is grasped."""
+
+    name: _ShortText
+    owner: _ShortText = ""
+
+
+class _HandleEndMessage(
+    msgspec.Struct, tag_field="type", tag="TransformControlsDragEndMessage", forbid_unknown_fields=True
+):
+    """The 3D handle is let go."""
+
+    name: _ShortText
+    owner: _ShortText = ""
+
+
+class _UploadMessage(msgspec.Struct, tag_field="type", tag="FileTransferStartUpload", forbid_unknown_fields=True):
+    """A file will follow in parts."""
+
+    source_component_uuid: _ShortText
+    transfer_uuid: _ShortText
+    filename: _ShortText
+    mime_type: _ShortText
+    part_count: _PartNumber
+    size_bytes: _UploadSize
+
+
+class _PartMessage(msgspec.Struct, tag_field="type", tag="FileTransferPart", forbid_unknown_fields=True):
+    """One part of a file."""
+
+    source_component_uuid: _ShortText
+    transfer_uuid: _ShortText
+    part_index: _PartNumber
+    content: _Part
+
+
+_PAGE_MESSAGES = msgspec.msgpack.Decoder(
+    _CameraMessage
+    | _ControlMessage
+    | _CommandMessage
+    | _ClickMessage
+    | _HandleMessage
+    | _HandleStartMessage
+    | _HandleEndMessage
+    | _UploadMessage
+    | _PartMessage
+)
 
 
 def is_page_message(message: str | bytes) -> bool:
     """Return whether a message is one that the controls of the page send.
 
-    viser has more, which the page has no use for: uploads, and a request to publish the page on the internet.
+    viser has more, which the page has no use for, such as a request to publish the page on the internet.
     """
     try:
         _PAGE_MESSAGES.decode(message if isinstance(message, bytes) else b"")
@@ -80,6 +166,8 @@ def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) ->
     """Start viser under a guard, without the banner that it prints; raises `UnknownPageServer`."""
     require_known_viser()
     _wake_clients_in_event_loop()
+    _keep_one_upload_of_each_client()
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)  # a viewer that has just left
     ports = []
 
     def guarded_serve(handler: Any, host: str, port: int, **options: Any) -> serve:
@@ -141,6 +229,21 @@ def _wake_clients_in_event_loop() -> None:
         self.message_event = _LoopEvent(event_loop)
 
     message_buffer.__init__ = initialise_with_loop_event
+
+
+def _keep_one_upload_of_each_client() -> None:
+    """Let viser forget an unfinished upload when the same client begins another, so that a client costs one file of memory."""
+    gui_api: Any = import_module("viser._gui_api").GuiApi
+    start = gui_api._handle_file_transfer_start
+    if hasattr(start, "__wrapped__"):
+        return
+
+    @wraps(start)
+    def start_alone(self: Any, client_id: Any, message: Any) -> None:
+        self._drop_uploads_from_client(client_id)
+        start(self, client_id, message)
+
+    gui_api._handle_file_transfer_start = start_alone
 
 
 def require_known_viser() -> None:

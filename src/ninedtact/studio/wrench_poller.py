@@ -6,7 +6,9 @@ answers comes with its readings. Both fill a `WrenchHistory`, which the page rea
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from threading import Event, Lock, Thread
 from types import TracebackType
 
@@ -44,14 +46,22 @@ class WrenchSnapshot:
     """What the wrench is, and where it comes from."""
     sample: WrenchSample | None
     """The sample at the time of the shown reading; None before the first."""
-    history: Float64[Array, "13 n"]
-    """Seconds before now (negative); the six components in N and N·m; their six standard deviations."""
+    samples: tuple[tuple[int, WrenchSample], ...]
+    """The last seconds: stamps in ns, and samples."""
+    now_ns: int
+    """Time of the snapshot."""
     trouble: BaseException | None = None
     """Why no more wrenches will arrive."""
     notices: tuple[str, ...] = ()
     """Sentences that hold for every wrench of the source."""
     states_errors: bool = False
     """Whether the source states standard deviations."""
+
+    @cached_property
+    def history(self) -> Float64[Array, "13 n"]:
+        """Seconds before now (negative); the six components in N and N·m; their six standard deviations."""
+        rows = [((at - self.now_ns) / NS_PER_S, *sample.wrench.six, *sample.std) for at, sample in self.samples]
+        return np.array(rows, float).reshape(-1, 13).T
 
 
 class WrenchHistory:
@@ -83,11 +93,10 @@ class WrenchHistory:
     def snapshot(self, at_ns: int | None, now_ns: int) -> WrenchSnapshot:
         """Return the sample nearest to a time (None: the newest) and the last seconds."""
         with self._lock:
-            samples = list(self._samples)
-        rows = [((at - now_ns) / NS_PER_S, *sample.wrench.six, *sample.std) for at, sample in samples]
-        history = np.array(rows, float).reshape(-1, 13).T
+            samples = tuple(self._samples)
         sample = _nearest_sample(samples, at_ns)
-        return WrenchSnapshot(self.name, self.meaning, sample, history, self.trouble, self.notices, self.states_errors)
+        state = (self.trouble, self.notices, self.states_errors)
+        return WrenchSnapshot(self.name, self.meaning, sample, samples, now_ns, *state)
 
 
 class WrenchPoller:
@@ -123,7 +132,7 @@ class WrenchPoller:
                 self.history.trouble = trouble
 
 
-def _nearest_sample(samples: list[tuple[int, WrenchSample]], at_ns: int | None) -> WrenchSample | None:
+def _nearest_sample(samples: Sequence[tuple[int, WrenchSample]], at_ns: int | None) -> WrenchSample | None:
     """Return the sample nearest to a time, or the last one without a time."""
     if not samples:
         return None

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
@@ -17,8 +16,10 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+from ninedtact.checked_reading import CHECKSUM_KEY, read_text_file, values_checksum
 from ninedtact.dataset.calibrated_readings import CalibratedSensor, SensorCalibrationMissing
-from ninedtact.dataset.folder import SENSORS_FILE, DatasetFolder
+from ninedtact.dataset.folder import SENSORS_FILE, DatasetFolder, read_dataset_settings
+from ninedtact.dataset.parquet_files import DatasetDamaged
 from ninedtact.errors import NinedtactError
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
@@ -42,11 +43,20 @@ class DatasetSensors:
 
 
 def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
-    """Read the simulated sensors of a data set by name; a data set of real sensors has none."""
-    if not (data / SENSORS_FILE).is_file():
+    """Read the simulated sensors of a data set by name; a data set of real sensors has none. Raises `DatasetDamaged`."""
+    path = data / SENSORS_FILE
+    if not path.exists() and "objects_seed" not in read_dataset_settings(data):
         return {}
-    tables: list[dict[str, Any]] = json.loads((data / SENSORS_FILE).read_text())
-    return {table["name"]: sampled_sensor_from_json(table) for table in tables}
+    try:
+        tables = json.loads(read_text_file(path))
+        changed = [table["name"] for table in tables if table.get(CHECKSUM_KEY) not in (None, values_checksum(table))]
+        if changed:
+            raise ValueError(f"other parameters of {changed[0]} than its checksum")
+        return {table["name"]: sampled_sensor_from_json(table) for table in tables}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, NinedtactError) as trouble:
+        raise DatasetDamaged(
+            f"expected the simulated sensors in {path} as they were written, got: {trouble}; copy the whole data set again"
+        ) from trouble
 
 
 def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progress: bool) -> DatasetSensors:

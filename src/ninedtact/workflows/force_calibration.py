@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
-from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.image_and_video_files import ImageList
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
@@ -53,7 +53,7 @@ class ForceCalibration:
 
 
 def calibrate_force(
-    sensor_folder: Path,
+    folder: SensorFolder,
     reference: Sequence[Path],
     presses: Sequence[tuple[Path, float]],
     force: str = PHYSICS,
@@ -68,11 +68,10 @@ def calibrate_force(
         raise NothingToCalibrate(
             f"expected an estimator to calibrate, got --force {NONE}; name {CORRECTED}, {PHYSICS} or a force model"
         )
-    folder = load_sensor(sensor_folder)
     estimator = load_unscaled_estimator(force, folder)
     estimated = list(_estimate_presses(estimator, folder, reference, presses))
     fit = fit_force_scale(estimated)
-    file = write_force_scale(sensor_folder, estimator.name, fit.adaptation) if save else None
+    file = write_force_scale(folder.path, estimator.name, fit.adaptation) if save else None
     return ForceCalibration(estimator.name, fit, estimated, file)
 
 

@@ -1,5 +1,7 @@
 """Around every device: what is refused, the tare, the mount, and a device's clock beside ours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,10 +14,12 @@ from ninedtact.capture.force_torque.mounted_wrench_source import (
     WrenchPipelineSettings,
     build_wrench_source,
 )
+from ninedtact.capture.force_torque.netft import _N_PER_UNIT, _NM_PER_UNIT, ONROBOT, _parse_host
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
-from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareRefused, TareSettings
+from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareRefused, TareSettings, ZeroDrift, compute_tare
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import (
+    ForceTorqueAddressUnknown,
     WrenchFaulty,
     WrenchFrozen,
     WrenchJumped,
@@ -24,6 +28,7 @@ from ninedtact.capture.wrench_source import (
     WrenchSource,
 )
 from ninedtact.design import DesignImpossible, ForceTorqueMount
+from ninedtact.quantities import Wrench
 
 ZERO = np.zeros(6)
 BIAS = np.array([0.3, -0.2, -1.0, 0.01, -0.02, 0.005])
@@ -190,3 +195,46 @@ def test_numbers_that_never_arrived_are_counted_over_the_wrap() -> None:
     numbering = SampleCounter(16)
     assert [numbering.count_missing(number) for number in (65_533, 65_534, 2, 3, 0, 1)] == [0, 0, 3, 0, 0, 0]
     assert WrenchFrozen.__mro__[1] is WrenchJumped.__mro__[1] is WrenchSampleRejected
+
+
+@pytest.mark.parametrize(("repeats", "frozen"), [(4, False), (5, True)])
+def test_five_repeats_are_a_frozen_reading_of_a_slow_device(repeats: int, frozen: bool) -> None:
+    told = heard(CheckedWrenchSource(Played([BIAS, *[BIAS] * repeats], 100.0)))
+    assert told == ["."] * (repeats + 1 - frozen) + ["WrenchFrozen"] * frozen
+
+
+def test_counts_and_units_of_the_network_are_newtons_and_newton_metres() -> None:
+    assert _parse_host("netft:robot.local") == ("robot.local", 49152) != _parse_host("netft:robot.local:65535")
+    for wrong in ("netft:", "netft:a:0", "netft:a:65536", "netft:a b"):
+        with pytest.raises(ForceTorqueAddressUnknown):
+            _parse_host(wrong)
+    pound_n, inch_m = 0.45359237 * 9.80665, 0.0254
+    assert [_N_PER_UNIT[unit] for unit in ("N", "kN", "lbf", "klbf", "kgf")] == pytest.approx(
+        [1, 1e3, pound_n, 1e3 * pound_n, 9.80665]
+    )
+    assert [_NM_PER_UNIT[unit] for unit in ("N-m", "N-mm", "kN-m", "lbf-in", "lbf-ft", "kgf-cm")] == pytest.approx(
+        [1, 1e-3, 1e3, pound_n * inch_m, pound_n * 12 * inch_m, 0.0980665]
+    )
+    assert (ONROBOT.counts.per_n, ONROBOT.counts.per_nm) == (10_000, 100_000)
+
+
+def test_a_tare_bears_what_noise_explains_and_nothing_more() -> None:
+    """Means of quarters may differ by the limit; of a force of 0.05 N without noise."""
+    still = TareSettings(least_samples=8)
+    steps = [Wrench(np.array([0.0, 0, 0.001 * n]), np.zeros(3), stamp_ns=n * MS) for n in range(40)]
+    slow = compute_tare(steps, still)
+    assert slow.mean[2] == pytest.approx(0.0195) and slow.seconds == pytest.approx(0.039) and slow.samples == 40
+    assert slow.deviation[2] == pytest.approx(np.std(np.arange(40) * 0.001, ddof=1)) and slow.stamp_ns == 39 * MS
+    twice = [replace(each, force_n=2 * each.force_n) for each in steps]
+    with pytest.raises(TareRefused, match=r"moved by \(0\.000, 0\.000, 0\.060\) N"):
+        compute_tare(twice, still)
+    bent = [replace(each, torque_nm=0.08 * each.force_n) for each in steps]
+    with pytest.raises(TareRefused, match=r"\(0\.0, 0\.0, 2\.4\) N·mm"):
+        compute_tare(bent, still)
+
+
+def test_the_zero_has_drifted_beyond_its_limit_and_three_deviations() -> None:
+    drift = ZeroDrift(np.array([0, 0, 0.129, 0, 0, 0]), np.array([0.01] * 3 + [1e-4] * 3), 120.0, 0.1, 0.005)
+    assert not drift.exceeds_limit and "in 2 min" in drift.sentence
+    assert replace(drift, six=np.array([0, 0, -0.131, 0, 0, 0])).exceeds_limit
+    assert replace(drift, six=np.array([0, 0, 0, 0.0054, 0, 0])).exceeds_limit

@@ -236,6 +236,9 @@ def test_processes_of_one_training_open_its_folder_at_once(tmp_path: Path) -> No
             list(ranks.map(fitting._open_training_folder, [out] * 8, [{"name": "one"}] * 8))
         with pytest.raises(TrainingFolderTaken, match="another name"):
             fitting._open_training_folder(out, {"name": "other"})
+        (out / "settings.json").write_text("[1]")
+        with pytest.raises(TrainingFolderTaken, match="another name"):
+            fitting._open_training_folder(out, {"name": "one"})
 
 
 def test_wrenches_at_one_modulus() -> None:

@@ -24,7 +24,7 @@ from ninedtact.calibration.board.detection import (
     make_board_not_found_error,
 )
 from ninedtact.calibration.board.lattice import lattice_size, pin_positions_mm
-from ninedtact.calibration.board.lens_fit import LensFit, fit_lens
+from ninedtact.calibration.board.lens_fit import LensCorrectionFit, LensFit, fit_lens, fit_lens_correction
 from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, measure_pins
 from ninedtact.calibration.brightness import (
     BgrImage,
@@ -36,7 +36,7 @@ from ninedtact.calibration.brightness import (
 )
 from ninedtact.design import PinBoard
 from ninedtact.errors import InputError
-from ninedtact.shape.lens import LensModel, PinMap, Points, central_mm_per_px
+from ninedtact.shape.lens import CorrectedLens, LensModel, PinMap, Points, Projection, central_mm_per_px
 from ninedtact.shape.rectification import CameraRotation
 
 MAX_MISSING_FRACTION = 0.10
@@ -64,11 +64,23 @@ class BoardFit:
     change: Float32[Array, "rows cols"]
     refined: LensModel | None = None
     """A lens that was fitted to the whole image, not to the imprints' centres alone (`calibration.lens_refinement`)."""
+    correction: LensCorrectionFit | None = None
+    """A smooth correction on top of the lens, where it predicts left-out pins better."""
 
     @property
     def lens(self) -> LensModel:
         """Return the lens of the fit, the refined one where there is one."""
         return self.lens_fit.lens if self.refined is None else self.refined
+
+    @property
+    def projection(self) -> Projection:
+        """Return the lens with its correction, where it has one."""
+        return self.lens if self.correction is None else CorrectedLens(self.lens, self.correction.correction)
+
+    @property
+    def leave_one_out_errors_mm(self) -> Points:
+        """Return, for every found pin, its position as predicted from all others, minus its true position, in mm on the skin."""
+        return (self.lens_fit if self.correction is None else self.correction).leave_one_out_errors_mm
 
     @property
     def missing_pins(self) -> list[str]:
@@ -109,7 +121,10 @@ def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, 
         fit = fit_lens(points_mm[found], points_px[found], fit.lens)
         strays[np.flatnonzero(found)[find_stray_pins(fit, board)]] = True
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
-    return BoardFit(board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
+    correction = fit_lens_correction(fit, board.pitch_mm)
+    return BoardFit(
+        board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change, correction=correction
+    )
 
 
 def _require_enough_pins(

@@ -91,8 +91,9 @@ at 0.03 mm light touches of 0.15 mm are not detected.
 
 
 def check_certificate(certificate: Certificate) -> list[CheckResult]:
-    """Return every check, beginning with the board's."""
-    return [*_check_board(certificate.board), *_check_ball(certificate.ball)]
+    """Return every check, beginning with the board's; those of a press that was not made are left out."""
+    board, ball = certificate.board, certificate.ball
+    return [*([] if board is None else _check_board(board)), *([] if ball is None else _check_ball(ball))]
 
 
 def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
@@ -133,6 +134,13 @@ def certificate_headline(certificate: Certificate) -> str:
         )
     if level == "poor":
         return f"Calibrate again before you rely on this sensor. {_count_in_words(lines, 'warn')}; the lines below say what to do."
+    if certificate.ball is None:
+        checks = (
+            f"All {len(lines)} checks passed"
+            if all(line.level == "pass" for line in lines)
+            else _count_in_words(lines, "warn")
+        )
+        return f"This sensor rectifies images. {checks}; heights and force need a press of the ball, see the warnings below."
     if all(line.level == "pass" for line in lines):
         return f"This sensor can be used with care. All {len(lines)} checks passed, but read the warnings below."
     return f"This sensor can be used with care. {_count_in_words(lines, 'warn')}; the lines below say what to do."
@@ -160,7 +168,7 @@ def _check_board(board: BoardQuality) -> list[CheckResult]:
         _make_check_result(
             LEAVE_ONE_OUT_RMS_MM.level(board.leave_one_out_rms_mm),
             f"Lens: a pin left out of the fit is predicted to {board.leave_one_out_rms_mm:.3f} mm RMS "
-            f"(expected: at most {LEAVE_ONE_OUT_RMS_MM.good:g} mm)",
+            f"{_correction_in_words(board)}(expected: at most {LEAVE_ONE_OUT_RMS_MM.good:g} mm)",
             "focus the camera on the skin, and press the board evenly",
         ),
         _make_check_result(
@@ -235,6 +243,14 @@ def _relative_contact_radius(ball: BallQuality) -> float:
 def _make_check_result(level: CheckLevel, fact: str, advice: str) -> CheckResult:
     """Return a check with the fact alone where it passes, and with the advice otherwise."""
     return CheckResult(level, f"{fact}." if level == "pass" else f"{fact}. To do: {advice}, and calibrate again.")
+
+
+def _correction_in_words(board: BoardQuality) -> str:
+    """Return that a smooth correction on top of the lens model is used, and the error without it, or an empty text."""
+    before_mm = board.uncorrected_rms_mm
+    return (
+        "" if before_mm is None else f"with a smooth correction on top of the lens model, {before_mm:.3f} mm without "
+    )
 
 
 def _missing_pins_in_words(board: BoardQuality) -> str:

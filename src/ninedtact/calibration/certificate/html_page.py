@@ -19,9 +19,8 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, SensorRecord
 from ninedtact.design import SensorDesign
 
-IMAGES = {
-    "detection": plot_pin_detection,
-    "left_out": plot_leave_one_out_errors,
+BOARD_IMAGES = {"detection": plot_pin_detection, "left_out": plot_leave_one_out_errors}
+BALL_IMAGES = {
     "disc": plot_contact_disc,
     "curve": plot_depth_curve,
     "residual": plot_ball_residual,
@@ -72,15 +71,19 @@ def _without_meaning(rows: Rows) -> list[tuple[str, str, str]]:
 
 def _plot_certificate_images(calibration: Calibration) -> dict[str, bytes]:
     """Return every image of the page as PNG; those of the twin where there is one."""
-    images = {name: draw(calibration) for name, draw in IMAGES.items()}
-    physical = calibration.ball.physical
-    if physical is not None:
-        images |= {"rest": plot_twin_residual(physical.fit), "profile": plot_radial_profile(physical.fit)}
+    board, ball = calibration.board_fit, calibration.ball_fit
+    draws = {**({} if board is None else BOARD_IMAGES), **({} if ball is None else BALL_IMAGES)}
+    images = {name: draw(calibration) for name, draw in draws.items()}
+    if ball is not None and ball.physical is not None:
+        fit = ball.physical.fit
+        images |= {"rest": plot_twin_residual(fit), "profile": plot_radial_profile(fit)}
     return images
 
 
-def _board_table_rows(board: BoardQuality) -> Rows:
+def _board_table_rows(board: BoardQuality | None) -> Rows:
     """Return the figures of the camera calibration, named and with their units."""
+    if board is None:
+        return [("lens", "imported from the original project, not tested by pins")]
     return [
         ("pins found", f"{board.pins_found} of {board.pins_expected}"),
         ("left-out error, RMS", f"{board.leave_one_out_rms_mm:.3f} mm"),
@@ -89,9 +92,17 @@ def _board_table_rows(board: BoardQuality) -> Rows:
         ("scale", f"{board.mm_per_px:.5f} ± {board.mm_per_px_std:.5f} mm per pixel"),
         ("imprint of a pin (median)", f"{board.contrast_grey_levels:.1f} grey levels"),
         ("noise of a raw pixel", f"{board.noise_grey_levels:.2f} grey levels"),
-        ("lens", LENS_MODEL_TEXT[board.lens]),
+        ("lens", _lens_in_words(board)),
         ("sensor's x axis, from the image's", f"{board.camera_rotation_deg}° clockwise"),
     ]
+
+
+def _lens_in_words(board: BoardQuality) -> str:
+    """Return the kind of the lens, and whether a smooth correction is used on top of it."""
+    words, before_mm = LENS_MODEL_TEXT[board.lens], board.uncorrected_rms_mm
+    if before_mm is None:
+        return words
+    return f"{words}, and a smooth correction, without which the left-out error is {before_mm:.3f} mm"
 
 
 def _published_error_in_words(board: BoardQuality) -> str:
@@ -116,8 +127,10 @@ def _view_table_rows(record: SensorRecord) -> Rows:
     ]
 
 
-def _ball_table_rows(ball: BallQuality) -> Rows:
-    """Return the figures of the depth calibration, named and with their units."""
+def _ball_table_rows(ball: BallQuality | None) -> Rows:
+    """Return the figures of the depth calibration, named and with their units; nothing where no ball was pressed."""
+    if ball is None:
+        return []
     return [
         ("range", f"0 to {ball.range_mm:.2f} mm"),
         ("ball read back, mean absolute error", f"{ball.reconstruction_mae_mm:.3f} mm"),

@@ -126,7 +126,7 @@ def _leave_one_out_errors_mm(calibration: Calibration) -> Points:
     """Return the leave-one-out errors of the lens that the calibration uses."""
     board = calibration.board
     if not isinstance(calibration.record.lens, PinMapTable):
-        return board.lens_fit.leave_one_out_errors_mm
+        return board.leave_one_out_errors_mm
     seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
     return np.array([_leave_one_out_error_mm(seen_mm, centres_px, pin) for pin in range(len(seen_mm))])
 

@@ -223,7 +223,6 @@ def _position_in_words(mark: SkinMark) -> str:
 
 
 _DISQUALIFYING: frozenset[DriftDiagnosis] = frozenset(("something touches the gel", "another sensor's gel"))
-_CALIBRATION_REFERENCES = frozenset(("board_reference", "ball_reference"))
 
 
 class ReferenceImplausible(InputError):
@@ -291,5 +290,6 @@ def load_reference_check(folder: SensorFolder) -> ReferenceCheck:
 
     Raises `SensorFolderDamaged`.
     """
-    has_images = folder.record.images.keys() >= _CALIBRATION_REFERENCES
+    needed = {"ball_reference"} if folder.is_imported else {"board_reference", "ball_reference"}
+    has_images = needed <= folder.record.images.keys()
     return ReferenceCheck(folder.id, load_calibrated_reference(folder) if has_images else None)

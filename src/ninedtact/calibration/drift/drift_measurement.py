@@ -102,10 +102,13 @@ class DriftMeasurement:
 
 
 def load_calibrated_reference(sensor: SensorFolder) -> CalibratedReference:
-    """Load the reference images; raises `SensorFolderDamaged`, also for an imported sensor, which has no images."""
-    lens_image = sensor.stored_image("board_reference").image
+    """Load the reference images. A sensor whose lens was imported has only that of the ball.
+
+    Raises `SensorFolderDamaged`, also for an imported sensor without images, and `DepthNotCalibrated`.
+    """
     depth_image = sensor.stored_image("ball_reference").image
-    return CalibratedReference(lens_image, depth_image, sensor.rectification, sensor.record.depth.curve)
+    lens_image = depth_image if sensor.is_imported else sensor.stored_image("board_reference").image
+    return CalibratedReference(lens_image, depth_image, sensor.rectification, sensor.depth.curve)
 
 
 def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasurement:

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from tokenize import TokenError
 
 import numpy as np
 from jaxtyping import Float, Float32, Int32, Shaped
@@ -23,6 +22,7 @@ from numpy import ndarray as Array
 from scipy.optimize import isotonic_regression
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import FileFormatError
 
@@ -70,7 +70,7 @@ def _load_npy(path: Path) -> object:
         )
     try:
         return np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError) as trouble:
+    except NPY_READ_ERRORS as trouble:
         raise _make_damaged_file_error(
             path, "a whole .npy file without Python objects", _first_line(trouble)
         ) from trouble

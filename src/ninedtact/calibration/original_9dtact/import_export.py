@@ -80,7 +80,7 @@ def _depth_list_from_curve(sensor: SensorFolder) -> Float[Array, " levels"]:
     A ratio is converted to grey levels at the mean brightness of the sensor's own reference image. Where the image is brighter or
     darker than that, the list's depths are wrong in the same way as those of the original's own lists.
     """
-    curve = sensor.record.depth.curve
+    curve = sensor.depth.curve
     brightness = 1.0 if curve.signal == "difference" else _mean_reference_grey(sensor)
     last = min(int(np.ceil(curve.darkening[-1] * brightness)), LAST_LEVEL)
     return np.interp(np.arange(last + 1) / brightness, curve.darkening, curve.indentation_mm)

@@ -7,7 +7,7 @@ from the residual itself, and the design's gel thickness is added as one more ob
 observation has no weight.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
 
@@ -20,6 +20,7 @@ from ninedtact.calibration.ball.contact_circle import ContactCircle
 from ninedtact.calibration.twin.ball_press_model import (
     FIT_PARAMETERS,
     PARAMETER_NAMES,
+    ROUGH_PATCH,
     BallPressModel,
     ObservedBallPress,
     ParameterVector,
@@ -246,7 +247,7 @@ def fit_twin(
     middle_mm = _pixel_to_skin_mm(before, circle.centre_px)
     forward = BallPressModel(ObservedBallPress(before, after, middle_mm), design)
     if near is None:
-        near = _fit_roughly(forward, _initial_guess(forward, circle))
+        near = _fit_roughly(replace(forward, patch=ROUGH_PATCH), _initial_guess(forward, circle))
     points = effective_observation_count(forward.observed.image(forward.fit_linear_terms(near)[1]))
     found = _fit_finely(forward, near, _make_prior_terms(forward, near, points, beliefs))
     slopes, rest = forward.fit_linear_terms(found.vector)

@@ -156,6 +156,8 @@ class ObservedBallPress:
 
 PATCH = PeriodicGrid(128, 128, 0.2)
 """Square of 25.6 mm around the contact; the deformation beyond is negligible."""
+ROUGH_PATCH = PeriodicGrid(64, 64, 0.4)
+"""The same square at a quarter of the points, for the search from a distant start."""
 FRICTION = 1.0
 """Coefficient of friction of silicone on a clean surface; between 0.5 and 1 the fit hardly changes."""
 PRESS_STEP_MM, DRAG_STEP_MM = 0.5, 0.35
@@ -188,6 +190,7 @@ class BallPressModel:
 
     observed: ObservedBallPress
     design: SensorDesign
+    patch: PeriodicGrid = PATCH
 
     @cached_property
     def contacts(self) -> dict[tuple[float, tuple[Pose, ...]], Contact]:
@@ -201,7 +204,9 @@ class BallPressModel:
     def _contact_after(self, thickness_mm: float, way: tuple[Pose, ...]) -> Contact:
         """Return the contact after the ball took this way from the undeformed skin on."""
         if (thickness_mm, way) not in self.contacts:
-            model = ContactModel(_gel_of_unit_modulus(thickness_mm, self.design.gel.poisson_ratio), FRICTION, EFFORT)
+            model = ContactModel(
+                _gel_of_unit_modulus(self.patch, thickness_mm, self.design.gel.poisson_ratio), FRICTION, EFFORT
+            )
             last = self._contact_after(thickness_mm, way[:-1]) if len(way) > 1 else model.initial_contact()
             if len(self.contacts) >= KEPT_CONTACTS:
                 self.contacts.pop(next(iter(self.contacts)))
@@ -212,8 +217,8 @@ class BallPressModel:
         """Return the coefficients of level, dark slope and bright slope in the brightness at each observed point."""
         named = dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True))
         seen = self.seen_mm(named)
-        diffuse = blur_and_refine_fields(PATCH, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
-        at = grid_coordinates(PATCH, self.observed.middle_mm, *self.observed.points_mm, REFINEMENT)
+        diffuse = blur_and_refine_fields(self.patch, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
+        at = grid_coordinates(self.patch, self.observed.middle_mm, *self.observed.points_mm, REFINEMENT)
         dark, bright = (sample_periodic(field, *at) for field in diffuse)
         return np.column_stack([np.ones(dark.size), dark.ravel(), bright.ravel()])
 
@@ -222,10 +227,10 @@ class BallPressModel:
         height = np.asarray(self.contact(ball_press_of(named)).height_mm, np.float32)
         x, y = (
             np.ascontiguousarray(axis + middle, np.float32)
-            for axis, middle in zip(PATCH.positions_mm, self.observed.middle_mm, strict=True)
+            for axis, middle in zip(self.patch.positions_mm, self.observed.middle_mm, strict=True)
         )
         return SightlineGrid(x, y, named["inverse_distance_per_mm"]).height_mm(
-            PATCH, (named["x_mm"], named["y_mm"]), height
+            self.patch, (named["x_mm"], named["y_mm"]), height
         )
 
     def laws(
@@ -249,9 +254,9 @@ def ball_press_of(named: dict[str, float]) -> _BallPress:
 
 
 @lru_cache(maxsize=64)
-def _gel_of_unit_modulus(thickness_mm: float, poisson_ratio: float) -> Skin:
+def _gel_of_unit_modulus(patch: PeriodicGrid, thickness_mm: float, poisson_ratio: float) -> Skin:
     """Return gel of this thickness with a shear modulus of one."""
     from ninedtact.design import Gel
 
     gel = replace(Gel(), thickness_mm=thickness_mm, shear_modulus_mpa=1.0, poisson_ratio=poisson_ratio)
-    return Skin(PATCH, lambda wave_number: bonded_layer_compliance(wave_number, gel), np.zeros((), np.float32))
+    return Skin(patch, lambda wave_number: bonded_layer_compliance(wave_number, gel), np.zeros((), np.float32))

@@ -44,6 +44,8 @@ MOST_UNLIKE = 0.2
 """Largest relative difference of the scattering under pins and under the ball (real boards so far 0.5, simulated ones
 up to 0.1).
 """
+HOPELESSLY_UNLIKE = 2 * MOST_UNLIKE
+"""Difference of the scattering after the first fit, on a coarse grid, above which a fine grid could not make it acceptable."""
 LENS_TERMS = 3
 """Number of radial terms; a whole image determines more of them than 63 pins do."""
 START = BoardPressParameters(0.8, 0.0, 0.0, 0.495, 0.03, 0.5)
@@ -64,7 +66,7 @@ NEAR = np.array([2e-2, 5e-3, 5e-3, 3e-3, np.inf, np.inf])
 ROUGH_POINTS_PER_PITCH = 10
 """Points per pitch of the pins of the contact grid on which the first fit is made, at a quarter of the cost."""
 ROUGH_ROUNDS, FINE_ROUNDS, NEWTON = 12, 5, 2
-FEWER = 7
+FEWER = 14
 """Every how many observed points one is used to fit the lens to the displaced points."""
 GRADIENT_MM = 0.05
 UNIT_MM, LIGHT_TERMS = 10.0, 3
@@ -87,12 +89,22 @@ class BoardPressFit:
     ball_scattering_mm: float
     """Scattering as fitted to the ball image."""
     settled: bool
+    by_contact: Float[Array, "2 n"]
+    """Derivative of the predicted brightness by depth and by Poisson's ratio in the last iteration."""
+
+    @property
+    def scattering_difference(self) -> float:
+        """Relative difference of the scattering under pins and under the ball."""
+        return abs(self.press.point_spread_mm / self.ball_scattering_mm - 1)
 
     @property
     def accepted(self) -> bool:
         """Whether the board image agrees with the twin's prediction, so that the fit is used."""
-        like_ball = abs(self.press.point_spread_mm / self.ball_scattering_mm - 1) <= MOST_UNLIKE
-        return self.settled and like_ball and self.rest_grey <= WORST_REST * self.contrast_grey_levels
+        return (
+            self.settled
+            and self.scattering_difference <= MOST_UNLIKE
+            and self.rest_grey <= WORST_REST * self.contrast_grey_levels
+        )
 
     @property
     def beliefs(self) -> tuple[ParameterPrior, ...]:
@@ -123,9 +135,14 @@ class _BoardPressSolver:
     forward: BoardPressModel
     rectified_through: LensModel
 
-    def solve(self, press: BoardPressParameters, lens: LensModel, rounds: int) -> BoardPressFit:
-        """Solve from a start by Gauss–Newton in at most this many rounds; the result states whether it converged."""
-        settled, pixels, kept = False, self.rectified_through.to_px(self.observed.points_mm), None
+    def solve(
+        self, press: BoardPressParameters, lens: LensModel, rounds: int, kept: Float[Array, "2 n"] | None = None
+    ) -> BoardPressFit:
+        """Solve from a start by Gauss–Newton in at most this many rounds; the result states whether it converged.
+
+        kept: the derivatives of the contact by depth and Poisson's ratio at a press near the start, where they are known.
+        """
+        settled, pixels = False, self.rectified_through.to_px(self.observed.points_mm)
         at_mm = _invert_lens_projection(lens, pixels, self.observed.points_mm)
         for _ in range(rounds):
             moves = _lens_displacement_modes(lens, at_mm)
@@ -156,7 +173,7 @@ class _BoardPressSolver:
         told = BoardPressParameters(*np.sqrt(np.maximum(np.diag(covariance), 0))[: len(LARGEST)].tolist())
         rest, contrast = float(np.sqrt(np.mean(step.rest**2))), float(np.median(self.observed.board.contrast))
         like_mm = self.forward.fit.light.point_spread_mm
-        return BoardPressFit(press, told, lens, points, rest, contrast, like_mm, settled)
+        return BoardPressFit(press, told, lens, points, rest, contrast, like_mm, settled, step.by_contact)
 
     def step(
         self,
@@ -199,7 +216,7 @@ class _BoardPressSolver:
 def _lens_displacement_modes(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
     """Return how the places that pixels see move with a lens, in mm: independent modes, each scaled to a millimetre (RMS)."""
     moves = np.linalg.solve(lens.px_per_mm(at_mm), lens.px_per_parameter(at_mm))
-    ways, _, _ = np.linalg.svd(moves.reshape(2 * len(at_mm), -1), full_matrices=False)
+    ways, _ = np.linalg.qr(moves.reshape(2 * len(at_mm), -1))
     return ways.reshape(moves.shape) * np.sqrt(len(at_mm))
 
 
@@ -220,17 +237,20 @@ def _invert_lens_projection(lens: LensModel, pixels: Points, near_mm: Points) ->
 def fit_board_press(observed: ObservedBoardPress, fit: TwinFit, last: BoardPressFit | None = None) -> BoardPressFit:
     """Fit the board image, rectified through its lens, with the twin from the ball press.
 
-    last: an earlier fit to start from. Without one, a fit with a coarse contact grid is the start.
+    last: an earlier fit to start from. Without one, a fit with a coarse contact grid is the start, and the result where it
+    disagrees with the twin by far.
     """
     board = observed.board
     lens = with_radial_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
     fine = BoardPressModel(fit, board.board)
-    if last is None:
-        rough = _BoardPressSolver(observed, replace(fine, points_per_pitch=ROUGH_POINTS_PER_PITCH), lens)
-        last = rough.solve(START, lens, ROUGH_ROUNDS)
-    else:
-        last = replace(last, lens=lens)  # through which the images were rectified this time
-    return _BoardPressSolver(observed, fine, lens).solve(last.press, last.lens, FINE_ROUNDS)
+    solver = _BoardPressSolver(observed, fine, lens)
+    if last is not None:  # `lens` is the one through which the images were rectified this time
+        return solver.solve(last.press, lens, FINE_ROUNDS)
+    rough = replace(solver, forward=replace(fine, points_per_pitch=ROUGH_POINTS_PER_PITCH))
+    start = rough.solve(START, lens, ROUGH_ROUNDS)
+    if start.scattering_difference > HOPELESSLY_UNLIKE:
+        return start
+    return solver.solve(start.press, start.lens, FINE_ROUNDS, start.by_contact)
 
 
 def _brightness_gradient(drawn: PredictedBoardImage, at_mm: Points) -> Float[Array, "n 2"]:

@@ -1,12 +1,24 @@
 """The digital twin of a calibrated sensor: gel, light, lens, reference image and noise from its own calibration images. In: a
-sensor folder. Out: a `Twin` for simulation, from `build_sensor_twin`.
+sensor folder. Out: a `Twin` for simulation, from `build_sensor_twin`; `make_twin_table` makes the folder's table of it from the
+fits.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from ninedtact.calibration.brightness import BgrImage
+from ninedtact.calibration.original_9dtact.folder_format import OUT_OF_VIEW_PX
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.calibration.sensor_toml_schema import (
+    BoardPressTable,
+    FittedParameterTable,
+    TwinFitQuality,
+    TwinTable,
+)
+from ninedtact.calibration.twin.ball_press_fit import ParameterUncertainty, TwinFit
+from ninedtact.calibration.twin.lens_refinement import BoardPressFit
 from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
@@ -29,7 +41,7 @@ def build_sensor_twin(folder: SensorFolder) -> Twin:
     table = folder.record.twin
     if table is None:
         raise TwinMissing(
-            f"expected {folder.path} to hold a twin, got a sensor without one; run ninedtact simulate fit --sensor {folder.path}"
+            f"expected {folder.path} to hold a twin, got a sensor without one; run: {folder.completion_command}"
         )
     untouched = folder.stored_image("ball_reference").image
     return build_twin(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
@@ -54,6 +66,61 @@ def _invert_rectification(rectify: Rectification) -> PixelMap:
     shape, every = rectify.source_px.shape[:2], np.s_[::EVERY_PX, ::EVERY_PX]
     place = np.column_stack([axis[every].ravel() for axis in skin_grid_mm(shape, rectify.mm_per_px)])
     source = rectify.source_px[every].reshape(-1, 2).astype(float)
-    unit_px = max(rectify.raw_shape) / 2
-    backwards = RBFInterpolator(source / unit_px, place, kernel="cubic", degree=2)
+    unit_px, known = max(rectify.raw_shape) / 2, (source != OUT_OF_VIEW_PX).any(axis=1)
+    backwards = RBFInterpolator(source[known] / unit_px, place[known], kernel="cubic", degree=2)
     return interpolate_pixel_map(backwards(coarse_pixel_grid(rectify.raw_shape) / unit_px), rectify.raw_shape)
+
+
+def make_twin_table(fit: TwinFit, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
+    """Return the twin from the ball press, and from the board where its image agrees with the prediction."""
+    return TwinTable(
+        fitted_gel(fit),
+        fit.light,
+        noise_grey_levels,
+        _twin_fit_quality(fit),
+        None if told is None else _board_press_table(told, fit),
+    )
+
+
+def fitted_gel(fit: TwinFit) -> Gel:
+    """Return the design's gel with the fitted thickness."""
+    return replace(fit.forward.design.gel, thickness_mm=fit.parameters["thickness_mm"])
+
+
+def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
+    """Return how the twin was fitted, and how well it explains the press."""
+    sure = fit.confidence
+    return TwinFitQuality(
+        radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
+        image_rmse_grey_levels=fit.image_rmse_grey_levels,
+        depth_mm=fit.parameters["depth_mm"],
+        drag_mm=fit.drag_mm,
+        effective_observations=sure.points,
+        duration_s=fit.seconds,
+        parameters={
+            name: FittedParameterTable(value, sure.deviation.get(name), *_strongest_correlation(sure, name))
+            for name, value in fit.parameters.items()
+        },
+    )
+
+
+def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
+    """Return the fit to the board image. The depth of the imprints is as uncertain as that of the ball, on which the brightness
+    model rests.
+    """
+    depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.parameters["depth_mm"]
+    return BoardPressTable(
+        accepted=told.accepted,
+        depth_mm=depth_mm,
+        depth_std_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
+        inverse_distance_per_mm=told.press.inverse_distance_per_mm,
+        inverse_distance_std_per_mm=told.deviation.inverse_distance_per_mm,
+        point_spread_mm=told.press.point_spread_mm,
+        residual_rms_grey_levels=told.rest_grey,
+        contrast_grey_levels=told.contrast_grey_levels,
+    )
+
+
+def _strongest_correlation(sure: ParameterUncertainty, name: str) -> tuple[str | None, float | None]:
+    """Return the parameter with which a searched parameter is most correlated, and their correlation."""
+    return sure.closest(name) if name in sure.deviation else (None, None)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_notice, print_notices, print_result
+from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice, print_result
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 
@@ -51,24 +51,23 @@ class Estimate:
     """Print the wrenches as one JSON object; errors are null where nothing is estimated."""
 
     def run(self) -> int:
-        """Estimate every image; return 1 where a video or recording was damaged, after the result of what could be read.
+        """Estimate every image; return 1 where a video or recording was damaged or a camera lost, after what could be read.
 
         Nothing is written where a single image is bad.
         """
+        from ninedtact.capture.frame_source import CameraLost
         from ninedtact.errors import FileFormatError
-        from ninedtact.open_sensor import load_named_sensor
 
-        with load_named_sensor(self.sensor, self.source[0] if self.source else "") as folder:
+        with named_sensor_with_notices(self.sensor, self.source[0] if self.source else "") as folder:
             from ninedtact.force.estimator_loading import load_estimator
 
-            print_notices(folder.notices)
             estimator = load_estimator(self.force, folder)
             found: list[dict[str, Any]] = []
-            damage: FileFormatError | None = None
+            damage: FileFormatError | CameraLost | None = None
             try:
                 for name, reading in self.readings(folder, estimator):
                     found.append(self.row(name, reading))
-            except FileFormatError as error:
+            except (FileFormatError, CameraLost) as error:
                 if self.images_are_separate or not found:
                     raise
                 damage = error

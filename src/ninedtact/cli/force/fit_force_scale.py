@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 
 if TYPE_CHECKING:
     from ninedtact.workflows.force_calibration import ForceCalibration
@@ -38,7 +38,8 @@ class Adapt:
         """Calibrate, and print the error of presses that were left out of the fit."""
         from ninedtact.workflows.force_calibration import calibrate_force
 
-        found = calibrate_force(self.sensor, self.reference, self.press, self.force, save=not self.dry_run)
+        folder = load_sensor_with_notices(self.sensor)
+        found = calibrate_force(folder, self.reference, self.press, self.force, save=not self.dry_run)
         figures = {
             "estimator": found.estimator,
             **asdict(found.fit),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_toml_schema import TwinFitQuality, TwinTable
@@ -29,9 +29,8 @@ class Fit:
         """Fit and save the twin, and print the quality of the fit."""
         from ninedtact.calibration.procedure import repeat_calibration
         from ninedtact.calibration.save import save_sensor
-        from ninedtact.calibration.sensor_folder import load_sensor
 
-        folder = save_sensor(self.sensor, repeat_calibration(load_sensor(self.sensor), "physics"))
+        folder = save_sensor(self.sensor, repeat_calibration(load_sensor_with_notices(self.sensor), "physics"))
         twin = folder.record.twin
         assert twin is not None, "the physics method makes a twin"
         found = {"sensor": str(self.sensor), **msgspec.to_builtins(twin)}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
-from ninedtact.cli.result_and_interrupt import print_notices, print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 from ninedtact.design import SensingArea
 
 if TYPE_CHECKING:
@@ -81,12 +81,9 @@ class Press:
         if self.sensor is None:
             return twin_from_design(read_design_or_default(self.design_file), self.seed)
         require_sensor_or_design(self.sensor, self.design_file)
-        from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 
-        folder = load_sensor(self.sensor)
-        print_notices(folder.notices)
-        return build_sensor_twin(folder)
+        return build_sensor_twin(load_sensor_with_notices(self.sensor))
 
     def write_files(self, indenter: "Indenter", contact: "Contact", found: dict[str, Any]) -> dict[str, str]:
         """Write all files, and return the path of each by its name."""

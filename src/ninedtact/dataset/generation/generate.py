@@ -18,6 +18,7 @@ from warnings import warn
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
 from ninedtact.dataset.card import format_generation_card
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, to_json_bytes
 from ninedtact.dataset.generation.session import GenerationSession, cached_setup, load_object, make_setup
@@ -106,7 +107,8 @@ def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, devic
     begin_dataset_folder(folder, {"device": device, **settings.to_json_dict()})
     if not folder.sensors.is_file():
         sensors = [settings.sensor_parameters(number).to_json_dict() for number in range(settings.sensors)]
-        write_file_atomically(folder.sensors, to_json_bytes(sensors))
+        with_checksums = [{**sensor, CHECKSUM_KEY: values_checksum(sensor)} for sensor in sensors]
+        write_file_atomically(folder.sensors, to_json_bytes(with_checksums))
     if not folder.references.is_file():
         write_reference_file(folder.references, _render_references(settings))
 

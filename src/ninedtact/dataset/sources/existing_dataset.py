@@ -1,13 +1,12 @@
 """An existing data set, built or generated, as a source of pairs; its images are copied byte by byte."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ninedtact.dataset.folder import REFERENCES_FILE, SETTINGS_FILE, find_pair_files
+from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files, read_dataset_settings
 from ninedtact.dataset.parquet_files import iterate_rows, wrench_vector
 from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage, RejectedItem, SourceItem
@@ -105,12 +104,8 @@ class ExistingDatasetSource(Source):
 
     @cached_property
     def _settings(self) -> dict[str, Any]:
-        """The settings in the folder, as far as they can be read."""
-        try:
-            found = json.loads((self.path / SETTINGS_FILE).read_text())
-        except (OSError, ValueError):
-            return {}
-        return found if isinstance(found, dict) else {}
+        """The settings in the folder; raises `DatasetDamaged`."""
+        return read_dataset_settings(self.path)
 
     @property
     def _objects_seed(self) -> int:

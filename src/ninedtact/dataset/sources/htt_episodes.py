@@ -10,15 +10,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tokenize import TokenError
-from zipfile import BadZipFile, ZipExtFile, ZipFile
-from zlib import error as ZlibError
+from zipfile import ZipExtFile, ZipFile
 
 import cv2
 import numpy as np
 from jaxtyping import Float64, Shaped, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, find_source_files, relative_name
@@ -31,22 +30,6 @@ _LIGHT_BELOW_N = 0.3
 _USUAL_ORIGIN_MM = (0.0, 0.0, 0.0)
 _LARGEST_SHORT_ARRAY = 1 << 27
 """Largest size in bytes of any array except the images."""
-_READ_ERRORS = (
-    BadZipFile,
-    ZlibError,
-    NotImplementedError,
-    RuntimeError,
-    ValueError,
-    EOFError,
-    TypeError,
-    OverflowError,
-    SyntaxError,
-    TokenError,
-    MemoryError,
-    KeyError,
-    OSError,
-)
-"""Exceptions that the libraries raise for a damaged archive."""
 
 
 class EpisodeDamaged(FileFormatError):
@@ -114,7 +97,7 @@ class _NpzArchive:
         """Turn what the libraries raise into `EpisodeDamaged`."""
         try:
             yield
-        except _READ_ERRORS as error:
+        except NPY_READ_ERRORS as error:
             reason = (str(error).splitlines() or [type(error).__name__])[0]
             raise self.damage(f"the array {name}", reason) from error
 
@@ -132,7 +115,7 @@ def _open_npz(path: Path) -> Iterator[_NpzArchive]:
     """Yield an open .npz file; raises `EpisodeDamaged`."""
     try:
         opened = ZipFile(path)
-    except _READ_ERRORS as error:
+    except NPY_READ_ERRORS as error:
         raise EpisodeDamaged(
             f"expected an .npz archive in {path}, got something else or half a file ({error}); copy the file again"
         ) from error

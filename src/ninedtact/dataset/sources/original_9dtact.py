@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
-from tokenize import TokenError
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -21,6 +20,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.image_and_video_files import IMAGE_SUFFIXES, natural_sort_key
 from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, SourceUnknown
@@ -149,7 +149,7 @@ def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
     """Return six numbers of a .npy file, finite or not; raises `WrenchFileUnreadable`."""
     try:
         numbers = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError, OSError) as error:
+    except NPY_READ_ERRORS as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise WrenchFileUnreadable(f"expected six numbers in {path}, got: {reason}; copy the file again") from error
     if not isinstance(numbers, np.ndarray) or numbers.dtype.kind not in "iuf" or numbers.size != 6:

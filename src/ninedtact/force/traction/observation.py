@@ -167,7 +167,8 @@ def build_brightness_observation_model(calibrated: CalibratedShape) -> Brightnes
     point-spread."""
     if calibrated.deblurring is None:
         raise TractionImpossible(
-            "expected a calibration that knows how light scatters, got one without; calibrate with the method 'physics'"
+            "expected a calibration that knows how light scatters, got one without; calibrate with the method 'physics', or, "
+            "if it was imported, run 'ninedtact calibrate --from-import' with images of a ball"
         )
     return BrightnessObservationModel(calibrated.curve, calibrated.loss, calibrated.deblurring.point_spread_mm)
 

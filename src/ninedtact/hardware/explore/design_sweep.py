@@ -59,6 +59,10 @@ class DesignSweep:
             yield DesignChoice(basis, gel, shore, area, lens)
 
 
+USUAL_SWEEP = DesignSweep(gel_mm=(1.5, 2.5, 4.0), shore_a=(5.0, 15.0))
+"""The designs that are compared where no value is given: the gel decides most, and needs no other camera."""
+
+
 @dataclass(frozen=True)
 class DesignChoice:
     """One combination applied to a base design; `None` keeps the base design's value."""

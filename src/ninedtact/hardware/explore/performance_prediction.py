@@ -82,7 +82,7 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
         view_radius_mm=lens_reach_mm(design),
         size_mm=sensor.specification.size_mm,
         ratio_mm=sensor.specification.ratio_mm,
-        mass_g=sensor.specification.mass_g,
+        mass_g=sum(body.mass_g for body in sensor.bodies),
         cost_usd=sensor.specification.cost_usd,
     )
 

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 
 from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
+from ninedtact.checked_reading import read_json_table
 from ninedtact.errors import OutputError
 from ninedtact.hardware.assembly_images import render_exploded_view, render_part, render_section, render_sensor
 from ninedtact.hardware.bill_of_materials import bill_to_csv, bill_to_html
@@ -105,10 +106,10 @@ def require_replaceable_parts_folder(out: Path) -> None:
 def _list_exported_files(manifest: Path) -> frozenset[str]:
     """Return the files that an earlier export lists; none if this is not one of our manifests."""
     try:
-        content = json.loads(manifest.read_text(encoding="utf-8"))
+        content = read_json_table(manifest)
     except (OSError, ValueError):
         return frozenset()
-    listed = content.get("files") if isinstance(content, dict) and "variant" in content else None
+    listed = content.get("files") if "variant" in content else None
     return frozenset(map(str, listed)) if isinstance(listed, list) else frozenset()
 
 
@@ -140,7 +141,7 @@ def _folder_files(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
     yield from format_shop_notes(sensor)
     yield from _assembly_files(sensor)
     yield "bom.csv", bill_to_csv(sensor.bill)
-    yield "bom.html", bill_to_html(sensor.design, sensor.bill)
+    yield "bom.html", bill_to_html(sensor.design, sensor.bill, drawn=sensor.parts)
     yield "check.txt", "\n".join(sensor.check_report_lines()).encode()
     yield "check.json", json.dumps(sensor.to_json_dict(), indent=1, ensure_ascii=False).encode()
     yield "design.toml", hardware_design_to_toml(sensor.design).encode()

@@ -63,11 +63,14 @@ class CollectSetup:
     """Set when a lost force/torque sensor is back."""
     wall_minus_monotonic_ns: int | None = None
     """Difference of wall clock and monotonic clock for the stamps of a recording."""
+    on_message: Callable[[str], None] = lambda sentence: None
+    """Receives a sentence about a device that delivers nothing."""
 
     def arrivals(self) -> Generator[MergedArrival, None, None]:
         """Open both sources and yield their images and samples in one stream."""
-        merge = merge_live_streams if self.is_live else merge_recorded_streams
-        return merge(self.camera, self.force_torque)
+        if self.is_live:
+            return merge_live_streams(self.camera, self.force_torque, self.on_message)
+        return merge_recorded_streams(self.camera, self.force_torque)
 
 
 def setup_with_devices(
@@ -86,7 +89,7 @@ def setup_with_devices(
 
     reopened = ReconnectingWrenchSource(force_torque, lambda loss: on_message(f"{loss}; waiting for it"), on_back)
     mounted = MountedWrenchSource(CheckedWrenchSource(reopened, checks), folder.record.design.force_torque)
-    return CollectSetup(camera, mounted, was_away=was_away)
+    return CollectSetup(camera, mounted, was_away=was_away, on_message=on_message)
 
 
 def setup_with_recordings(images: Path, wrenches: Path, checks: SampleCheckSettings) -> CollectSetup:

@@ -38,6 +38,8 @@ LEAST_MM, LARGEST_MM = 1.0, 60.0
 KEPT_MM = 36.0
 """Side of the square of an object that is kept: the diagonal of the sensing area, 30 mm, and a margin for drags."""
 MOST_TRIANGLES = 5_000_000
+MOST_POINTS = 300_000_000
+"""Number of points of the grid, counted once for every triangle whose bounding box holds them; about ten seconds of work."""
 
 
 class MeshUnusable(FileFormatError):
@@ -91,6 +93,7 @@ def _object_from_triangles(
         turned = turned * (placing.fit_mm / max(np.ptp(turned[used, :2], axis=0).max(), 1e-12))
     size = np.ptp(turned[used], axis=0)
     _require_plausible_size(name, size)
+    _require_few_layers(name, turned, faces)
     heights, cropped = _crop_to_middle(rasterize_lowest_mm(turned[faces], PITCH_MM))
     x, y, z = size.tolist()
     return MeshObject(
@@ -136,6 +139,18 @@ def _require_plausible_size(name: str, size_mm: Float[Array, "3"]) -> None:
         )
     if size_mm[:2].min() < PITCH_MM:
         raise MeshUnusable(f"expected {name} to have a face towards the skin, got {got} mm; give another side")
+
+
+def _require_few_layers(name: str, vertices_mm: Vertices, faces: Faces) -> None:
+    """Refuse triangles that cover the grid so many times that they would take minutes."""
+    corners = vertices_mm[faces, :2]
+    points = ((corners.max(axis=1) - corners.min(axis=1)) / PITCH_MM + 2).prod(axis=1).sum()
+    if points > MOST_POINTS:
+        layers = points * PITCH_MM**2 / np.ptp(vertices_mm[np.unique(faces), :2], axis=0).prod()
+        raise MeshUnusable(
+            f"expected a surface mesh of {name}, got triangles that lie upon each other about {layers:.0f} times; simplify it, or "
+            "export the surface alone"
+        )
 
 
 def _is_closed(vertices: Vertices, faces: Faces) -> bool:

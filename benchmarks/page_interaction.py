@@ -1,0 +1,149 @@
+"""How long the page takes from a person's move to the new state of the twin, and how often it is renewed.
+
+A client without a browser, in a process of its own, moves the 3D handle as viser's page does, and waits until a message says that
+the object is at the new depth; images, surface and wrench come with the same message. The sensor is the twin of a real sensor, with
+force by physics, and a second client only watches.
+"""
+
+import multiprocessing
+import statistics
+import struct
+import sys
+import threading
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+import numpy as np
+import tyro
+import viser
+import zstandard
+from figures import Figure, answer, at_most
+from page_clients import CLIENTS, crowd
+from real_images import PRESSES, sensor_folder
+from websockets.sync.client import ClientConnection, connect
+
+from ninedtact import CalibrationImages, SensorFolder, calibrate, read_image
+from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+from ninedtact.cli.live import page_sources_of_twin
+from ninedtact.force.estimator_loading import load_estimator
+from ninedtact.simulation.simulated_sources import demo_sources
+from ninedtact.studio.displayed_reading import PageController
+from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.press_control import PressControl
+from ninedtact.studio.press_panel import HANDLE_LIFT_MM
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.studio.wrench_poller import WrenchHistory
+
+DISPLAY_HZ = 30.0
+DEPTHS_MM = (0.6, 0.75)
+"""Depths between which the handle is moved; one step of the twin takes the object from one to the other."""
+
+
+def texts(message: bytes) -> bytes:
+    """Return the texts and numbers of a message of viser, without its arrays and images."""
+    _, packed = struct.unpack("<QQ", message[:16])
+    return zstandard.ZstdDecompressor().decompressobj().decompress(message[16 : 16 + packed])
+
+
+def move_handle(port: int, moves: int, pipe: Connection) -> None:
+    """Move the handle again and again, and send the time of each move in ms, then the updates per second of the images."""
+    sys.path.append(str(CLIENTS.parent))
+    from reading_clients import CAMERA
+
+    address = f"ws://127.0.0.1:{port}"
+    with connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, max_queue=None) as client:  # type: ignore[list-item]
+        client.send(msgspec.msgpack.encode(CAMERA))
+        owner = pipe.recv()
+        handle = {"type": "TransformControlsUpdateMessage", "name": "/handle", "owner": owner, "wxyz": (1.0, 0, 0, 0)}
+        pause, took_ms = np.random.default_rng(0), []
+        for move in range(moves):
+            depth = DEPTHS_MM[move % 2]
+            sent_s = time.perf_counter()
+            client.send(msgspec.msgpack.encode(handle | {"position": (0.0, 0.0, HANDLE_LIFT_MM - depth)}))
+            wait_for(client, f"{depth:.2f} mm deep".encode())
+            took_ms.append((time.perf_counter() - sent_s) * 1e3)
+            read_for(client, float(pause.uniform(0.2, 0.3)))
+        started_s, updates = time.perf_counter(), read_for(client, 5.0)
+        pipe.send((took_ms, updates / (time.perf_counter() - started_s)))
+
+
+def wait_for(client: ClientConnection, text: bytes) -> None:
+    """Read until a text arrives."""
+    while text not in texts(client.recv()):  # type: ignore[arg-type]
+        pass
+
+
+def read_for(client: ClientConnection, seconds: float) -> int:
+    """Read for a time, and return how many messages had new images."""
+    until_s, count = time.perf_counter() + seconds, 0
+    while (left_s := until_s - time.perf_counter()) > 0:
+        try:
+            count += b"_data" in texts(client.recv(timeout=left_s))  # type: ignore[arg-type]
+        except TimeoutError:
+            break
+    return count
+
+
+def page_interaction(moves: int = 60, json: bool = False) -> None:
+    """Press the twin through the page, and print how long it takes."""
+    with TemporaryDirectory() as path:
+        took_ms, updates_hz, stage_ms = press_through_page(calibrated_sensor("sensor_a", Path(path)), moves)
+    answer("Pressing the twin through the page", figures(took_ms, updates_hz, stage_ms), json)
+
+
+def calibrated_sensor(name: str, path: Path) -> SensorFolder:
+    """A real sensor, calibrated from its images, on disk."""
+    images = {press: read_image(sensor_folder(name) / f"{press}.png") for press in PRESSES}
+    return save_sensor(path / name, calibrate(CalibrationImages(**images), sensor_id=name))
+
+
+def press_through_page(folder: SensorFolder, moves: int) -> tuple[list[float], float, dict[str, float]]:
+    """The ms of each move, the updates per second, and the ms of each stage of the last reading."""
+    sources = demo_sources(build_sensor_twin(folder))
+    sensor, pollers = page_sources_of_twin(folder.shape, sources)
+    sensor.estimator = estimator = load_estimator("physics", folder)
+    estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)
+    control, stop = PressControl(sources.simulation), threading.Event()
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+
+    def keep(reading: object) -> None:
+        estimates.add_estimate(reading.force)  # type: ignore[attr-defined]
+
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as poller, pollers[0]:
+        studio = PageController(
+            poller, Path("out/readings"), [pollers[0].history, estimates], press_at=control.press_at
+        )
+        page = SensorPage(server, studio, gel_block_under_skin(folder.shape, folder.record.design.gel), "twin", control)
+        showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
+        showing.start()
+        person = context.Process(target=move_handle, args=(server.get_port(), moves, there))
+        person.start()
+        while not page.viewers:
+            time.sleep(0.05)
+        with crowd(server, 1, silent=0, others=1):
+            here.send(page.viewers[0].client.scene._owner_id)
+            took_ms, updates_hz = here.recv()
+        person.join()
+        stop.set()
+        showing.join()
+        reading = poller.snapshot(0).reading
+    return took_ms, updates_hz, {} if reading is None else reading.stage_ms
+
+
+def figures(took_ms: list[float], updates_hz: float, stages: dict[str, float]) -> list[Figure]:
+    return [
+        at_most("from a move to the new state at the client, median ms", statistics.median(took_ms), 100),
+        Figure("nine of ten within, ms", float(np.quantile(took_ms, 0.9))),
+        Figure("updates of images and surface per second", updates_hz),
+        Figure("of these ms, force by physics", stages.get("force", float("nan"))),
+    ]
+
+
+if __name__ == "__main__":
+    tyro.cli(page_interaction)

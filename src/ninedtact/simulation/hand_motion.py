@@ -1,0 +1,126 @@
+"""An object that a person moves over a twin: to a depth or under a load, dragged, twisted and tilted.
+
+A person states a target at any time; `HandMotion.step` moves the object towards it in steps that are small enough for friction,
+which depends on the path. A step that mechanics refuse leaves the object where it was; `refusal` says why.
+"""
+
+from dataclasses import dataclass, replace
+from threading import Lock
+
+import numpy as np
+
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.trajectory import HOVER_MM
+from ninedtact.simulation.twin import Twin
+
+STEP_DEPTH_MM, STEP_DRAG_MM, STEP_TURN_RAD, STEP_LOAD_N = 0.3, 0.3, np.radians(4.0), 3.0
+"""The longest changes of one step; those of `press_drag_twist`, and less in depth because the object may be dragged meanwhile."""
+_LIGHTEST_N = 0.05
+"""Load below which the object is lifted off."""
+
+
+@dataclass(frozen=True)
+class HandTarget:
+    """Where a person holds the object."""
+
+    pose: Pose = Pose(depth_mm=-HOVER_MM)
+    """Position, twist and tilts; the depth where no load is given."""
+    load_n: float | None = None
+    """Load instead of a depth."""
+
+
+class HandMotion:
+    """The object in a person's hand; safe to set and to read from different threads."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._indenter: Indenter | None = None
+        self._target = HandTarget()
+        self._grasps = 0
+        self._refusal = ""
+
+    @property
+    def held_object(self) -> Indenter | None:
+        """The object in the hand; None while the hand is empty."""
+        with self._lock:
+            return self._indenter
+
+    @property
+    def target(self) -> HandTarget:
+        """Where the object is held."""
+        with self._lock:
+            return self._target
+
+    @property
+    def grasp_number(self) -> int:
+        """Number of objects that were taken into the hand until now; a new object starts on undeformed skin."""
+        with self._lock:
+            return self._grasps
+
+    @property
+    def refusal(self) -> str:
+        """Why the object does not go where it is held; empty where it does."""
+        with self._lock:
+            return self._refusal
+
+    def take(self, indenter: Indenter) -> None:
+        """Take an object into the hand, in place of the last one."""
+        with self._lock:
+            self._indenter, self._grasps, self._refusal = indenter, self._grasps + 1, ""
+
+    def aim(self, target: HandTarget) -> None:
+        """Hold the object somewhere else."""
+        with self._lock:
+            self._target = target
+
+    def release(self) -> None:
+        """Empty the hand."""
+        with self._lock:
+            self._indenter, self._refusal = None, ""
+
+    def step(self, twin: Twin, last: Contact, indenter: Indenter) -> Contact:
+        """Return the contact one step nearer to the target; the last contact where the twin refuses the step."""
+        target, refusal = self.target, ""
+        lifted = target.load_n is not None and target.load_n < _LIGHTEST_N
+        deep_mm = -HOVER_MM if lifted else target.pose.depth_mm
+        wanted = replace(target.pose, depth_mm=deep_mm)
+        try:
+            if target.load_n is None or lifted:
+                contact = twin.step(last, indenter, _approach(last.pose, wanted))
+            else:
+                contact = _step_to_load(twin, last, indenter, wanted, target.load_n)
+        except NinedtactError as trouble:
+            contact, refusal = last, str(trouble)
+        with self._lock:
+            self._refusal = refusal
+        return contact
+
+
+def hover_contact(twin: Twin, target: HandTarget) -> Contact:
+    """Return undeformed skin with an object above it, at the place of a target."""
+    return replace(twin.model.initial_contact(), pose=replace(target.pose, depth_mm=-HOVER_MM))
+
+
+def _step_to_load(twin: Twin, last: Contact, indenter: Indenter, wanted: Pose, load_n: float) -> Contact:
+    """Return the contact under a load that is one step nearer to the wanted one; without contact the object comes down first."""
+    if not last.touches:
+        return twin.step(
+            last, indenter, _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm + STEP_DEPTH_MM))
+        )
+    now_n = -float(last.wrench().force_n[2])
+    next_n = now_n + float(np.clip(load_n - now_n, -STEP_LOAD_N, STEP_LOAD_N))
+    pose = _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm))
+    return twin.step(last, indenter, pose, max(next_n, _LIGHTEST_N))
+
+
+def _approach(last: Pose, wanted: Pose) -> Pose:
+    """Return the pose one step nearer to the wanted one, in a straight line."""
+    drag = np.hypot(wanted.x_mm - last.x_mm, wanted.y_mm - last.y_mm) / STEP_DRAG_MM
+    angles = ("twist_rad", "tilt_x_rad", "tilt_y_rad")
+    turn = max(abs(getattr(wanted, name) - getattr(last, name)) for name in angles) / STEP_TURN_RAD
+    along = last.interpolate(wanted, 1 / max(drag, turn, 1.0))
+    deeper = float(np.clip(wanted.depth_mm - last.depth_mm, -STEP_DEPTH_MM, STEP_DEPTH_MM))
+    return replace(along, depth_mm=float(last.depth_mm) + deeper)

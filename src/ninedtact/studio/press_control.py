@@ -1,0 +1,215 @@
+"""What a person can do with the twin: choose an object or bring one's own, and hold it to a depth or under a load.
+
+One `PressControl` is shared by all viewers: they press the same twin. Each change is checked and applied to the hand of the
+simulation; `revision` tells the panels of other viewers to follow.
+"""
+
+import re
+from dataclasses import dataclass, replace
+from math import degrees, radians
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import RLock
+from typing import Any
+
+import numpy as np
+
+from ninedtact.errors import FileFormatError
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.hand_motion import HandTarget
+from ninedtact.simulation.objects.catalogue import FAMILIES_BY_KIND, PRIMITIVES, indenter_from_name
+from ninedtact.simulation.objects.mesh_objects import MeshObject, MeshPlacement, MeshUnusable, load_mesh_object
+from ninedtact.simulation.press_simulation import PressSimulation, TwinPress
+from ninedtact.simulation.trajectory import HOVER_MM
+
+OBJECTS_BY_KIND: dict[str, tuple[str, ...]] = {"primitives": tuple(PRIMITIVES)} | {
+    kind: tuple(families) for kind, families in FAMILIES_BY_KIND.items()
+}
+"""The names of objects that the page offers, by kind."""
+OWN_KIND = "own mesh"
+"""The kind of the object that a person has brought."""
+MAX_DEPTH_MM, MAX_LOAD_N, MAX_TWIST_DEG, MAX_TILT_DEG, MAX_NUMBER = 1.8, 20.0, 90.0, 20.0, 99
+START_DEPTH_MM = 0.6
+"""Depth to which a new object is pressed, so that it does not harm a flat one."""
+UPLOAD_SUFFIXES = (".stl", ".obj")
+MAX_UPLOAD_MB = 16
+MAX_UPLOAD_TRIANGLES = 300_000
+
+
+class UploadRefused(FileFormatError):
+    """Raised for a file that cannot be an object on the page."""
+
+
+@dataclass(frozen=True)
+class HeldObject:
+    """The object in the hand and where it is held, as the page shows it."""
+
+    kind: str = "primitives"
+    family: str = "ball"
+    number: int = 1
+    """Number of a generated object within its family; primitives have no number."""
+    by_load: bool = False
+    """Whether `load_n` counts instead of `depth_mm`."""
+    depth_mm: float = START_DEPTH_MM
+    load_n: float = 2.0
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    twist_deg: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    is_playing: bool = True
+    """Whether the press sequence plays and the hand is empty."""
+
+    @property
+    def object_name(self) -> str:
+        """The name of the object in the catalogue."""
+        return self.family if self.kind in ("primitives", OWN_KIND) else f"{self.family}_{self.number:02d}"
+
+    @property
+    def target(self) -> HandTarget:
+        """Where the hand holds the object."""
+        turns = (radians(turn) for turn in (self.twist_deg, self.tilt_x_deg, self.tilt_y_deg))
+        return HandTarget(Pose(self.x_mm, self.y_mm, self.depth_mm, *turns), self.load_n if self.by_load else None)
+
+
+class PressControl:
+    """Presses one twin for all viewers; safe to use from different threads."""
+
+    def __init__(self, simulation: PressSimulation) -> None:
+        self.simulation = simulation
+        reach_mm = simulation.twin.renderer.pixel_map.reach_mm
+        self.reach_mm = float(int(reach_mm[0])), float(int(reach_mm[1]))
+        """Largest x and y of an object, so that the camera sees it."""
+        self._lock = RLock()
+        self._state, self._revision = HeldObject(), 0
+        self._own_mesh: MeshObject | None = None
+
+    @property
+    def state(self) -> HeldObject:
+        """The object and where it is held."""
+        with self._lock:
+            return self._state
+
+    @property
+    def revision(self) -> int:
+        """Number of changes until now."""
+        with self._lock:
+            return self._revision
+
+    @property
+    def own_mesh_name(self) -> str | None:
+        """Name of the object that a person has brought; None before."""
+        with self._lock:
+            return None if self._own_mesh is None else self._own_mesh.relief.name
+
+    def press_at(self, stamp_ns: int) -> TwinPress | None:
+        """Return the object and the contact at the stamp of an image."""
+        return self.simulation.press_at(stamp_ns)
+
+    def play(self) -> None:
+        """Let the press sequence play."""
+        with self._lock:
+            self.simulation.hand.release()
+            self._state, self._revision = replace(self._state, is_playing=True), self._revision + 1
+
+    def move(self, **changes: Any) -> None:
+        """Hold the object somewhere else, within the limits; an object is taken into the hand if the sequence plays.
+
+        changes: fields of `HeldObject`, of the pose, the depth or the load.
+        """
+        with self._lock:
+            self._state = _within_limits(replace(self._state, **changes), self.reach_mm)
+            self.simulation.hand.aim(self._state.target)
+            if self._state.is_playing:
+                self._take()
+            self._revision += 1
+
+    def choose(self, kind: str, family: str, number: int = 1) -> None:
+        """Take another object into the hand, at the same place, pressed gently; raises `UnknownObject`, `UploadRefused`."""
+        with self._lock:
+            wanted = replace(self._state, kind=kind, family=family, number=int(np.clip(number, 1, MAX_NUMBER)))
+            wanted = replace(wanted, depth_mm=START_DEPTH_MM, by_load=False, tilt_x_deg=0.0, tilt_y_deg=0.0)
+            self._find_object(wanted)
+            self._state = wanted
+            self.simulation.hand.aim(wanted.target)
+            self._take()
+            self._revision += 1
+
+    def upload(self, name: str, content: bytes, placement: MeshPlacement = MeshPlacement()) -> str:
+        """Take one's own mesh into the hand and return a sentence about it; raises `UploadRefused`."""
+        mesh = read_uploaded_mesh(name, content, placement)
+        with self._lock:
+            self._own_mesh = mesh
+            self.choose(OWN_KIND, mesh.relief.name)
+        size = " x ".join(f"{side:.1f}" for side in mesh.size_mm)
+        cropped = "; only its middle is used" if mesh.cropped else ""
+        return f"{mesh.relief.name}: {size} mm, {mesh.triangles} triangles{cropped}"
+
+    def _take(self) -> None:
+        """Take the chosen object into the hand."""
+        self.simulation.hand.take(self._find_object(self._state))
+        self._state = replace(self._state, is_playing=False)
+
+    def _find_object(self, state: HeldObject) -> Indenter:
+        """Return the chosen object."""
+        if state.kind != OWN_KIND:
+            return indenter_from_name(state.object_name)
+        if self._own_mesh is None:
+            raise UploadRefused("expected a mesh of your own, got none yet; upload an STL or OBJ file")
+        return self._own_mesh.relief
+
+
+def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = MeshPlacement()) -> MeshObject:
+    """Return the object in an uploaded file; raises `UploadRefused` with one sentence for a file that cannot be used.
+
+    name: as the browser gives it; only its end and a harmless part of its stem are used.
+    """
+    suffix = Path(name).suffix.lower()
+    if suffix not in UPLOAD_SUFFIXES or not 0 < len(content) <= MAX_UPLOAD_MB * 1e6:
+        raise UploadRefused(
+            f"expected a file of at most {MAX_UPLOAD_MB} MB ending in {' or '.join(UPLOAD_SUFFIXES)}, got {name[-40:]!a} of "
+            f"{len(content) / 1e6:.2g} MB; convert or simplify the mesh"
+        )
+    stem = re.sub(r"[^\w-]", "_", Path(name).stem)[:40] or "mesh"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"{stem}{suffix}"
+        path.write_bytes(content)
+        try:
+            mesh = load_mesh_object(path, placement)
+        except MeshUnusable as trouble:
+            raise UploadRefused(str(trouble).replace(str(path), path.name)) from trouble
+    if mesh.triangles > MAX_UPLOAD_TRIANGLES:
+        raise UploadRefused(
+            f"expected at most {MAX_UPLOAD_TRIANGLES} triangles in {path.name}, got {mesh.triangles}; simplify the mesh"
+        )
+    if not mesh.closed:
+        raise UploadRefused(
+            f"expected {path.name} to bound a solid (every edge between two triangles), got open or non-manifold edges; "
+            "repair the mesh"
+        )
+    return mesh
+
+
+def _within_limits(state: HeldObject, reach_mm: tuple[float, float]) -> HeldObject:
+    """Return the state with every number within what the controls allow."""
+    clip = {
+        "depth_mm": (-HOVER_MM, MAX_DEPTH_MM),
+        "load_n": (0.0, MAX_LOAD_N),
+        "x_mm": (-reach_mm[0], reach_mm[0]),
+        "y_mm": (-reach_mm[1], reach_mm[1]),
+        "twist_deg": (-MAX_TWIST_DEG, MAX_TWIST_DEG),
+        "tilt_x_deg": (-MAX_TILT_DEG, MAX_TILT_DEG),
+        "tilt_y_deg": (-MAX_TILT_DEG, MAX_TILT_DEG),
+    }
+    numbers: dict[str, Any] = {name: float(np.clip(getattr(state, name), *ends)) for name, ends in clip.items()}
+    return replace(state, **numbers)
+
+
+def state_from_rotation(rotation: np.ndarray) -> dict[str, float]:
+    """Return twist and tilts in degrees of a rotation matrix, as `Pose.rotation` composes them."""
+    return {
+        "twist_deg": degrees(np.arctan2(rotation[1, 0], rotation[1, 1])),
+        "tilt_x_deg": degrees(np.arcsin(np.clip(-rotation[1, 2], -1, 1))),
+        "tilt_y_deg": degrees(np.arctan2(rotation[0, 2], rotation[2, 2])),
+    }

@@ -1,0 +1,242 @@
+"""The panel that presses a twin by hand: the choice of objects, sliders, the 3D handle, one's own mesh, and the press sequence.
+
+Every viewer has these controls; they move one object, so each follows what the others do.
+"""
+
+from functools import lru_cache, partial
+from html import escape
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray as Array
+from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformControlsEvent
+from viser.transforms import SO3
+
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.simulation.objects.catalogue import PRIMITIVES, indenter_from_name
+from ninedtact.simulation.objects.mesh_objects import FITTING, MM_PER_UNIT, MeshPlacement
+from ninedtact.simulation.trajectory import HOVER_MM
+from ninedtact.studio.displayed_reading import PageMoment
+from ninedtact.studio.page_cards import TONES
+from ninedtact.studio.press_control import (
+    MAX_DEPTH_MM,
+    MAX_LOAD_N,
+    MAX_NUMBER,
+    MAX_TILT_DEG,
+    MAX_TWIST_DEG,
+    OBJECTS_BY_KIND,
+    OWN_KIND,
+    UPLOAD_SUFFIXES,
+    HeldObject,
+    PressControl,
+    state_from_rotation,
+)
+from ninedtact.studio.viewer import Side, Viewer, is_from_browser, set_control
+
+HANDLE_LIFT_MM = 7.0
+"""Height of the 3D handle over the lowest point of the object, so that both can be seen."""
+_HANDLE_SCALE = 4.0
+_FIT = f"fit to {FITTING.fit_mm:g} mm"
+_SEQUENCE, _BY_DEPTH, _BY_LOAD = "sequence plays", "to a depth", "under a load"
+THUMBNAIL_PX = 62
+_THUMBNAILS_PER_ROW = 5
+_NAME_PX = 12
+_THUMBNAIL_HALF_MM, _THUMBNAIL_HEIGHT_MM = 9.0, 3.0
+
+
+class PressPanel:
+    """Presses the twin by hand."""
+
+    title, icon = "Press", Icon.HAND_FINGER
+    side: Side = "right"
+
+    def __init__(self, viewer: Viewer, control: PressControl) -> None:
+        self._viewer, self._control = viewer, control
+        self._followed = -1
+        self._dragging = False
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the choice of objects, the sliders and the 3D handle."""
+        state, reach = self._control.state, self._control.reach_mm
+        self._mode = gui.add_dropdown("press", (_SEQUENCE, _BY_DEPTH, _BY_LOAD), initial_value=_mode_of(state))
+        self._kind = gui.add_dropdown("kind", (*OBJECTS_BY_KIND, OWN_KIND), initial_value=state.kind)
+        self._family = gui.add_dropdown("object", OBJECTS_BY_KIND[state.kind], initial_value=state.family)
+        self._number = gui.add_slider("number", 1, MAX_NUMBER, 1, state.number, hint="which one of its family")
+        self._thumbnails = gui.add_image(thumbnails_of_kind(state.kind), format="png")
+        self._depth = gui.add_slider("depth (mm)", -HOVER_MM, MAX_DEPTH_MM, 0.05, state.depth_mm)
+        self._load = gui.add_slider("load (N)", 0.0, MAX_LOAD_N, 0.1, state.load_n)
+        self._x = gui.add_slider("drag x (mm)", -reach[0], reach[0], 0.1, state.x_mm)
+        self._y = gui.add_slider("drag y (mm)", -reach[1], reach[1], 0.1, state.y_mm)
+        self._twist = gui.add_slider("twist (°)", -MAX_TWIST_DEG, MAX_TWIST_DEG, 1.0, state.twist_deg)
+        self._tilt_x = gui.add_slider("tilt about x (°)", -MAX_TILT_DEG, MAX_TILT_DEG, 0.5, state.tilt_x_deg)
+        self._tilt_y = gui.add_slider("tilt about y (°)", -MAX_TILT_DEG, MAX_TILT_DEG, 0.5, state.tilt_y_deg)
+        self._says = gui.add_html("")
+        with gui.add_folder("own mesh (STL, OBJ)", expand_by_default=False):
+            self._unit = gui.add_dropdown("unit", (_FIT, *MM_PER_UNIT), initial_value="mm")
+            upload = gui.add_upload_button("Upload a mesh", icon=Icon.UPLOAD, mime_type=",".join(UPLOAD_SUFFIXES))
+        self._sliders = {
+            "depth_mm": self._depth,
+            "load_n": self._load,
+            "x_mm": self._x,
+            "y_mm": self._y,
+            "twist_deg": self._twist,
+            "tilt_x_deg": self._tilt_x,
+            "tilt_y_deg": self._tilt_y,
+        }
+        self._mode.on_update(self._choose_mode)
+        for chooser in (self._kind, self._family, self._number):
+            chooser.on_update(self._choose_object)
+        for name, slider in self._sliders.items():
+            slider.on_update(partial(self._move, name))
+        upload.on_upload(self._upload)
+        self._add_handle()
+
+    def update(self, moment: PageMoment) -> None:
+        """Follow what other viewers do, and say how the contact is."""
+        revision, state = self._control.revision, self._control.state
+        if revision != self._followed:
+            self._followed = revision
+            self._follow(state)
+        self._says.content = _contact_html(moment, self._control)
+        self._show_handle(state, moment)
+
+    def _add_handle(self) -> None:
+        """Add the handle with which the object is dragged in 3D; up and down is its depth."""
+        x, y = self._control.reach_mm
+        limits = ((-x, x), (-y, y), (HANDLE_LIFT_MM - MAX_DEPTH_MM, HANDLE_LIFT_MM + HOVER_MM))
+        self._handle = self._viewer.client.scene.add_transform_controls(
+            "/handle", _HANDLE_SCALE, translation_limits=limits, depth_test=False, opacity=0.7
+        )
+        self._handle.on_update(self._drag)
+
+    def _show_handle(self, state: HeldObject, moment: PageMoment) -> None:
+        """Put the handle where the object is held, unless this viewer is dragging it."""
+        if self._dragging:
+            return
+        press = None if moment.view is None else moment.view.press
+        pose = press.contact.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
+        x, y, z = (float(part) for part in pose.origin_mm)
+        self._handle.position = (round(x, 3), round(y, 3), round(z, 3) + HANDLE_LIFT_MM)
+        self._handle.wxyz = SO3.from_matrix(np.asarray(pose.rotation)).wxyz
+
+    def _drag(self, event: TransformControlsEvent) -> None:
+        """Move the object with the handle."""
+        if event.client is None:
+            return
+        self._dragging = event.phase != "end"
+        x, y, z = event.target.position
+        rotation = SO3(np.asarray(event.target.wxyz)).as_matrix()
+        moved = {"x_mm": float(x), "y_mm": float(y), "depth_mm": HANDLE_LIFT_MM - float(z)}
+        self._control.move(by_load=False, **moved, **state_from_rotation(rotation))
+
+    def _choose_mode(self, event: GuiEvent[Any]) -> None:
+        """Let the sequence play, or hold the object to a depth or under a load."""
+        if not is_from_browser(event):
+            return
+        if event.target.value == _SEQUENCE:
+            self._control.play()
+        else:
+            self._control.move(by_load=event.target.value == _BY_LOAD)
+
+    def _choose_object(self, event: GuiEvent[Any]) -> None:
+        """Take another object, the first one of a kind that was not shown before."""
+        if not is_from_browser(event):
+            return
+        kind, family = str(self._kind.value), str(self._family.value)
+        if kind == OWN_KIND:
+            family = self._control.own_mesh_name or ""
+        elif family not in OBJECTS_BY_KIND.get(kind, ()):
+            family = OBJECTS_BY_KIND[kind][0] if kind in OBJECTS_BY_KIND else ""
+        try:
+            self._control.choose(kind, family, int(self._number.value))
+        except NinedtactError as trouble:
+            self._followed = -1
+            self._viewer.notify("Not taken", str(trouble), "red")
+
+    def _move(self, name: str, event: GuiEvent[Any]) -> None:
+        """Hold the object where a slider is."""
+        if not is_from_browser(event) or not np.isfinite(event.target.value):
+            return
+        by_load = {"depth_mm": {"by_load": False}, "load_n": {"by_load": True}}.get(name, {})
+        self._control.move(**{name: float(event.target.value)}, **by_load)
+
+    def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
+        """Press one's own mesh, or say in one sentence why it cannot be."""
+        unit = str(self._unit.value)
+        placement = FITTING if unit == _FIT else MeshPlacement(unit=unit if unit in MM_PER_UNIT else "mm")
+        try:
+            said = self._control.upload(event.target.value.name, event.target.value.content, placement)
+        except NinedtactError as trouble:
+            self._viewer.notify("Mesh not taken", str(trouble), "red")
+        else:
+            self._viewer.notify("Mesh taken", said, "green")
+
+    def _follow(self, state: HeldObject) -> None:
+        """Set all controls to the present state."""
+        names = OBJECTS_BY_KIND.get(state.kind, (self._control.own_mesh_name or "",))
+        if tuple(self._family.options) != names:
+            self._family.options = names
+            self._thumbnails.image = thumbnails_of_kind(state.kind, self._control.simulation.hand.held_object)
+        set_control(self._mode, _mode_of(state))
+        for control, value in ((self._kind, state.kind), (self._family, state.family), (self._number, state.number)):
+            set_control(control, value)
+        self._number.visible = state.kind not in ("primitives", OWN_KIND)
+        self._depth.visible, self._load.visible = not state.by_load, state.by_load
+        for name, slider in self._sliders.items():
+            set_control(slider, round(getattr(state, name), 3))
+
+
+def _mode_of(state: HeldObject) -> str:
+    """Return how the object is moved, as the menu names it."""
+    return _SEQUENCE if state.is_playing else _BY_LOAD if state.by_load else _BY_DEPTH
+
+
+def _contact_html(moment: PageMoment, control: PressControl) -> str:
+    """Return what presses, whether it slips, and why the object does not go where it is held, as HTML."""
+    press = None if moment.view is None else moment.view.press
+    if press is None:
+        return ""
+    words, slip = [f"{press.indenter.name}, {float(press.contact.pose.depth_mm):.2f} mm deep"], press.slip_share
+    if slip is not None:
+        words.append("sticks" if slip == 0 else "slips" if slip == 1 else f"slips on {slip:.0%} of the contact")
+    refusal = control.simulation.hand.refusal
+    warning = f'<div role="alert" style="color:{TONES["lost"]}">{escape(refusal)}</div>' if refusal else ""
+    return f'<div style="margin:0.2em 0.9em;font-size:0.9em">{escape(" · ".join(words))}{warning}</div>'
+
+
+@lru_cache(maxsize=16)
+def _catalogue_thumbnails(kind: str) -> UInt8[Array, "rows cols 4"]:
+    """Return the first object of each family of a kind, with its name, as one image (RGBA)."""
+    names = OBJECTS_BY_KIND[kind]
+    indenters = [indenter_from_name(name if name in PRIMITIVES else f"{name}_01") for name in names]
+    tiles = [_thumbnail(indenter, name) for indenter, name in zip(indenters, names, strict=True)]
+    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % _THUMBNAILS_PER_ROW)
+    rows = [np.hstack(tiles[at : at + _THUMBNAILS_PER_ROW]) for at in range(0, len(tiles), _THUMBNAILS_PER_ROW)]
+    return np.vstack(rows)
+
+
+def thumbnails_of_kind(kind: str, held: Indenter | None = None) -> UInt8[Array, "rows cols 4"]:
+    """Return the objects of a kind as one image (RGBA); of one's own mesh, only the held object."""
+    if kind in OBJECTS_BY_KIND:
+        return _catalogue_thumbnails(kind)
+    tiles = [] if held is None else [_thumbnail(held, held.name)]
+    empty = np.zeros((THUMBNAIL_PX + _NAME_PX, THUMBNAIL_PX, 4), np.uint8)
+    return np.hstack(tiles + [empty] * (_THUMBNAILS_PER_ROW - len(tiles)))
+
+
+def _thumbnail(indenter: Indenter, name: str) -> UInt8[Array, "rows cols 4"]:
+    """Return the underside of an object from below, lit from the upper left, with its name under it."""
+    axis = np.linspace(-_THUMBNAIL_HALF_MM, _THUMBNAIL_HALF_MM, THUMBNAIL_PX)
+    heights = np.asarray(indenter.underside_mm(*np.meshgrid(axis, axis)), np.float32)
+    near = np.minimum(heights, _THUMBNAIL_HEIGHT_MM)
+    slope_y, slope_x = np.gradient(near, float(axis[1] - axis[0]))
+    light = (1 + 0.6 * slope_x - 0.6 * slope_y) / np.sqrt(1 + slope_x**2 + slope_y**2)
+    shade = np.clip(light * (220 - 110 * near / _THUMBNAIL_HEIGHT_MM), 40, 235)
+    text = np.zeros((_NAME_PX, THUMBNAIL_PX), np.uint8)
+    cv2.putText(text, name[:12], (1, 9), cv2.FONT_HERSHEY_SIMPLEX, 0.28, 255, 1, cv2.LINE_AA)
+    opacity = np.vstack([np.where(heights < _THUMBNAIL_HEIGHT_MM, 255, 0).astype(np.uint8), text])
+    grey = np.vstack([shade.astype(np.uint8), np.full_like(text, 128)])
+    return np.dstack([grey, grey, grey, opacity])

@@ -1,0 +1,163 @@
+"""The panels about the sensor itself: its state with the measured values, the wrenches, and rates and costs behind a fold."""
+
+from typing import Any
+
+import numpy as np
+from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
+
+from ninedtact.errors import NinedtactError
+from ninedtact.studio.displayed_reading import WAITING_STATUS, PageMoment
+from ninedtact.studio.page_cards import (
+    WrenchCurves,
+    name_value_table_html,
+    shape_summary_html,
+    status_html,
+    wrenches_html,
+)
+from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
+from ninedtact.studio.viewer import Side, Viewer
+
+PLOT_EVERY = 3
+"""Number of moments after which the curves are redrawn."""
+SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply"
+KEYS = "keys: F freeze or resume, S save, R take the reference, Ctrl+K all commands"
+
+
+class StatusPanel:
+    """The state of the sensor, maximum indentation and contact area, and the buttons that everybody needs."""
+
+    title, icon = "", None
+    side: Side = "right"
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = viewer
+
+    def build(self, gui: GuiApi) -> None:
+        """Add state, values and buttons."""
+        self._status = gui.add_html(status_html(WAITING_STATUS))
+        self._figures = gui.add_html("")
+        self._freeze = gui.add_button(
+            "Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep what is shown, for this browser only (F)"
+        )
+        save = gui.add_button("Save this reading", color="gray", icon=Icon.DEVICE_FLOPPY, hint=f"{SAVED_AS} (S)")
+        self._freeze.on_click(lambda event: self._toggle_freeze())
+        save.on_click(lambda event: self._save())
+        gui.add_command("Freeze or resume", hotkey="F").on_trigger(lambda event: self._toggle_freeze())
+        gui.add_command("Save this reading", hotkey="S").on_trigger(lambda event: self._save())
+
+    def update(self, moment: PageMoment) -> None:
+        """Show state and values."""
+        self._status.content = status_html(moment.status)
+        if moment.view is not None:
+            self._figures.content = shape_summary_html(moment.view.summary, moment.status.is_past)
+
+    def _toggle_freeze(self) -> None:
+        self._viewer.toggle_freeze()
+        frozen = self._viewer.is_frozen
+        self._freeze.label = "Resume" if frozen else "Freeze"
+        self._freeze.icon = Icon.PLAYER_PLAY if frozen else Icon.PLAYER_PAUSE
+
+    def _save(self) -> None:
+        """Save in a thread of viser, so that a slow disk delays neither the sensor nor the page."""
+        try:
+            paths = self._viewer.controller.save(self._viewer.moment)
+        except (NinedtactError, OSError) as trouble:
+            self._viewer.notify("Not saved", str(trouble), "red")
+        else:
+            self._viewer.notify("Saved", f"{len(paths)} files in {paths[0].parent}", "green")
+
+
+class WrenchPanel:
+    """The wrenches of all sources side by side in one table, below the tabs, so that it is always in view."""
+
+    title, icon = "", None
+    side: Side = "right"
+
+    def __init__(self, viewer: Viewer) -> None:
+        pass
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the table."""
+        self._table = gui.add_html("")
+
+    def update(self, moment: PageMoment) -> None:
+        """Show the wrenches of this moment."""
+        self._table.content = wrenches_html(moment.wrenches, moment.status.is_past) if moment.wrenches else ""
+
+
+class CurvesPanel:
+    """The last seconds of the wrenches, on top of each other."""
+
+    title, icon = "Wrench, last seconds", Icon.CHART_LINE
+    side: Side = "lower left"
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer, self._moments = viewer, 0
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the plots."""
+        self._curves = WrenchCurves(gui, self._viewer.controller.wrenches)
+
+    def update(self, moment: PageMoment) -> None:
+        """Redraw the curves from time to time, and not while they are frozen."""
+        self._moments += 1
+        if self._moments % PLOT_EVERY == 0 and not self._viewer.is_frozen and moment.wrenches:
+            self._curves.draw(moment.wrenches)
+
+
+class SensorPanel:
+    """Reference image, the last seconds of the indentation, and rates and costs behind a fold."""
+
+    title, icon = "Sensor", Icon.SETTINGS
+    side: Side = "right"
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer, self._moments = viewer, 0
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the button, the curve and the folded table."""
+        self._reference = gui.add_button("Take reference", icon=Icon.TARGET, hint="while nothing touches the gel (R)")
+        top_mm = 1.1 * self._viewer.controller.scale.pressed_mm
+        self._plot = gui.add_uplot(
+            (np.zeros(2), np.zeros(2)),
+            (
+                uplot.Series(label="s ago"),
+                uplot.Series(label="maximum indentation (mm)", stroke="#2166ac", width=1.5, fill="#2166ac22"),
+            ),
+            scales={"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(0.0, top_mm))},
+            legend=uplot.Legend(show=False),
+            title=f"maximum indentation (mm), last {HISTORY_S:g} s",
+            height=130,
+        )
+        with gui.add_folder("rates and costs", expand_by_default=False):
+            self._costs = gui.add_html("")
+        gui.add_html(f'<div style="margin:0.3em 0.9em;font-size:0.8em">{KEYS}</div>')
+        self._reference.on_click(self._take_reference)
+        gui.add_command("Take reference", hotkey="R").on_trigger(self._take_reference)
+
+    def update(self, moment: PageMoment) -> None:
+        """Show rates and costs, and from time to time the curve."""
+        self._costs.content = name_value_table_html(_format_rates(moment) | _format_stage_costs(moment))
+        self._reference.disabled = moment.sensor.phase is not SensorPhase.READING
+        self._moments += 1
+        if self._moments % PLOT_EVERY == 0 and not self._viewer.is_frozen:
+            self._plot.data = tuple(moment.sensor.history)
+
+    def _take_reference(self, event: GuiEvent[Any] | CommandEvent) -> None:
+        self._viewer.controller.take_reference()
+
+
+def _format_rates(moment: PageMoment) -> dict[str, str]:
+    """Return the rates from camera to browser."""
+    dropped = moment.reading.dropped if moment.reading else 0
+    return {
+        "camera": f"{moment.sensor.delivered_hz:.1f} images/s",
+        "read": f"{moment.sensor.read_hz:.1f} /s, {dropped} dropped",
+        "shown": f"{moment.shown_hz:.1f} /s",
+    }
+
+
+def _format_stage_costs(moment: PageMoment) -> dict[str, str]:
+    """Return the time of each stage of a reading and of drawing it, without the wait for the camera."""
+    stages = {} if moment.reading is None else moment.reading.stage_ms | moment.page_ms
+    return {name: f"{ms:.1f} ms" for name, ms in stages.items() if name != "capture"}

@@ -1,0 +1,220 @@
+"""The panels with which a viewer looks at a moment: two images, the choice of views, and the profile of heights along a line."""
+
+from functools import partial
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from viser import GuiApi, GuiEvent, GuiImageHandle, Icon, SceneClickEvent, uplot
+
+from ninedtact.shape.coloured_height_map import ColourScale
+from ninedtact.studio.displayed_reading import PageMoment
+from ninedtact.studio.page_cards import colour_legend_html, magnitude_legend_html, profile_html, sticking_legend_html
+from ninedtact.studio.reading_view import (
+    PROFILE_POINTS,
+    ImageKind,
+    ReadingView,
+    SkinColouring,
+    TractionSource,
+)
+from ninedtact.studio.scene_3d import SkinScene
+from ninedtact.studio.viewer import MAX_EXAGGERATION, Side, Viewer, ViewOptions, is_from_browser, set_control
+
+BLANK = np.full((3, 4, 3), 90, np.uint8)
+_LIGHT, _DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
+_DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
+
+
+class ImagePanel:
+    """Two images of the viewer's choice, each with the meaning of its colours."""
+
+    title, icon = "Images", Icon.PHOTO
+    side: Side = "left"
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer, self._scale = viewer, viewer.controller.scale
+        self._images: list[GuiImageHandle] = []
+
+    def build(self, gui: GuiApi) -> None:
+        """Add both images under their menus."""
+        self._legends = []
+        for slot, kind in enumerate(self._viewer.options.images):
+            menu = gui.add_dropdown(f"image {slot + 1}", [str(choice) for choice in ImageKind], initial_value=str(kind))
+            menu.on_update(partial(self._choose, slot))
+            self._images.append(gui.add_image(BLANK, format="jpeg"))
+            self._legends.append(gui.add_html(""))
+
+    def update(self, moment: PageMoment) -> None:
+        """Draw both images."""
+        view, options = moment.view, self._viewer.options
+        if view is None:
+            return
+        for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
+            # viser would encode the image for every viewer anew; the view has encoded it once for all.
+            image._data = view.jpeg(kind, options.with_outline, options.source)
+            legend.content = _legend_html(view, kind, self._scale, options.source)
+
+    def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
+        """Show another image in one of both places."""
+        if is_from_browser(event):
+            first, second = self._viewer.options.images
+            kind = ImageKind(event.target.value)
+            self._viewer.choose(images=(kind, second) if slot == 0 else (first, kind))
+
+
+class ViewPanel:
+    """The choice of views, and the scene in 3D that it applies to."""
+
+    title, icon = "View", Icon.EYE
+    side: Side = "right"
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = viewer
+        self._drawn: tuple[int, ViewOptions] | None = None
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the menus, and the scene."""
+        viewer, options = self._viewer, self._viewer.options
+        self._scene = SkinScene(viewer.client.scene, viewer.block)
+        self._set_background()
+        colouring = gui.add_dropdown(
+            "surface colouring", [str(each) for each in SkinColouring], initial_value=str(options.colouring)
+        )
+        density = gui.add_dropdown(
+            "points of the surface", tuple(_DENSITIES), initial_value=_density_name(options.coarser)
+        )
+        times = gui.add_slider("vertical exaggeration", 1.0, MAX_EXAGGERATION, 0.5, 1.0, hint="1 is true to scale")
+        outline = gui.add_checkbox("contact outline", options.with_outline)
+        source = gui.add_dropdown(
+            "pressure and shear",
+            [str(each) for each in TractionSource],
+            initial_value=str(options.source),
+            hint="of the estimate, or on a twin of the simulation",
+        )
+        pressure = gui.add_checkbox("pressure as arrows", options.pressure_arrows)
+        shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
+        dark = gui.add_checkbox("dark", options.dark)
+        colouring.on_update(lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
+        density.on_update(lambda event: viewer.choose(coarser=_DENSITIES[event.target.value]))
+        times.on_update(lambda event: viewer.choose(exaggeration=_exaggeration(event.target.value)))
+        outline.on_update(lambda event: viewer.choose(with_outline=event.target.value))
+        source.on_update(lambda event: viewer.choose(source=TractionSource(event.target.value)))
+        pressure.on_update(lambda event: viewer.choose(pressure_arrows=event.target.value))
+        shear.on_update(lambda event: viewer.choose(shear_arrows=event.target.value))
+        dark.on_update(self._choose_theme)
+
+    def update(self, moment: PageMoment) -> None:
+        """Draw the scene where it differs from what was drawn last."""
+        view, options = moment.view, self._viewer.options
+        if view is None:
+            return
+        is_past = moment.status.is_past
+        first = moment.wrenches[0].sample if moment.wrenches and not is_past else None
+        self._scene.show_wrench(None if first is None else first.wrench)
+        if self._drawn == (id(view), options):
+            return
+        self._drawn = id(view), options
+        self._scene.exaggerate(options.exaggeration)
+        as_points = options.colouring is not SkinColouring.PLAIN
+        self._scene.show_surface(view.surface(options.colouring, options.coarser, options.source), as_points, is_past)
+        line = view.profile(*options.profile_mm).points_mm if options.with_profile else None
+        self._scene.show_lines(view.outline_mm() if options.with_outline and not is_past else None, line)
+        tractions = view.tractions(options.source)
+        wants_arrows = options.pressure_arrows or options.shear_arrows
+        self._scene.show_tractions(
+            tractions.arrows_mm(view.reading.height, options.pressure_arrows, options.shear_arrows)
+            if wants_arrows and tractions is not None
+            else None
+        )
+        self._scene.show_object(view.press)
+
+    def _choose_theme(self, event: GuiEvent[Any]) -> None:
+        """Make the page light or dark."""
+        self._viewer.choose(dark=bool(event.target.value))
+        self._set_background()
+
+    def _set_background(self) -> None:
+        client, dark = self._viewer.client, self._viewer.options.dark
+        client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
+        client.scene.set_background_image(_DARK if dark else _LIGHT)
+
+
+class ProfilePanel:
+    """A point or a line on the skin, with the heights along it in mm, which follow the stream."""
+
+    title, icon = "Profile", Icon.CHART_LINE
+    side: Side = "right"
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = viewer
+        self._picks = 0
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the ends of the line and the plot."""
+        (start, end), block = self._viewer.options.profile_mm, self._viewer.block
+        least, most = (-block.width_mm / 2, -block.length_mm / 2), (block.width_mm / 2, block.length_mm / 2)
+        shown = gui.add_checkbox("line on the skin", self._viewer.options.with_profile)
+        self._start = gui.add_vector2("A: x, y (mm)", start, min=least, max=most, step=0.1)
+        self._end = gui.add_vector2("B: x, y (mm)", end, min=least, max=most, step=0.1)
+        gui.add_html('<div style="margin:0 0.9em;font-size:0.8em">Shift and click on the skin: A, then B.</div>')
+        self._text = gui.add_html("")
+        self._plot = gui.add_uplot(
+            (np.zeros(PROFILE_POINTS),) * 3,
+            (
+                uplot.Series(label="mm from A"),
+                uplot.Series(label="height (mm), from the image", stroke="#0072b2", width=1.5),
+                uplot.Series(label="height (mm), true", stroke="#d55e00", width=1.5, dash=(5.0, 4.0)),
+            ),
+            scales={"x": uplot.Scale(time=False), "y": uplot.Scale()},
+            title="height (mm) from A to B; true is dashed",
+            height=190,
+        )
+        shown.on_update(lambda event: self._viewer.choose(with_profile=event.target.value))
+        for point in (self._start, self._end):
+            point.on_update(self._choose_line)
+        self._viewer.client.scene.on_click(modifier="shift")(self._pick)
+
+    def update(self, moment: PageMoment) -> None:
+        """Plot the heights along the line."""
+        if moment.view is None:
+            return
+        profile = moment.view.profile(*self._viewer.options.profile_mm)
+        true = np.full(PROFILE_POINTS, np.nan) if profile.true_mm is None else profile.true_mm
+        self._plot.data = (profile.distance_mm, profile.height_mm, true)
+        self._text.content = profile_html(profile)
+
+    def _choose_line(self, event: GuiEvent[Any]) -> None:
+        """Move one end of the line."""
+        if is_from_browser(event) and all(map(isfinite, (*self._start.value, *self._end.value))):
+            self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
+
+    def _pick(self, event: SceneClickEvent) -> None:
+        """Move A or B, in turn, to where the line of sight of a click meets the plane of the undeformed skin."""
+        origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
+        if abs(direction[2]) < 1e-6:
+            return
+        x, y, _ = (origin - direction * origin[2] / direction[2]).tolist()
+        point = self._start if self._picks % 2 == 0 else self._end
+        self._picks += 1
+        set_control(point, (round(x, 1), round(y, 1)))
+        self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
+
+
+def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source: TractionSource) -> str:
+    """Return the meaning of the colours of an image as HTML."""
+    if kind is ImageKind.HEIGHT:
+        return colour_legend_html(scale)
+    if kind is ImageKind.STICKING:
+        return sticking_legend_html()
+    end_mpa = view.scale_end_mpa(kind, source)
+    return "" if end_mpa is None else magnitude_legend_html(f"{kind}, {source}", end_mpa)
+
+
+def _density_name(coarser: int) -> str:
+    """Return the name of a density of the surface."""
+    return next(name for name, factor in _DENSITIES.items() if factor == coarser)
+
+
+def _exaggeration(value: float) -> float:
+    """Return an exaggeration within its limits; a browser may send any number."""
+    return float(np.clip(value, 1.0, MAX_EXAGGERATION)) if isfinite(value) else 1.0

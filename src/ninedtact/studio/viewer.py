@@ -1,0 +1,161 @@
+"""One browser of the live page: its own panels, its own choice of views, and its own frozen moment.
+
+A page is made of panels. A `Panel` is built once for each viewer and then gets every moment that this viewer is shown; all panels
+of a viewer get the same moment. To add one, write a class with `build` and `update` in a file of its own and give it to the page.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from threading import RLock
+from time import monotonic_ns
+from typing import Any, Literal, Protocol
+
+from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
+
+from ninedtact.studio.displayed_reading import PageController, PageMoment
+from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
+from ninedtact.studio.scene_3d import GelBlock
+
+NOTICE_S = 8.0
+"""Time for which a notification stays."""
+NARROW_PX = 600
+"""Width of a browser below which the surface is sent coarser from the start: a phone."""
+MAX_EXAGGERATION = 10.0
+LEFT_PX, RIGHT_PX, LOWER_LEFT_PX = 330, 350, 260
+
+
+Side = Literal["left", "lower left", "right"]
+"""The columns of the page: images, curves below them, and controls; on a phone there is only the last."""
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """What one viewer has chosen to see."""
+
+    images: tuple[ImageKind, ImageKind] = (ImageKind.CAMERA, ImageKind.HEIGHT)
+    with_outline: bool = True
+    colouring: SkinColouring = SkinColouring.HEIGHT
+    coarser: int = 1
+    """Factor by which points of the surface are farther apart than in the finest one."""
+    exaggeration: float = 1.0
+    """Vertical exaggeration: factor by which heights are enlarged in 3D."""
+    source: TractionSource = TractionSource.ESTIMATED
+    pressure_arrows: bool = False
+    shear_arrows: bool = False
+    profile_mm: tuple[tuple[float, float], tuple[float, float]] = ((-8.0, 0.0), (8.0, 0.0))
+    """Ends of the line along which heights are plotted."""
+    with_profile: bool = False
+    """Whether the line is drawn in 3D."""
+    dark: bool = False
+
+
+class Panel(Protocol):
+    """One part of the page of one viewer."""
+
+    @property
+    def title(self) -> str:
+        """Name of its tab; a panel of the right side without a name stands above the tabs."""
+
+    @property
+    def icon(self) -> IconName | None:
+        """Icon of its tab."""
+
+    @property
+    def side(self) -> Side:
+        """Place on the page."""
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the controls."""
+
+    def update(self, moment: PageMoment) -> None:
+        """Show a moment; called with the same moment again where only the viewer's options have changed."""
+
+
+PanelFactory = Callable[["Viewer"], Panel]
+
+
+class Viewer:
+    """The page of one browser."""
+
+    def __init__(
+        self, client: ClientHandle, controller: PageController, block: GelBlock, panels: Sequence[PanelFactory]
+    ) -> None:
+        self.client, self.controller, self.block = client, controller, block
+        self.is_narrow = client.camera.image_width < NARROW_PX
+        self.options = ViewOptions(coarser=2 if self.is_narrow else 1)
+        self.moment: PageMoment | None = None
+        """The moment that this viewer is shown; None before the first."""
+        self._frozen = False
+        self._lock = RLock()
+        self._panels = [make(self) for make in panels]
+        self._place_panels()
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether this viewer keeps its moment."""
+        return self._frozen
+
+    def toggle_freeze(self) -> None:
+        """Keep the moment that is shown, or follow the sensor again; other viewers are not affected."""
+        with self._lock:
+            self._frozen = not self._frozen and self.moment is not None
+
+    def choose(self, **changes: Any) -> None:
+        """Change options of this viewer; the next refresh draws them, also in a frozen moment."""
+        with self._lock:
+            self.options = replace(self.options, **changes)
+
+    def show(self, newest: PageMoment) -> None:
+        """Show the newest moment, or the frozen one with its age."""
+        with self._lock:
+            moment = newest
+            if self._frozen and self.moment is not None and self.moment.view is not None:
+                status = self.moment.status_while_frozen(newest, monotonic_ns())
+                view = self.moment.view.dimmed_copy() if status.is_past else self.moment.view.bright_copy()
+                moment = replace(self.moment, status=status, view=view)
+            self.moment = moment
+            with self.client.atomic():
+                for panel in self._panels:
+                    panel.update(moment)
+
+    def notify(self, title: str, body: str, colour: Literal["red", "green"]) -> None:
+        """Show a notification to this viewer."""
+        self.client.add_notification(title, body, color=colour, auto_close_seconds=NOTICE_S)
+
+    def _place_panels(self) -> None:
+        """Build all panels, each in its column; on a phone all named ones are tabs, so that images are one tap away."""
+        gui = self.client.gui
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(RIGHT_PX)
+        columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}
+        for panel in self._panels:
+            side: Side = "right" if self.is_narrow else panel.side
+            if side == "right" and not panel.title:
+                panel.build(gui)
+                continue
+            if side not in columns:
+                columns[side] = gui.add_tab_group() if side == "right" else gui.add_panel()
+            with columns[side].add_tab(panel.title, panel.icon):
+                panel.build(gui)
+        self._dock(columns.get("left"), columns.get("lower left"))
+
+    def _dock(
+        self, upper: PanelHandle | GuiTabGroupHandle | None, lower: PanelHandle | GuiTabGroupHandle | None
+    ) -> None:
+        """Dock the panels of the left column, one below the other."""
+        if isinstance(upper, PanelHandle):
+            upper.dock_left()
+            upper.set_width(LEFT_PX)
+            if isinstance(lower, PanelHandle):
+                lower.dock_below(upper)
+                lower.set_height(LOWER_LEFT_PX)
+
+
+def is_from_browser(event: GuiEvent[Any]) -> bool:
+    """Return whether a person changed a control; the page itself changes controls too, to follow what others do."""
+    return event.client is not None
+
+
+def set_control(control: Any, value: Any) -> None:
+    """Set a control of one viewer to a value; a control that has it already is left alone."""
+    control.value = value

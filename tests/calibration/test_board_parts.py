@@ -1,0 +1,197 @@
+"""Laws of the parts that find the board and fit the lens: lattices, imprints, the lens and its errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from known_sensor import LENS
+
+from ninedtact.calibration.board.board_fit import _integer_spot_centre, anchored_mm_per_px_std
+from ninedtact.calibration.board.lattice import (
+    DarkSpots,
+    PinLattice,
+    _spans_square_lattice,
+    detect_dark_spots,
+    find_pin_lattices,
+    pin_positions_mm,
+)
+from ninedtact.calibration.board.lens_fit import LensFit, fit_lens, fit_lens_with_terms, rms_vector_length
+from ninedtact.calibration.board.pin_imprint_centres import (
+    _extract_pin_patches,
+    _fit_ring_plane,
+    _is_inside_image,
+    find_stray_pins,
+    locate_imprints_mm,
+)
+from ninedtact.design import PinBoard
+from ninedtact.shape.lens import LensModel, central_mm_per_px
+
+BOARD = PinBoard()
+NODES = np.array([(column, row) for row in range(7) for column in range(9)])
+POINTS_MM = pin_positions_mm(NODES, BOARD, 0)
+STRAIGHT = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (480, 640))
+"""20 pixels per mm, without distortion."""
+
+
+@pytest.mark.parametrize(
+    ("mounting", "first", "last"),
+    [
+        (0, (-10, -7.5), (10, 7.5)),
+        (90, (-10, 7.5), (10, -7.5)),
+        (180, (10, 7.5), (-10, -7.5)),
+        (270, (10, -7.5), (-10, 7.5)),
+    ],
+)
+def test_the_first_and_the_last_pin_lie_where_the_mounting_turns_them(mounting, first, last) -> None:
+    size = (9, 7) if mounting in (0, 180) else (7, 9)
+    corners = pin_positions_mm(np.array([(0, 0), (size[0] - 1, size[1] - 1), (1, 0)]), BOARD, mounting)
+    np.testing.assert_allclose(corners[:2], [first, last])
+    along = {0: (2.5, 0), 90: (0, -2.5), 180: (-2.5, 0), 270: (0, 2.5)}[mounting]
+    np.testing.assert_allclose(corners[2] - corners[0], along, atol=1e-12)
+
+
+def test_spots_are_found_where_they_are_strongest_first() -> None:
+    y, x = np.mgrid[:120, :160]
+    depths = {(40, 30): 2.0, (100, 60): 5.0, (130, 100): 3.0}
+    image = -sum(depth * np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / 2 / 4.0**2) for at, depth in depths.items())
+    spots = detect_dark_spots((image + 7).astype(np.float32), 4.0)
+    assert [tuple(point) for point in spots.points_px[:3].tolist()] == [(100, 60), (130, 100), (40, 30)]
+    # The Laplacian of a Gaussian spot of the sought size, times its variance, is half its depth.
+    np.testing.assert_allclose(spots.strength[:3], [2.5, 1.5, 1.0], rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("u", "v", "spans"),
+    [
+        ((10, 0), (0, 10), True),
+        ((10, 0), (0, 15.9), True),
+        ((10, 0), (0, 16.1), False),
+        ((16.1, 0), (0, 10), False),
+        ((10, 0), (3.4, 9.4), True),
+        ((10, 0), (3.6, 9.3), False),
+        ((10, 0), (-3.6, 9.3), False),
+    ],
+)
+def test_steps_of_like_length_at_right_angles_span_a_square_lattice(u, v, spans) -> None:
+    assert _spans_square_lattice(np.array(u, float), np.array(v, float)) == spans
+
+
+def test_a_lattice_grows_over_a_bent_grid_and_leaves_out_what_is_off_it() -> None:
+    column, row = NODES.T.astype(float)
+    points = np.column_stack([40 + 30 * column + 0.6 * column**2, 30 + 28 * row + 0.5 * row * column])
+    strength = np.arange(63, 0, -1.0) ** 2
+    stray = points[31] + [12.0, 12.0]
+    spots = DarkSpots(np.vstack([points, stray]), np.append(strength, 0.01))
+    largest = max(find_pin_lattices(spots, np.array([200.0, 110.0])), key=len)
+    assert len(largest) == 63
+    order = np.lexsort(((largest.nodes - largest.nodes.min(axis=0))[:, 0], largest.nodes[:, 1]))
+    np.testing.assert_allclose(largest.points_px[order], points)
+    assert largest.score == pytest.approx(np.arange(1, 64).sum())
+    part = largest.window(3, 2)
+    assert sorted(part.strength.tolist(), reverse=True) == [63**2, 62**2, 61**2, 54**2, 53**2, 52**2]
+    assert part.nodes.min(axis=0).tolist() == [0, 0] and part.nodes.max(axis=0).tolist() == [2, 1]
+
+
+def test_a_window_larger_than_the_lattice_holds_all_of_it() -> None:
+    small = PinLattice(np.array([(2, 3), (3, 3), (2, 4)]), np.zeros((3, 2)), np.ones(3))
+    assert len(small.window(5, 6)) == 3
+    assert set(small.corners(2, 2)) == {(2, 3)}
+    assert set(small.corners(3, 2)) == {(1, 3), (2, 3)}
+
+
+def noisy_pins(noise_px: float, seed: int, lens: LensModel = LENS) -> np.ndarray:
+    """Where the pins appear, with noise."""
+    return lens.to_px(POINTS_MM) + np.random.default_rng(seed).normal(0, noise_px, (63, 2))
+
+
+def test_a_lens_is_fitted_exactly_and_one_wrong_pin_hardly_bends_it() -> None:
+    true_px = noisy_pins(0, 0)
+    fit = fit_lens_with_terms(POINTS_MM, true_px, (480, 640), 3)
+    np.testing.assert_allclose(fit.lens.to_px(POINTS_MM), true_px, atol=1e-3)
+    wrong = true_px.copy()
+    wrong[20] += [25.0, -10.0]
+    bent = fit_lens_with_terms(POINTS_MM, wrong, (480, 640), 3)
+    assert np.abs(bent.lens.to_px(POINTS_MM) - true_px).max() < 1.5
+    assert np.flatnonzero(find_stray_pins(bent, BOARD)).tolist() == [20]
+    np.testing.assert_allclose(bent.residual_px[20], [-25.0, 10.0], atol=1.5)
+
+
+def test_as_many_radial_terms_are_taken_as_predict_best() -> None:
+    points_px = noisy_pins(0.05, 1)
+    start = fit_lens_with_terms(POINTS_MM, points_px, (480, 640), 1).lens
+    fit = fit_lens(POINTS_MM, points_px, start)
+    each = [fit_lens_with_terms(POINTS_MM, points_px, (480, 640), terms).leave_one_out_rms_mm for terms in (1, 2, 3)]
+    assert fit.leave_one_out_rms_mm == pytest.approx(min(each), rel=1e-3)
+    assert len(fit.lens.radial) == 1 + int(np.argmin(each)) > 1
+    few = np.arange(12)  # pins, less than the parameters of two radial terms
+    assert len(fit_lens(POINTS_MM[few], points_px[few], start).lens.radial) == 1
+
+
+def test_the_stated_error_of_the_scale_is_its_scatter() -> None:
+    fits = [fit_lens_with_terms(POINTS_MM, noisy_pins(0.2, seed), (480, 640), 3) for seed in range(40)]
+    scatter = np.std([central_mm_per_px(fit.lens, 2.5) for fit in fits])
+    stated = np.mean([fit.mm_per_px_std(2.5) for fit in fits])
+    assert stated == pytest.approx(scatter, rel=0.3)
+
+
+def test_errors_are_lengths_of_vectors() -> None:
+    assert rms_vector_length(np.array([[3.0, 4.0], [0.0, 0.0]])) == pytest.approx(5 / np.sqrt(2))
+    fit = fit_lens_with_terms(POINTS_MM, noisy_pins(0.1, 2), (480, 640), 3)
+    assert fit.leave_one_out_rms_mm == pytest.approx(rms_vector_length(fit.leave_one_out_errors_mm))
+
+
+@pytest.mark.parametrize(("factor", "stray"), [(1.05, True), (0.95, False)])
+def test_a_pin_is_stray_beyond_a_tenth_of_the_pitch(
+    factor: float, stray: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors = np.full((63, 2), [0.003, 0.004])
+    errors[5] = [0.25 * factor, 0.0]
+    fit = replace(fit_lens_with_terms(POINTS_MM, noisy_pins(0, 0), (480, 640), 1))
+    monkeypatch.setattr(LensFit, "leave_one_out_errors_mm", errors)
+    assert find_stray_pins(fit, BOARD)[5] == stray
+    errors[:, 1] += 0.06
+    assert not find_stray_pins(fit, BOARD).any()  # five times the median counts as well
+
+
+def test_an_imprint_is_located_on_tilted_brightness() -> None:
+    y, x = np.mgrid[:480, :640]
+    true_mm = np.array([[1.3, -0.7], [-3.0, 2.2]])
+    centres = STRAIGHT.to_px(true_mm)
+    spots = sum(np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / 2 / 8.0**2) for at in centres)
+    image = (0.002 * x - 0.001 * y - 0.3 * spots).astype(np.float32)
+    found = locate_imprints_mm(image, STRAIGHT, true_mm + np.array([[0.2, -0.15], [-0.1, 0.2]]), 1.3)
+    np.testing.assert_allclose(found, true_mm, atol=0.01)
+    patches = _extract_pin_patches(image, STRAIGHT, true_mm, 1.3)
+    np.testing.assert_allclose(patches.depth, 0.3, rtol=0.03)
+    np.testing.assert_allclose(patches.centroid_mm, 0, atol=0.01)
+
+
+def test_the_background_of_a_patch_is_the_plane_through_its_ring() -> None:
+    x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9))
+    plane = np.stack([0.5 + 2 * x - y, 1 - 0.3 * x + 0.2 * y]).astype(np.float32)
+    ring = np.hypot(x, y) > 0.8
+    dented = np.where(ring, plane, plane - 5).astype(np.float32)
+    np.testing.assert_allclose(_fit_ring_plane(dented, ring, x, y), plane, atol=1e-5)
+
+
+def test_a_pin_is_inside_with_its_margin() -> None:
+    inside = [(2.5, 2.5), (636.5, 476.5), (300.0, 200.0)]
+    outside = [(2.4, 200.0), (300.0, 2.4), (636.6, 200.0), (300.0, 476.6)]
+    assert _is_inside_image(np.array(inside), (480, 640), 2.5).all()
+    assert not _is_inside_image(np.array(outside), (480, 640), 2.5).any()
+
+
+def test_the_papers_pin_centre_is_that_of_the_half_dark_pixels_rounded_down() -> None:
+    image = np.zeros((40, 50), np.float32)
+    image[10:14, 20:27] = -1.0
+    image[10, 30] = -1.0  # another spot
+    assert _integer_spot_centre(image, np.array([22.2, 11.8]), 12).tolist() == [23, 11]
+    assert _integer_spot_centre(image[9:, 18:], np.array([3.0, 2.0]), 12).tolist() == [5, 2]
+
+
+def test_the_error_of_the_papers_scale_is_that_of_the_mean_of_four() -> None:
+    points_px = STRAIGHT.to_px(POINTS_MM)
+    assert anchored_mm_per_px_std(POINTS_MM, points_px, 2.5) == pytest.approx(0, abs=1e-12)
+    right = np.flatnonzero((POINTS_MM == [2.5, 0]).all(axis=1))
+    points_px[right] += [50.0, 0.0]  # a distance of 100 pixels and three of 50
+    assert anchored_mm_per_px_std(POINTS_MM, points_px, 2.5) == pytest.approx(0.0125 / 2)

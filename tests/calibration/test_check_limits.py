@@ -1,0 +1,74 @@
+"""The limits of the checks of a certificate, from both sides, and what many small faults add up to."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ninedtact.calibration.certificate import checks
+from ninedtact.calibration.certificate.checks import CheckLimit, CheckResult
+from ninedtact.design import SensorDesign
+
+LIMITS = {
+    "MISSING": (0.0, 0.01, 0.1, 0.11),
+    "LEAVE_ONE_OUT_RMS_MM": (0.06, 0.061, 0.1, 0.101),
+    "LEAVE_ONE_OUT_MAX_MM": (0.18, 0.181, 0.3, 0.301),
+    "SCALE_ERROR": (0.005, 0.0051, 0.01, 0.0101),
+    "OVEREXPOSED": (0.01, 0.011, 0.05, 0.051),
+    "UNEVEN_BULGE": (0.08, 0.081, 9.0, np.nan),
+    "CONTACT_RADIUS": (1.2, 1.21, 1.35, 1.36),
+    "CROSS_VALIDATION_MAE_MM": (0.03, 0.031, 0.15, 0.151),
+    "NOISE_MM": (0.01, 0.0101, 0.03, 0.031),
+    "CONTRAST_TO_NOISE": (10.0, 9.9, 0.0, -0.1),
+    "RANGE_MM": (1.0, 0.99, 0.5, 0.49),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_figure_passes_up_to_its_limit_and_fails_beyond_the_second(name: str) -> None:
+    limit: CheckLimit = getattr(checks, name)
+    assert [limit.level(value) for value in LIMITS[name]] == ["pass", "warn", "warn", "fail"]
+    assert limit.level(np.nan) == "fail"
+
+
+@pytest.mark.parametrize(
+    ("levels", "warnings", "overall"),
+    [
+        ("pass " * 5, (), "pass"),
+        ("pass " * 5, ("read this",), "warn"),
+        ("pass warn warn warn", (), "warn"),
+        ("pass warn warn warn warn", (), "poor"),
+        ("pass warn warn warn warn fail", (), "fail"),
+    ],
+)
+def test_the_whole_is_as_good_as_its_worst_check_and_poor_from_four_warnings_on(
+    levels: str, warnings: tuple[str, ...], overall: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results = [CheckResult(level, "") for level in levels.split()]  # type: ignore[arg-type]
+    monkeypatch.setattr(checks, "check_certificate", lambda _: results)
+    certificate = SimpleNamespace(warnings=warnings)
+    assert checks.overall_check_level(certificate) == overall  # type: ignore[arg-type]
+    words = {
+        "pass": ("ready to measure", "All 5 checks passed"),
+        "warn": ("with care", "read the warnings" if warnings else "3 of 4 checks warned"),
+        "poor": ("Calibrate again", "4 of 5 checks warned"),
+        "fail": ("Do not measure", "1 of 6 checks failed"),
+    }
+    assert all(part in checks.certificate_headline(certificate) for part in words[overall])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "contact_mm", "relative"),
+    [(1.0, 3.0, 3 / np.sqrt(7)), (4.0, 4.4, 1.1), (5.0, 4.0, 1.0), (0.0, 1.0, np.inf)],
+)
+def test_a_contact_is_compared_with_the_section_of_the_ball(
+    depth_mm: float, contact_mm: float, relative: float
+) -> None:
+    ball = SimpleNamespace(ball_radius_mm=4.0, max_indentation_mm=depth_mm, contact_radius_mm=contact_mm)
+    assert checks._relative_contact_radius(ball) == pytest.approx(relative)  # type: ignore[arg-type]
+
+
+def test_a_fit_is_unusual_from_three_deviations_on() -> None:
+    assert checks.unusual_fit_warnings(3.2, SensorDesign()) == []
+    (warning,) = checks.unusual_fit_warnings(3.3, SensorDesign())
+    assert "3.3 standard deviations; at most 3.2" in warning and "2.5 mm apart" in warning

@@ -1,0 +1,188 @@
+"""The disc of a ball in drawn changes of light: where it is, how uneven its rim is, and from which limits on it is refused."""
+
+import numpy as np
+import pytest
+
+from ninedtact.calibration.ball.contact_circle import (
+    BallPressUnusable,
+    ContactCircle,
+    asymmetry_warnings,
+    find_contact_circle,
+    reference_drift_warnings,
+    require_disc_above_black,
+    require_explained_by_ball,
+    require_usable_depth,
+    spherical_cap_height_mm,
+)
+from ninedtact.calibration.brightness import estimate_pixel_noise, find_exposure_fault, relative_brightness_change
+from ninedtact.design import BallGauge
+
+SHAPE, RADIUS_PX = (160, 200), 30.0
+ROW, COL = np.indices(SHAPE).astype(float)
+
+
+def disc(drop: float, x: float = 105.0, y: float = 72.0, lean: float = 0.0, oval: float = 1.0) -> np.ndarray:
+    """A dark disc of this radius in a bright rim, which is brighter towards +x by a part."""
+    across, down = COL - x, (ROW - y) * oval
+    r = np.hypot(across, down)
+    field = -drop * (1 - (r / RADIUS_PX) ** 2) * np.exp(-1.5 * (r / RADIUS_PX) ** 2)
+    return field * np.where(r > RADIUS_PX, 1 + lean * across / np.maximum(r, 1), 1)
+
+
+def found(*fields: np.ndarray, noise: float = 0.05) -> ContactCircle:
+    """The circle in the sum of fields."""
+    noisy = sum(fields) + np.random.default_rng(0).normal(0, noise, SHAPE)
+    return find_contact_circle(noisy.astype(np.float32))
+
+
+def spot(x: float, y: float, height: float, width_px: float) -> np.ndarray:
+    return height * np.exp(-((COL - x) ** 2 + (ROW - y) ** 2) / 2 / width_px**2)
+
+
+def test_the_disc_is_found_where_it_is() -> None:
+    circle = found(disc(40.0))
+    assert circle.centre_px == pytest.approx((105, 72), abs=0.1)
+    assert circle.radius_px == pytest.approx(RADIUS_PX, abs=0.3)
+    assert circle.drop == pytest.approx(40, rel=0.03)
+    assert circle.edge_scatter_px < 0.3 and circle.asymmetry < 0.01
+    np.testing.assert_allclose(circle.distance_px(SHAPE)[72, [105, 135]], [0, 30], atol=0.3)
+
+
+def test_an_uneven_rim_leans_to_its_brighter_side() -> None:
+    ring = (np.hypot(COL - 105, ROW - 72) > 1.1 * RADIUS_PX) & (np.hypot(COL - 105, ROW - 72) < 1.6 * RADIUS_PX)
+    expected = 0.4 * disc(40.0)[ring].mean() / 40
+    assert found(disc(40.0, lean=0.4)).leaning == pytest.approx((expected, 0), abs=0.005)
+    for leaning, warned in (((0.06, 0.05), False), ((0.06, 0.06), True)):
+        assert bool(asymmetry_warnings(ContactCircle((0, 0), 9, 0, 40, leaning))) == warned
+
+
+@pytest.mark.parametrize(("drop", "enough"), [(2.9, False), (3.3, True)])
+def test_three_grey_levels_are_a_contact(drop: float, enough: bool) -> None:
+    if enough:
+        assert found(disc(drop)).radius_px == pytest.approx(RADIUS_PX, abs=1)
+        return
+    with pytest.raises(BallPressUnusable, match="got no contact"):
+        found(disc(drop))
+
+
+def test_what_is_less_than_three_times_the_noise_is_no_contact() -> None:
+    assert found(disc(12.0), noise=3.5).drop > 10
+    with pytest.raises(BallPressUnusable, match=r"at least 1\d grey levels"):
+        found(disc(12.0), noise=4.8)
+
+
+@pytest.mark.parametrize(("depth", "contacts"), [(0.33, 1), (0.6, 2)])
+def test_a_second_spot_is_a_contact_from_a_third_of_the_first_on(depth: float, contacts: int) -> None:
+    second = spot(30, 30, -depth * 40, 9.0)
+    if contacts == 1:
+        assert found(disc(40.0), second).centre_px == pytest.approx((105, 72), abs=0.3)
+        return
+    with pytest.raises(BallPressUnusable, match="got 2;"):
+        found(disc(40.0), second)
+
+
+def test_a_small_reflection_is_glare_and_a_wide_bright_place_a_swapped_pair() -> None:
+    assert found(disc(40.0), spot(30, 30, 60, 4.0)).radius_px == pytest.approx(RADIUS_PX, abs=0.3)
+    assert found(disc(40.0), spot(0, 80, 60, 14.0)).radius_px == pytest.approx(RADIUS_PX, abs=0.5)
+    for width_px in (6.5, 14.0):
+        with pytest.raises(BallPressUnusable, match="look swapped"):
+            found(disc(40.0), spot(35, 35, 60, width_px))
+
+
+@pytest.mark.parametrize(("x", "y"), [(4.0, 72.0), (105.0, 156.0), (196.0, 72.0), (105.0, 4.0)])
+def test_a_disc_at_the_border_is_refused(x: float, y: float) -> None:
+    with pytest.raises(BallPressUnusable, match="cut by the image's border"):
+        found(disc(40.0, x, y))
+
+
+@pytest.mark.parametrize(("x", "cut"), [(31.5, False), (28.5, True)])
+def test_a_disc_is_whole_as_long_as_its_edge_is_in_view(x: float, cut: bool) -> None:
+    if not cut:
+        assert found(disc(40.0, x)).centre_px[0] == pytest.approx(x, abs=0.2)
+        return
+    with pytest.raises(BallPressUnusable, match="cut by the image's border"):
+        found(disc(40.0, x))
+
+
+@pytest.mark.parametrize(("oval", "rounded"), [(1.3, True), (1.6, False)])
+def test_an_oval_is_no_ball(oval: float, rounded: bool) -> None:
+    if rounded:
+        assert 0.05 < found(disc(40.0, oval=oval)).edge_scatter_px / RADIUS_PX < 0.12
+        return
+    with pytest.raises(BallPressUnusable, match="a round disc"):
+        found(disc(40.0, oval=oval))
+
+
+def circle_of(radius_px: float, drop: float = 40.0) -> ContactCircle:
+    return ContactCircle((100.0, 80.0), radius_px, 0.1, drop, (0.0, 0.0))
+
+
+def test_depths_between_too_shallow_and_wider_than_the_ball_are_usable() -> None:
+    ball = BallGauge(4.0)
+    assert spherical_cap_height_mm(4.0, 2.4) == pytest.approx(0.8)
+    shallowest_mm = np.sqrt(16 - 3.6**2)
+    require_usable_depth(ball, circle_of(1.01 * shallowest_mm / 0.05), 0.05)
+    require_usable_depth(ball, circle_of(79.9), 0.05)
+    require_usable_depth(ball, circle_of(84.0), 0.05, widest=1.06)
+    with pytest.raises(BallPressUnusable, match=r"at least 0\.4 mm deep, got 0\.39"):
+        require_usable_depth(ball, circle_of(0.99 * shallowest_mm / 0.05), 0.05)
+    for radius_px, widest in ((80.0, 1.0), (85.0, 1.06)):
+        with pytest.raises(BallPressUnusable, match="smaller than the ball"):
+            require_usable_depth(ball, circle_of(radius_px), 0.05, widest)
+
+
+@pytest.mark.parametrize(("black", "usable"), [(22, True), (34, False)])
+def test_one_in_a_hundred_pixels_of_the_disc_may_be_black(black: int, usable: bool) -> None:
+    circle, after = circle_of(30.0), np.full(SHAPE, 90, np.float32)
+    inside = np.argwhere(circle.distance_px(SHAPE) < 30)
+    assert len(inside) == pytest.approx(2827, abs=20)
+    after[tuple(inside[:black].T)] = 2.0
+    after[tuple(inside[black:500].T)] = 2.1
+    after[:3] = 0  # outside the disc
+    if usable:
+        require_disc_above_black(after, circle)
+        return
+    with pytest.raises(BallPressUnusable, match="brighter than black, got 1%"):
+        require_disc_above_black(after, circle)
+
+
+def test_what_a_ball_leaves_unexplained_is_at_most_a_part_of_the_darkening() -> None:
+    require_explained_by_ball(2.39, circle_of(30.0, 40.0))
+    with pytest.raises(BallPressUnusable, match="a ball explains to 6%"):
+        require_explained_by_ball(2.41, circle_of(30.0, 40.0))
+
+
+@pytest.mark.parametrize(("by", "warned"), [(3, False), (4, True)])
+def test_reference_images_may_drift_by_three_grey_levels(by: int, warned: bool) -> None:
+    before = np.full((20, 30, 3), 120, np.uint8)
+    assert bool(reference_drift_warnings(before, before + np.uint8(by))) == warned
+    assert bool(reference_drift_warnings(before, before - np.uint8(by))) == warned
+    assert reference_drift_warnings(before, before[:10] + np.uint8(9)) == ()
+
+
+def test_changes_are_relative_to_the_reference_at_its_mean_brightness() -> None:
+    before = np.full((4, 6, 3), 100, np.uint8)
+    before[:, :3], before[0, 0] = 50, 4
+    after = (before * 0.9).astype(np.uint8)
+    change = relative_brightness_change(before, after)
+    mean = before.mean()
+    assert change[2, 5] == pytest.approx(-0.1 * mean, rel=1e-4) == change[2, 1]
+    assert change[0, 0] == pytest.approx(-1 / 8 * mean, rel=1e-4)  # as of the faintest reference
+
+
+@pytest.mark.parametrize("std", [0.5, 4.0])
+def test_the_noise_of_a_pixel_is_told_from_smooth_content(std: float) -> None:
+    field = spot(100, 80, 50, 30) + 0.3 * COL + np.random.default_rng(1).normal(0, std, SHAPE)
+    assert estimate_pixel_noise(field.astype(np.float32)) == pytest.approx(std, rel=0.03)
+    assert estimate_pixel_noise((0.3 * COL).astype(np.float32)) == pytest.approx(0.1)
+
+
+def test_a_fifth_of_an_image_may_be_overexposed() -> None:
+    image = np.full((10, 20, 3), 100, np.uint8)
+    image[:2] = 250
+    assert find_exposure_fault(image) is None
+    image[2, 0] = 250
+    fault = find_exposure_fault(image)
+    assert fault is not None and fault.kind == "overexposed" and fault.sentence.startswith("20% of the image")
+    dark = find_exposure_fault(image // 20)
+    assert dark is not None and dark.kind == "dark"

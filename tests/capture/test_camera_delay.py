@@ -1,0 +1,90 @@
+"""The delay of a camera is found from a light that blinks, and its stated error holds it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ninedtact.capture.camera_check import describe_camera_settings
+from ninedtact.capture.camera_delay import (
+    CameraDelay,
+    CameraDelayNotMeasured,
+    CameraDelayUnreadable,
+    FileLight,
+    LightNotSwitched,
+    SimulatedDelayedCamera,
+    SimulatedLight,
+    estimate_delay,
+    read_camera_delay,
+    write_camera_delay,
+)
+from ninedtact.capture.frame_source import CameraSettings
+from ninedtact.cli import main
+
+WRITTEN = CameraDelay(delay_ms=42.0, error_ms=0.5, camera="camera 0", rate_hz=30.0, correlation=0.99)
+
+
+def blinking(
+    delay_s: float, exposure_s: float, rate_hz: float, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Switches, stamps with half a millisecond of jitter, and brightness with noise of a grey level."""
+    rng = np.random.default_rng(seed)
+    switches_s = np.cumsum(rng.uniform(0.12, 0.4, 40))
+    light = SimulatedLight()
+    light.switched_ns += (switches_s * 1e9).astype(int).tolist()
+    stamps_s = np.arange(0, switches_s[-1], 1 / rate_hz) + rng.normal(
+        0, 5e-4, len(np.arange(0, switches_s[-1], 1 / rate_hz))
+    )
+    seen = [((at - delay_s - exposure_s / 2) * 1e9, (at - delay_s + exposure_s / 2) * 1e9) for at in stamps_s]
+    grey = [60 + 80 * light.share_on(round(begin), round(end)) for begin, end in seen]
+    return switches_s, stamps_s, np.array(grey) + rng.normal(0, 1, len(grey))
+
+
+@pytest.mark.parametrize(
+    ("delay_ms", "exposure_ms", "rate_hz"),
+    [(0.0, 2.0, 90.0), (42.0, 12.0, 30.0), (180.0, 30.0, 15.0), (-20.0, 5.0, 60.0)],
+)
+def test_a_known_delay_is_found(delay_ms: float, exposure_ms: float, rate_hz: float) -> None:
+    found = estimate_delay(*blinking(delay_ms / 1e3, exposure_ms / 1e3, rate_hz))
+    assert abs(found.delay_ms - delay_ms) < 3 * found.error_ms < 3.0
+    assert found.rate_hz == pytest.approx(rate_hz, rel=0.01) and found.correlation > 0.99
+
+
+def test_images_that_do_not_follow_the_light_give_no_delay() -> None:
+    switches_s, stamps_s, grey = blinking(0.03, 0.01, 30)
+    with pytest.raises(CameraDelayNotMeasured, match=r"change by 0\.0"):
+        estimate_delay(switches_s, stamps_s, np.full(len(grey), 80.0))
+    with pytest.raises(CameraDelayNotMeasured, match="follow the light"):
+        estimate_delay(switches_s, stamps_s, np.random.default_rng(0).permutation(grey))
+    with pytest.raises(CameraDelayNotMeasured, match="measure longer"):
+        estimate_delay(switches_s[:3], stamps_s[:20], grey[:20])
+
+
+def test_the_command_finds_the_delay_of_the_simulated_camera(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["camera-delay", "--source", "sim", "--seconds", "3", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    truth_ms = SimulatedDelayedCamera(SimulatedLight()).delay_ms
+    assert abs(found["delay_ms"] - truth_ms) < 4 * found["error_ms"] < 12 and found["file"] is None
+
+
+def test_the_delay_is_kept_in_the_sensor_folder(tmp_path: Path) -> None:
+    assert read_camera_delay(write_camera_delay(tmp_path, WRITTEN).parent) == WRITTEN
+    (tmp_path / "camera.toml").write_text("delay_ms = nan\nerror_ms = 1.0\n")
+    with pytest.raises(CameraDelayUnreadable, match="delay_ms = nan"):
+        read_camera_delay(tmp_path)
+
+
+def test_a_light_that_cannot_be_switched_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(LightNotSwitched, match="expected to switch the light by writing"):
+        FileLight(tmp_path / "missing").switch(True)
+    (tmp_path / "brightness").write_text("0")
+    FileLight(tmp_path / "brightness").switch(True)
+    assert (tmp_path / "brightness").read_text() == "1"
+
+
+def test_settings_are_printed_as_the_camera_reports_them() -> None:
+    fixed = CameraSettings(auto_exposure=False, exposure_ms=8.3, gain=4, auto_white_balance=False, white_balance_k=4600)
+    assert describe_camera_settings(fixed) == "exposure 8.3 ms, fixed; gain 4; white balance 4600 K, fixed"
+    automatic = CameraSettings(auto_exposure=True, auto_white_balance=True)
+    assert describe_camera_settings(automatic) == "automatic exposure; gain not reported; automatic white balance"

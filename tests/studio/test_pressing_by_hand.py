@@ -1,0 +1,312 @@
+"""A person presses the twin on the page: what they set is what the simulation does, and what the page shows."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import trimesh
+import viser
+from playwright.sync_api import Browser, Page
+from reading_clients import CAMERA
+from small_press_simulation import PRESSED, TWIN
+from small_sensor import wait_until
+from websockets.sync.client import connect
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.cli.live import page_sources_of_twin
+from ninedtact.design import Gel
+from ninedtact.force.traction.estimator import TractionForce
+from ninedtact.force.traction.observation import HeightObservationModel
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.ground_truth import true_height_map_like
+from ninedtact.simulation.hand_motion import HandMotion, HandTarget
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.simulation.press_simulation import PressSimulation
+from ninedtact.simulation.simulated_sources import demo_sources
+from ninedtact.studio.displayed_reading import PageController, PageMoment
+from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.press_control import (
+    MAX_DEPTH_MM,
+    OBJECTS_BY_KIND,
+    PressControl,
+    UploadRefused,
+    read_uploaded_mesh,
+    state_from_rotation,
+)
+from ninedtact.studio.press_panel import HANDLE_LIFT_MM, thumbnails_of_kind
+from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.studio.wrench_poller import WrenchHistory
+
+PATIENCE_S = 120.0
+HZ = 8.0
+"""Steps per second of the twin, so that a busy machine keeps up."""
+
+
+class PressedTwin:
+    """A twin on a page, refreshed by the test."""
+
+    def __init__(
+        self, control: PressControl, studio: PageController, page: SensorPage, server: viser.ViserServer
+    ) -> None:
+        self.control, self.studio, self.page, self.server = control, studio, page, server
+
+    @property
+    def moment(self) -> PageMoment:
+        """What the first viewer is shown."""
+        moment = self.page.viewers[0].moment
+        assert moment is not None
+        return moment
+
+    def rests_at(self, depth_mm: float) -> bool:
+        """Whether the newest reading shows the object resting at a depth."""
+        self.studio.refresh(self.page)
+        if not self.page.viewers or self.page.viewers[0].moment is None:
+            return False
+        view = self.moment.view
+        return view is not None and view.press is not None and abs(view.press.contact.pose.depth_mm - depth_mm) < 1e-6
+
+
+@contextmanager
+def pressed_twin(folder: SensorFolder, out: Path) -> Iterator[PressedTwin]:
+    sources = demo_sources(TWIN)
+    simulation = PressSimulation(TWIN, [PRESSED], HZ)
+    sources.camera.simulation = sources.force_torque.simulation = simulation
+    sources.camera.__post_init__()
+    sources.force_torque.__post_init__()
+    sensor, pollers = page_sources_of_twin(folder.shape, sources)
+    sensor.estimator = TractionForce(HeightObservationModel(), Gel())
+    estimated = WrenchHistory("estimated", "by physics", states_errors=True)
+    control = PressControl(simulation)
+
+    def keep_estimate(reading: object) -> None:
+        estimated.add_estimate(reading.force)  # type: ignore[attr-defined]
+
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep_estimate) as loop, pollers[0]:
+        studio = PageController(loop, out, [pollers[0].history, estimated], press_at=control.press_at)
+        block = gel_block_under_skin(folder.shape, folder.record.design.gel)
+        yield PressedTwin(control, studio, SensorPage(server, studio, block, "twin", control), server)
+
+
+def open_tab(browser: Browser, twin: PressedTwin, width: int, height: int) -> tuple[Page, list[str]]:
+    """A page in a browser, and the errors that it reports."""
+    tab, errors = browser.new_page(viewport={"width": width, "height": height}), list[str]()
+    tab.set_default_timeout(PATIENCE_S * 1000)
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    # A slow browser is sent the next image before it has loaded the last one, which viser has dropped by then.
+    tab.on(
+        "console",
+        lambda said: (
+            errors.append(said.text) if said.type == "error" and "ERR_FILE_NOT_FOUND" not in said.text else None
+        ),
+    )
+    tab.goto(f"http://127.0.0.1:{twin.server.get_port()}")
+    wait_until(lambda: twin.page.is_watched, PATIENCE_S)
+    twin.page.viewers[0].choose(coarser=4)  # a browser without a graphics card
+    return tab, errors
+
+
+def images_of(tab: Page) -> list[str | None]:
+    return [image.get_attribute("src") for image in tab.locator("img[src^=blob]").all()]
+
+
+def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
+    browser: Browser, tmp_path: Path, twin_sensor: SensorFolder
+) -> None:
+    with pressed_twin(twin_sensor, tmp_path) as twin:
+        tab, errors = open_tab(browser, twin, 1300, 900)
+        wait_until(lambda: (twin.studio.refresh(twin.page), "ball_8mm" in tab.inner_text("body"))[1], PATIENCE_S, 0.05)
+        twin.control.choose("primitives", "ball")
+        wait_until(lambda: twin.rests_at(0.6), PATIENCE_S, 0.05)
+        before, shallow = images_of(tab), twin.moment
+        depth = tab.locator("label:has-text('depth (mm)')").first.locator("xpath=ancestor::*[.//input][1]//input").last
+        depth.fill("1.2")
+        depth.press("Enter")
+        wait_until(lambda: twin.rests_at(1.2), PATIENCE_S, 0.05)
+        wait_until(lambda: twin.rests_at(1.2) and "1.20 mm deep" in tab.inner_text("body"), PATIENCE_S, 0.05)
+        said, moment = tab.inner_text("body"), twin.moment
+        view = moment.view
+        assert view is not None and view.press is not None and moment.reading is not None
+        true = true_height_map_like(
+            view.press.contact, moment.reading.height, TWIN.renderer.light.inverse_distance_per_mm
+        )
+        # This sensor is calibrated by the method that is done soonest, which reads deep presses too deep.
+        assert moment.reading.max_indentation_mm == pytest.approx(-true.z_mm.min(), abs=0.25)
+        assert np.corrcoef(moment.reading.height.z_mm.ravel(), true.z_mm.ravel())[0, 1] > 0.97
+        shown = re.search(r"maximum indentation\s*([\d.]+)", said)
+        assert shown is not None and float(shown[1]) == pytest.approx(moment.reading.max_indentation_mm, abs=0.03)
+        row = next(line.split("\t") for line in said.splitlines() if line.startswith("Fz"))
+        force_n = float(view.press.contact.wrench().force_n[2])
+        assert float(row[1].replace("\N{MINUS SIGN}", "-")) == pytest.approx(force_n, abs=0.02)
+        estimate, std = re.findall(r"[\d.]+", row[2])
+        assert -float(estimate) == pytest.approx(force_n, abs=4 * float(std) + 0.2 * abs(force_n))
+        surfaces = [
+            each.view.surface(SkinColouring.HEIGHT, 4, TractionSource.TRUE) for each in (shallow, moment) if each.view
+        ]
+        assert surfaces[1].points_mm[:, 2].min() < surfaces[0].points_mm[:, 2].min() - 0.4
+        # The thumbnails of the objects are the one image that stays.
+        assert len(before) == 3 and len(set(before) & set(images_of(tab))) == 1
+        assert tab.title() == "twin · 9DTact" and "true" in said and "estimated" in said
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        mesh = trimesh.creation.box((6, 4, 3)).export(file_type="stl")
+        tab.locator("input[type=file]").first.set_input_files(
+            {"name": "my part.stl", "mimeType": "model/stl", "buffer": mesh}
+        )
+        wait_until(lambda: twin.rests_at(0.6) and "my_part" in tab.inner_text("body"), PATIENCE_S, 0.05)
+        assert twin.control.state.kind == "own mesh"
+        tab.locator("input[type=file]").first.set_input_files(
+            {"name": "bad.stl", "mimeType": "model/stl", "buffer": b"solid nothing"}
+        )
+        wait_until(lambda: "Mesh not taken" in tab.inner_text("body"), PATIENCE_S, 0.05)
+        assert twin.control.state.family == "my_part"
+    assert errors == []
+
+
+def test_a_phone_has_all_in_one_column_without_scrolling_sideways(
+    browser: Browser, tmp_path: Path, twin_sensor: SensorFolder
+) -> None:
+    with pressed_twin(twin_sensor, tmp_path) as twin:
+        tab, errors = open_tab(browser, twin, 390, 844)
+        wait_until(lambda: (twin.studio.refresh(twin.page), "Press" in tab.inner_text("body"))[1], PATIENCE_S, 0.05)
+        tab.get_by_role("tab", name="Images").dispatch_event("click")
+
+        def images_are_in_view() -> bool:
+            twin.studio.refresh(twin.page)
+            boxes = [image.bounding_box() for image in tab.locator("img[src^=blob]").all()]
+            seen = [box for box in boxes if box is not None and box["width"] > 150]
+            return len(seen) == 2 and all(box["x"] >= 0 and box["x"] + box["width"] <= 390 for box in seen)
+
+        wait_until(images_are_in_view, PATIENCE_S, 0.05)
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert errors == []
+
+
+@contextmanager
+def socket_client(twin: PressedTwin) -> Iterator[object]:
+    """A viewer without a browser."""
+    address, protocol = f"ws://127.0.0.1:{twin.server.get_port()}", f"viser-v{viser.__version__}"
+    before = len(twin.page.viewers)
+    with connect(address, subprotocols=[protocol], max_size=None, max_queue=None) as client:  # type: ignore[list-item]
+        client.send(msgspec.msgpack.encode(CAMERA))
+        wait_until(lambda: len(twin.page.viewers) == before + 1)
+        yield client
+
+
+def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_viewers_own(
+    tmp_path: Path, twin_sensor: SensorFolder
+) -> None:
+    with pressed_twin(twin_sensor, tmp_path) as twin, socket_client(twin) as hand, socket_client(twin):
+        first, second = twin.page.viewers
+        wait_until(
+            lambda: (twin.studio.refresh(twin.page), first.moment is not None and first.moment.view)[1], PATIENCE_S
+        )
+        second.toggle_freeze()
+        kept = second.moment
+        assert kept is not None and second.is_frozen and not first.is_frozen
+        turned = Pose(0, 0, 0, 0.1).rotation
+        quaternion = tuple(viser.transforms.SO3.from_matrix(turned).wxyz.tolist())
+        owner = first.client.scene._owner_id
+        handle = {"name": "/handle", "owner": owner}
+        place = {"wxyz": quaternion, "position": (1.5, -1.0, HANDLE_LIFT_MM - 0.9)}
+        for message in (
+            {"type": "TransformControlsDragStartMessage"} | handle,
+            {"type": "TransformControlsUpdateMessage"} | handle | place,
+            {"type": "TransformControlsDragEndMessage"} | handle,
+        ):
+            hand.send(msgspec.msgpack.encode(message))  # type: ignore[attr-defined]
+        wait_until(lambda: twin.rests_at(0.9), PATIENCE_S, 0.01)
+        moment = first.moment
+        assert moment is not None and moment.view is not None and moment.view.press is not None
+        pose = moment.view.press.contact.pose
+        assert (pose.x_mm, pose.y_mm, pose.twist_rad) == pytest.approx((1.5, -1.0, 0.1), abs=1e-3)
+        sample = moment.wrenches[0].sample
+        assert sample is not None
+        assert sample.wrench.six == pytest.approx(moment.view.press.contact.wrench().six, rel=0.02, abs=0.02)
+        frozen = second.moment
+        assert frozen is not None and frozen.reading is kept.reading and frozen.wrenches is kept.wrenches
+        assert frozen.sensor is kept.sensor and frozen.status.sentence.startswith("frozen, what is shown is ")
+        assert moment.status.tone == "live"
+        second.choose(images=(ImageKind.GEL_FLOW, ImageKind.STICKING), source=TractionSource.TRUE, pressure_arrows=True)
+        twin.studio.refresh(twin.page)
+        assert second.moment is not None and second.moment.reading is kept.reading
+        assert first.options.images != second.options.images
+        second.toggle_freeze()
+        twin.studio.refresh(twin.page)
+        assert second.moment.reading is first.moment.reading  # type: ignore[union-attr]
+
+
+def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object() -> None:
+    hand = HandMotion()
+    stage = PressSimulation(TWIN, [PRESSED], 10.0, real_time=False, hand=hand)
+    hand.take(indenter_from_name("ball:4"))
+    hand.aim(HandTarget(Pose(0.0, 0.0, 0.8)))
+    pressed = stage.contact(8)
+    assert pressed.pose.depth_mm == pytest.approx(0.8) and pressed.wrench().force_n[0] == pytest.approx(0, abs=0.02)
+    hand.aim(HandTarget(Pose(1.0, 0.0, 0.8)))
+    dragged = stage.contact(16)
+    assert dragged.pose.x_mm == pytest.approx(1.0) and dragged.wrench().force_n[0] > 0.5
+    hand.aim(HandTarget(Pose(1.0, 0.0), load_n=6.0))
+    assert stage.contact(24).wrench().force_n[2] == pytest.approx(-6.0, rel=0.01)
+    hand.aim(HandTarget(Pose(1.0, 0.0, 9.0)))
+    stopped = stage.contact(60)
+    assert float(stopped.pose.depth_mm) < TWIN.thickness_mm and "press less" in hand.refusal
+    hand.aim(HandTarget(Pose(1.0, 0.0), load_n=0.0))
+    assert not stage.contact(80).touches and hand.refusal == ""
+    hand.release()
+    press = stage.press_at(stage.clock.start_ns + round(81e9 / 10))
+    assert press is None and stage.contact(81) is not None
+    press = stage.press_at(stage.clock.start_ns + round(81e9 / 10))
+    assert press is not None and press.indenter is PRESSED.indenter
+
+
+def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
+    control = PressControl(PressSimulation(TWIN, [PRESSED]))
+    control.move(depth_mm=99.0, x_mm=-99.0, tilt_x_deg=99.0)
+    assert control.state.depth_mm == MAX_DEPTH_MM and control.state.x_mm == -control.reach_mm[0]
+    assert not control.state.is_playing and control.simulation.hand.held_object is not None
+    control.play()
+    assert control.state.is_playing and control.simulation.hand.held_object is None
+    pose = Pose(0, 0, 0, 0.7, -0.2, 0.3)
+    angles = state_from_rotation(np.asarray(pose.rotation))
+    assert list(np.radians(list(angles.values()))) == pytest.approx([0.7, -0.2, 0.3])
+    assert all(thumbnails_of_kind(kind)[..., 3].any() for kind in ("primitives", next(iter(OBJECTS_BY_KIND))))
+
+
+def stl(mesh: trimesh.Trimesh) -> bytes:
+    return bytes(mesh.export(file_type="stl"))
+
+
+def open_box() -> trimesh.Trimesh:
+    box = trimesh.creation.box((6, 4, 3))
+    return trimesh.Trimesh(box.vertices, box.faces[:-1], process=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "because"),
+    [
+        ("huge.stl", bytes(17_000_000), "at most 16 MB ending in .stl or .obj"),
+        ("part.exe", b"x", "ending in .stl or .obj"),
+        ("empty.stl", b"", "of 0 MB"),
+        ("broken.stl", b"solid x\nfacet normal", "got"),
+        ("open.stl", stl(open_box()), "open or non-manifold"),
+        ("tiny.stl", stl(trimesh.creation.box((1e-4, 1e-4, 1e-4))), "in millimetres, larger than 1 mm"),
+        ("wide.stl", stl(trimesh.creation.box((500, 4, 3))), "at most 60 mm across"),
+    ],
+)
+def test_a_mesh_that_cannot_be_pressed_is_refused_in_one_sentence(name: str, content: bytes, because: str) -> None:
+    with pytest.raises(UploadRefused) as refusal:
+        read_uploaded_mesh(name, content)
+    said = str(refusal.value)
+    assert because in said and "\n" not in said and "/tmp" not in said and said.startswith("expected ")
+
+
+def test_a_mesh_of_ones_own_is_pressed() -> None:
+    control = PressControl(PressSimulation(TWIN, [PRESSED]))
+    said = control.upload("../../my part.obj", trimesh.creation.box((6, 4, 3)).export(file_type="obj").encode())
+    assert said == "my_part: 6.0 x 4.0 x 3.0 mm, 12 triangles" and control.own_mesh_name == "my_part"
+    assert control.simulation.hand.held_object is not None
