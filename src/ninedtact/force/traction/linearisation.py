@@ -16,9 +16,9 @@ from numpy import ndarray as Array
 
 from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.force.traction.forward_model import (
+    Bins,
     Indices,
     InfluenceKernels,
-    Bins,
     SkinField,
     Tractions,
     View,

@@ -131,7 +131,9 @@ class BrightnessObservationModel(ObservationModel):
         below, pixel, beyond = _orthorectify_onto_cells(reading.height, cells)
         change = _at_pixels(self._relative_change(reading.rectified, reading.reference, cells), pixel)
         noise = max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE)
-        return Observation(change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32), beyond)
+        return Observation(
+            change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32), beyond
+        )
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
         """Return the relative change of brightness of every cell, corrected for the global loss of light."""
