@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -365,11 +364,12 @@ def test_a_folder_that_holds_something_is_not_exported_into(tmp_path: Path) -> N
 
 def test_a_reference_begins_at_its_moment_and_has_ten_images() -> None:
     """Images every tenth of a second."""
-    recording = SimpleNamespace(path="press.mcap")
+    recording = object.__new__(Recording)
+    recording.path = Path("press.mcap")
 
     def first(images: int, at_s: float) -> int:
         stamps_ns = [(BEGAN_NS + number * 100_000_000,) for number in range(images)]
-        return _first_image_at(recording, np.array(stamps_ns, [("stamp_ns", "i8")]), at_s)  # type: ignore[arg-type]
+        return _first_image_at(recording, np.array(stamps_ns, [("stamp_ns", "i8")]), at_s)
 
     assert [first(25, at_s) for at_s in (0.0, 0.05, 0.1, 1.5)] == [0, 1, 1, 15] and first(10, 0.0) == 0
     for images, at_s in ((25, 1.51), (25, -0.1), (9, 0.0), (25, float("nan"))):
