@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser
+from reading_clients import open_panel
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
@@ -51,6 +52,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
         until_shown("live, ", "1.00 mm", "centre at x 0, y 0 mm")
         assert not set(untouched) & set(images())
         first_reference = sensor.depth_reader
+        open_panel(tab, "Sensor")
         tab.get_by_role("button", name="Take reference").dispatch_event("click")
         until_shown("live, ", "0.00 mm")
         assert sensor.depth_reader is not first_reference
