@@ -26,6 +26,8 @@ _WINKLER_PER_MM = 3.9
 """Pressure (over the shear modulus) per mm of indentation in the middle of presses, used for the initial guess."""
 _MIN_PRIOR_DEPTH_MM = 0.02
 """Smallest indentation by which the prior of pressure is scaled."""
+_SMALLEST_STEP = 0.25
+"""Smallest part of the way to a result by which the point of linearisation moves."""
 _LEVEL_STD = 0.003
 """Standard deviation of the relative brightness offset that all cells share."""
 
@@ -68,6 +70,8 @@ class InversionResult:
     tractions: Tractions
     skin_mm: SkinField
     """Height of all skin under these tractions."""
+    linearised_mm: SkinField
+    """Height of all skin about which the problem was linearised."""
     problem: LinearisedProblem
     """The problem as linearised in the last iteration."""
     solution: QPSolution
@@ -94,7 +98,8 @@ class TractionInversion:
         iterations from it do not converge: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            guess = InitialGuess(last.tractions, last.skin_mm, last.misfit)
+            about_mm = (last.linearised_mm + last.skin_mm) / 2
+            guess = InitialGuess(last.tractions, about_mm, last.misfit)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
             if self._followed(last.tractions[0], result):
                 return result
@@ -111,15 +116,23 @@ class TractionInversion:
     def _converge(
         self, observation: Observation, region: View, guess: InitialGuess, max_iterations: int
     ) -> InversionResult:
-        """Iterate from a guess until the target is reached, or as often as allowed."""
-        result = self._iterate(observation, region, guess)
-        while result.iterations < max_iterations and result.newton_decrement > self.solver.target_decrement:
-            result = self._iterate(observation, region, result)
-        return result
+        """Iterate from a guess until the target is reached, or as often as allowed; return the result nearest to convergence.
 
-    def _iterate(
-        self, observation: Observation, region: View, guess: InitialGuess | InversionResult
-    ) -> InversionResult:
+        Where an iteration brings the result no nearer, the next ones linearise closer to where this one did.
+        """
+        result = best = self._iterate(observation, region, guess)
+        step, about_mm = 1.0, guess.skin_mm
+        while result.iterations < max_iterations and best.newton_decrement > self.solver.target_decrement:
+            about_mm = about_mm + np.float32(step) * (result.skin_mm - about_mm)
+            carried = InitialGuess(result.tractions, about_mm, result.misfit, result.iterations)
+            result = self._iterate(observation, region, carried)
+            if result.newton_decrement < best.newton_decrement:
+                best = result
+            else:
+                step = max(step / 2, _SMALLEST_STEP)
+        return best
+
+    def _iterate(self, observation: Observation, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem = self._linearise(observation, region, guess)
         offset = self.law(guess.skin_mm) - problem.slope * guess.skin_mm
@@ -131,11 +144,11 @@ class TractionInversion:
         nonlinear = self.forward.scatter(self.law(skin_mm) - offset - problem.slope * skin_mm)
         decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
         misfit = self._misfit(observation, skin_mm)
-        return InversionResult(tractions, skin_mm, problem, solution, misfit, decrement, guess.iterations + 1)
+        return InversionResult(
+            tractions, skin_mm, guess.skin_mm, problem, solution, misfit, decrement, guess.iterations + 1
+        )
 
-    def _linearise(
-        self, observation: Observation, region: View, guess: InitialGuess | InversionResult
-    ) -> LinearisedProblem:
+    def _linearise(self, observation: Observation, region: View, guess: InitialGuess) -> LinearisedProblem:
         """Return the problem linearised about the guessed skin."""
         depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
         strain = depth_mm / self.forward.thickness_mm
