@@ -186,6 +186,32 @@ def lit(contact: Contact) -> Reading:
     return Reading(FRAME, after, replace(true, z_mm=read_mm), reference=before)
 
 
+def test_the_inversion_of_light_that_saturates_with_depth_converges() -> None:
+    """With whole steps of the point of linearisation it would oscillate between two answers."""
+    from scipy.ndimage import gaussian_filter
+
+    darkening = 0.25 * (1 - np.exp(-DEPTH / 0.5))
+    curve = replace(CURVE, darkening=tuple(darkening.tolist()))
+    model = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL))
+    *_, deep = model.follow(
+        Ball(4.0), [*(Pose(depth_mm=float(mm)) for mm in np.linspace(0.3, 1.6, 6)), Pose(0.4, 0, 1.6)]
+    )
+    true = true_height_map(deep, WIDE, PX_MM)
+    change = np.where(true.z_mm < 0, -0.25 * (1 - np.exp(true.z_mm / 0.5)), 0.4 * true.z_mm)
+    seen = gaussian_filter(change, 0.5 / PX_MM) + np.random.default_rng(0).normal(0, 0.002, WIDE)
+    image, reference = (Rectified((150 * (1 + light)).astype(np.float32), PX_MM) for light in (seen, 0 * seen))
+    reading = Reading(FRAME, image, replace(true, z_mm=curve.height_mm(seen).astype(np.float32)), reference=reference)
+    estimator = TractionForce(
+        BrightnessObservationModel(curve, LightLoss(0.0), 0.5), GEL, solver=SolverSettings(max_iterations=8)
+    )
+    found = estimator.estimate(reading)
+    assert estimator.last is not None and estimator.last.newton_decrement < 1
+    assert found.wrench.six[2] == pytest.approx(deep.wrench().six[2], rel=0.05)
+    # A stream that shows the same image again needs no more than one iteration.
+    estimator.estimate(reading)
+    assert estimator.last.iterations == 1
+
+
 def test_a_touch_at_the_border_is_doubted() -> None:
     z_mm = np.roll(noisy(), 50, axis=1)
     z_mm[:, :50] = np.random.default_rng(0).normal(0, 0.005, (90, 50))
