@@ -55,10 +55,10 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
         until_shown("live, ", "0.00 mm")
         assert sensor.depth_reader is not first_reference
         tab.get_by_role("button", name="Save this reading").dispatch_event("click")
-        until_shown("Saved", "4 files in")
+        until_shown("Saved", "5 files in")
         tab.get_by_role("button", name="Save this reading").dispatch_event("click")
         until_shown("Not saved", "at most 1 saves a minute")
-        assert len(list(tmp_path.glob("reading_*"))) == 4
+        assert len(list(tmp_path.glob("reading_*"))) == 5
         camera.plugged_in = False
         until_shown("no image for ", "unplugged?")
         studio.show_final_state(page)

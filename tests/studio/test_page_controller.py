@@ -162,7 +162,7 @@ def test_too_many_saves_are_refused_and_write_nothing(stage: Stage, tmp_path: Pa
         refusals = [result.exception() for result in results if result.exception() is not None]
         with pytest.raises(SaveRefused, match=r"at most 0% of the free disk, 0 MB, got 0 MB and another reading; free"):
             small.save(stage.screen.moments[-1])
-    assert len(refusals) == 18 and len(list((tmp_path / "hasty").iterdir())) == 8 and not (tmp_path / "small").exists()
+    assert len(refusals) == 18 and len(list((tmp_path / "hasty").iterdir())) == 10 and not (tmp_path / "small").exists()
     assert re.fullmatch(
         r"expected at most 2 saves a minute, got one more; wait (59|60) s, or use 'ninedtact record'", str(refusals[0])
     )
