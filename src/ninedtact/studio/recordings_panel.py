@@ -76,7 +76,7 @@ class RecordingsPanel:
         self._out, self._quota = viewer.controller.out, viewer.controller.quota
         self._player: RecordingPlayer | None = None
         self._listed_at, self._was_running = -_LIST_EVERY_S, False
-        self._marks_s = [0.0, 0.0]
+        self._marks_s, self._slid_s = [0.0, 0.0], -1.0
 
     def build(self, gui: GuiApi) -> None:
         """Add the controls of recording, playing, labels and export."""
@@ -136,8 +136,10 @@ class RecordingsPanel:
         if self._desk.recorder is not None:
             state = self._desk.recorder.state()
             self._show_recorder(state)
-        if self._player is not None:
-            set_control(self._slider, round(self._player.at_s, 3))
+        if self._player is not None and self._player.at_s != self._slid_s:
+            # Only where time has gone on by itself: a slider that a person drags must not be set back.
+            self._slid_s = self._player.at_s
+            set_control(self._slider, round(self._slid_s, 3))
         is_due = monotonic() - self._listed_at > _LIST_EVERY_S or state.is_running != self._was_running
         if self._desk.opens is None and is_due:
             self._listed_at, self._was_running = monotonic(), state.is_running
@@ -221,6 +223,7 @@ class RecordingsPanel:
     def _seek(self, event: GuiEvent[Any]) -> None:
         if is_from_browser(event) and self._player is not None:
             self._player.seek(float(event.target.value))
+            self._slid_s = self._player.at_s
 
     def _step(self, images: int) -> None:
         if self._player is not None:
