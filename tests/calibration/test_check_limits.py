@@ -1,12 +1,13 @@
 """The limits of the checks of a certificate, from both sides, and what many small faults add up to."""
 
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ninedtact.calibration.certificate import checks
 from ninedtact.calibration.certificate.checks import CheckLimit, CheckResult
+from ninedtact.calibration.sensor_toml_schema import BallQuality, Certificate
 from ninedtact.design import SensorDesign
 
 LIMITS = {
@@ -22,6 +23,11 @@ LIMITS = {
     "CONTRAST_TO_NOISE": (10.0, 9.9, 0.0, -0.1),
     "RANGE_MM": (1.0, 0.99, 0.5, 0.49),
 }
+
+
+def bare(kind: type[Any], **values: object) -> Any:
+    """One of this kind of which nothing else is asked."""
+    return kind(**dict.fromkeys(kind.__struct_fields__) | values)
 
 
 @pytest.mark.parametrize("name", LIMITS)
@@ -46,15 +52,15 @@ def test_the_whole_is_as_good_as_its_worst_check_and_poor_from_four_warnings_on(
 ) -> None:
     results = [CheckResult(level, "") for level in levels.split()]  # type: ignore[arg-type]
     monkeypatch.setattr(checks, "check_certificate", lambda _: results)
-    certificate = SimpleNamespace(warnings=warnings)
-    assert checks.overall_check_level(certificate) == overall  # type: ignore[arg-type]
+    certificate = bare(Certificate, warnings=warnings)
+    assert checks.overall_check_level(certificate) == overall
     words = {
         "pass": ("ready to measure", "All 5 checks passed"),
         "warn": ("with care", "read the warnings" if warnings else "3 of 4 checks warned"),
         "poor": ("Calibrate again", "4 of 5 checks warned"),
         "fail": ("Do not measure", "1 of 6 checks failed"),
     }
-    assert all(part in checks.certificate_headline(certificate) for part in words[overall])  # type: ignore[arg-type]
+    assert all(part in checks.certificate_headline(certificate) for part in words[overall])
 
 
 @pytest.mark.parametrize(
@@ -64,8 +70,8 @@ def test_the_whole_is_as_good_as_its_worst_check_and_poor_from_four_warnings_on(
 def test_a_contact_is_compared_with_the_section_of_the_ball(
     depth_mm: float, contact_mm: float, relative: float
 ) -> None:
-    ball = SimpleNamespace(ball_radius_mm=4.0, max_indentation_mm=depth_mm, contact_radius_mm=contact_mm)
-    assert checks._relative_contact_radius(ball) == pytest.approx(relative)  # type: ignore[arg-type]
+    ball = bare(BallQuality, ball_radius_mm=4.0, max_indentation_mm=depth_mm, contact_radius_mm=contact_mm)
+    assert checks._relative_contact_radius(ball) == pytest.approx(relative)
 
 
 def test_a_fit_is_unusual_from_three_deviations_on() -> None:

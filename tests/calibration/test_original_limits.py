@@ -103,7 +103,9 @@ def test_rows_are_those_of_the_image(value: int, refused: bool, tmp_path: Path) 
     rows[0, 0] = value
     found = refusal(tmp_path, row_index=rows)
     assert bool(found and "expected pixels 0 to 59" in found) == refused
-    assert "of one size" in str(refusal(tmp_path, row_index=ROWS[:, :-1]))
+    folder_format.write_npy(tmp_path / folder_format.ROW_INDEX, ROWS[:, :-1])
+    with pytest.raises(OriginalFolderDamaged, match="of one size"):
+        read_original_calibration(tmp_path, VIEW, 2.5)
 
 
 def test_pixels_without_a_source_are_out_of_view() -> None:

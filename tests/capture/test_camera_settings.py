@@ -7,7 +7,7 @@ import pytest
 from bench_camera import BenchCamera, BenchPi
 
 from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettingRefused, CameraSettings
-from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
+from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera, _libcamera_controls
 from ninedtact.capture.uvc_camera import UvcCamera
 
 
@@ -106,3 +106,15 @@ def test_one_damaged_image_is_read_over_and_a_dead_camera_is_lost() -> None:
         bench.plugged_in = False
         with pytest.raises(CameraLost):
             camera.read()
+
+
+def test_only_the_settings_that_are_given_are_sent_to_a_raspberry_pi() -> None:
+    assert dict(_libcamera_controls(CameraSettings())) == {}
+    assert dict(_libcamera_controls(CameraSettings(auto_exposure=True))) == {"AeEnable": True}
+    assert dict(_libcamera_controls(CameraSettings(exposure_ms=8.0))) == {"AeEnable": False, "ExposureTime": 8000}
+    rest = CameraSettings(auto_white_balance=False, gain=2.0, rate_hz=60.0)
+    assert dict(_libcamera_controls(rest)) == {"FrameRate": 60.0, "AnalogueGain": 2.0, "AwbEnable": False}
+
+
+def test_the_first_camera_is_taken_unless_another_is_named() -> None:
+    assert UvcCamera(opener=BenchCamera().open_capture).name == "camera 0"

@@ -206,10 +206,10 @@ def test_every_command_says_within_five_seconds_that_a_stream_has_stalled(comman
                 time.sleep(0.02)
             camera.period_s, served, stalled_at = 600.0, camera.served, time.monotonic()
             assert running.stderr is not None and served >= 40
-            said = next((line for line in running.stderr if "expected an image from" in line), "")
+            said = next((line for line in running.stderr if f"from {camera.url}, got none" in line), "")
             seconds = time.monotonic() - stalled_at
             running.terminate()
-    assert "got none; check the camera and the network" in said and seconds < 5
+    assert "; check " in said and seconds < 5
     if words[0] == "record":
         with Recording(tmp_path / "out.mcap") as recording:
             assert len(recording.stamps_ns(Topic.IMAGES)) > 20

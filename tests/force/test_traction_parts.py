@@ -43,12 +43,23 @@ def drawn(*shape: int) -> np.ndarray:
 
 
 def test_the_view_and_its_cells() -> None:
-    cells = cell_grid_over_image((345, 460), 0.0522)
-    assert cells.image_shape == (26, 35) and cells.shape == (28, 37)
-    assert cells.pitch_mm == pytest.approx(0.689, abs=1e-3)
-    assert cell_grid_over_image((40, 300), 0.1).image_shape == (8, 43)
-    assert cells.image_shape[1] * cells.pitch_mm == pytest.approx(24.0, rel=0.015)
-    assert cells.image_shape[0] * cells.pitch_mm == pytest.approx(18.0, rel=0.015)
+    pitch_mm = []
+    for thickness_mm in (1.2, 1.7, 3.0):
+        cells = cell_grid_over_image((345, 460), 0.0522, thickness_mm)
+        assert cells.image_shape[1] * cells.pitch_mm == pytest.approx(24.0, rel=0.015)
+        assert cells.image_shape[0] * cells.pitch_mm == pytest.approx(18.0, rel=0.015)
+        pitch_mm.append(cells.pitch_mm)
+    # A thin gel transmits finer structure, within limits.
+    np.testing.assert_allclose(pitch_mm, [0.5, 0.35 * 1.7, 0.7], rtol=0.03)
+    assert cell_grid_over_image((40, 300), 0.1, 3.0).image_shape == (8, 43)
+
+
+def test_bins_hold_the_mean_of_their_cells() -> None:
+    assert FORWARD.bin(drawn(*CELLS.shape)).shape == (15, 19)  # of 0.7 mm, where cells are of 0.5 mm
+    assert CELLS.cells_per_bin == pytest.approx(20 * 26 / (15 * 19))
+    field = drawn(*CELLS.shape)
+    assert FORWARD.bin(field).mean() == pytest.approx(field.mean(), abs=1e-6)
+    np.testing.assert_allclose(FORWARD.bin(np.ones(CELLS.shape, np.float32)), 1, atol=1e-6)
 
 
 def test_cells_are_means_of_their_pixels() -> None:
@@ -93,19 +104,20 @@ def test_the_columns_are_what_the_unknowns_do_to_the_light() -> None:
     unknowns = drawn(len(line.jacobian))
     seen = FORWARD.scatter(FORWARD.heights(line.tractions(unknowns)) * line.slope) * line.whitener.per_error
     scale = float(np.abs(seen).max())
-    np.testing.assert_allclose((unknowns @ line.jacobian).reshape(CELLS.shape), seen, atol=5e-3 * scale)
+    np.testing.assert_allclose((unknowns @ line.jacobian).reshape(seen.shape), seen, atol=5e-3 * scale)
 
 
 def test_the_curvature_is_that_of_the_misfit_and_the_prior() -> None:
     line = linearised()
     unknowns, count = drawn(len(line.jacobian)), int(line.region.sum())
-    seen = (unknowns @ line.jacobian).reshape(CELLS.shape) / line.whitener.per_error
+    errors = line.whitener.per_error
+    seen = (unknowns @ line.jacobian).reshape(errors.shape) / errors
     pressed = np.zeros(CELLS.patch.shape, np.float32)
     pressed[line.contact_cells] = unknowns[:count]
     power = np.abs(np.fft.fft2(pressed)) ** 2 * pressure_precision_spectrum(
         np.hypot(*full_waves()), TractionPrior(), CELLS.pitch_mm
     )
-    known = power.mean() / line.depth_mm**2 + np.sum(unknowns[count:] ** 2)
+    known = power.mean() / line.strain**2 + np.sum(unknowns[count:] ** 2)
     misfit = np.vdot(seen, line.whitener(seen))
     assert unknowns @ line.curvature @ unknowns == pytest.approx(misfit + known, rel=1e-3)
 
@@ -119,7 +131,7 @@ def linearised() -> LinearisedProblem:
     """A touch on a sloping law, its errors uneven."""
     touched = np.zeros(CELLS.shape, np.float32)
     touched[6:13, 8:17] = 1
-    slope, weigh = np.abs(drawn(*CELLS.patch.shape)), Whitener(1 + np.abs(drawn(*CELLS.shape)), 0.3)
+    slope, weigh = np.abs(drawn(*CELLS.patch.shape)), Whitener(1 + np.abs(drawn(15, 19)), 0.3)
     return LinearisedProblem(
         InfluenceKernels(FORWARD),
         DiscretePrior(CELLS, TractionPrior()),
@@ -127,7 +139,7 @@ def linearised() -> LinearisedProblem:
         touched * 0.5,
         slope,
         weigh,
-        depth_mm=0.7,
+        strain=0.3,
     )
 
 
@@ -198,7 +210,7 @@ RIGID = BrightnessObservationModel(
 
 
 def test_thin_gel_and_blurred_light_widen_the_stated_error() -> None:
-    cells, model = cell_grid_over_image((69, 92), 0.26), UncertaintyModel()
+    cells, model = cell_grid_over_image((69, 92), 0.26, 3.0), UncertaintyModel()
     sharp, blurred, thin = (
         model.relative_std(ForwardModel(cells, thickness_mm, 0.499, point_spread_mm))
         for thickness_mm, point_spread_mm in ((3.0, 0.4), (3.0, 0.6), (1.5, 0.4))
@@ -230,7 +242,7 @@ def test_heights_on_a_base_that_yields_are_those_of_the_contact_mechanics() -> N
 
 
 def test_the_light_that_a_press_takes_from_the_whole_image_is_added_back() -> None:
-    cells, reference = cell_grid_over_image((90, 120), 0.2), np.full((90, 120), 160, np.float32)
+    cells, reference = cell_grid_over_image((90, 120), 0.2, 3.0), np.full((90, 120), 160, np.float32)
     pressed = np.ones_like(reference)
     pressed[30:60, 40:80] = 0.7
     share = 1 - pressed.mean(dtype=float)
@@ -256,12 +268,12 @@ def test_the_slopes_of_bulges_and_dents_decide_the_base(ratio: float, base: Gel 
 
 
 def test_every_image_is_compared_with_its_own_reference() -> None:
-    cells, model = cell_grid_over_image((90, 120), 0.2), replace(RIGID, loss=LightLoss())
+    cells, model = cell_grid_over_image((90, 120), 0.2, 3.0), replace(RIGID, loss=LightLoss())
     one, two = (Rectified(np.full((90, 120), grey, np.float32), 0.2) for grey in (100, 150))
     for reference, expected in ((one, 0.2), (two, -0.2), (two, -0.2), (one, 0.2)):
         image = Rectified(np.full((90, 120), 120, np.float32), 0.2)
         np.testing.assert_allclose(model._relative_change(image, reference, cells), expected, atol=1e-5)
-    coarser = cell_grid_over_image((90, 120), 0.1)
+    coarser = cell_grid_over_image((90, 120), 0.1, 3.0)
     assert model._relative_change(image, one, coarser).shape == coarser.shape != cells.shape
 
 
@@ -290,18 +302,15 @@ def test_the_skin_around_the_view_is_wide_enough_and_wraps_around() -> None:
     assert down[-1] == -1 and -down.min() == pytest.approx((rows - CELLS.rows) / 2, abs=0.5)
 
 
-@pytest.mark.parametrize("point_spread_mm", [0.0, 0.6])
-def test_light_scatters_with_the_variance_of_the_point_spread_and_of_a_cell(point_spread_mm: float) -> None:
-    down, across = ForwardModel(CELLS, 2.5, 0.5, point_spread_mm).point_spread
-    for axis, weights in ((0, down), (1, across.T)):
-        middle, offsets_mm = CELLS.shape[axis] // 2, CELLS.offsets(axis) * CELLS.pitch_mm
-        variance = weights[middle] @ (offsets_mm - middle * CELLS.pitch_mm) ** 2
-        blurred = point_spread_mm**2 + CELLS.pitch_mm**2 / 12
+def test_light_scatters_into_the_bins_with_the_variance_of_the_point_spread_a_cell_and_a_bin() -> None:
+    down, across = ForwardModel(CELLS, 2.5, 0.5, 0.6).point_spread
+    for axis, weights, bins in ((0, down, 15), (1, across.T, 19)):
+        middle, bin_mm = bins // 2, CELLS.shape[axis] * CELLS.pitch_mm / bins
+        place_mm = (CELLS.offsets(axis) + 0.5) * CELLS.pitch_mm - (middle + 0.5) * bin_mm
+        blurred = 0.6**2 + CELLS.pitch_mm**2 / 6 + bin_mm**2 / 12  # a bin holds whole and partial cells
         assert weights[middle].sum() == pytest.approx(1, abs=1e-4)
-        if point_spread_mm:  # a Gaussian narrower than a cell has no such moment on a grid of cells
-            assert variance == pytest.approx(blurred, rel=1e-3)
-        neighbours = weights[middle, middle + 1] / weights[middle, middle]
-        assert neighbours == pytest.approx(np.exp(-(CELLS.pitch_mm**2) / 2 / blurred), rel=1e-3)
+        assert weights[middle] @ place_mm == pytest.approx(0, abs=1e-3)
+        assert weights[middle] @ place_mm**2 == pytest.approx(blurred, rel=0.03)
 
 
 def test_the_wrench_is_linear_in_the_unknowns() -> None:

@@ -23,7 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Wrench, WrenchEstimate
-from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
 from ninedtact.recording.export import ExportRefused, export_recording
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import (
@@ -34,6 +34,7 @@ from ninedtact.recording.metadata import (
     parse_recording_metadata,
 )
 from ninedtact.recording.reader import Recording, median_rate_hz
+from ninedtact.recording.recorded_source import _first_image_at
 from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingRefused, RecordingStopped, RecordingWriter
 
@@ -413,3 +414,18 @@ def test_a_folder_that_holds_something_is_not_exported_into(tmp_path: Path) -> N
         assert [each.name for each in out.iterdir()] == ["mine.txt"]
         (out / "mine.txt").unlink()
         assert export_recording(read, out)["images"] == 1 and export_recording(read, tmp_path / "new")["images"] == 1
+
+
+def test_a_reference_begins_at_its_moment_and_has_ten_images() -> None:
+    """Images every tenth of a second."""
+    recording = object.__new__(Recording)
+    recording.path = Path("press.mcap")
+
+    def first(images: int, at_s: float) -> int:
+        stamps_ns = [(BEGAN_NS + number * 100_000_000,) for number in range(images)]
+        return _first_image_at(recording, np.array(stamps_ns, [("stamp_ns", "i8")]), at_s)
+
+    assert [first(25, at_s) for at_s in (0.0, 0.05, 0.1, 1.5)] == [0, 1, 1, 15] and first(10, 0.0) == 0
+    for images, at_s in ((25, 1.51), (25, -0.1), (9, 0.0), (25, float("nan"))):
+        with pytest.raises(ReferenceMomentRefused, match="a reference of 10 images"):
+            first(images, at_s)

@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from typing import Any
 
 import msgspec
 from websockets.asyncio.client import connect
@@ -18,6 +19,14 @@ CAMERA = {
     "look_at": (0.0, 0.0, 0.0),
     "up_direction": (0.0, 0.0, 1.0),
 }
+
+
+def open_panel(tab: Any, name: str) -> None:
+    """Open a panel of the page by its tab in a browser; tabs of viser react to the mouse, not to clicks that are dispatched."""
+    label = tab.get_by_role("tab", name=name)
+    label.evaluate("label => label.scrollIntoView({block: 'center'})")
+    box = label.bounding_box()
+    tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
 
 async def watch(address: str, protocol: str, never_reads: bool) -> None:

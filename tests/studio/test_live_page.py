@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser
+from reading_clients import open_panel
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
 from ninedtact.studio.displayed_reading import PageController, SaveLimits
-from ninedtact.studio.page_and_server import PagePortRefused, SensorPage, page_server
+from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 
@@ -51,6 +52,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
         until_shown("live, ", "1.00 mm", "centre at x 0, y 0 mm")
         assert not set(untouched) & set(images())
         first_reference = sensor.depth_reader
+        open_panel(tab, "Sensor")
         tab.get_by_role("button", name="Take reference").dispatch_event("click")
         until_shown("live, ", "0.00 mm")
         assert sensor.depth_reader is not first_reference
@@ -75,6 +77,18 @@ def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
         page_server("127.0.0.1", other.getsockname()[1]),
     ):
         pass
+
+
+def test_without_a_port_the_next_free_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        taken = other.getsockname()[1]
+        monkeypatch.setattr("ninedtact.studio.page_and_server.DEFAULT_PORT", taken)
+        assert taken < find_default_port("127.0.0.1") < taken + PORTS_TRIED
+        monkeypatch.setattr("ninedtact.studio.page_and_server.PORTS_TRIED", 1)
+        with pytest.raises(PagePortRefused, match="got it in use"):
+            find_default_port("127.0.0.1")
+    with pytest.raises(PagePortRefused, match=r"no\.such\.host\.invalid"):
+        find_default_port("no.such.host.invalid")
 
 
 @pytest.mark.parametrize(("host", "port"), [("no.such.host.invalid", 0), ("127.0.0.1", 70_000), ("127.0.0.1", -1)])

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 import viser
 from playwright.sync_api import Browser, Page
-from reading_clients import CAMERA
+from reading_clients import CAMERA, open_panel
 from small_press_simulation import PRESSED, TWIN
 from small_sensor import wait_until
 from websockets.sync.client import connect
@@ -173,7 +173,11 @@ def test_a_phone_has_all_in_one_column_without_scrolling_sideways(
     with pressed_twin(twin_sensor, tmp_path) as twin:
         tab, errors = open_tab(browser, twin, 390, 844)
         wait_until(lambda: (twin.studio.refresh(twin.page), "Press" in tab.inner_text("body"))[1], PATIENCE_S, 0.05)
-        tab.get_by_role("tab", name="Images").dispatch_event("click")
+        open_panel(tab, "Profile")
+        wait_until(
+            lambda: (twin.studio.refresh(twin.page), "Shift and click" in tab.inner_text("body"))[1], PATIENCE_S, 0.05
+        )
+        open_panel(tab, "Images")
 
         def images_are_in_view() -> bool:
             twin.studio.refresh(twin.page)

@@ -35,6 +35,8 @@ SHADE = 0.45
 FADED = 0.35
 """Factor of the brightness of images that are not current."""
 _OUTLINE = (20, 20, 20)
+LINE_LIFT_MM = 0.2
+"""Height of lines over the skin, so that the points of a coarse surface do not hide them."""
 _JPEG_QUALITY = 85
 
 T = TypeVar("T")
@@ -203,7 +205,7 @@ class ReadingView:
             cols, rows = line[:, 0, 0], line[:, 0, 1]
             z_mm = height.z_mm[rows, cols]
             stretch = 1 + z_mm / height.camera_distance_mm
-            points = np.stack([x[cols] * stretch, y[rows] * stretch, z_mm + np.float32(0.05)], axis=-1)
+            points = np.stack([x[cols] * stretch, y[rows] * stretch, z_mm + np.float32(LINE_LIFT_MM)], axis=-1)
             pieces.append(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
         return np.concatenate(pieces).astype(np.float32) if pieces else np.zeros((1, 2, 3), np.float32)
 
@@ -213,7 +215,7 @@ class ReadingView:
         x, y = (a + part * (b - a) for a, b in zip(start_mm, end_mm, strict=True))
         z_mm = _heights_at(self.reading.height, x, y)
         true_mm = None if self.press is None else _true_heights_at(self.press, x, y)
-        points = np.stack([x, y, np.nan_to_num(z_mm) + 0.05], axis=-1)
+        points = np.stack([x, y, np.nan_to_num(z_mm) + LINE_LIFT_MM], axis=-1)
         return HeightProfile(part * float(np.hypot(x[-1] - x[0], y[-1] - y[0])), z_mm, true_mm, points)
 
     def _draw(self, key: Any, draw: Callable[[], T]) -> T:

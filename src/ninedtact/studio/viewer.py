@@ -21,7 +21,7 @@ NOTICE_S = 8.0
 NARROW_PX = 600
 """Width of a browser below which the surface is sent coarser from the start: a phone."""
 MAX_EXAGGERATION = 10.0
-LEFT_PX, RIGHT_PX, LOWER_LEFT_PX = 330, 350, 260
+LEFT_PX, RIGHT_PX = 330, 350
 
 
 Side = Literal["left", "lower left", "right"]
@@ -167,7 +167,6 @@ class Viewer:
             upper.set_width(LEFT_PX)
             if isinstance(lower, PanelHandle):
                 lower.dock_below(upper)
-                lower.set_height(LOWER_LEFT_PX)
 
 
 def is_from_browser(event: GuiEvent[Any]) -> bool:

@@ -233,7 +233,7 @@ def _wake_clients_in_event_loop() -> None:
 
 def _keep_one_upload_of_each_client() -> None:
     """Let viser forget an unfinished upload when the same client begins another, so that a client costs one file of memory."""
-    gui_api: Any = import_module("viser._gui_api").GuiApi
+    gui_api: Any = viser.GuiApi
     start = gui_api._handle_file_transfer_start
     if hasattr(start, "__wrapped__"):
         return

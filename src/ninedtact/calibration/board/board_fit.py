@@ -8,7 +8,7 @@ No threshold needs tuning by the user: spots compete as lattices, and a lattice 
 certificate.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -24,7 +24,14 @@ from ninedtact.calibration.board.detection import (
     make_board_not_found_error,
 )
 from ninedtact.calibration.board.lattice import lattice_size, pin_positions_mm
-from ninedtact.calibration.board.lens_fit import LensCorrectionFit, LensFit, fit_lens, fit_lens_correction
+from ninedtact.calibration.board.lens_fit import (
+    MIN_CORRECTED_ERROR,
+    LensCorrectionFit,
+    LensFit,
+    fit_lens,
+    fit_lens_correction,
+    rms_vector_length,
+)
 from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, measure_pins
 from ninedtact.calibration.brightness import (
     BgrImage,
@@ -121,10 +128,21 @@ def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, 
         fit = fit_lens(points_mm[found], points_px[found], fit.lens)
         strays[np.flatnonzero(found)[find_stray_pins(fit, board)]] = True
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
-    correction = fit_lens_correction(fit, board.pitch_mm)
-    return BoardFit(
-        board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change, correction=correction
+    return _add_correction(
+        BoardFit(board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
     )
+
+
+def _add_correction(fit: BoardFit) -> BoardFit:
+    """Return the board with a smooth correction of its lens, where the lens alone predicts left-out pins badly, or worse than the
+    paper's map does, and the correction improves that.
+    """
+    error_mm, correction = fit.lens_fit.leave_one_out_rms_mm, fit_lens_correction(fit.lens_fit, fit.board.pitch_mm)
+    if correction is None or not (
+        error_mm > MIN_CORRECTED_ERROR * fit.board.pitch_mm or error_mm > published_leave_one_out_rms_mm(fit)
+    ):
+        return fit
+    return replace(fit, correction=correction)
 
 
 def _require_enough_pins(
@@ -195,6 +213,12 @@ def _integer_spot_centre(image: Float32[Array, "rows cols"], point_px: Point, re
     spots, _ = ndimage.label(piece < level)
     rows, columns = np.nonzero(spots == spots[row - top, column - left])
     return np.floor([left + columns.mean(), top + rows.mean()])
+
+
+def published_leave_one_out_rms_mm(fit: BoardFit) -> float:
+    """Return the root mean square of the leave-one-out errors of the paper's map through the found pins."""
+    centres_px = integer_pin_centres_px(fit)[fit.found]
+    return rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm[fit.found], centres_px))
 
 
 def published_leave_one_out_errors_mm(points_mm: Points, points_px: Points) -> Points:

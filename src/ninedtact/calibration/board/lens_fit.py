@@ -123,11 +123,16 @@ def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Flo
 
 CORRECTION_WIDTHS = (1.5, 2.0, 3.0)
 """Widths of the smooth correction that are tried, in pitches of the pins."""
-CORRECTION_NOISES = (0.3, 0.03)
+CORRECTION_NOISES = (0.3, 0.03, 0.003, 0.0003)
 """Variances of a pin's own error that are tried, relative to that of the correction."""
 MIN_CORRECTION_GAIN = 0.1
 """Part of the leave-one-out error that a correction must remove to be used. Where the lens model fits, the best of all candidates
-removes up to 0.03 by chance (three real boards); where a smooth distortion of a tenth of a millimetre was added, 0.14 and more.
+removes up to 0.03 by chance (three real boards).
+"""
+MIN_CORRECTED_ERROR = 0.024
+"""Leave-one-out error of the lens model alone, in pitches, above which it needs a correction: 0.06 mm for the design's board, where
+the certificate begins to warn. Below it, a smooth residual may be the displacement of the imprints by their depth, up to 0.05 mm on
+simulated sensors, which is no property of the lens.
 """
 
 

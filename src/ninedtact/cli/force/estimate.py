@@ -55,19 +55,18 @@ class Estimate:
 
         Nothing is written where a single image is bad.
         """
-        from ninedtact.capture.frame_source import CameraLost
-        from ninedtact.errors import FileFormatError
+        from ninedtact.errors import CameraError, FileFormatError
 
         with named_sensor_with_notices(self.sensor, self.source[0] if self.source else "") as folder:
             from ninedtact.force.estimator_loading import load_estimator
 
             estimator = load_estimator(self.force, folder)
             found: list[dict[str, Any]] = []
-            damage: FileFormatError | CameraLost | None = None
+            damage: FileFormatError | CameraError | None = None
             try:
                 for name, reading in self.readings(folder, estimator):
                     found.append(self.row(name, reading))
-            except (FileFormatError, CameraLost) as error:
+            except (FileFormatError, CameraError) as error:
                 if self.images_are_separate or not found:
                     raise
                 damage = error
@@ -120,7 +119,8 @@ class Estimate:
 
     def frames(self) -> "FrameSource":
         """Return the named images as a source; raises `NothingToEstimate`."""
-        from ninedtact.open_sensor import source_for
+        from ninedtact.capture.frame_pacing import LatestFrameSource
+        from ninedtact.open_sensor import SIMULATED, source_for
 
         if not self.source:
             raise NothingToEstimate("expected images of the pressed gel, got none; name them after the options")
@@ -137,7 +137,9 @@ class Estimate:
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )
-        return source_for(self.source[0])
+        source = source_for(self.source[0])
+        # Of a camera or a stream the newest images, so that a slow computer does not lag behind and hear late of a loss.
+        return LatestFrameSource(source) if source.is_live and self.source[0] != SIMULATED else source
 
     def row(self, name: str, reading: "Reading") -> dict[str, Any]:
         """Return the estimate of one image as plain numbers: forces in N, torques in N·m."""

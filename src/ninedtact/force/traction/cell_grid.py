@@ -1,5 +1,8 @@
 """The grid that tractions are inverted on: square cells of about half a millimetre over the image and some skin around it.
 
+The cells follow the gel: a thin gel transmits finer structure of a contact than a thick one. The observed signal is compared with
+the predicted one on coarser bins, because scattered light leaves nothing finer in it.
+
 Fields of the view have the shape (rows, cols). Fields of the skin are larger and periodic: their first rows and columns are the
 view, the next ones are skin below (right of) it, and the last ones, wrapped around, are skin above (left of) it.
 """
@@ -18,9 +21,11 @@ MARGIN_CELLS = 1
 """Cells beyond each side of the image where pressure may also act: near the border, pressed-in skin appears displaced outwards, out
 of the image."""
 
-_LARGEST_PITCH_MM = 0.7
-"""Largest pitch of the cells. Features of contacts are hardly narrower, and finer cells would resolve no more, because light
-scatters over about this distance."""
+_PITCH_PER_THICKNESS = 0.35
+"""Pitch of the cells over the gel's thickness."""
+_PITCH_LIMITS_MM = 0.5, 0.7
+_BIN_MM = 0.7
+"""Largest pitch of the bins on which the signal is compared: light scatters over about this distance."""
 _SURROUNDINGS_MM = 3.3
 """Width of the skin beyond the view that is modelled, because it scatters light into the view and separates the contact from its
 periodic images."""
@@ -76,15 +81,29 @@ class CellGrid:
         index = np.arange(skin)
         return np.where(index < view + (skin - view) // 2, index, index - skin).astype(float)
 
+    @cached_property
+    def binning(self) -> tuple[Float32[Array, "bin_rows rows"], Float32[Array, "cols bin_cols"]]:
+        """Weights of the mean over each bin of the view, one axis at a time."""
+        down, across = (
+            _mean_weights(side, int(np.ceil(side * self.pitch_mm / _BIN_MM))).astype(np.float32) for side in self.shape
+        )
+        return down, np.ascontiguousarray(across.T)
+
+    @property
+    def cells_per_bin(self) -> float:
+        """Mean number of cells in a bin."""
+        return float(np.prod(self.shape) / (len(self.binning[0]) * self.binning[1].shape[1]))
+
     def average(self, field: Float32[Array, "a b"]) -> Float32[Array, "rows cols"]:
         """Return the means of an image's field over the cells; on the margin the border of the image is repeated."""
         down, across = (_averaging_weights(*sides) for sides in zip(field.shape, self.image_shape, strict=True))
         return down @ field @ across.T
 
 
-def cell_grid_over_image(shape: tuple[int, int], mm_per_px: float) -> CellGrid:
-    """Return the cells over an image of this shape (rows, cols), none longer than about 0.7 mm."""
-    rows, cols = (max(8, int(np.ceil(side * mm_per_px / _LARGEST_PITCH_MM))) for side in shape)
+def cell_grid_over_image(shape: tuple[int, int], mm_per_px: float, thickness_mm: float) -> CellGrid:
+    """Return the cells over an image of this shape (rows, cols), as fine as a gel of this thickness needs."""
+    largest_mm = float(np.clip(_PITCH_PER_THICKNESS * thickness_mm, *_PITCH_LIMITS_MM))
+    rows, cols = (max(8, int(np.ceil(side * mm_per_px / largest_mm))) for side in shape)
     pitch_mm = float(np.sqrt(shape[0] * shape[1] / (rows * cols)) * mm_per_px)
     return CellGrid(rows + 2 * MARGIN_CELLS, cols + 2 * MARGIN_CELLS, pitch_mm)
 
@@ -92,7 +111,12 @@ def cell_grid_over_image(shape: tuple[int, int], mm_per_px: float) -> CellGrid:
 @lru_cache(maxsize=16)
 def _averaging_weights(pixels: int, cells: int) -> Float32[Array, "view pixels"]:
     """Return the weight of each pixel in the mean of each cell, along one axis."""
-    ends = np.arange(cells + 1) * (pixels / cells)
-    until = np.clip(ends[:, None] - np.arange(pixels), 0, 1)
-    inside = np.diff(until, axis=0) * (cells / pixels)
+    inside = _mean_weights(pixels, cells)
     return np.pad(inside, ((MARGIN_CELLS, MARGIN_CELLS), (0, 0)), mode="edge").astype(np.float32)
+
+
+def _mean_weights(fine: int, coarse: int) -> Float[Array, "coarse fine"]:
+    """Return the weight of each fine interval in the mean over each of the coarse intervals of the same line."""
+    ends = np.arange(coarse + 1) * (fine / coarse)
+    until = np.clip(ends[:, None] - np.arange(fine), 0, 1)
+    return np.diff(until, axis=0) * (coarse / fine)

@@ -125,7 +125,7 @@ class TractionForce(ForceEstimator):
 
     def _inversion_for(self, height: HeightMap) -> TractionInversion:
         """Return the inversion for images of this size, built at the first of them."""
-        cells = cell_grid_over_image(height.z_mm.shape, height.mm_per_px)
+        cells = cell_grid_over_image(height.z_mm.shape, height.mm_per_px, self.gel.thickness_mm)
         if cells not in self._inversions:
             self.forget()
             gel, model = self.gel, self.observation_model

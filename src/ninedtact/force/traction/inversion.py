@@ -26,6 +26,8 @@ _WINKLER_PER_MM = 3.9
 """Pressure (over the shear modulus) per mm of indentation in the middle of presses, used for the initial guess."""
 _MIN_PRIOR_DEPTH_MM = 0.02
 """Smallest indentation by which the prior of pressure is scaled."""
+_SMALLEST_STEP = 0.25
+"""Smallest part of the way to a result by which the point of linearisation moves."""
 _LEVEL_STD = 0.003
 """Standard deviation of the relative brightness offset that all cells share."""
 
@@ -68,6 +70,8 @@ class InversionResult:
     tractions: Tractions
     skin_mm: SkinField
     """Height of all skin under these tractions."""
+    linearised_mm: SkinField
+    """Height of all skin about which the problem was linearised."""
     problem: LinearisedProblem
     """The problem as linearised in the last iteration."""
     solution: QPSolution
@@ -94,7 +98,8 @@ class TractionInversion:
         iterations from it do not converge: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            guess = InitialGuess(last.tractions, last.skin_mm, last.misfit)
+            about_mm = (last.linearised_mm + last.skin_mm) / 2
+            guess = InitialGuess(last.tractions, about_mm, last.misfit)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
             if self._followed(last.tractions[0], result):
                 return result
@@ -111,19 +116,27 @@ class TractionInversion:
     def _converge(
         self, observation: Observation, region: View, guess: InitialGuess, max_iterations: int
     ) -> InversionResult:
-        """Iterate from a guess until the target is reached, or as often as allowed."""
-        result = self._iterate(observation, region, guess)
-        while result.iterations < max_iterations and result.newton_decrement > self.solver.target_decrement:
-            result = self._iterate(observation, region, result)
-        return result
+        """Iterate from a guess until the target is reached, or as often as allowed; return the result nearest to convergence.
 
-    def _iterate(
-        self, observation: Observation, region: View, guess: InitialGuess | InversionResult
-    ) -> InversionResult:
+        Where an iteration brings the result no nearer, the next ones linearise closer to where this one did.
+        """
+        result = best = self._iterate(observation, region, guess)
+        step, about_mm = 1.0, guess.skin_mm
+        while result.iterations < max_iterations and best.newton_decrement > self.solver.target_decrement:
+            about_mm = about_mm + np.float32(step) * (result.skin_mm - about_mm)
+            carried = InitialGuess(result.tractions, about_mm, result.misfit, result.iterations)
+            result = self._iterate(observation, region, carried)
+            if result.newton_decrement < best.newton_decrement:
+                best = result
+            else:
+                step = max(step / 2, _SMALLEST_STEP)
+        return best
+
+    def _iterate(self, observation: Observation, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem = self._linearise(observation, region, guess)
         offset = self.law(guess.skin_mm) - problem.slope * guess.skin_mm
-        programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
+        programme = problem.quadratic_programme(self.forward.bin(observation.change) - self.forward.scatter(offset))
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
         tractions = problem.tractions(solution.x)
@@ -131,18 +144,19 @@ class TractionInversion:
         nonlinear = self.forward.scatter(self.law(skin_mm) - offset - problem.slope * skin_mm)
         decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
         misfit = self._misfit(observation, skin_mm)
-        return InversionResult(tractions, skin_mm, problem, solution, misfit, decrement, guess.iterations + 1)
+        return InversionResult(
+            tractions, skin_mm, guess.skin_mm, problem, solution, misfit, decrement, guess.iterations + 1
+        )
 
-    def _linearise(
-        self, observation: Observation, region: View, guess: InitialGuess | InversionResult
-    ) -> LinearisedProblem:
+    def _linearise(self, observation: Observation, region: View, guess: InitialGuess) -> LinearisedProblem:
         """Return the problem linearised about the guessed skin."""
         depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
+        strain = depth_mm / self.forward.thickness_mm
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
         slope = self.law.slope_per_mm(guess.skin_mm)
-        whitener = _build_whitener(observation, guess.misfit)
-        return LinearisedProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, depth_mm)
+        whitener = self._whitener(observation, guess.misfit)
+        return LinearisedProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, strain)
 
     def _guess_from_heights(self, observation: Observation, region: View) -> InitialGuess:
         """Return an initial guess with pressure in proportion to the observed indentation, and no shear."""
@@ -152,9 +166,15 @@ class TractionInversion:
 
     def _misfit(self, observation: Observation, skin_mm: SkinField) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
-        residual = observation.change - self.forward.scatter(self.law(skin_mm))
-        square = float(np.vdot(residual, _build_whitener(observation, 1.0)(residual)))
-        return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
+        residual = self.forward.bin(observation.change) - self.forward.scatter(self.law(skin_mm))
+        square = float(np.vdot(residual, self._whitener(observation, 1.0)(residual)))
+        return float(np.sqrt(max(square / max(float(self.forward.bin(observation.in_view).sum()), 1.0), 1.0)))
+
+    def _whitener(self, observation: Observation, misfit: float) -> Whitener:
+        """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
+        noise = observation.noise * self.forward.cells.cells_per_bin**-0.5
+        std = np.float32(np.hypot(observation.error, noise) * misfit)
+        return Whitener(self.forward.bin(observation.in_view) / std, _LEVEL_STD)
 
     def _extend_to_skin(self, z_mm: View) -> SkinField:
         """Extend heights of the view to all skin by repeating those of its border."""
@@ -171,12 +191,6 @@ class TractionInversion:
         return DiscretePrior(self.forward.cells, self.prior)
 
 
-def _build_whitener(observation: Observation, misfit: float) -> Whitener:
-    """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
-    error = np.sqrt(observation.error**2 + np.float32(observation.noise**2)) * np.float32(misfit)
-    return Whitener(observation.in_view / error, _LEVEL_STD)
-
-
 _THICKNESS_EXPONENT = 1.0
 """Exponent with which forces fall with the assumed thickness: an average, larger for shear and smaller for load (table in
 docs/force_physics.md)."""
@@ -188,7 +202,7 @@ class UncertaintyModel:
 
     thickness: float = 0.02
     """Relative error of the gel's thickness, as fitted to the ball press."""
-    unresolved: float = 0.45
+    unresolved: float = 0.35
     """Relative error per ratio of the resolution to the gel's thickness. Structure of a contact that the scattered light blurs is
     not resolved, and the thinner the gel, the more of the force it carries. Found on simulated sensors."""
     correlation: float = 1.8

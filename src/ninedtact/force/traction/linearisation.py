@@ -1,9 +1,10 @@
 """One Gauss–Newton iteration: the brightness law linearised about a guess, which leaves a quadratic programme in the tractions.
 
 The prior (`TractionPrior`) has the statistics of simulated presses, in units of the shear modulus (docs/force_physics.md has the
-figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, and a standard deviation in proportion to the indentation. Shear is
+figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, and a standard deviation in proportion to the
+indentation over the gel's thickness. Shear is
 pressure times a smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.12 on each axis); the
-other varies over about two millimetres (friction against the sideways spreading of the gel: 0.15).
+other varies over about two millimetres (friction against the sideways spreading of the gel: 0.2).
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.force.traction.forward_model import (
+    Bins,
     Indices,
     InfluenceKernels,
     SkinField,
@@ -35,13 +37,13 @@ _CELLS_PER_BATCH = 64
 class TractionPrior:
     """Statistics of the tractions in presses that were simulated separately, with other objects on other sensors."""
 
-    pressure_per_mm: float = 7.0
-    """Standard deviation of the pressure over the root mean square of the indentation, 1/mm; 1.5 times the value found, because
-    pressure has sharp edges, unlike a Gaussian field."""
+    pressure_per_strain: float = 120.0
+    """Standard deviation of the pressure over the root mean square of the indentation, which is relative to the gel's thickness.
+    Several times the value found: pressure has sharp edges, unlike a Gaussian field, and a tighter prior shrinks forces."""
     correlation_mm: float = 1.9
     pull: float = 0.12
     """Standard deviation of the part of shear over pressure that is constant over the contact."""
-    spread: float = 0.15
+    spread: float = 0.2
     """Standard deviation of the part of shear over pressure that varies over the contact."""
     spread_mm: float = 2.0
     smooth_mm: float = 0.4
@@ -66,7 +68,7 @@ class DiscretePrior:
         return np.concatenate([common, lattice], axis=1)
 
     def pressure_precision(self, row: Indices, col: Indices) -> Float32[Array, "n rows cols"]:
-        """Return the precision of pressure between each of these cells and all of the view, for an indentation of 1 mm."""
+        """Return the precision of pressure between each of these cells and all of the view, for a strain of one."""
         return self._precision_windows[window_indices(self.cells, row, col)]
 
     @cached_property
@@ -78,28 +80,31 @@ class DiscretePrior:
 
 @dataclass(frozen=True)
 class Whitener:
-    """The inverse covariance of the residual: independent errors of the cells, and one of the brightness level that they share."""
+    """The inverse covariance of the residual: independent errors of the bins, and one of the brightness level that they share."""
 
-    per_error: View
-    """One over the standard deviation of every cell; zero where nothing is seen."""
+    per_error: Bins
+    """One over the standard deviation of every bin; zero where nothing is seen."""
     level_std: float
     """Standard deviation of the common level."""
 
-    def __call__(self, residual: View) -> View:
+    def __call__(self, residual: Bins) -> Bins:
         """Return the inverse covariance times a residual."""
         return self.whiten(residual) * self.per_error
 
-    def whiten(self, residual: View) -> View:
-        """Return a residual over its errors; what is common to all cells is subtracted as far as the level's error allows."""
+    def whiten(self, residual: Bins) -> Bins:
+        """Return a residual over its errors; what is common to all bins is subtracted as far as the level's error allows."""
         weighted = residual * self.per_error
         common = self.level_std * self.per_error
         weighted -= common * (float(np.vdot(common, weighted)) * self._level_gain)
         return weighted
 
-    def gram(self, columns: Float32[Array, "n pixels"]) -> Float32[Array, "n n"]:
+    def gram(self, columns: Float32[Array, "n bins"]) -> Float32[Array, "n n"]:
         """Return the products of fields that are divided by their errors already."""
+        from scipy.linalg.blas import ssyrk
+
         common = columns @ (self.level_std * self.per_error.ravel())
-        gram = columns @ columns.T
+        upper = ssyrk(1.0, columns.T, trans=1)
+        gram = upper + np.triu(upper, 1).T
         gram -= np.outer(common, common) * np.float32(self._level_gain)
         return gram
 
@@ -125,8 +130,8 @@ class LinearisedProblem:
     slope: SkinField
     """Derivative of the brightness law at the guess."""
     whitener: Whitener
-    depth_mm: float
-    """Root mean square of the indentation, which scales the prior of pressure."""
+    strain: float
+    """Root mean square of the indentation over the gel's thickness, which scales the prior of pressure."""
 
     @cached_property
     def contact_cells(self) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
@@ -143,10 +148,10 @@ class LinearisedProblem:
         return np.ascontiguousarray(carried[:, power > _MIN_MODE_POWER * max(float(power.max()), 1e-12)])
 
     @cached_property
-    def jacobian(self) -> Float32[Array, "unknowns pixels"]:
+    def jacobian(self) -> Float32[Array, "unknowns bins"]:
         """J: the derivative of the observed signal by each unknown, over the signal's standard deviation."""
         count, modes = self.carried_shear.shape
-        jacobian = np.empty((count + 2 * modes, self.region.size), np.float32)
+        jacobian = np.empty((count + 2 * modes, self.whitener.per_error.size), np.float32)
         sheared = np.zeros((2, modes, self.kernels.skin_shape[0] * self.kernels.skin_shape[1]), np.float32)
         for batch in self._batches:
             pressed, *shear = self.kernels.heights_of_cells(self.contact_cells[0][batch], self.contact_cells[1][batch])
@@ -163,16 +168,16 @@ class LinearisedProblem:
         count, curvature = len(row), self.whitener.gram(self.jacobian).astype(float)
         for batch in self._batches:
             between = self.prior.pressure_precision(row[batch], col[batch])
-            curvature[batch, :count] += between[:, row, col] / self.depth_mm**2
+            curvature[batch, :count] += between[:, row, col] / self.strain**2
         weights = np.arange(count, len(curvature))
         curvature[weights, weights] += 1
         return curvature
 
-    def negative_gradient(self, residual: View) -> Float64[Array, " unknowns"]:
+    def negative_gradient(self, residual: Bins) -> Float64[Array, " unknowns"]:
         """Return b for a residual (r): Jᵀ times the whitened residual."""
         return (self.jacobian @ self.whitener.whiten(residual).ravel()).astype(float)
 
-    def quadratic_programme(self, target: View) -> NonNegativeQP:
+    def quadratic_programme(self, target: Bins) -> NonNegativeQP:
         """Return the programme whose solution explains this change of the signal in the linearised law."""
         return NonNegativeQP(self.curvature, self.negative_gradient(target), len(self.contact_cells[0]))
 
@@ -189,7 +194,7 @@ class LinearisedProblem:
         tractions[1:, row, col] = unknowns[len(row) :].reshape(2, modes) @ self.carried_shear.T
         return tractions
 
-    def newton_decrement(self, solution: QPSolution, residual: View) -> float:
+    def newton_decrement(self, solution: QPSolution, residual: Bins) -> float:
         """Return how far the solution would move to explain this residual as well.
 
         By the Cauchy–Schwarz inequality no linear combination of the unknowns moves by more of its own standard deviations.
@@ -201,11 +206,12 @@ class LinearisedProblem:
         count = len(self.contact_cells[0])
         return [slice(first, min(first + _CELLS_PER_BATCH, count)) for first in range(0, count, _CELLS_PER_BATCH)]
 
-    def _signal_of_heights(self, heights: Float32[Array, "n skin_rows skin_cols"]) -> Float32[Array, "n pixels"]:
+    def _signal_of_heights(self, heights: Float32[Array, "n skin_rows skin_cols"]) -> Float32[Array, "n bins"]:
         """Return the change of the observed signal over its standard deviation; overwrites the heights."""
         down, across = self.kernels.point_spread
         heights *= self._slope_on_skin
-        signal = down @ (heights @ across)
+        rows, cols = heights.shape[1:]
+        signal = down @ (heights.reshape(-1, cols) @ across).reshape(-1, rows, across.shape[1])
         signal *= self.whitener.per_error
         return signal.reshape(len(signal), -1)
 
@@ -217,12 +223,12 @@ class LinearisedProblem:
 def pressure_precision_spectrum(
     wave: Float[Array, "rows half"], prior: TractionPrior, pitch_mm: float
 ) -> Float32[Array, "rows half"]:
-    """Return the inverse power spectrum of pressure at every wave number (1/mm), for an indentation of 1 mm.
+    """Return the inverse power spectrum of pressure at every wave number (1/mm), for a strain of one.
 
     The spectrum is that of the correlation exp(−r/ℓ) in two dimensions.
     """
     length = prior.correlation_mm
-    power = 2 * np.pi * (prior.pressure_per_mm * length / pitch_mm) ** 2
+    power = 2 * np.pi * (prior.pressure_per_strain * length / pitch_mm) ** 2
     return ((1 + (wave * length) ** 2) ** 1.5 / power).astype(np.float32)
 
 
