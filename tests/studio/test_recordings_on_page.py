@@ -14,8 +14,10 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
 
+import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
+from ninedtact.cli.live import Live
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import NoForce
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
@@ -128,12 +130,24 @@ def test_every_moment_of_a_recording_is_the_one_that_the_page_had(recorded: tupl
         assert estimated.sample.wrench.stamp_ns == kept.stamp_ns and estimated.sample.warnings == kept.force.warnings
         np.testing.assert_allclose(estimated.sample.wrench.six, kept.force.wrench.six)
         np.testing.assert_allclose(estimated.sample.std, kept.force.std)
+        assert true.sample.wrench.stamp_ns == kept.stamp_ns
         assert all(at <= kept.stamp_ns for at, _ in estimated.samples) and moment.sensor.phase is SensorPhase.RECORDED
         assert f"of {player.duration_s:.2f} s, paused" in moment.status.sentence
     same = player.moment(NEWEST)
     assert same.view is player.moment(NEWEST).view
     wait_until(lambda: player.moment(NEWEST).sensor.history.shape[1] == 4)
     player.close()
+
+
+def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded  # which begins in the middle of a press
+    deep_mm = [kept.max_indentation_mm for kept in bench.kept]
+    with Recording(path) as recording:
+        np.testing.assert_allclose([one.max_indentation_mm for one in recording.readings()], deep_mm, atol=1e-5)
+    with ninedtact.open(source=str(path), force="none") as sensor:
+        np.testing.assert_allclose([one.max_indentation_mm for one in sensor], deep_mm, atol=1e-5)
+    live = Live(str(path)).sensor_and_wrenches(bench.folder)[0]
+    assert live.depth_reader is not None and deep_mm[0] > 0.5
 
 
 def test_a_player_steps_and_plays_at_its_speed_and_stops_at_the_end(recorded: tuple[Path, Bench]) -> None:

@@ -14,7 +14,7 @@ import tyro
 from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, is_recording, live_source_for
+from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, is_recording, live_source_for, recorded_reference
 from ninedtact.recording.errors import RecordingLibrariesMissing, RecordingUnreadable, require_recording_libraries
 
 if TYPE_CHECKING:
@@ -119,6 +119,8 @@ class Live:
             on_back=lambda: print_notice("it is back"),
         )
         depth_reader = shape.depth_reader(*references) if references else None
+        if depth_reader is None and is_recording(self.source):
+            depth_reader = recorded_reference(self.source, shape)
         return Sensor(LatestFrameSource(source), shape, depth_reader=depth_reader)
 
     def named_source(self) -> "FrameSource":

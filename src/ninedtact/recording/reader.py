@@ -208,14 +208,16 @@ class Recording:
     def readings(self) -> Iterator[Reading]:
         """Yield what the recorded sensor measures in every frame: its calibration is applied to the images.
 
-        The first ten frames are taken as reference images (no contact). Raises `RecordingUnreadable` where the recording
-        carries no sensor folder.
+        The first ten frames are taken as reference images (no contact), unless the recording has its own from the live page.
+        Raises `RecordingUnreadable` where the recording carries no sensor folder.
         """
         from ninedtact.calibration.sensor_folder import load_sensor
+        from ninedtact.recording.recorded_source import read_recorded_reference
         from ninedtact.recording.recorder import ReadingComputer
 
         with TemporaryDirectory(prefix="ninedtact_") as folder:
-            computer = ReadingComputer(load_sensor(self.save_sensor_folder(Path(folder) / "sensor")).shape)
+            shape = load_sensor(self.save_sensor_folder(Path(folder) / "sensor")).shape
+            computer = ReadingComputer(shape, depth_reader=read_recorded_reference(self.path, shape))
             for frame in self.frames():
                 yield from computer.readings(frame)
 

@@ -293,7 +293,7 @@ class RecordingPlayer:
             sensor = SensorSnapshot(
                 SensorPhase.RECORDED, None if view is None else view.reading, stamp_ns, rate_hz, rate_hz, history
             )
-            wrenches = tuple(self._wrenches_at(stamp_ns))
+            wrenches = tuple(self._wrenches_at(stamp_ns, None if view is None else view.reading.force))
             return PageMoment(self._status(view, trouble), sensor, view, wrenches, newest.shown_hz, newest.page_ms)
 
     def close(self) -> None:
@@ -324,11 +324,11 @@ class RecordingPlayer:
             return SensorStatus("lost", trouble)
         state = f"playing at {self.speed:g} ×" if self._is_playing else "paused"
         place = f"recorded, {self.at_s:.2f} of {self.duration_s:.2f} s, {state}"
-        warnings = () if view is None else view.reading.warnings
+        warnings = () if view is None else (*view.reading.reference_warnings, *view.reading.image_warnings)
         return SensorStatus("warned" if warnings else "held", "; ".join((place, *warnings)))
 
-    def _wrenches_at(self, stamp_ns: int) -> Iterator[WrenchSnapshot]:
-        """Yield the wrenches of the recording in the columns of the page."""
+    def _wrenches_at(self, stamp_ns: int, estimate: WrenchEstimate | None) -> Iterator[WrenchSnapshot]:
+        """Yield the wrenches of the recording in the columns of the page; the estimate is that of the image itself."""
         forces = self._readings.recording.metadata.force_torque
         for source in self._sources:
             samples = self._samples[Topic.ESTIMATED if source.states_errors else Topic.MEASURED]
@@ -336,6 +336,8 @@ class RecordingPlayer:
             begin = bisect_right(samples, stamp_ns - HISTORY_S * NS_PER_S, key=lambda sample: sample[0])
             near = samples[max(end - 1, 0) : end + 1]
             sample = min(near, key=lambda one: abs(one[0] - stamp_ns))[1] if near else None
+            if source.states_errors and estimate is not None:
+                sample = WrenchSample(estimate.wrench, estimate.std, tuple(estimate.warnings))
             meaning = "as recorded" if source.states_errors or not forces else f"as recorded: {forces}"
             state = (None, (), source.states_errors)
             yield WrenchSnapshot(source.name, meaning, sample, tuple(samples[begin:end]), stamp_ns, *state)

@@ -159,7 +159,7 @@ class RecordingsPanel:
             if recorder.state().is_running:
                 state = recorder.stop()
                 if not state.trouble and state.path is not None:
-                    self._viewer.notify("Recorded", f"{state.path}", "green")
+                    self._viewer.notify("Recorded", state.path.name, "green")
             else:
                 recorder.start()
 
@@ -282,7 +282,7 @@ class RecordingsPanel:
             self._quota.count_save(0, self._out, "an export")
             self._out.mkdir(parents=True, exist_ok=True)
             path = export(f"{datetime.now():%Y%m%d_%H%M%S_%f}")
-            self._viewer.notify("Exported", str(path), "green")
+            self._viewer.notify("Exported", path.name, "green")
         self._progress.content = ""
 
     def _export_page(self, time: str) -> Path:
