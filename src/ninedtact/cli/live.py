@@ -7,7 +7,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic_ns
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -18,8 +18,6 @@ from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, is_recording, liv
 from ninedtact.recording.errors import RecordingLibrariesMissing, RecordingUnreadable, require_recording_libraries
 
 if TYPE_CHECKING:
-    from viser import ViserServer
-
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.quantities import Frame
@@ -262,7 +260,7 @@ def serve_sensor_page(
 
 def recordings_panels(
     opened: ExitStack,
-    server: "ViserServer",
+    server: Any,
     folder: "SensorFolder",
     controller: "PageController",
     source: str,
