@@ -11,8 +11,9 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.displayed_reading import PageController, SaveLimits
+from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
+from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 
@@ -57,10 +58,10 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
         until_shown("live, ", "0.00 mm")
         assert sensor.depth_reader is not first_reference
         tab.get_by_role("button", name="Save this reading").dispatch_event("click")
-        until_shown("Saved", "4 files in")
+        until_shown("Saved", "5 files in")
         tab.get_by_role("button", name="Save this reading").dispatch_event("click")
         until_shown("Not saved", "at most 1 saves a minute")
-        assert len(list(tmp_path.glob("reading_*"))) == 4
+        assert len(list(tmp_path.glob("reading_*"))) == 5
         camera.plugged_in = False
         until_shown("no image for ", "unplugged?")
         studio.show_final_state(page)

@@ -19,11 +19,10 @@ from ninedtact.studio.displayed_reading import (
     NothingToSave,
     PageController,
     PageMoment,
-    SaveLimits,
-    SaveRefused,
     adapt_slowdown,
 )
 from ninedtact.studio.reading_view import ImageKind, ReadingView, SkinColouring, TractionSource
+from ninedtact.studio.saved_files import SaveLimits, SaveRefused
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample
 
@@ -144,7 +143,7 @@ def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
         wait_until(lambda: stage.sees(2.0))
         paths = stage.studio.save(shown)
     by_ending = {path.name.split("_", maxsplit=4)[-1]: path for path in paths}
-    assert set(by_ending) == {"image.png", "height.npy", "height.png", "height.ply"}
+    assert set(by_ending) == {"image.png", "height.npy", "height.png", "height.ply", "moment.json"}
     assert np.load(by_ending["height.npy"]).min() == pytest.approx(-1.0, abs=0.01)
     assert read_image(by_ending["image.png"]).min() == 75
     assert {path.parent for path in paths} == {tmp_path / "readings"}
@@ -162,7 +161,7 @@ def test_too_many_saves_are_refused_and_write_nothing(stage: Stage, tmp_path: Pa
         refusals = [result.exception() for result in results if result.exception() is not None]
         with pytest.raises(SaveRefused, match=r"at most 0% of the free disk, 0 MB, got 0 MB and another reading; free"):
             small.save(stage.screen.moments[-1])
-    assert len(refusals) == 18 and len(list((tmp_path / "hasty").iterdir())) == 8 and not (tmp_path / "small").exists()
+    assert len(refusals) == 18 and len(list((tmp_path / "hasty").iterdir())) == 10 and not (tmp_path / "small").exists()
     assert re.fullmatch(
         r"expected at most 2 saves a minute, got one more; wait (59|60) s, or use 'ninedtact record'", str(refusals[0])
     )

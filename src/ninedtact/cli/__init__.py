@@ -21,6 +21,7 @@ COMMANDS = {
     "reconstruct": "reconstruct:ReconstructCommand",
     "check": "check:CheckCommand",
     "live": "live:Live",
+    "play": "live:Play",
     "simulate": "simulate:Simulate",
     "collect": "collect:Collect",
     "record": "record:Record",

@@ -1,19 +1,21 @@
-"""ninedtact live: show a sensor live in the browser."""
+"""ninedtact live: show a sensor live in the browser. ninedtact play: a recording there, with its time on a slider."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic_ns
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import SIMULATED, live_source_for
+from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, is_recording, live_source_for, recorded_reference
+from ninedtact.recording.errors import RecordingLibrariesMissing, RecordingUnreadable, require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.press_simulation import PressSimulation
     from ninedtact.simulation.simulated_sources import DemoSources
+    from ninedtact.studio.displayed_reading import PageController
+    from ninedtact.studio.viewer import PanelFactory
     from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller
 
 _MAX_DISPLAY_HZ = 120.0
@@ -113,6 +117,8 @@ class Live:
             on_back=lambda: print_notice("it is back"),
         )
         depth_reader = shape.depth_reader(*references) if references else None
+        if depth_reader is None and is_recording(self.source):
+            depth_reader = recorded_reference(self.source, shape)
         return Sensor(LatestFrameSource(source), shape, depth_reader=depth_reader)
 
     def named_source(self) -> "FrameSource":
@@ -122,6 +128,67 @@ class Live:
 
         source = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return RepeatingSource(source) if self.loop else source
+
+
+@dataclass(frozen=True)
+class Play:
+    """Show a recording in the browser: its time on a slider, frame by frame, at any speed; labels, and exports. Ctrl-C ends it."""
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """Recording (.mcap) of `ninedtact record`, of `collect`, or of the live page."""
+    sensor: Path | None = None
+    """Sensor folder to measure the images with, in place of the one that the recording carries."""
+    out: Path = Path("readings")
+    """Folder for what is exported from the page."""
+    display_hz: float = 30.0
+    """Largest number of images shown per second."""
+    host: str = "127.0.0.1"
+    """Address of the page; with another one than this computer's own, the printed address contains a random token."""
+    port: int | None = None
+    """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
+    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
+    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
+
+    def run(self) -> int:
+        """Serve the page until Ctrl-C."""
+        require_page_library()
+        require_recording_libraries()
+        require_display_rate(self.display_hz)
+        if not is_recording(str(self.recording)):
+            raise RecordingUnreadable(
+                f"expected a recording ({RECORDING_SUFFIX}), got {self.recording}; check the path"
+            )
+        with named_sensor_with_notices(self.sensor, str(self.recording)) as folder, suppress(KeyboardInterrupt):
+            self.serve(folder)
+        return 0
+
+    def serve(self, folder: "SensorFolder") -> None:
+        """Serve the recording; raises what reading it raises, before anything is served."""
+        from ninedtact.recording.recorded_source import RecordedSource
+        from ninedtact.sensor import Sensor
+        from ninedtact.studio.displayed_reading import PageController
+        from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
+        from ninedtact.studio.recording_player import recorded_wrench_columns
+        from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+        from ninedtact.studio.scene_3d import gel_block_under_skin
+        from ninedtact.studio.sensor_poller import SensorPoller
+        from ninedtact.studio.socket_guard import SocketGuard
+
+        columns = recorded_wrench_columns(self.recording, folder.shape)
+        guard = SocketGuard.for_host(self.host, self.allow_origin)
+        port = find_default_port(self.host) if self.port is None else self.port
+        with page_server(self.host, port, guard) as server:
+            # The sensor of this poller is never opened: every viewer is shown a moment of the recording in its place.
+            idle = SensorPoller(Sensor(RecordedSource(self.recording), folder.shape))
+            controller = PageController(idle, self.out, columns)
+            controller.recheck_s = 0.0
+            block = gel_block_under_skin(folder.shape, folder.record.design.gel)
+            desk = RecordingDesk(server, folder, opens=self.recording)
+            page = SensorPage(server, controller, block, folder.id, None, [partial(RecordingsPanel, desk=desk)])
+            print(
+                f"{self.recording}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
+            )
+            controller.run(page, self.display_hz)
 
 
 @dataclass(frozen=True)
@@ -171,18 +238,47 @@ def serve_sensor_page(
                 if reading.force is not None:
                     history.add_estimate(reading.force)
 
-        loop = opened.enter_context(SensorPoller(sensor, keep_estimate))
+        def keep_reading(reading: "Reading") -> None:
+            for listener in tuple(listeners):
+                listener(reading)
+
+        listeners: list[Callable[[Reading], None]] = [keep_estimate]
+        loop = opened.enter_context(SensorPoller(sensor, keep_reading))
         for poller in wrenches:
             opened.enter_context(poller)
         press = None if pressed is None else PressControl(pressed)
         controller = PageController(loop, settings.out, histories, press_at=None if press is None else press.press_at)
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        page = SensorPage(server, controller, block, folder.id, press)
+        panels = recordings_panels(opened, server, folder, controller, sensor.source.name, listeners)
+        page = SensorPage(server, controller, block, folder.id, press, panels)
         print(
             f"{sensor.source.name}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
         )
         is_over = lambda: ends and loop.snapshot(monotonic_ns()).phase is SensorPhase.ENDED  # noqa: E731
         controller.run(page, settings.display_hz, is_over)
+
+
+def recordings_panels(
+    opened: ExitStack,
+    server: Any,
+    folder: "SensorFolder",
+    controller: "PageController",
+    source: str,
+    listeners: "list[Callable[[Reading], None]]",
+) -> "list[PanelFactory]":
+    """Return the panel that records, whose recorder is added to the listeners; none, and a notice, without its libraries."""
+    try:
+        require_recording_libraries()
+    except RecordingLibrariesMissing as missing:
+        print_notice(f"the page cannot record; {missing}")
+        return []
+    from ninedtact.studio.page_recorder import PageRecorder
+    from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+
+    recorder = PageRecorder(folder, source, controller.wrenches, controller.out, controller.quota)
+    opened.callback(recorder.stop)
+    listeners.append(recorder.keep)
+    return [partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorder))]
 
 
 def page_sources_of_twin(

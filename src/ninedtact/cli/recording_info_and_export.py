@@ -56,6 +56,8 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
         yield f"  heights in steps of {summary.height_step_mm:g} mm"
     if summary.camera_delay_ms:
         yield f"  stamps are arrival times less the camera's delay of {summary.camera_delay_ms:g} ms"
+    for span in summary.spans:
+        yield f"  label '{span.label}': {(span.end_ns - span.begin_ns) / 1e9:.2f} s from stamp {span.begin_ns / 1e9:.2f} s on"
     if summary.pairs:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in summary.pairs.items())}"
     if not summary.finished:
@@ -64,7 +66,7 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Export:
-    """Export a recording: images as PNG, wrenches, pairs and times as CSV, heights as .npy, and the sensor folder."""
+    """Export a recording: images as PNG, wrenches, pairs, labels and times as CSV, heights as .npy, and the sensor folder."""
 
     recording: Annotated[Path, tyro.conf.Positional]
     """File that `ninedtact record` or `ninedtact collect` wrote."""

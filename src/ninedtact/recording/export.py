@@ -50,6 +50,7 @@ def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) 
         "heights": _export_heights(recording, out / "heights"),
         "pairs": _export_pairs(recording, out / "pairs.csv"),
         "events": _export_events(recording, out / "events.csv"),
+        "spans": _export_spans(recording, out / "spans.csv"),
         "sensor": recording.write_sensor_files(out / SENSOR_FOLDER),
     }
     summary = json.dumps(asdict(recording.summary()), indent=2, ensure_ascii=False)
@@ -109,6 +110,16 @@ def _export_events(recording: Recording, path: Path) -> int:
         for event in recording.events()
     )
     return _write_csv(path, (*_TIME_COLUMNS, "kind", "subject", "text"), rows)
+
+
+def _export_spans(recording: Recording, path: Path) -> int:
+    """Write a table of the labelled spans, with the time of both ends."""
+    rows = (
+        (span.label, *_both_times(recording, span.begin_ns), *_both_times(recording, span.end_ns))
+        for span in recording.spans()
+    )
+    columns = [f"{end}_{name}" for end in ("begin", "end") for name in _TIME_COLUMNS]
+    return _write_csv(path, ("label", *columns), rows)
 
 
 def _both_times(recording: Recording, stamp_ns: int) -> tuple[int, int]:

@@ -1,11 +1,14 @@
-"""Repairs a truncated recording in place: writes the summary that its writer could not write.
+"""Repairs a truncated recording in place: writes the summary that its writer could not write. Edits labelled spans the same way.
 
 This package reads a truncated recording without repair; other programs (`ros2 bag`, rosbags) may refuse it or read it slowly.
 """
 
+import json
+import shutil
 import struct
+import time
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO, FileIO
 from pathlib import Path
 from typing import BinaryIO
@@ -26,6 +29,8 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
+from ninedtact.atomic_write import open_atomic_file
+from ninedtact.recording.errors import RecordingRefused
 from ninedtact.recording.mcap_index import (
     RECORD_PREFIX_BYTES,
     McapIndex,
@@ -33,8 +38,11 @@ from ninedtact.recording.mcap_index import (
     read_attachment,
     record_stream,
 )
-from ninedtact.recording.reader import Recording
+from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording
+from ninedtact.recording.ros_messages import LabelledSpan, Topic
 
+_WRITTEN_WITHIN_S = 5.0
+"""Age below which an unfinished file counts as being written: its writer adds to it every half second."""
 _FOOTER_BYTES = 20
 _CHUNK_HEADER_BYTES = 64
 """An upper limit of the length of the fields before the data of a chunk."""
@@ -59,6 +67,43 @@ def repair_recording(path: Path) -> bool:
             file.truncate(found.end)
             raise
     return True
+
+
+def save_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:
+    """Replace the labelled spans of a recording; the file is replaced as a whole by a copy, or stays as it was.
+
+    Raises what `Recording` raises, `RecordingRefused` for a file that is still being written, and `FileNotWritten`.
+    """
+    with Recording(path) as recording:
+        if not recording.is_finished and time.time() - path.stat().st_mtime < _WRITTEN_WITHIN_S:
+            raise RecordingRefused(
+                f"expected a recording that has ended, got {path}, which is still being written; wait, and label it then"
+            )
+        now_ns = int(max(recording.stamps_ns(Topic.IMAGES), default=0))
+    content = json.dumps([vars(span) for span in spans], ensure_ascii=False).encode()
+    record = _to_bytes([Attachment(now_ns, now_ns, SPANS_ATTACHMENT, "application/json", content)])
+    with path.open("rb") as original, open_atomic_file(path) as file:
+        shutil.copyfileobj(original, file)
+        file.flush()
+        copy = Path(file.name)
+        shutil.copymode(path, copy)
+        repair_recording(copy)  # the index of its last chunk must stand before the new record
+        with Recording(copy) as recording:
+            end = _end_before_spans(recording)
+        with copy.open("r+b", buffering=0) as raw:
+            raw.truncate(end)
+            raw.seek(end)
+            _write_all(raw, record)
+        repair_recording(copy)
+
+
+def _end_before_spans(recording: Recording) -> int:
+    """Return the end of the last record before the summary, without an earlier list of spans that stands there."""
+    spans, end = recording.index.attachments, recording.index.end
+    names = [attachment.name for attachment in recording.attachments()]
+    if spans and spans[-1].end == end and names[-1] == SPANS_ATTACHMENT:
+        return spans[-1].start
+    return end
 
 
 def _write_all(file: FileIO, content: bytes) -> None:

@@ -1,5 +1,6 @@
 """Reads a recording, complete or truncated: frames, wrenches, heights, labels, and a summary of its content."""
 
+import json
 import struct
 from collections import Counter
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from mcap.records import Attachment, Metadata
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import CameraNotFound
-from ninedtact.quantities import Frame, Wrench
+from ninedtact.quantities import Frame, Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_index import (
@@ -36,6 +37,7 @@ from ninedtact.recording.mcap_index import (
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, parse_recording_metadata
 from ninedtact.recording.ros_messages import (
     EventKind,
+    LabelledSpan,
     PairLabel,
     RecordingEvent,
     Topic,
@@ -44,12 +46,16 @@ from ninedtact.recording.ros_messages import (
     decode_height,
     decode_image,
     decode_pair_label_message,
+    decode_reference_grey,
+    decode_span,
     decode_warnings,
     decode_wrench,
 )
 
 SENSOR_FOLDER = "sensor"
 """First part of the names of the attachments that hold the sensor folder."""
+SPANS_ATTACHMENT = "spans.json"
+"""Name of the attached list of labelled spans that were edited after the recording; the last one counts."""
 _GAP_FACTOR = 2.5
 """Ratio of an interval between two messages to the usual one from which messages count as missing in between."""
 _PERIODIC_TOPICS = (Topic.IMAGES, Topic.MEASURED, Topic.ESTIMATED, Topic.HEIGHTS)
@@ -95,6 +101,8 @@ class RecordingSummary:
     pairs: dict[str, int]
     """Number of pairs of each kind, undone contacts excluded."""
     events: dict[str, int]
+    spans: list[LabelledSpan]
+    """Stretches of time that a person has named."""
 
 
 class Recording:
@@ -200,14 +208,16 @@ class Recording:
     def readings(self) -> Iterator[Reading]:
         """Yield what the recorded sensor measures in every frame: its calibration is applied to the images.
 
-        The first ten frames are taken as reference images (no contact). Raises `RecordingUnreadable` where the recording
-        carries no sensor folder.
+        The first ten frames are taken as reference images (no contact), unless the recording has its own from the live page.
+        Raises `RecordingUnreadable` where the recording carries no sensor folder.
         """
         from ninedtact.calibration.sensor_folder import load_sensor
+        from ninedtact.recording.recorded_source import read_recorded_reference
         from ninedtact.recording.recorder import ReadingComputer
 
         with TemporaryDirectory(prefix="ninedtact_") as folder:
-            computer = ReadingComputer(load_sensor(self.save_sensor_folder(Path(folder) / "sensor")).shape)
+            shape = load_sensor(self.save_sensor_folder(Path(folder) / "sensor")).shape
+            computer = ReadingComputer(shape, depth_reader=read_recorded_reference(self.path, shape))
             for frame in self.frames():
                 yield from computer.readings(frame)
 
@@ -245,6 +255,32 @@ class Recording:
     def events(self) -> list[RecordingEvent]:
         """Return all events: everything that happened besides images and wrenches."""
         return [decode_event(message.data, message.stamp_ns) for message in self.messages(Topic.EVENTS)]
+
+    def spans(self) -> list[LabelledSpan]:
+        """Return the labelled spans in the order of their beginnings, as they were last edited.
+
+        Raises `RecordingUnreadable` where the list of them is damaged.
+        """
+        attached = [one for one in self.attachments() if one.name == SPANS_ATTACHMENT]
+        try:
+            if attached:
+                spans = [LabelledSpan(**one) for one in json.loads(attached[-1].data)]
+            else:
+                spans = [decode_span(message.data) for message in self.messages(Topic.SPANS)]
+            return sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
+        except (ValueError, TypeError) as error:
+            raise RecordingUnreadable(
+                f"expected the labelled spans of {self.path} as they were written, got: {error}; restore the file from a copy"
+            ) from error
+
+    def reference_at(self, stamp_ns: int, mm_per_px: float) -> Rectified | None:
+        """Return the rectified reference image that held at a stamp; None where the recording has none."""
+        positions = self.positions(Topic.REFERENCE_GREY)
+        if len(positions) == 0:
+            return None
+        number = max(int(np.searchsorted(positions["stamp_ns"], stamp_ns, side="right")) - 1, 0)
+        message = self.message(positions[number])
+        return Rectified(decode_reference_grey(message.data), mm_per_px, message.stamp_ns)
 
     def attachments(self) -> Iterator[Attachment]:
         """Yield the attached files with their names; raises `RecordingUnreadable` where one is damaged."""
@@ -295,6 +331,7 @@ class Recording:
             topics=[summary for topic in Topic if (summary := self._topic_summary(topic)).messages],
             pairs=dict(Counter(label.kind for label in self.kept_labels())),
             events=dict(Counter(event.kind.value for event in self.events())),
+            spans=self.spans(),
         )
 
     def _topic_summary(self, topic: Topic) -> TopicSummary:

@@ -19,6 +19,7 @@ from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefus
 from ninedtact.recording.reader import Recording, median_rate_hz
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape, mean_rectified_image
+from ninedtact.shape.depth import DepthReader
 
 Item = TypeVar("Item")
 _REFERENCE_FRAMES = 10
@@ -126,6 +127,22 @@ def read_references_at(
             before = _require_no_contact(f"{path} from {at_s:g} s on", frames, before, shape, check)
             found.append(frames)
     return found
+
+
+def read_recorded_reference(path: Path | str, shape: CalibratedShape) -> DepthReader | None:
+    """Return the depth reader for the reference image that a recording of the live page begins with; None for other recordings.
+
+    Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
+    """
+    with Recording(path) as recording:
+        stamps_ns, wanted = recording.stamps_ns(Topic.IMAGES), shape.rectify.height_source.shape
+        reference = recording.reference_at(int(stamps_ns[0]), shape.rectify.mm_per_px) if len(stamps_ns) else None
+    if reference is not None and reference.grey.shape != wanted:
+        raise RecordingUnreadable(
+            f"expected a reference image of {wanted[1]} x {wanted[0]} pixels in {path}, as the sensor has, got "
+            f"{reference.grey.shape[1]} x {reference.grey.shape[0]}; name the recorded sensor, or none"
+        )
+    return None if reference is None else shape.reader_against(reference)
 
 
 def _first_image_at(recording: Recording, positions: Array, at_s: float) -> int:

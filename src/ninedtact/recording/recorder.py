@@ -113,19 +113,20 @@ def report_kept_messages(path: Path, notify: Callable[[str], None]) -> Iterator[
 
 @dataclass
 class ReadingComputer:
-    """Computes readings from frames; the first ten frames are taken as reference images (no contact) and also read."""
+    """Computes readings from frames; where no reference image (no contact) is known, the first ten are, and are also read."""
 
     shape: CalibratedShape
     find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
     """Returns why reference images cannot be those of the calibrated sensor."""
+    depth_reader: DepthReader | None = None
+    """Computes heights against a reference image that is known; None takes that of the first ten frames."""
     reference_faults: tuple[str, ...] = field(default=(), init=False)
     """What it returned for the first ten frames."""
     _first: list[Frame] = field(default_factory=list, init=False)
-    _depth_reader: DepthReader | None = field(default=None, init=False)
 
     def require_reference(self) -> None:
         """Raise `ReferenceMomentRefused` where the frames so far were too few for reference images."""
-        if self._depth_reader is None:
+        if self.depth_reader is None:
             raise ReferenceMomentRefused(
                 f"expected at least {_REFERENCE_FRAMES} images for the reference of heights and forces, got {len(self._first)}, "
                 "so that neither was computed; record longer"
@@ -141,12 +142,12 @@ class ReadingComputer:
             yield Reading(waiting, rectified, height, reference=reference, reference_warnings=warnings)
 
     def _readable(self, frame: Frame) -> Iterator[tuple[Frame, DepthReader]]:
-        if self._depth_reader is not None:
-            yield frame, self._depth_reader
+        if self.depth_reader is not None:
+            yield frame, self.depth_reader
             return
         self._first.append(frame)
         if len(self._first) == _REFERENCE_FRAMES:
-            depth_reader = self._depth_reader = self.shape.depth_reader(*self._first)
+            depth_reader = self.depth_reader = self.shape.depth_reader(*self._first)
             self.reference_faults = tuple(self.find_reference_faults(self._first))
             yield from ((waiting, depth_reader) for waiting in self._first)
             self._first.clear()

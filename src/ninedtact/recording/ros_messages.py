@@ -52,6 +52,10 @@ class Topic(StrEnum):
     LABELS = "labels"
     """Images that were saved as training pairs."""
     EVENTS = "events"
+    REFERENCE_GREY = "reference_grey"
+    """The rectified reference image (no contact) that heights are computed against from here on; from the live page."""
+    SPANS = "spans"
+    """Labels of stretches of time, each stamped with its beginning."""
 
     def path(self, sensor: str, images: str = "zstd") -> str:
         """Return the full name of the topic, such as `/my_sensor/image_raw`; ROS allows letters, digits and underscores.
@@ -80,6 +84,8 @@ MESSAGE_TYPES = {
     Topic.HEIGHTS: "sensor_msgs/msg/Image",
     Topic.LABELS: "std_msgs/msg/String",
     Topic.EVENTS: "std_msgs/msg/String",
+    Topic.REFERENCE_GREY: "sensor_msgs/msg/Image",
+    Topic.SPANS: "std_msgs/msg/String",
 }
 
 
@@ -106,6 +112,15 @@ class RecordingEvent:
     kind: EventKind
     subject: str = ""
     text: str = ""
+
+
+@dataclass(frozen=True)
+class LabelledSpan:
+    """A stretch of time that a person has named."""
+
+    begin_ns: int
+    end_ns: int
+    label: str
 
 
 @dataclass(frozen=True)
@@ -190,6 +205,16 @@ def encode_label(label: PairLabel) -> bytes:
     return _encode_json(Topic.LABELS, {**_without_stamp(label), "wrench": wrench})
 
 
+def encode_span(span: LabelledSpan) -> bytes:
+    """Return a labelled span as a JSON message."""
+    return _encode_json(Topic.SPANS, vars(span))
+
+
+def encode_reference_grey(grey: Float32[Array, "rows cols"], wall_ns: int) -> bytes:
+    """Return a message with the grey levels of a rectified reference image."""
+    return _encode_pixels(Topic.REFERENCE_GREY, _header(wall_ns, "skin"), grey.shape, "32FC1", grey.astype("<f4"))
+
+
 def encode_event(event: RecordingEvent) -> bytes:
     """Return an event as a JSON message."""
     return _encode_json(Topic.EVENTS, _without_stamp(event))
@@ -240,6 +265,17 @@ def decode_pair_label_message(data: bytes, stamp_ns: int) -> PairLabel:
     wrench = fields.pop("wrench")
     force_n, torque_nm = np.array(wrench["force_n"], float), np.array(wrench["torque_nm"], float)
     return PairLabel(stamp_ns, **fields, wrench=Wrench(force_n, torque_nm, stamp_ns=stamp_ns))
+
+
+def decode_span(data: bytes) -> LabelledSpan:
+    """Return the labelled span of a message."""
+    return LabelledSpan(**json.loads(_decode(Topic.SPANS, data).data))
+
+
+def decode_reference_grey(data: bytes) -> Float32[Array, "rows cols"]:
+    """Return the grey levels of a rectified reference image."""
+    message = _decode(Topic.REFERENCE_GREY, data)
+    return message.data.view("<f4").reshape(message.height, message.width).copy()
 
 
 def decode_event(data: bytes, stamp_ns: int) -> RecordingEvent:

@@ -12,12 +12,13 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Frame, HeightMap, Wrench, WrenchEstimate
+from ninedtact.quantities import Frame, HeightMap, Rectified, Wrench, WrenchEstimate
 from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.ros_messages import (
     EventKind,
+    LabelledSpan,
     PairLabel,
     RecordingEvent,
     Topic,
@@ -26,6 +27,8 @@ from ninedtact.recording.ros_messages import (
     encode_height,
     encode_image,
     encode_label,
+    encode_reference_grey,
+    encode_span,
     encode_warnings,
     encode_wrench,
     message_definition,
@@ -104,6 +107,12 @@ class RecordingWriter:
         image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns), self.metadata.images)
         self._add(Topic.REFERENCE, frame.stamp_ns, image, tare)
 
+    def write_reference_grey(self, reference: Rectified, stamp_ns: int) -> None:
+        """Write the rectified reference image that heights are computed against from this stamp on."""
+        self._add(
+            Topic.REFERENCE_GREY, stamp_ns, encode_reference_grey(reference.grey, self.metadata.wall_ns(stamp_ns))
+        )
+
     def write_measured(self, wrench: Wrench) -> None:
         """Write a wrench of the force/torque sensor."""
         self._add(Topic.MEASURED, wrench.stamp_ns, encode_wrench(wrench, self.metadata.wall_ns(wrench.stamp_ns)))
@@ -127,6 +136,11 @@ class RecordingWriter:
     def write_label(self, label: PairLabel) -> None:
         """Write that an image was saved as a pair; the label is on disk when this returns."""
         self._add(Topic.LABELS, label.stamp_ns, encode_label(label))
+        self.flush()
+
+    def write_span(self, span: LabelledSpan) -> None:
+        """Write a labelled span; it is on disk when this returns."""
+        self._add(Topic.SPANS, span.begin_ns, encode_span(span))
         self.flush()
 
     def write_event(self, event: RecordingEvent) -> None:

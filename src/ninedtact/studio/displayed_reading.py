@@ -4,29 +4,22 @@ A `PageMoment` is everything that the page shows at one refresh. Each viewer sho
 viewer has frozen, so that images, surface, wrenches and plots always belong together.
 """
 
-import shutil
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
-from math import ceil
 from pathlib import Path
-from threading import Lock
 from typing import Literal, Protocol, runtime_checkable
 
-import cv2
 import numpy as np
 
-from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import InputError, OutputError
+from ninedtact.errors import InputError
 from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.shape.export import export_shape
 from ninedtact.simulation.press_simulation import TwinPress
 from ninedtact.studio.reading_view import ReadingView, render_reading, session_colour_scale
+from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_moment_files
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSnapshot
 
@@ -103,71 +96,6 @@ def _format_duration(ms: float) -> str:
     return f"{ms:.0f} ms" if ms < 1000 else f"{ms / 1000:.1f} s" if ms < 60_000 else f"{ms / 60_000:.0f} min"
 
 
-FORMATS = ("npy", "png", "ply")
-
-
-def _save_reading_files(reading: Reading, folder: Path) -> list[Path]:
-    """Write the camera image and the heights (mm) to files named by the time; raises `FileNotWritten`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}"
-    image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
-    write_file_atomically(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())
-    for path in heights:
-        export_shape(reading.height, path)
-    return [image, *heights]
-
-
-@dataclass(frozen=True)
-class SaveLimits:
-    """How much the people at the page may save, all of them together."""
-
-    per_minute: int = 10
-    disk_share: float = 0.1
-    """Largest share of the disk space that was free before the first save."""
-
-
-class SaveRefused(OutputError):
-    """Raised where a reading is not saved because too many were."""
-
-
-_SAVED_BYTES_PER_PX = 100
-"""Upper estimate of what the files of one reading take per pixel of the height map."""
-
-
-class _SaveQuota:
-    """Counts the saves of one page, and refuses one that would exceed the limits."""
-
-    def __init__(self, limits: SaveLimits) -> None:
-        self._limits, self._saved_at_s = limits, deque[float](maxlen=limits.per_minute)
-        self._written_bytes, self._lock = 0, Lock()
-
-    def save(self, reading: Reading, folder: Path) -> list[Path]:
-        """Save a reading, one at a time; raises `SaveRefused`, `FileNotWritten`."""
-        with self._lock:
-            self._require_rate(time.monotonic())
-            self._require_space(reading.frame.image.nbytes + _SAVED_BYTES_PER_PX * reading.height.z_mm.size, folder)
-            self._saved_at_s.append(time.monotonic())
-            paths = _save_reading_files(reading, folder)
-            self._written_bytes += sum(path.stat().st_size for path in paths)
-            return paths
-
-    def _require_rate(self, now_s: float) -> None:
-        most = self._limits.per_minute
-        if len(self._saved_at_s) == most and (wait_s := self._saved_at_s[0] + 60 - now_s) > 0:
-            raise SaveRefused(
-                f"expected at most {most} saves a minute, got one more; wait {ceil(wait_s)} s, or use 'ninedtact record'"
-            )
-
-    def _require_space(self, needed_bytes: int, folder: Path) -> None:
-        there = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.is_dir())
-        allowed = self._limits.disk_share * (shutil.disk_usage(there).free + self._written_bytes)
-        if self._written_bytes + needed_bytes > allowed:
-            raise SaveRefused(
-                f"expected the page to save at most {self._limits.disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB, got "
-                f"{self._written_bytes / 1e6:.0f} MB and another reading; free the disk, or choose another folder with --out"
-            )
-
-
 WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first image"
 
 
@@ -196,6 +124,8 @@ class PageMoment:
 
     def status_while_frozen(self, now: "PageMoment", now_ns: int) -> SensorStatus:
         """Return the status for a viewer who has frozen this moment and for whom the sensor is now in another."""
+        if now.sensor.phase is SensorPhase.RECORDED:
+            return SensorStatus("held", "frozen, a moment of a recording is shown")
         return sensor_status(now.sensor, self.reading, True, now_ns)
 
 
@@ -226,7 +156,6 @@ def adapt_slowdown(slowdown: float, moment: SensorSnapshot) -> float:
 
 
 RECHECK_S = 0.1
-"""Longest time between two refreshes while no new reading arrives."""
 
 
 class PageController:
@@ -243,7 +172,9 @@ class PageController:
         """press_at: returns what pressed a twin at a stamp; None for a sensor that is no twin."""
         self.scale: ColourScale = session_colour_scale(loop.sensor.shape.curve)
         self.wrenches = tuple(wrenches)
-        self._loop, self._out, self._quota = loop, out, _SaveQuota(save_limits)
+        self._loop, self.out, self.quota = loop, out, SaveQuota(save_limits)
+        self.recheck_s = RECHECK_S
+        """Longest time between two refreshes while no new reading arrives."""
         self._press_at = press_at
         self._view: ReadingView | None = None
         self._views, self._shown, self._page_ms = 0, RateMeter(), dict[str, float]()
@@ -263,7 +194,7 @@ class PageController:
                     slowdown = adapt_slowdown(slowdown, self._loop.snapshot(time.monotonic_ns()))
                 due_at = max(due_at + slowdown / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
-                self._loop.wait_for_change(RECHECK_S)
+                self._loop.wait_for_change(self.recheck_s)
         finally:
             self.show_final_state(display)
 
@@ -287,10 +218,11 @@ class PageController:
         self._loop.take_reference()
 
     def save(self, moment: PageMoment | None) -> list[Path]:
-        """Write the reading of a moment to files; raises `NothingToSave`, `SaveRefused` and `FileNotWritten`."""
+        """Write a moment to files, with its wrenches, their errors and warnings; raises `NothingToSave`, `SaveRefused` and
+        `FileNotWritten`."""
         if moment is None or moment.reading is None:
             raise NothingToSave(WITHOUT_READING)
-        return self._quota.save(moment.reading, self._out)
+        return save_moment_files(moment.reading, moment.status.sentence, moment.wrenches, self.out, self.quota)
 
     def _take(self, reading: Reading | None) -> None:
         if reading is None or reading is self.shown_reading:

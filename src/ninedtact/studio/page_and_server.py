@@ -158,7 +158,9 @@ class SensorPage:
 
     def _remove_viewer(self, client: ClientHandle) -> None:
         with self._lock:
-            self._viewers.pop(client.client_id, None)
+            viewer = self._viewers.pop(client.client_id, None)
+        if viewer is not None:
+            viewer.play(None)
 
 
 def _set_title_and_icon(server: ViserServer, title: str) -> None:

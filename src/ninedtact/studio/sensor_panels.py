@@ -19,7 +19,7 @@ from ninedtact.studio.viewer import Side, Viewer
 
 PLOT_EVERY = 3
 """Number of moments after which the curves are redrawn."""
-SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply"
+SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply, wrenches and warnings as .json"
 KEYS = "keys: F freeze or resume, S save, R take the reference, Ctrl+K all commands"
 
 
@@ -101,8 +101,13 @@ class CurvesPanel:
     def update(self, moment: PageMoment) -> None:
         """Redraw the curves from time to time, and not while they are frozen."""
         self._moments += 1
-        if self._moments % PLOT_EVERY == 0 and not self._viewer.is_frozen and moment.wrenches:
-            self._curves.draw(moment.wrenches)
+        if _may_plot(self._viewer, moment, self._moments) and moment.wrenches:
+            self._curves.draw(moment.wrenches[: len(self._viewer.controller.wrenches)])
+
+
+def _may_plot(viewer: Viewer, moment: PageMoment, moments: int) -> bool:
+    """Return whether curves are redrawn: from time to time, and with every moment of a recording, but not while frozen."""
+    return not viewer.is_frozen and (moments % PLOT_EVERY == 0 or moment.sensor.phase is SensorPhase.RECORDED)
 
 
 class SensorPanel:
@@ -140,7 +145,7 @@ class SensorPanel:
         self._costs.content = name_value_table_html(_format_rates(moment) | _format_stage_costs(moment))
         self._reference.disabled = moment.sensor.phase is not SensorPhase.READING
         self._moments += 1
-        if self._moments % PLOT_EVERY == 0 and not self._viewer.is_frozen:
+        if _may_plot(self._viewer, moment, self._moments):
             self._plot.data = tuple(moment.sensor.history)
 
     def _take_reference(self, event: GuiEvent[Any] | CommandEvent) -> None:

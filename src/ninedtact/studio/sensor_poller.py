@@ -89,6 +89,7 @@ class SensorPhase(Enum):
     READING = "reading"
     ENDED = "at the end of a recording"
     FAILED = "failed"
+    RECORDED = "a moment of a recording, which this viewer plays"
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from threading import RLock
 from time import monotonic_ns
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
@@ -74,6 +74,17 @@ class Panel(Protocol):
 PanelFactory = Callable[["Viewer"], Panel]
 
 
+@runtime_checkable
+class MomentSource(Protocol):
+    """What one viewer is shown in place of the sensor: a recording that is played."""
+
+    def moment(self, newest: PageMoment) -> PageMoment:
+        """Return the moment to show, given the newest one of the sensor."""
+
+    def close(self) -> None:
+        """Close its file; nothing is asked for afterwards."""
+
+
 class Viewer:
     """The page of one browser."""
 
@@ -85,6 +96,7 @@ class Viewer:
         self.options = ViewOptions(coarser=2 if self.is_narrow else 1)
         self.moment: PageMoment | None = None
         """The moment that this viewer is shown; None before the first."""
+        self._played: MomentSource | None = None
         self._frozen = False
         self._lock = RLock()
         self._panels = [make(self) for make in panels]
@@ -100,6 +112,13 @@ class Viewer:
         with self._lock:
             self._frozen = not self._frozen and self.moment is not None
 
+    def play(self, source: MomentSource | None) -> None:
+        """Show a recording in place of the sensor, or the sensor again; what was shown before is closed."""
+        with self._lock:
+            before, self._played, self._frozen = self._played, source, False
+        if before is not None:
+            before.close()
+
     def choose(self, **changes: Any) -> None:
         """Change options of this viewer; the next refresh draws them, also in a frozen moment."""
         with self._lock:
@@ -108,7 +127,7 @@ class Viewer:
     def show(self, newest: PageMoment) -> None:
         """Show the newest moment, or the frozen one with its age."""
         with self._lock:
-            moment = newest
+            moment = newest = newest if self._played is None else self._played.moment(newest)
             if self._frozen and self.moment is not None and self.moment.view is not None:
                 status = self.moment.status_while_frozen(newest, monotonic_ns())
                 view = self.moment.view.dimmed_copy() if status.is_past else self.moment.view.bright_copy()

@@ -1,0 +1,231 @@
+"""Records what the live page shows of its sensor: its readings, with heights, wrenches and labels, into an MCAP file.
+
+The sensor thread only puts readings into a queue; a thread of the recorder writes them. Where the disk is too slow, images drop,
+and they are counted. All viewers of a page share one `PageRecorder`.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+from queue import Empty, Full, Queue
+from threading import Event, RLock, Thread
+from time import monotonic, monotonic_ns
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.errors import InputError
+from ninedtact.quantities import Rectified
+from ninedtact.reading import Reading
+from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
+from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.recorder import report_kept_messages
+from ninedtact.recording.ros_messages import LabelledSpan, Topic
+from ninedtact.recording.writer import RecordingWriter
+from ninedtact.studio.saved_files import SaveQuota
+from ninedtact.studio.wrench_poller import WrenchHistory
+
+BUFFERED_READINGS = 48
+"""Readings that wait to be written at most: about 150 MB."""
+_WAIT_S = 0.05
+
+
+class NotRecording(InputError):
+    """Raised where a label is begun or ended while nothing is recorded."""
+
+
+@dataclass(frozen=True)
+class RecorderState:
+    """The state of the recorder at one moment."""
+
+    path: Path | None = None
+    """The recording that runs, or the last one; None before the first."""
+    is_running: bool = False
+    seconds: float = 0.0
+    written_bytes: int = 0
+    dropped: int = 0
+    """Images that the source counted and that are not in the file."""
+    label: str | None = None
+    """The label whose span has begun and not ended."""
+    labels: int = 0
+    trouble: str = ""
+    """Why the last recording ended before it was stopped, and what was kept."""
+
+
+class PageRecorder:
+    """Writes one recording at a time into the page's folder, until it is stopped or nothing more may be written."""
+
+    def __init__(
+        self, sensor: SensorFolder, source: str, wrenches: Sequence[WrenchHistory], out: Path, quota: SaveQuota
+    ) -> None:
+        """wrenches: the first one without stated errors is written as measured; estimates come with the readings."""
+        self._sensor, self._source, self.out, self._quota = sensor, source, out, quota
+        self._measured = next((history for history in wrenches if not history.states_errors), None)
+        self._estimates = any(history.states_errors for history in wrenches)
+        self._queue: Queue[Reading] = Queue(BUFFERED_READINGS)
+        self._spans: deque[LabelledSpan] = deque()
+        self._span: tuple[str, int] | None = None
+        self._state, self._began_at = RecorderState(), 0.0
+        self._lock, self._stopping = RLock(), Event()
+        self._thread: Thread | None = None
+
+    def state(self) -> RecorderState:
+        """Return the present state."""
+        with self._lock:
+            label = None if self._span is None else self._span[0]
+            seconds = monotonic() - self._began_at if self._state.is_running else self._state.seconds
+            return replace(self._state, label=label, seconds=seconds)
+
+    def keep(self, reading: Reading) -> None:
+        """Record a reading where a recording runs; never waits. The writer counts those that find no room."""
+        if self._state.is_running and not self._stopping.is_set():
+            with suppress(Full):
+                self._queue.put_nowait(reading)
+
+    def start(self) -> Path:
+        """Begin a recording, or return the path of the one that runs.
+
+        Raises `SaveRefused`, `RecordingRefused`, `RecordingStopped`.
+        """
+        with self._lock:
+            if self._state.is_running and self._state.path is not None:
+                return self._state.path
+            if self._thread is not None:
+                self._thread.join()
+            self._quota.count_save(0, self.out, "a recording")
+            self.out.mkdir(parents=True, exist_ok=True)
+            path = self.out / f"recording_{datetime.now():%Y%m%d_%H%M%S_%f}.mcap"
+            opened = ExitStack()
+            kept: list[str] = []
+            opened.enter_context(report_kept_messages(path, kept.append))
+            writer = opened.enter_context(self._new_writer(path))
+            self._queue, self._span = Queue(BUFFERED_READINGS), None
+            self._spans.clear()
+            self._stopping.clear()
+            self._began_at = monotonic()
+            self._state = RecorderState(path, is_running=True)
+            self._thread = Thread(
+                target=self._run, args=(opened, writer, kept), name=f"record {path.name}", daemon=True
+            )
+            self._thread.start()
+            return path
+
+    def stop(self) -> RecorderState:
+        """End the recording after what has been read is written, and return the last state."""
+        if self._span is not None:
+            self.end_label()
+        self._stopping.set()
+        if self._thread is not None:
+            self._thread.join()
+        return self.state()
+
+    def begin_label(self, label: str) -> None:
+        """Begin a labelled span now; raises `NotRecording`."""
+        with self._lock:
+            if not self._state.is_running or not label.strip():
+                raise NotRecording(
+                    f"expected a recording and a name for the label, got '{label}' and "
+                    f"{'a recording' if self._state.is_running else 'no recording'}; begin a recording and name the label"
+                )
+            if self._span is not None:
+                self.end_label()
+            self._span = label.strip(), monotonic_ns()
+
+    def end_label(self) -> None:
+        """End the labelled span now; raises `NotRecording` where none has begun."""
+        with self._lock:
+            if self._span is None:
+                raise NotRecording("expected a label that has begun, got none; begin one first")
+            (label, begin_ns), self._span = self._span, None
+            self._spans.append(LabelledSpan(begin_ns, monotonic_ns(), label))
+
+    def _new_writer(self, path: Path) -> RecordingWriter:
+        metadata = RecordingMetadata(
+            sensor=self._sensor.id,
+            purpose="record",
+            source=self._source,
+            force_torque="" if self._measured is None else self._measured.meaning,
+            mm_per_px=self._sensor.shape.rectify.mm_per_px,
+            height_step_mm=HEIGHT_STEP_16_BIT_MM,
+            software=version("ninedtact"),
+        )
+        topics = {Topic.IMAGES, Topic.HEIGHTS, Topic.REFERENCE_GREY, Topic.SPANS}
+        topics |= {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if self._estimates else set()
+        topics |= {Topic.MEASURED} if self._measured is not None else set()
+        return RecordingWriter(path, metadata, topics, sensor_folder_attachments(self._sensor.path))
+
+    def _run(self, opened: ExitStack, writer: RecordingWriter, kept: list[str]) -> None:
+        """Write until the end; what ends the recording early is kept as a sentence for the page."""
+        trouble = ""
+        try:
+            with opened:
+                _ReadingWriter(self, writer).run()
+        except Exception as error:  # every viewer is told, and the sensor goes on
+            trouble = "; ".join([str(error), *kept])
+        with self._lock:
+            self._span = None
+            self._state = replace(
+                self._state,
+                is_running=False,
+                seconds=monotonic() - self._began_at,
+                written_bytes=writer.path.stat().st_size if writer.path.exists() else 0,
+                dropped=writer.dropped,
+                trouble=trouble,
+            )
+
+    def _note(self, written_bytes: int, dropped: int, labels: int) -> None:
+        with self._lock:
+            self._state = replace(self._state, written_bytes=written_bytes, dropped=dropped, labels=labels)
+
+
+class _ReadingWriter:
+    """Writes what waits in a recorder's queue."""
+
+    def __init__(self, recorder: PageRecorder, writer: RecordingWriter) -> None:
+        self._recorder, self._writer = recorder, writer
+        self._reference: Rectified | None = None
+        self._measured_ns, self._counted_bytes = monotonic_ns(), 0
+
+    def run(self) -> None:
+        """Write until the recorder is stopped and nothing waits any longer."""
+        recorder = self._recorder
+        while True:
+            is_last = recorder._stopping.is_set() and recorder._queue.empty()
+            with suppress(Empty):
+                self._write(recorder._queue.get(timeout=_WAIT_S))
+            self._write_wrenches()
+            while recorder._spans:
+                self._writer.write_span(recorder._spans.popleft())
+            self._count()
+            if is_last:
+                return
+
+    def _write(self, reading: Reading) -> None:
+        writer, index = self._writer, reading.frame.index
+        if reading.reference is not None and reading.reference is not self._reference:
+            self._reference = reading.reference
+            writer.write_reference_grey(reading.reference, reading.stamp_ns)
+        writer.write_image(reading.frame)
+        writer.write_height(reading.height, index)
+        if reading.force is not None and self._recorder._estimates:
+            writer.write_estimated(replace(reading.force, warnings=reading.warnings), index)
+
+    def _write_wrenches(self) -> None:
+        """Write the measured wrenches that are newer than the last one."""
+        measured = self._recorder._measured
+        if measured is None:
+            return
+        for stamp_ns, sample in measured.snapshot(None, monotonic_ns()).samples:
+            if stamp_ns > self._measured_ns:
+                self._writer.write_measured(sample.wrench)
+                self._measured_ns = stamp_ns
+
+    def _count(self) -> None:
+        """Count the bytes against the quota of the page; raises `SaveRefused` where it is used up."""
+        size = self._writer.path.stat().st_size
+        self._recorder._quota.add_bytes(size - self._counted_bytes)
+        self._counted_bytes = size
+        self._recorder._note(size, self._writer.dropped, self._writer.written[Topic.SPANS])
+        self._recorder._quota.require_space(0, self._recorder.out, "a recording that goes on")

@@ -1,0 +1,368 @@
+"""A recording on the page: its readings one by one, and the player that makes one consistent moment of each.
+
+    file ──RecordedReadings──▶ Reading ──RecordingPlayer──▶ PageMoment ──▶ one Viewer
+
+Each viewer has a player of its own. Image, heights, wrenches and curves of a moment are those of one stamp of the recording, which
+is "now" of the curves. Heights that are stored are shown as stored; the others are computed against the reference image that the
+recording has, or against its first ten images.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from threading import Event, RLock, Thread
+from time import monotonic
+from types import TracebackType
+
+import cv2
+import numpy as np
+from jaxtyping import Int64
+from numpy import ndarray as Array
+
+from ninedtact.errors import InputError, NinedtactError
+from ninedtact.quantities import EstimateWarning, Frame, WrenchEstimate
+from ninedtact.reading import Reading
+from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.mcap_repair import save_spans
+from ninedtact.recording.reader import Recording, median_rate_hz
+from ninedtact.recording.ros_messages import (
+    LabelledSpan,
+    Topic,
+    decode_covariance_message,
+    decode_height,
+    decode_warnings,
+)
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.coloured_height_map import ColourScale
+from ninedtact.shape.depth import DepthReader
+from ninedtact.shape.measures import max_indentation_mm
+from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
+from ninedtact.studio.displayed_reading import PageMoment, SensorStatus
+from ninedtact.studio.reading_view import ReadingView, render_reading
+from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
+from ninedtact.studio.wrench_poller import MOST_HZ, WrenchHistory, WrenchSample, WrenchSnapshot
+
+REFERENCE_FRAMES = 10
+CURVE_IMAGES = 600
+"""Largest number of images of which the indentation is computed for the curve."""
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+_UNKNOWN_STD = np.full(6, np.nan)
+
+
+class SpanRefused(InputError):
+    """Raised for a label without a name, or for a stretch of time that ends before it begins."""
+
+
+class RecordedReadings:
+    """The readings of a recording by their number, as the sensor measured them. One thread at a time; close it."""
+
+    def __init__(self, path: Path, shape: CalibratedShape) -> None:
+        """Open a recording; raises `RecordingUnreadable`, also where it has no image."""
+        self.recording, self._shape = Recording(path), shape
+        positions = self.recording.positions(Topic.IMAGES)
+        self._images = positions[np.argsort(positions["stamp_ns"], kind="stable")]
+        if len(self._images) == 0:
+            self.recording.close()
+            raise RecordingUnreadable(f"expected images in {path}, got none; take another recording")
+        self.stamps_ns: Int64[Array, " n"] = np.asarray(self._images["stamp_ns"])
+        self._at = {topic: self._by_stamp(topic) for topic in (Topic.HEIGHTS, Topic.ESTIMATED, Topic.COVARIANCE)}
+        self._warned = self._by_stamp(Topic.WARNINGS)
+        self._reader: tuple[int, DepthReader] | None = None
+
+    def __len__(self) -> int:
+        return len(self._images)
+
+    @property
+    def hz(self) -> float:
+        """The usual rate of the images."""
+        return median_rate_hz(self.stamps_ns)
+
+    def reading(self, number: int) -> Reading:
+        """Return a reading; raises `RecordingUnreadable`, `WrongImageSize`, `ReferenceUnusable`."""
+        frame = self.recording.frame(self._images[number])
+        rectified, reader = self._shape.rectify(frame), self._depth_reader_at(frame.stamp_ns)
+        height = reader(rectified)
+        stored = self._at[Topic.HEIGHTS].get(frame.stamp_ns)
+        if stored is not None:
+            z_mm = decode_height(self.recording.message(stored).data, self.recording.metadata.height_step_mm)
+            self._require_size(z_mm.shape)
+            height = replace(height, z_mm=np.where(np.isnan(z_mm), height.z_mm, z_mm))
+        reading = Reading(frame, rectified, height, reference=reader.reference, reference_warnings=self._shape.warnings)
+        estimate = self._estimate_at(frame.stamp_ns)
+        return reading if estimate is None else reading.with_force(estimate)
+
+    def readings(self, first: int = 0, last: int | None = None) -> Iterator[Reading]:
+        """Yield the readings from one number up to and including another."""
+        return map(self.reading, range(first, len(self) if last is None else last + 1))
+
+    def samples(self, topic: Topic) -> list[tuple[int, WrenchSample]]:
+        """Return the wrenches of a topic by their stamps, at most as many as the page keeps of a sensor."""
+        positions = self.recording.positions(topic)
+        positions = positions[np.argsort(positions["stamp_ns"], kind="stable")]
+        kept, found = -np.inf, []
+        for position in positions:
+            stamp_ns = int(position["stamp_ns"])
+            if stamp_ns - kept < NS_PER_S / MOST_HZ:
+                continue
+            kept, estimate = stamp_ns, self._estimate_at(stamp_ns) if topic is Topic.ESTIMATED else None
+            if estimate is None:
+                found.append((stamp_ns, WrenchSample(self.recording.wrench(position), _UNKNOWN_STD)))
+            else:
+                found.append((stamp_ns, WrenchSample(estimate.wrench, estimate.std, tuple(estimate.warnings))))
+        return found
+
+    def close(self) -> None:
+        """Close the file."""
+        self.recording.close()
+
+    def __enter__(self) -> "RecordedReadings":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _by_stamp(self, topic: Topic) -> dict[int, np.void]:
+        return {int(position["stamp_ns"]): position for position in self.recording.positions(topic)}
+
+    def _estimate_at(self, stamp_ns: int) -> WrenchEstimate | None:
+        """Return the recorded estimate of one image with its errors and warnings; None where there is none."""
+        at = self._at[Topic.ESTIMATED].get(stamp_ns)
+        if at is None:
+            return None
+        wrench, errors, warned = (
+            self.recording.wrench(at),
+            self._at[Topic.COVARIANCE].get(stamp_ns),
+            self._warned.get(stamp_ns),
+        )
+        covariance = np.diag(np.full(6, np.inf))
+        if errors is not None:
+            covariance = decode_covariance_message(self.recording.message(errors).data)
+        texts = [] if warned is None else decode_warnings(self.recording.message(warned).data)
+        known = tuple(EstimateWarning(text) for text in texts if text in set(EstimateWarning))
+        return WrenchEstimate(wrench, covariance, bool(wrench.six.any()), known)
+
+    def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
+        """Return the depth reader for the reference image that held at a stamp."""
+        grey, raw = (self.recording.stamps_ns(topic) for topic in (Topic.REFERENCE_GREY, Topic.REFERENCE))
+        begun = grey if len(grey) else raw
+        key = max(int(np.searchsorted(begun, stamp_ns, side="right")) - 1, 0)
+        if self._reader is None or self._reader[0] != key:
+            self._reader = key, self._read_reference(stamp_ns, key)
+        return self._reader[1]
+
+    def _read_reference(self, stamp_ns: int, key: int) -> DepthReader:
+        reference = self.recording.reference_at(stamp_ns, self._shape.rectify.mm_per_px)
+        if reference is not None:
+            self._require_size(reference.grey.shape)
+            return self._shape.reader_against(reference)
+        frames: list[Frame] = list(self.recording.frames(Topic.REFERENCE))
+        if frames:
+            return self._shape.depth_reader(*(one for one in frames if one.index == frames[key].index))
+        return self._shape.depth_reader(*map(self.recording.frame, self._images[:REFERENCE_FRAMES]))
+
+    def _require_size(self, size: tuple[int, ...]) -> None:
+        wanted = self._shape.rectify.height_source.shape
+        if size != wanted:
+            raise RecordingUnreadable(
+                f"expected heights of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has, got "
+                f"{size[1]} x {size[0]}; name the recorded sensor with --sensor, or leave it out"
+            )
+
+
+def recorded_wrench_columns(path: Path, shape: CalibratedShape) -> list[WrenchHistory]:
+    """Return the columns of wrenches that a page of a recording has, still empty; raises what `RecordedReadings` raises."""
+    with RecordedReadings(path, shape) as readings:
+        readings.reading(0)
+        recording = readings.recording
+        columns = []
+        if len(recording.positions(Topic.MEASURED)):
+            forces = recording.metadata.force_torque
+            columns.append(WrenchHistory("true" if forces == TRUE_WRENCH_MEANING else "measured", forces))
+        if len(recording.positions(Topic.ESTIMATED)):
+            columns.append(WrenchHistory("estimated", "as recorded, ± one standard deviation", states_errors=True))
+        return columns
+
+
+class RecordingPlayer:
+    """Plays one recording to one viewer: at any speed, one image forwards or backwards, from any time. Safe from all threads."""
+
+    def __init__(
+        self, path: Path, shape: CalibratedShape, scale: ColourScale, sources: Sequence[WrenchHistory] = ()
+    ) -> None:
+        """sources: the columns of wrenches that the page has; raises what `RecordedReadings` raises."""
+        self.path, self.shape, self._scale, self._sources = path, shape, scale, tuple(sources)
+        self._readings = RecordedReadings(path, shape)
+        self._times_s = (self._readings.stamps_ns - self._readings.stamps_ns[0]) / NS_PER_S
+        self._samples = {topic: self._readings.samples(topic) for topic in (Topic.MEASURED, Topic.ESTIMATED)}
+        self.spans = self._readings.recording.spans()
+        """The labelled spans, in the order of their beginnings."""
+        self.speed, self._is_playing, self._at_s = 1.0, False, 0.0
+        self._lock, self._ticked_at, self._closing = RLock(), monotonic(), Event()
+        self._shown: tuple[int, ReadingView | None, str] = (-1, None, "")
+        self._curve: list[tuple[int, float]] = []
+        self._thread = Thread(target=self._measure_curve, name=f"measure {path.name}", daemon=True)
+        self._thread.start()
+
+    def __len__(self) -> int:
+        return len(self._times_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first image to the last."""
+        return float(self._times_s[-1])
+
+    @property
+    def at_s(self) -> float:
+        """Time of the image that is shown, in seconds after the first."""
+        return float(self._times_s[self.number])
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether time goes on."""
+        return self._is_playing
+
+    @property
+    def hz(self) -> float:
+        """The usual rate of the images."""
+        return self._readings.hz
+
+    @property
+    def number(self) -> int:
+        """Number of the image that is shown, from 0: the last one up to the present time."""
+        return max(int(np.searchsorted(self._times_s, self._at_s + 1e-6, side="right")) - 1, 0)
+
+    def toggle_play(self) -> None:
+        """Let time go on, or stop it; at the end it begins again."""
+        with self._lock:
+            self._advance()
+            self._is_playing = not self._is_playing
+            if self._is_playing and self.number == len(self._times_s) - 1:
+                self._at_s = 0.0
+
+    def seek(self, at_s: float) -> None:
+        """Stop at the image nearest to a time, within the recording."""
+        with self._lock:
+            self._is_playing = False
+            self._at_s = float(self._times_s[np.abs(self._times_s - at_s).argmin()]) if np.isfinite(at_s) else 0.0
+
+    def step(self, images: int) -> None:
+        """Stop, and go so many images forwards or backwards."""
+        with self._lock:
+            self._is_playing = False
+            self._at_s = float(self._times_s[min(max(self.number + images, 0), len(self._times_s) - 1)])
+
+    def add_span(self, begin_s: float, end_s: float, label: str) -> None:
+        """Label a stretch of time and keep it in the file; raises `SpanRefused`, `FileNotWritten`, `RecordingUnreadable`."""
+        if not label.strip() or not 0 <= begin_s <= end_s:
+            raise SpanRefused(
+                f"expected a label and an end after its beginning, got '{label}' from {begin_s:.2f} to {end_s:.2f} s; name it and "
+                "mark both ends"
+            )
+        first_ns = int(self._readings.stamps_ns[0])
+        begin_ns, end_ns = (first_ns + round(at_s * NS_PER_S) for at_s in (begin_s, end_s))
+        self._keep_spans([*self.spans, LabelledSpan(begin_ns, end_ns, label.strip())])
+
+    def remove_span(self, span: LabelledSpan) -> None:
+        """Remove a label from the file; raises what `add_span` raises."""
+        self._keep_spans([one for one in self.spans if one != span])
+
+    def span_s(self, span: LabelledSpan) -> tuple[float, float]:
+        """Return beginning and end of a span in seconds after the first image."""
+        first_ns = int(self._readings.stamps_ns[0])
+        return (span.begin_ns - first_ns) / NS_PER_S, (span.end_ns - first_ns) / NS_PER_S
+
+    def readings_within(self, span: LabelledSpan | None) -> tuple[RecordedReadings, range]:
+        """Return the readings anew, to be closed by whoever asks, and the numbers of those in a span; of all without a span."""
+        readings = RecordedReadings(self.path, self.shape)
+        begin_s, end_s = (0.0, self.duration_s) if span is None else self.span_s(span)
+        inside = np.flatnonzero((self._times_s >= begin_s - 1e-6) & (self._times_s <= end_s + 1e-6))
+        return readings, range(int(inside[0]), int(inside[-1]) + 1) if len(inside) else range(0)
+
+    def moment(self, newest: PageMoment) -> PageMoment:
+        """Return the moment at the present time; an image that is damaged is said, and the last whole one stays."""
+        with self._lock:
+            self._advance()
+            number = self.number
+            if self._shown[0] != number:
+                self._shown = number, *self._view(number)
+            view, trouble = self._shown[1:]
+            stamp_ns = int(self._readings.stamps_ns[number]) if view is None else view.reading.stamp_ns
+            history = self._history_until(stamp_ns)
+            rate_hz = self._readings.hz
+            sensor = SensorSnapshot(
+                SensorPhase.RECORDED, None if view is None else view.reading, stamp_ns, rate_hz, rate_hz, history
+            )
+            wrenches = tuple(self._wrenches_at(stamp_ns, None if view is None else view.reading.force))
+            return PageMoment(self._status(view, trouble), sensor, view, wrenches, newest.shown_hz, newest.page_ms)
+
+    def close(self) -> None:
+        """Close the file; the player is not used afterwards."""
+        self._closing.set()
+        self._thread.join()
+        with self._lock:
+            self._readings.close()
+
+    def _advance(self) -> None:
+        """Let the time that has passed go by, at the chosen speed."""
+        now = monotonic()
+        if self._is_playing:
+            self._at_s = min(self._at_s + (now - self._ticked_at) * self.speed, self.duration_s)
+            self._is_playing = self._at_s < self.duration_s
+        self._ticked_at = now
+
+    def _view(self, number: int) -> tuple[ReadingView | None, str]:
+        """Return the view of an image, or the last one with the reason why this one cannot be shown."""
+        try:
+            return render_reading(self._readings.reading(number), self._scale), ""
+        except (NinedtactError, OSError, cv2.error) as trouble:
+            self._is_playing = False
+            return self._shown[1], str(trouble)
+
+    def _status(self, view: ReadingView | None, trouble: str) -> SensorStatus:
+        if trouble:
+            return SensorStatus("lost", trouble)
+        state = f"playing at {self.speed:g} ×" if self._is_playing else "paused"
+        place = f"recorded, {self.at_s:.2f} of {self.duration_s:.2f} s, {state}"
+        warnings = () if view is None else (*view.reading.reference_warnings, *view.reading.image_warnings)
+        return SensorStatus("warned" if warnings else "held", "; ".join((place, *warnings)))
+
+    def _wrenches_at(self, stamp_ns: int, estimate: WrenchEstimate | None) -> Iterator[WrenchSnapshot]:
+        """Yield the wrenches of the recording in the columns of the page; the estimate is that of the image itself."""
+        forces = self._readings.recording.metadata.force_torque
+        for source in self._sources:
+            samples = self._samples[Topic.ESTIMATED if source.states_errors else Topic.MEASURED]
+            end = bisect_right(samples, stamp_ns, key=lambda sample: sample[0])
+            begin = bisect_right(samples, stamp_ns - HISTORY_S * NS_PER_S, key=lambda sample: sample[0])
+            near = samples[max(end - 1, 0) : end + 1]
+            sample = min(near, key=lambda one: abs(one[0] - stamp_ns))[1] if near else None
+            if source.states_errors and estimate is not None:
+                sample = WrenchSample(estimate.wrench, estimate.std, tuple(estimate.warnings))
+            meaning = "as recorded" if source.states_errors or not forces else f"as recorded: {forces}"
+            state = (None, (), source.states_errors)
+            yield WrenchSnapshot(source.name, meaning, sample, tuple(samples[begin:end]), stamp_ns, *state)
+
+    def _history_until(self, stamp_ns: int) -> Array:
+        """Return seconds before a stamp and indentations, as far as they have been computed."""
+        curve = np.array(tuple(self._curve), np.float64).reshape(-1, 2)
+        seconds = (curve[:, 0] - stamp_ns) / NS_PER_S
+        inside = (seconds <= 0) & (seconds > -HISTORY_S)
+        return np.stack([seconds[inside], curve[inside, 1]])
+
+    def _measure_curve(self) -> None:
+        """Compute the indentation over the recording, in a thread of its own, with a file of its own."""
+        try:
+            with RecordedReadings(self.path, self.shape) as readings:
+                for number in range(0, len(readings), -(-len(readings) // CURVE_IMAGES)):
+                    if self._closing.is_set():
+                        return
+                    height = readings.reading(number).height
+                    self._curve.append((int(readings.stamps_ns[number]), max_indentation_mm(height)))
+        except (NinedtactError, OSError, cv2.error):
+            return  # the curve ends before the damage, which is said where the image itself is asked for
+
+    def _keep_spans(self, spans: Sequence[LabelledSpan]) -> None:
+        with self._lock:
+            ordered = sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
+            save_spans(self.path, ordered)
+            self.spans = ordered

@@ -1,0 +1,378 @@
+"""The panel of recordings: record the sensor with labels, open a recording, go through its time, label it, export it.
+
+Recording is shared by all viewers; what is open, and where in its time, is each viewer's own.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from html import escape
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from viser import GuiApi, GuiEvent, Icon, ViserServer
+
+from ninedtact.atomic_write import write_file_atomically
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.errors import NinedtactError
+from ninedtact.open_sensor import load_named_sensor
+from ninedtact.reading import Reading
+from ninedtact.recording.export import export_recording
+from ninedtact.recording.reader import Recording
+from ninedtact.recording.ros_messages import LabelledSpan
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.studio.displayed_reading import WITHOUT_READING, NothingToSave, PageMoment
+from ninedtact.studio.page_cards import TONES, shape_summary_html, status_html, wrenches_html
+from ninedtact.studio.page_recorder import PageRecorder, RecorderState
+from ninedtact.studio.recording_player import SPEEDS, RecordingPlayer
+from ninedtact.studio.saved_files import moment_page, save_surface_sequence, save_video
+from ninedtact.studio.viewer import Side, Viewer, is_from_browser, set_control
+
+NOTHING, WHOLE = "none", "the whole recording"
+STEPS = {"frame back": -1, "play or pause": 0, "frame forward": 1}
+PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
+_LIST_EVERY_S = 1.0
+_HEIGHT_BYTES = 4
+_SMALL = "margin:0.2em 0.9em;font-size:0.85em"
+
+
+@dataclass(frozen=True)
+class RecordingDesk:
+    """What the panels of all viewers share."""
+
+    server: ViserServer
+    sensor: SensorFolder
+    recorder: PageRecorder | None = None
+    """None on a page without a sensor."""
+    opens: Path | None = None
+    """The recording that every viewer begins with."""
+
+    def shape_of(self, path: Path) -> CalibratedShape:
+        """Return the calibration that a recording carries, or that of the page's sensor where it carries none of the same sensor.
+
+        Raises `RecordingUnreadable` for a recording of another sensor that carries none.
+        """
+        if path == self.opens:
+            return self.sensor.shape
+        with Recording(path) as recording:
+            carries_none = not recording.sensor_files()
+            if carries_none and recording.sensor == self.sensor.id:
+                return self.sensor.shape
+        with load_named_sensor(None, str(path)) as folder:
+            return folder.shape
+
+
+class RecordingsPanel:
+    """Record, play, label and export."""
+
+    title, icon = "Record", Icon.VIDEO
+    side: Side = "right"
+
+    def __init__(self, viewer: Viewer, desk: RecordingDesk) -> None:
+        self._viewer, self._desk = viewer, desk
+        self._out, self._quota = viewer.controller.out, viewer.controller.quota
+        self._player: RecordingPlayer | None = None
+        self._listed_at, self._was_running = -_LIST_EVERY_S, False
+        self._marks_s, self._slid_s = [0.0, 0.0], -1.0
+
+    def build(self, gui: GuiApi) -> None:
+        """Add the controls of recording, playing, labels and export."""
+        if self._desk.recorder is not None:
+            self._build_record(gui, self._desk.recorder)
+        with gui.add_folder("play"):
+            if self._desk.opens is None:
+                self._choice = gui.add_dropdown("recording", (NOTHING,), hint=f"recordings in {self._out}")
+                self._close_button = gui.add_button("Back to the sensor", icon=Icon.PLAYER_EJECT, visible=False)
+                self._choice.on_update(self._choose)
+                self._close_button.on_click(lambda event: self._close())
+            self._slider = gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
+            self._steps = gui.add_button_group("", tuple(STEPS), visible=False)
+            self._speed = gui.add_dropdown(
+                "speed", [f"{each:g} ×" for each in SPEEDS], initial_value="1 ×", visible=False
+            )
+            self._slider.on_update(self._seek)
+            self._steps.on_click(lambda event: self._step(STEPS[event.target.value]))
+            self._speed.on_update(self._set_speed)
+            self._keys = gui.add_html(f'<div style="{_SMALL}">{PLAY_KEYS}</div>', visible=False)
+        self._labels = gui.add_folder("labels", visible=False)
+        with self._labels:
+            self._list = gui.add_html("")
+            self._label_choice = gui.add_dropdown("label", (WHOLE,))
+            self._label_choice.on_update(self._go_to_label)
+            self._label_name = gui.add_text("name", "")
+            self._marks = gui.add_button_group("here", ("begins", "ends"))
+            self._marks.on_click(self._mark)
+            self._marked = gui.add_html("")
+            gui.add_button("Add label", icon=Icon.PLUS).on_click(lambda event: self._edit(self._add_label))
+            gui.add_button("Remove label", icon=Icon.TRASH).on_click(lambda event: self._edit(self._remove_label))
+        with gui.add_folder("export"):
+            page = gui.add_button("This moment as a web page", icon=Icon.HTML, hint=f"one HTML file in {self._out}")
+            page.on_click(lambda event: self._export(self._export_page))
+            self._exports = [
+                gui.add_button(name, icon=icon, visible=False, hint=hint)
+                for name, icon, hint in (
+                    ("Images and tables", Icon.TABLE, "PNG, CSV, .npy and the sensor folder"),
+                    ("Surfaces (PLY)", Icon.STACK_2, "every surface, of the chosen label or of the whole recording"),
+                    ("Video (MP4)", Icon.MOVIE, "image beside heights, of the chosen label or of the whole recording"),
+                )
+            ]
+            for button, export in zip(
+                self._exports, (self._export_tables, self._export_surfaces, self._export_video), strict=True
+            ):
+                button.on_click(partial(self._export_on_click, export))
+            self._progress = gui.add_html("")
+        gui.add_command("Frame back", hotkey="J").on_trigger(lambda event: self._step(-1))
+        gui.add_command("Play or pause", hotkey="K").on_trigger(lambda event: self._step(0))
+        gui.add_command("Frame forward", hotkey="L").on_trigger(lambda event: self._step(1))
+        if self._desk.opens is not None:
+            self._open(self._desk.opens)
+
+    def update(self, moment: PageMoment) -> None:
+        """Show the state of the recorder, and the place in time."""
+        state = RecorderState()
+        if self._desk.recorder is not None:
+            state = self._desk.recorder.state()
+            self._show_recorder(state)
+        if self._player is not None and self._player.at_s != self._slid_s:
+            # Only where time has gone on by itself: a slider that a person drags must not be set back.
+            self._slid_s = self._player.at_s
+            set_control(self._slider, round(self._slid_s, 3))
+        is_due = monotonic() - self._listed_at > _LIST_EVERY_S or state.is_running != self._was_running
+        if self._desk.opens is None and is_due:
+            self._listed_at, self._was_running = monotonic(), state.is_running
+            self._list_recordings(state)
+
+    def _build_record(self, gui: GuiApi, recorder: PageRecorder) -> None:
+        with gui.add_folder("record"):
+            self._record = gui.add_button("Record", icon=Icon.PLAYER_RECORD, color="red", hint=f"into {recorder.out}")
+            self._recorded = gui.add_html("")
+            self._live_label = gui.add_text("label", "", hint="the name of what is being pressed, for example")
+            self._live_begin = gui.add_button("Begin label", icon=Icon.TAG, color="gray")
+            self._record.on_click(lambda event: self._toggle_record(recorder))
+            self._live_begin.on_click(lambda event: self._toggle_label(recorder))
+
+    def _toggle_record(self, recorder: PageRecorder) -> None:
+        with self._refusals("Not recorded"):
+            if recorder.state().is_running:
+                state = recorder.stop()
+                if not state.trouble and state.path is not None:
+                    self._viewer.notify("Recorded", state.path.name, "green")
+            else:
+                recorder.start()
+
+    def _toggle_label(self, recorder: PageRecorder) -> None:
+        with self._refusals("No label"):
+            if recorder.state().label is None:
+                recorder.begin_label(self._live_label.value)
+            else:
+                recorder.end_label()
+
+    def _show_recorder(self, state: RecorderState) -> None:
+        self._record.label = "Stop recording" if state.is_running else "Record"
+        self._record.icon = Icon.PLAYER_STOP if state.is_running else Icon.PLAYER_RECORD
+        self._live_begin.label = "Begin label" if state.label is None else f"End label '{state.label}'"
+        self._live_begin.disabled = not state.is_running
+        self._recorded.content = _recorder_html(state)
+
+    def _list_recordings(self, state: RecorderState) -> None:
+        """Offer the recordings of the folder, newest first, without the one that is being written."""
+        paths = sorted(self._out.glob("*.mcap"), reverse=True) if self._out.is_dir() else []
+        names = (NOTHING, *(path.name for path in paths if not state.is_running or path != state.path))
+        if names != self._choice.options:
+            self._choice.options = names
+
+    def _choose(self, event: GuiEvent[Any]) -> None:
+        if is_from_browser(event):
+            name = str(event.target.value)
+            self._close() if name not in self._choice.options[1:] else self._open(self._out / name)
+
+    def _open(self, path: Path) -> None:
+        """Show a recording in place of the sensor, to this viewer."""
+        viewer = self._viewer
+        with self._refusals("Not opened"):
+            player = RecordingPlayer(
+                path, self._desk.shape_of(path), viewer.controller.scale, viewer.controller.wrenches
+            )
+            self._player = player
+            set_control(self._slider, 0.0)
+            self._slider.max = max(round(player.duration_s, 3), 0.001)
+            self._marks_s = [0.0, player.duration_s]
+            viewer.play(player)
+            self._show_labels()
+        self._show_controls()
+
+    def _close(self) -> None:
+        """Show the sensor again."""
+        self._player = None
+        self._viewer.play(None)
+        set_control(self._choice, NOTHING)
+        self._show_controls()
+
+    def _show_controls(self) -> None:
+        is_open = self._player is not None
+        self._labels.visible = self._keys.visible = is_open
+        self._slider.visible = self._steps.visible = self._speed.visible = is_open
+        for button in self._exports:
+            button.visible = is_open
+        if self._desk.opens is None:
+            self._close_button.visible = is_open
+
+    def _seek(self, event: GuiEvent[Any]) -> None:
+        if is_from_browser(event) and self._player is not None:
+            self._player.seek(float(event.target.value))
+            self._slid_s = self._player.at_s
+
+    def _step(self, images: int) -> None:
+        if self._player is not None:
+            self._player.step(images) if images else self._player.toggle_play()
+
+    def _set_speed(self, event: GuiEvent[Any]) -> None:
+        speeds = {f"{each:g} ×": each for each in SPEEDS}
+        if is_from_browser(event) and self._player is not None:
+            self._player.speed = speeds.get(str(event.target.value), 1.0)
+
+    def _chosen_span(self) -> LabelledSpan | None:
+        player, chosen = self._player, self._label_choice.value
+        spans = [] if player is None else [one for one in player.spans if _span_name(player, one) == chosen]
+        return spans[0] if spans else None
+
+    def _go_to_label(self, event: GuiEvent[Any]) -> None:
+        span = self._chosen_span()
+        if is_from_browser(event) and self._player is not None and span is not None:
+            self._player.seek(self._player.span_s(span)[0])
+            self._marks_s = list(self._player.span_s(span))
+
+    def _mark(self, event: GuiEvent[Any]) -> None:
+        if self._player is not None:
+            self._marks_s[0 if event.target.value == "begins" else 1] = self._player.at_s
+            self._show_labels()
+
+    def _add_label(self, player: RecordingPlayer) -> None:
+        player.add_span(self._marks_s[0], self._marks_s[1], self._label_name.value)
+
+    def _remove_label(self, player: RecordingPlayer) -> None:
+        span = self._chosen_span()
+        if span is not None:
+            player.remove_span(span)
+
+    def _edit(self, change: Callable[[RecordingPlayer], None]) -> None:
+        if self._player is not None:
+            with self._refusals("Label not changed"):
+                change(self._player)
+            self._show_labels()
+
+    def _show_labels(self) -> None:
+        player = self._player
+        if player is not None:
+            names = [_span_name(player, span) for span in player.spans]
+            self._label_choice.options = (WHOLE, *dict.fromkeys(names))
+            self._list.content = f'<div style="{_SMALL}">' + "<br>".join(map(escape, names)) + "</div>"
+            begin_s, end_s = self._marks_s
+            self._marked.content = f'<div style="{_SMALL}">marked: {begin_s:.2f} to {end_s:.2f} s</div>'
+
+    def _export_on_click(self, export: "Export", event: GuiEvent[Any]) -> None:
+        self._export(export)
+
+    def _export(self, export: "Export") -> None:
+        """Write into a new file or folder, one export at a time."""
+        with self._refusals("Not exported"), self._quota.one_export():
+            self._quota.count_save(0, self._out, "an export")
+            self._out.mkdir(parents=True, exist_ok=True)
+            path = export(f"{datetime.now():%Y%m%d_%H%M%S_%f}")
+            self._viewer.notify("Exported", path.name, "green")
+        self._progress.content = ""
+
+    def _export_page(self, time: str) -> Path:
+        moment = self._viewer.moment
+        if moment is None or moment.view is None:
+            raise NothingToSave(WITHOUT_READING)
+        view, path = moment.view.bright_copy(), self._out / f"moment_{time}.html"
+        cards = (
+            status_html(moment.status),
+            shape_summary_html(view.summary, False),
+            wrenches_html(moment.wrenches, False) if moment.wrenches else "",
+        )
+        sample = moment.wrenches[0].sample if moment.wrenches else None
+        wrench = None if sample is None else sample.wrench
+        title = f"{self._desk.sensor.id}, {moment.status.sentence}"
+        content = moment_page(view, cards, self._desk.server, self._viewer.block, title, wrench).encode()
+        self._quota.require_space(len(content), self._out, "a web page")
+        write_file_atomically(path, content)
+        self._quota.add_bytes(len(content))
+        return path
+
+    def _export_tables(self, time: str) -> Path:
+        path = self._out / f"{self._opened().path.stem}_export_{time}"
+        with Recording(self._opened().path) as recording:
+            count, first = len(self._opened()), self._viewer.moment
+            pixels = 0 if first is None or first.reading is None else first.reading.height.z_mm.size
+            image_bytes = 0 if first is None or first.reading is None else first.reading.frame.image.nbytes
+            self._quota.require_space(count * (image_bytes + _HEIGHT_BYTES * pixels), self._out, "an export")
+            said = iter(range(1, count + 1))
+            export_recording(recording, path, lambda: self._say_progress(next(said, count), count))
+        self._quota.add_bytes(sum(file.stat().st_size for file in path.rglob("*") if file.is_file()))
+        return path
+
+    def _export_surfaces(self, time: str) -> Path:
+        path = self._out / f"{self._opened().path.stem}_surfaces_{time}"
+        with self._readings_of_choice() as readings:
+            save_surface_sequence(readings, path, self._quota)
+        return path
+
+    def _export_video(self, time: str) -> Path:
+        path = self._out / f"{self._opened().path.stem}_{time}.mp4"
+        with self._readings_of_choice() as readings:
+            save_video(readings, self._viewer.controller.scale, self._opened().hz, path, self._quota)
+        return path
+
+    @contextmanager
+    def _readings_of_choice(self) -> Iterator[Iterator[Reading]]:
+        """Give the readings of the chosen label, or all, and say how many have been asked for."""
+        readings, numbers = self._opened().readings_within(self._chosen_span())
+        with readings:
+            yield (self._say_and_read(readings.reading, number, numbers) for number in numbers)
+
+    def _say_and_read(self, read: Callable[[int], Reading], number: int, numbers: range) -> Reading:
+        self._say_progress(number - numbers.start + 1, len(numbers))
+        return read(number)
+
+    def _say_progress(self, number: int, count: int) -> None:
+        if number % 10 == 1 or number == count:
+            self._progress.content = f'<div style="{_SMALL}">exporting {number} of {count}</div>'
+
+    def _opened(self) -> RecordingPlayer:
+        """Return what is open; raises `NothingToSave`."""
+        if self._player is None:
+            raise NothingToSave("expected an open recording to export, got none; open one first")
+        return self._player
+
+    @contextmanager
+    def _refusals(self, title: str) -> Iterator[None]:
+        """Show this viewer what is refused in the block."""
+        try:
+            yield
+        except (NinedtactError, OSError) as trouble:
+            self._viewer.notify(title, str(trouble), "red")
+
+
+Export = Callable[[str], Path]
+"""Writes something under a name that contains this time, and returns its path."""
+
+
+def _span_name(player: RecordingPlayer, span: LabelledSpan) -> str:
+    """Return a label with its times."""
+    begin_s, end_s = player.span_s(span)
+    return f"{span.label}: {begin_s:.2f} to {end_s:.2f} s"
+
+
+def _recorder_html(state: RecorderState) -> str:
+    """Return length, size, drops and labels of the recording, and why it ended."""
+    if state.path is None:
+        return ""
+    said = f"{state.seconds:.1f} s, {state.written_bytes / 1e6:.1f} MB, {state.dropped} dropped, {state.labels} labels"
+    begun = "recording" if state.is_running else "recorded"
+    trouble = f'<div style="color:{TONES["lost"]}">{escape(state.trouble)}</div>' if state.trouble else ""
+    return f'<div role="log" style="{_SMALL}">{begun} {escape(state.path.name)}: {said}{trouble}</div>'

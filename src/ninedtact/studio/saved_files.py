@@ -1,0 +1,301 @@
+"""Files that people save from the page: one moment, a moment as a web page, surfaces and a video of a recording; and their limits.
+
+Each file, and each folder of a sequence, appears whole or not at all. All viewers of a page share one `SaveQuota`.
+"""
+
+import base64
+import json
+import shutil
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from html import escape
+from math import ceil
+from pathlib import Path
+from secrets import token_hex
+from threading import Lock
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float64, UInt8
+from numpy import ndarray as Array
+from viser import SceneApi, ViserServer
+from viser.infra import WebsockMessageHandler
+
+from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, write_file_atomically
+from ninedtact.errors import OutputError
+from ninedtact.reading import Reading
+from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
+from ninedtact.shape.export import export_shape
+from ninedtact.studio.reading_view import ImageKind, ReadingView, SkinColouring, TractionSource
+from ninedtact.studio.scene_3d import GelBlock, SkinScene
+from ninedtact.studio.wrench_poller import WrenchSnapshot
+
+FORMATS = ("npy", "png", "ply")
+SEQUENCE_EVERY = 2
+"""Every how many rows and columns the surfaces of a sequence keep: 2 MB each with the default design."""
+
+
+@dataclass(frozen=True)
+class SaveLimits:
+    """How much the people at the page may save, all of them together."""
+
+    per_minute: int = 10
+    disk_share: float = 0.1
+    """Largest share of the disk space that was free before the first save."""
+
+
+class SaveRefused(OutputError):
+    """Raised where something is not saved because too much was, or because something else is being saved."""
+
+
+_SAVED_BYTES_PER_PX = 100
+"""Upper estimate of what the files of one reading take per pixel of the height map."""
+
+
+class SaveQuota:
+    """Counts what is saved from one page, and refuses what would exceed the limits."""
+
+    def __init__(self, limits: SaveLimits) -> None:
+        self._limits, self._saved_at_s = limits, deque[float](maxlen=limits.per_minute)
+        self._written_bytes, self._lock, self._exporting = 0, Lock(), Lock()
+        self.writing = Lock()
+        """Held while the files of one moment are written."""
+
+    def count_save(self, needed_bytes: int, folder: Path, what: str = "another reading") -> None:
+        """Count one save, before it; raises `SaveRefused` where it is one too many, or its bytes are."""
+        with self._lock:
+            self._require_rate(time.monotonic())
+            self._require_space(needed_bytes, folder, what)
+            self._saved_at_s.append(time.monotonic())
+
+    def require_space(self, needed_bytes: int, folder: Path, what: str) -> None:
+        """Raise `SaveRefused` where so many more bytes than were counted are too many."""
+        with self._lock:
+            self._require_space(needed_bytes, folder, what)
+
+    def add_bytes(self, written: int) -> None:
+        """Count bytes that were written."""
+        with self._lock:
+            self._written_bytes += written
+
+    @contextmanager
+    def one_export(self) -> Iterator[None]:
+        """Refuse, with `SaveRefused`, a second export while the block runs."""
+        if not self._exporting.acquire(blocking=False):
+            raise SaveRefused("expected one export at a time, got a second one; wait until the first has ended")
+        try:
+            yield
+        finally:
+            self._exporting.release()
+
+    def _require_rate(self, now_s: float) -> None:
+        most = self._limits.per_minute
+        if len(self._saved_at_s) == most and (wait_s := self._saved_at_s[0] + 60 - now_s) > 0:
+            raise SaveRefused(
+                f"expected at most {most} saves a minute, got one more; wait {ceil(wait_s)} s, or use 'ninedtact record'"
+            )
+
+    def _require_space(self, needed_bytes: int, folder: Path, what: str) -> None:
+        there = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.is_dir())
+        allowed = self._limits.disk_share * (shutil.disk_usage(there).free + self._written_bytes)
+        if self._written_bytes + needed_bytes > allowed:
+            raise SaveRefused(
+                f"expected the page to save at most {self._limits.disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB, got "
+                f"{self._written_bytes / 1e6:.0f} MB and {what}; free the disk, or choose another folder with --out"
+            )
+
+
+def save_moment_files(
+    reading: Reading, status: str, wrenches: Iterable[WrenchSnapshot], folder: Path, quota: SaveQuota
+) -> list[Path]:
+    """Write camera image, heights (mm), and wrenches with errors and warnings, to files named by the time.
+
+    Raises `SaveRefused`, `FileNotWritten`.
+    """
+    with quota.writing:
+        quota.count_save(reading.frame.image.nbytes + _SAVED_BYTES_PER_PX * reading.height.z_mm.size, folder)
+        paths = _write_moment_files(reading, moment_values(reading, status, wrenches), folder)
+        quota.add_bytes(sum(path.stat().st_size for path in paths))
+        return paths
+
+
+def _write_moment_files(reading: Reading, values: dict[str, Any], folder: Path) -> list[Path]:
+    """Write the files of a moment and return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}"
+    image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
+    moment = folder / f"{name}_moment.json"
+    write_file_atomically(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())
+    for path in heights:
+        export_shape(reading.height, path)
+    text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
+    write_file_atomically(moment, text.encode())
+    return [image, *heights, moment]
+
+
+def moment_values(reading: Reading, status: str, wrenches: Iterable[WrenchSnapshot]) -> dict[str, Any]:
+    """Return the numbers and words of a moment for JSON: N and N·m, one standard deviation, null where none is known."""
+    return {
+        "stamp_ns": reading.stamp_ns,
+        "image": reading.frame.index,
+        "status": status,
+        "max_indentation_mm": reading.max_indentation_mm,
+        "contact_area_mm2": reading.contact_area_mm2,
+        "warnings": list(map(str, reading.warnings)),
+        "wrenches": [
+            {
+                "name": each.name,
+                "meaning": each.meaning,
+                "stamp_ns": each.sample.wrench.stamp_ns,
+                "force_n": _finite_numbers(each.sample.wrench.force_n),
+                "torque_nm": _finite_numbers(each.sample.wrench.torque_nm),
+                "std": _finite_numbers(each.sample.std),
+                "warnings": list(map(str, each.sample.warnings)),
+                "notices": list(each.notices),
+            }
+            for each in wrenches
+            if each.sample is not None
+        ],
+    }
+
+
+def _finite_numbers(values: Float64[Array, " n"]) -> list[float | None]:
+    """Return the numbers for JSON, which has no word for those that are not finite."""
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def save_surface_sequence(readings: Iterable[Reading], out: Path, quota: SaveQuota) -> int:
+    """Write the surface of every reading as PLY into a new folder, and return their number; raises `SaveRefused`."""
+    count = written = 0
+    with create_folder_atomically(out) as folder:
+        for reading in readings:
+            path = folder / f"surface_{reading.frame.index:08d}.ply"
+            export_shape(reading.height, path, SEQUENCE_EVERY)
+            count, written = count + 1, written + path.stat().st_size
+            quota.require_space(written, folder, f"a sequence of {count} surfaces")
+    quota.add_bytes(written)
+    return count
+
+
+def save_video(readings: Iterable[Reading], scale: ColourScale, hz: float, path: Path, quota: SaveQuota) -> int:
+    """Write camera image and heights side by side as MP4 (MPEG-4), and return the number of images.
+
+    Raises `FileNotWritten`, also where the disk is full, which OpenCV does not report by itself.
+    """
+    partial, count, writer = path.with_name(f".{token_hex(6)}.partial.mp4"), 0, cv2.VideoWriter()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    first_ns: int | None = None
+    try:
+        for reading in readings:
+            first_ns = reading.stamp_ns if first_ns is None else first_ns
+            picture = _draw_picture(reading, scale, (reading.stamp_ns - first_ns) / 1e9)
+            if not writer.isOpened():
+                writer.open(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), hz, picture.shape[1::-1])
+            writer.write(picture)
+            count += 1
+            quota.require_space(partial.stat().st_size if partial.exists() else 0, path.parent, "another video")
+        writer.release()
+        _require_images(partial, count, path)
+        quota.require_space(partial.stat().st_size, path.parent, "another video")
+        quota.add_bytes(partial.stat().st_size)
+        partial.replace(path)
+    finally:
+        writer.release()
+        partial.unlink(missing_ok=True)
+    return count
+
+
+def _require_images(video: Path, count: int, final: Path) -> None:
+    """Read the number of images back; raises `FileNotWritten` where some are missing."""
+    reader = cv2.VideoCapture(str(video)) if video.exists() else cv2.VideoCapture()
+    written = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
+    reader.release()
+    if written != count or count == 0:
+        raise FileNotWritten(
+            f"expected to write {count} images to {final}, got {written}; free the disk or correct the folder's permissions"
+        )
+
+
+def _draw_picture(reading: Reading, scale: ColourScale, at_s: float) -> UInt8[Array, "rows cols 3"]:
+    """Return camera image and coloured heights side by side, over the time and what is measured."""
+    image, heights = reading.frame.image, colourise_heights(reading.height, scale)
+    rows = image.shape[0]
+    heights = cv2.resize(heights, (round(heights.shape[1] * rows / heights.shape[0]), rows))
+    picture = cv2.copyMakeBorder(np.hstack([image, heights]), 0, 24, 0, 0, cv2.BORDER_CONSTANT, value=(40, 40, 40))
+    text = f"{at_s:.2f} s   {reading.max_indentation_mm:.2f} mm   {reading.contact_area_mm2:.1f} mm2"
+    if reading.wrench is not None:
+        text += "   F " + " ".join(f"{value:+.2f}" for value in reading.wrench.force_n) + " N"
+    cv2.putText(picture, text, (6, rows + 17), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (240, 240, 240), 1, cv2.LINE_AA)
+    even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
+    return np.ascontiguousarray(even)
+
+
+class _NoBuffer:
+    """Takes messages that nobody is sent."""
+
+    def push(self, message: object) -> None: ...
+    def atomic_start(self) -> None: ...
+    def atomic_end(self) -> None: ...
+
+
+class _DetachedConnection(WebsockMessageHandler):
+    """Stands in for the connection of a browser, so that a scene can be recorded that nobody sees."""
+
+    def get_message_buffer(self) -> Any:
+        """Return a buffer that keeps nothing."""
+        return _NoBuffer()
+
+
+class _DetachedOwner:
+    """Stands in for a browser as the owner of a scene."""
+
+    def __init__(self, server: ViserServer) -> None:
+        self.client_id, self._viser_server, self._websock_connection = 0, server, _DetachedConnection()
+
+
+def moment_page(
+    view: ReadingView, cards: Iterable[str], server: ViserServer, block: GelBlock, title: str, wrench: Any = None
+) -> str:
+    """Return one HTML page of a moment that needs no other file: the surface in 3D, camera image, heights and cards.
+
+    cards: HTML beside the images. wrench: is drawn as an arrow; None draws none.
+    """
+    scene_page = _scene_page(view, server, block, wrench)
+    pictures = "".join(
+        f'<figure><img alt="{escape(str(kind))}" src="data:image/jpeg;base64,{base64.b64encode(view.jpeg(kind, True)).decode()}">'
+        f"<figcaption>{escape(str(kind))}</figcaption></figure>"
+        for kind in (ImageKind.CAMERA, ImageKind.HEIGHT)
+    )
+    style = (
+        "body{font-family:sans-serif;margin:1em auto;max-width:75em;padding:0 1em}main{display:flex;flex-wrap:wrap;gap:1em}"
+        "iframe{flex:2 1 30em;height:34em;border:1px solid #ccc}aside{flex:1 1 18em}figure{margin:.5em 0}img{width:100%}"
+    )
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{style}</style></head><body><h1>{escape(title)}</h1>'
+        f'<main><iframe title="surface in 3D" srcdoc="{escape(scene_page, quote=True)}"></iframe>'
+        f"<aside>{''.join(cards)}{pictures}</aside></main></body></html>"
+    )
+
+
+def _scene_page(view: ReadingView, server: ViserServer, block: GelBlock, wrench: Any) -> str:
+    """Return the scene of a view as a page of viser without a server, seen as a new viewer would see it."""
+    owner: Any = _DetachedOwner(server)
+    serializer = owner._websock_connection.get_message_serializer(
+        lambda message: message.include_in_scene_serialization
+    )
+    shared = server._websock_server._broadcast_buffer
+    with shared.buffer_lock:
+        messages = list(shared.message_from_id.values())
+    for message in messages:  # light, camera and background
+        serializer._insert_message(message)
+    scene = SkinScene(SceneApi(owner, server._thread_executor, server._event_loop), block)
+    scene.show_surface(view.surface(SkinColouring.HEIGHT, 1, TractionSource.ESTIMATED), True, False)
+    scene.show_lines(view.outline_mm(), None)
+    scene.show_wrench(wrench)
+    return str(serializer.as_html())

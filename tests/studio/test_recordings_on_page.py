@@ -1,0 +1,457 @@
+"""From the page into a recording and back: every moment whole, labels kept, the original never damaged, exports complete."""
+
+import csv
+import json
+import resource
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Locator, Page
+from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
+
+import ninedtact
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.cli import main
+from ninedtact.cli.live import Live
+from ninedtact.errors import NinedtactError
+from ninedtact.force.estimator_interface import NoForce
+from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
+from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
+from ninedtact.recording.mcap_repair import save_spans
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.ros_messages import LabelledSpan, Topic
+from ninedtact.recording.writer import RecordingWriter
+from ninedtact.studio.displayed_reading import PageController, PageMoment, SensorStatus
+from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecorderState
+from ninedtact.studio.reading_view import session_colour_scale
+from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
+from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_surface_sequence, save_video
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample
+
+PATIENCE_S = 90.0
+
+
+def scaled_force(reading: Reading) -> WrenchEstimate:
+    """A force of 2 N for every mm of indentation, doubtful from 0.5 mm on."""
+    deep_mm = reading.max_indentation_mm
+    wrench = Wrench(np.array([0.0, 0.0, -2.0 * deep_mm]), np.zeros(3), stamp_ns=reading.stamp_ns)
+    warnings = (EstimateWarning.OUT_OF_RANGE,) if deep_mm > 0.5 else ()
+    return WrenchEstimate(wrench, np.diag(np.full(6, 0.01)), deep_mm > 0, warnings)
+
+
+class ScaledForce(NoForce):
+    """Estimates by `scaled_force`."""
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        return scaled_force(reading)
+
+
+class Bench:
+    """A sensor whose readings are recorded as on the page: its skin is pressed in deeper from reading to reading."""
+
+    def __init__(self, folder: Path, out: Path, share: float = 0.1) -> None:
+        self.folder = load_sensor(sensor_folder(folder))
+        self.true, self.estimated = (
+            WrenchHistory("true", "of the bench"),
+            WrenchHistory("estimated", "", states_errors=True),
+        )
+        self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
+        self.recorder = PageRecorder(self.folder, "bench", [self.true, self.estimated], out, self.quota)
+        self.sensor = sensor_on(SkinCamera())
+        self.sensor.estimator = ScaledForce()
+        self.kept: list[Reading] = []
+
+    def press(self, levels: list[int]) -> None:
+        """Read and record an image of every level."""
+        camera = self.sensor.source._source  # type: ignore[attr-defined]
+        for level in levels:
+            camera.level = level
+            time.sleep(0.02)
+            self.sensor.read()
+            reading = self.sensor.read()
+            wrench = Wrench(np.array([0.0, 0.0, float(-level)]), np.zeros(3), stamp_ns=reading.stamp_ns)
+            self.true.add(WrenchSample(wrench, np.full(6, np.nan)))
+            self.recorder.keep(reading)
+            self.kept.append(reading)
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> tuple[Path, Bench]:
+    """A recording that begins in the middle of a press, with a label, and what was read."""
+    bench = Bench(tmp_path / "small", tmp_path / "out")
+    with bench.sensor:
+        bench.press([80])
+        bench.kept.clear()
+        path = bench.recorder.start()
+        bench.press([80, 70, 75])
+        bench.recorder.begin_label("deep")
+        bench.press([60, 55])
+        bench.recorder.end_label()
+        bench.press([90, 100, 85])
+        state = bench.recorder.stop()
+    assert not state.is_running and state.labels == 1 and state.trouble == "" and state.written_bytes > 1000
+    return path, bench
+
+
+NEWEST = PageMoment(
+    SensorStatus("live", "now"), SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0))), None
+)
+
+
+def player_of(path: Path, bench: Bench) -> RecordingPlayer:
+    return RecordingPlayer(
+        path, bench.folder.shape, session_colour_scale(bench.folder.shape.curve), [bench.true, bench.estimated]
+    )
+
+
+def test_every_moment_of_a_recording_is_the_one_that_the_page_had(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    player = player_of(path, bench)
+    assert len(player) == len(bench.kept) == 8
+    for number in (5, 0, 7, 3):  # in any order
+        player.seek((bench.kept[number].stamp_ns - bench.kept[0].stamp_ns) / 1e9)
+        moment, kept = player.moment(NEWEST), bench.kept[number]
+        assert moment.view is not None and moment.reading is not None and kept.force is not None
+        assert np.array_equal(moment.reading.image, kept.image) and moment.reading.stamp_ns == kept.stamp_ns
+        np.testing.assert_allclose(moment.reading.height.z_mm, kept.height.z_mm, atol=0.0006)
+        true, estimated = moment.wrenches
+        assert true.sample is not None and estimated.sample is not None
+        assert estimated.sample.wrench.stamp_ns == kept.stamp_ns and estimated.sample.warnings == kept.force.warnings
+        np.testing.assert_allclose(estimated.sample.wrench.six, kept.force.wrench.six)
+        np.testing.assert_allclose(estimated.sample.std, kept.force.std)
+        assert true.sample.wrench.stamp_ns == kept.stamp_ns
+        assert all(at <= kept.stamp_ns for at, _ in estimated.samples) and moment.sensor.phase is SensorPhase.RECORDED
+        assert f"of {player.duration_s:.2f} s, paused" in moment.status.sentence
+    same = player.moment(NEWEST)
+    assert same.view is player.moment(NEWEST).view
+    wait_until(lambda: player.moment(NEWEST).sensor.history.shape[1] == 4)
+    player.close()
+
+
+def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded  # which begins in the middle of a press
+    deep_mm = [kept.max_indentation_mm for kept in bench.kept]
+    with Recording(path) as recording:
+        np.testing.assert_allclose([one.max_indentation_mm for one in recording.readings()], deep_mm, atol=1e-5)
+    with ninedtact.open(source=str(path), force="none") as sensor:
+        np.testing.assert_allclose([one.max_indentation_mm for one in sensor], deep_mm, atol=1e-5)
+    live = Live(str(path)).sensor_and_wrenches(bench.folder)[0]
+    assert live.depth_reader is not None and deep_mm[0] > 0.5
+
+
+def test_a_player_steps_and_plays_at_its_speed_and_stops_at_the_end(recorded: tuple[Path, Bench]) -> None:
+    player = player_of(*recorded)
+    player.step(-1)
+    assert player.number == 0
+    player.step(3)
+    player.step(-1)
+    assert player.number == 2 and not player.is_playing
+    player.seek(np.inf)
+    assert player.number == 0
+    player.speed = 0.25
+    began = time.monotonic()
+    player.toggle_play()
+    wait_until(lambda: player.moment(NEWEST) is not None and not player.is_playing)
+    assert time.monotonic() - began >= 4 * player.duration_s and player.number == len(player) - 1
+    player.toggle_play()
+    assert player.is_playing and player.number == 0
+    player.close()
+
+
+def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
+    recorded: tuple[Path, Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, bench = recorded
+    with Recording(path) as recording:
+        (deep,) = recording.spans()
+        images = [frame.image for frame in recording.frames()]
+    assert deep.label == "deep" and bench.kept[2].stamp_ns <= deep.begin_ns <= bench.kept[4].stamp_ns <= deep.end_ns
+    player = player_of(path, bench)
+    player.add_span(0.0, player.duration_s, " whole ")
+    size = path.stat().st_size
+    player.add_span(0.0, 0.01, "first")
+    assert path.stat().st_size < size + 200  # an earlier list of labels does not pile up
+    player.remove_span(deep)
+    with pytest.raises(SpanRefused, match=r"expected a label and an end after its beginning, got ' ' from 0.00"):
+        player.add_span(0.0, 0.1, " ")
+    player.close()
+    with Recording(path) as recording:
+        assert recording.is_finished and [span.label for span in recording.spans()] == ["first", "whole"]
+        assert all(np.array_equal(*pair) for pair in zip(images, (f.image for f in recording.frames()), strict=True))
+    assert main(["export", str(path), "--out", str(tmp_path / "tables")]) == 0
+    rows = list(csv.DictReader((tmp_path / "tables" / "spans.csv").open()))
+    assert [row["label"] for row in rows] == ["first", "whole"]
+    assert int(rows[1]["end_monotonic_ns"]) == bench.kept[-1].stamp_ns
+    assert main(["info", str(path)]) == 0 and "label 'whole'" in capsys.readouterr().out
+
+
+def test_labels_that_cannot_be_written_leave_the_file_as_it_was(recorded: tuple[Path, Bench]) -> None:
+    path, _ = recorded
+    before, limit = path.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limit[1]))
+    try:
+        with pytest.raises(NinedtactError, match="expected to write"):
+            save_spans(path, [LabelledSpan(0, 1, "x")])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert path.read_bytes() == before and len(list(path.parent.iterdir())) == 1
+    path.write_bytes(before[:-300])
+    with pytest.raises(RecordingRefused, match="still being written"):
+        save_spans(path, [])
+    assert path.read_bytes() == before[:-300]
+
+
+def test_a_full_disk_and_a_used_up_quota_end_a_recording_and_say_what_was_kept(tmp_path: Path) -> None:
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    bench = Bench(tmp_path / "small", tmp_path / "out")
+
+    def press_until_it_ends() -> RecorderState:
+        bench.recorder.start()
+        while bench.recorder.state().is_running:
+            bench.press([80, 60])
+        return bench.recorder.stop()
+
+    with bench.sensor:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, limit[1]))
+        try:
+            state = press_until_it_ends()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        assert "expected to continue writing" in state.trouble and "keeps the messages" in state.trouble
+        assert state.path is not None
+        with Recording(state.path) as recording:
+            assert f"{len(recording.positions(Topic.IMAGES))} of /small/image_raw" in state.trouble
+        bench.recorder._quota = SaveQuota(SaveLimits(disk_share=1e-8))
+        state = press_until_it_ends()
+        assert "of the free disk" in state.trouble and "a recording that goes on" in state.trouble
+        with pytest.raises(NotRecording, match="expected a recording and a name for the label"):
+            bench.recorder.begin_label("late")
+
+
+def test_files_that_cannot_be_played_are_refused_in_one_sentence(
+    recorded: tuple[Path, Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, _ = recorded
+    content, foreign, bare = path.read_bytes(), tmp_path / "foreign.mcap", tmp_path / "bare.mcap"
+    from mcap.writer import Writer
+
+    with foreign.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.finish()
+    with RecordingWriter(bare, RecordingMetadata("other")) as written:
+        written.write_image(Frame(np.zeros((48, 64, 3), np.uint8), 1, 0))
+    version = tmp_path / "version.mcap"
+    version.write_bytes(content.replace(b"format\x01\x00\x00\x003", b"format\x01\x00\x00\x009"))
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(content[:2000] + bytes(60) + content[2060:])
+    empty = tmp_path / "empty.mcap"
+    empty.write_bytes(b"")
+    for file, said in (
+        (tmp_path / "none.mcap", "expected a recording at"),
+        (tmp_path / "none.avi", "expected a recording (.mcap), got"),
+        (foreign, "an MCAP file of another program"),
+        (bare, "to carry its sensor's folder, got a recording without"),
+        (version, "from a newer ninedtact; update ninedtact"),
+        (damaged, "got damaged"),
+        (empty, "got an empty file"),
+    ):
+        assert main(["play", str(file), "--port", "0"]) == 1
+        captured = capsys.readouterr()
+        assert said in captured.err and captured.err.count("\n") == 1 and captured.out == "", file
+
+
+def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    player = player_of(path, bench)
+    whole = player.moment(NEWEST).view
+    player._readings.recording.message = lambda position: (_ for _ in ()).throw(  # type: ignore[method-assign]
+        RecordingUnreadable("expected it as it was recorded, got damaged data at byte 7; restore it")
+    )
+    player.step(1)
+    moment = player.moment(NEWEST)
+    assert moment.view is whole and moment.status.tone == "lost" and "damaged data at byte 7" in moment.status.sentence
+    player.close()
+
+
+def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    path, bench = recorded
+    scale, shape = session_colour_scale(bench.folder.shape.curve), bench.folder.shape
+    with RecordedReadings(path, shape) as readings:
+        assert save_surface_sequence(readings.readings(2, 4), tmp_path / "ply", bench.quota) == 3
+        assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
+        assert save_video(readings.readings(), scale, 10.0, tmp_path / "all.mp4", bench.quota) == 8
+        video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
+        assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
+        for write in (
+            lambda quota: save_surface_sequence(readings.readings(), tmp_path / "too" / "many", quota),
+            lambda quota: save_video(readings.readings(), scale, 10.0, tmp_path / "too" / "long.mp4", quota),
+        ):
+            with pytest.raises(NinedtactError, match="at most 0% of the free disk"):
+                write(SaveQuota(SaveLimits(disk_share=0.0)))
+    assert not list((tmp_path / "too").iterdir())
+    with (
+        bench.quota.one_export(),
+        pytest.raises(NinedtactError, match="one export at a time"),
+        bench.quota.one_export(),
+    ):
+        pass
+
+
+def test_recordings_of_the_command_line_are_played_too(tmp_path: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    path, camera = tmp_path / "plain.mcap", SkinCamera()
+    with RecordingWriter(
+        path, RecordingMetadata("small"), (Topic.IMAGES,), sensor_folder_attachments(folder.path)
+    ) as out:
+        camera.open()
+        for number in range(14):
+            camera.level = 100 if number < 11 else 75
+            out.write_image(camera.read())
+    assert recorded_wrench_columns(path, folder.shape) == []
+    with RecordedReadings(path, folder.shape) as readings:
+        depths = [reading.max_indentation_mm for reading in readings.readings()]
+    np.testing.assert_allclose(depths, [0.0] * 11 + [1.0] * 3, atol=0.02)
+
+
+class Journey:
+    """A page of the bench in a browser, with what a person does on it."""
+
+    def __init__(self, tab: Page, out: Path, refresh: Callable[[], None]) -> None:
+        self.tab, self.out, self.refresh = tab, out, refresh
+
+    def until_shown(self, *texts: str) -> None:
+        def shown() -> bool:
+            self.refresh()
+            said = self.tab.inner_text("body")
+            return all(text in said for text in texts)
+
+        wait_until(shown, PATIENCE_S, pause_s=0.03)
+
+    def press(self, name: str) -> None:
+        self.tab.get_by_role("button", name=name, exact=True).dispatch_event("click")
+
+    def field(self, name: str, number: int = 0) -> Locator:
+        label = self.tab.locator(f"label:text-is('{name}')").nth(number)
+        return label.locator("xpath=ancestor::*[.//input][1]//input[not(@type='hidden')]").last
+
+    def choose(self, field: Locator, option: str) -> None:
+        field.click()
+        self.tab.get_by_role("option", name=option).click()
+
+    def until_found(self, pattern: str) -> Path:
+        def found() -> bool:
+            self.refresh()
+            return bool(list(self.out.glob(pattern)))
+
+        wait_until(found, PATIENCE_S, pause_s=0.03)
+        return next(self.out.glob(pattern))
+
+
+def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_path: Path) -> None:
+    folder, camera, out = load_sensor(sensor_folder(tmp_path / "small")), SkinCamera(), tmp_path / "readings"
+    tab, errors, sensor = browser.new_page(viewport={"width": 1200, "height": 1500}), [], sensor_on(camera)
+    tab.set_default_timeout(PATIENCE_S * 200)
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    sensor.estimator = ScaledForce()
+    estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
+    recorder = PageRecorder(folder, "bench", [estimated], out, SaveQuota(limits))
+
+    def keep(reading: Reading) -> None:
+        estimated.add_estimate(scaled_force(reading))
+        recorder.keep(reading)
+
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop:
+        controller = PageController(loop, out, [estimated], limits)
+        panel = partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorder))
+        block = gel_block_under_skin(folder.shape, folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", None, [panel])
+        journey = Journey(tab, out, lambda: controller.refresh(page))
+        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        journey.until_shown("live, ", "0.00 mm")
+        path = record_with_a_label(journey, camera)
+        stamps_s = (lambda at: (at - at[0]) / 1e9)(Recording(path).stamps_ns(Topic.IMAGES))
+        journey.choose(journey.field("recording"), path.name)
+        journey.until_shown("recorded, 0.00 of ", "paused", "1.00 mm", "shallow: ", "2.00")
+        camera.level = 50  # the sensor goes on, and this viewer is shown none of it
+        scrub(journey, stamps_s)
+        moment_page = save_the_moment(journey)
+        export_everything(journey, len(stamps_s))
+        tab.screenshot(path=tmp_path / "page.png")
+        journey.press("Back to the sensor")
+        journey.until_shown("live, ", "2.00 mm")
+        tab.goto(moment_page.as_uri())
+        tab.frame_locator("iframe").locator("canvas").first.wait_for()
+        said = tab.inner_text("body").replace("\n", " ")
+        assert "1.00 mm" in said and "out of range" in said and tab.locator("figure img").count() == 2
+        tab.wait_for_timeout(1000)
+        tab.screenshot(path=tmp_path / "moment.png")
+    assert errors == []
+
+
+def record_with_a_label(journey: Journey, camera: SkinCamera) -> Path:
+    """Record a press of 1 mm, then one of half a mm with a label; return the recording."""
+    camera.level = 75
+    journey.until_shown("live, ", "1.00 mm")
+    journey.tab.get_by_role("tab", name="Record").click()
+    journey.press("Record")
+    journey.until_shown("Stop recording", "0 dropped")
+    journey.field("label").fill("shallow")
+    journey.tab.keyboard.press("Tab")
+    journey.press("Begin label")
+    camera.level = 88
+    journey.until_shown("End label 'shallow'", "0.48 mm")
+    journey.press("End label 'shallow'")
+    journey.until_shown("1 labels")
+    journey.press("Stop recording")
+    journey.until_shown("Recorded", "recorded recording_")
+    return journey.until_found("recording_*.mcap")
+
+
+def scrub(journey: Journey, stamps_s: np.ndarray) -> None:
+    """Go to both ends with the slider, then image by image with keys: all that is shown belongs together."""
+    tab, slider = journey.tab, journey.tab.get_by_role("slider").first
+    slider.focus()
+    tab.keyboard.press("End")
+    journey.until_shown("0.48 mm", "0.96")
+    tab.keyboard.press("Home")
+    journey.until_shown("recorded, 0.00 of ", "1.00 mm", "out of range", "2.00")
+    tab.evaluate("document.activeElement.blur()")
+    for key, number in (("l", 1), ("l", 2), ("l", 3), ("j", 2)):
+        tab.keyboard.press(key)
+        journey.until_shown(f"recorded, {stamps_s[number]:.2f} of {stamps_s[-1]:.2f} s")
+
+
+def save_the_moment(journey: Journey) -> Path:
+    """Save the moment that is shown with all its numbers, and as a web page, which is returned."""
+    journey.press("Save this reading")
+    saved = json.loads(journey.until_found("reading_*_moment.json").read_text())
+    assert saved["warnings"] == ["out of range"] and saved["wrenches"][0]["name"] == "estimated"
+    assert saved["wrenches"][0]["force_n"][2] == pytest.approx(-2.0, abs=0.02)
+    assert saved["wrenches"][0]["std"] == pytest.approx([0.1] * 6)
+    journey.press("This moment as a web page")
+    journey.until_shown("moment_")
+    return journey.until_found("moment_*.html")
+
+
+def export_everything(journey: Journey, images: int) -> None:
+    """Export tables of the whole recording, and surfaces and a video of the label."""
+    journey.press("Images and tables")
+    tables = journey.until_found("recording_*_export_*")
+    assert (tables / "spans.csv").is_file() and len(list((tables / "images").iterdir())) == images
+    journey.choose(journey.field("label", 1), "shallow")
+    journey.press("Surfaces (PLY)")
+    assert 0 < len(list(journey.until_found("recording_*_surfaces_*").iterdir())) < images
+    journey.press("Video (MP4)")
+    journey.until_found("recording_*.mp4")
