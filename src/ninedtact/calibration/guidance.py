@@ -33,7 +33,6 @@ from ninedtact.calibration.procedure import CalibrationSettings, build_rectifica
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
-from ninedtact.shape.lens import Points
 from ninedtact.shape.rectification import Rectification
 
 AVERAGED = 8
@@ -57,8 +56,8 @@ class PinSighting:
 
     expected: int
     """Number of pins of the board."""
-    found_px: Points
-    missing_px: Points
+    found_px: Float[Array, "found 2"]
+    missing_px: Float[Array, "missing 2"]
     """Where the lens predicts the other pins; empty where too few were found for a lens."""
     has_lens: bool
     """Whether enough pins were found for a lens."""

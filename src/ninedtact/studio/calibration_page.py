@@ -1,6 +1,7 @@
 """The page of a guided calibration: one large sentence, the camera's image with the pins, the buttons, the fit and its result.
 
-All controls are shared by all browsers, so that everybody, and a page that is loaded again, sees the same state.
+All controls are shared by all browsers, so that everybody, and a page that is loaded again, sees the same state. Only the place of
+the image is each browser's own: beside the controls, or on a phone among them.
 """
 
 from dataclasses import replace
@@ -12,7 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
-from viser import ClientHandle, GuiEvent, Icon, ViserServer
+from viser import ClientHandle, GuiEvent, GuiImageHandle, Icon, ViserServer
 
 from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate, overall_check_level
 from ninedtact.calibration.guidance import PinSighting
@@ -24,11 +25,16 @@ from ninedtact.simulation.calibration_camera import GaugePress, SimulatedCalibra
 from ninedtact.studio.calibration_session import CalibrationSession, CalibrationState, ImageQuality, Phase
 from ninedtact.studio.page_and_server import BACKGROUND, set_title_and_icon
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
-from ninedtact.studio.viewer import NOTICE_S, is_from_browser, set_control
+from ninedtact.studio.viewer import NARROW_PX, NOTICE_S, is_from_browser, set_control
 
 REFRESH_HZ = 8.0
-_WIDTH_PX = 560
-"""Width of the panel on a desktop; on a phone it fills the screen."""
+_WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
+"""Width of the controls on a desktop, and limits of the width of the image beside them."""
+_PHONE_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] {{ width: 100% !important; max-height: 100% "
+    "!important; } [style*='max-height: 60%'] [style*='width: 20em'] { width: 100% !important; } }</style>"
+)
+"""Lets the controls fill the screen of a phone, of which viser gives them a part."""
 _IMAGE_PX = 640
 """Largest number of columns of the image that is sent."""
 _FOUND_BGR, _MISSING_BGR = (232, 180, 86), (0, 94, 213)
@@ -56,7 +62,9 @@ class CalibrationPage:
         """cameras: address and name of each camera that can be chosen. simulated: the camera that is pressed on the page."""
         self._server, self._session, self._simulated = server, session, simulated
         self._labels = {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
+        self._images: dict[int, GuiImageHandle] = {}
         self._drawn: tuple[int, int] | None = None
+        self._canvas = BACKGROUND
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label("Calibration")
@@ -65,19 +73,20 @@ class CalibrationPage:
         gui.main_panel.set_width(_WIDTH_PX)
         set_title_and_icon(server, "Calibration · 9DTact")
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
-        self._image = gui.add_image(BACKGROUND, format="jpeg")
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._build_buttons()
         self._figures, self._result = gui.add_html(""), gui.add_html("")
         if simulated is not None:
             self._build_presses(simulated)
         self.refresh()
+        server.on_client_connect(self._add_image)
+        server.on_client_disconnect(self._forget_image)
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
         state = self._session.state
         with self._server.atomic():
-            self._steps.content, self._advice.content = _steps_html(state), _advice_html(state)
+            self._steps.content, self._advice.content = _PHONE_STYLE + _steps_html(state), _advice_html(state)
             self._figures.content = "" if state.phase is Phase.RESULT else _figures_html(state)
             self._result.content = _result_html(state)
             self._show_image(state)
@@ -98,7 +107,7 @@ class CalibrationPage:
         self._fit_again = gui.add_button("Calibrate again from the images", icon=Icon.REFRESH)
         self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
         self._download = gui.add_button("Download the certificate", color="gray", icon=Icon.DOWNLOAD)
-        self._back = gui.add_button("Press again", color="gray", icon=Icon.ARROW_BACK_UP)
+        self._back = gui.add_button("One press back", color="gray", icon=Icon.ARROW_BACK_UP)
         self._start_over = gui.add_button("Start over", color="gray", icon=Icon.RELOAD)
         self._camera.on_update(self._choose_camera)
         self._start.on_click(lambda event: self._attempt(event.client, partial(session.start, self._replace.value)))
@@ -180,13 +189,31 @@ class CalibrationPage:
         else:
             event.client.send_file_download(f"{folder.id}_certificate.html", content, save_immediately=True)
 
+    def _add_image(self, client: ClientHandle) -> None:
+        """Add the image to the page of one browser."""
+        gui, width_px = client.gui, client.camera.image_width
+        if width_px < NARROW_PX:
+            image = gui.add_image(self._canvas, format="jpeg", order=self._advice.order + 0.5)
+        else:
+            panel = gui.add_panel()
+            panel.dock_left()
+            panel.set_width(int(np.clip(width_px - _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX)))
+            with panel.add_tab("Camera image", Icon.CAMERA):
+                image = gui.add_image(self._canvas, format="jpeg")
+        self._images[client.client_id] = image
+
+    def _forget_image(self, client: ClientHandle) -> None:
+        """Forget the image of a browser that has left."""
+        self._images.pop(client.client_id, None)
+
     def _show_image(self, state: CalibrationState) -> None:
-        """Send the image where it has changed; none beside a result."""
-        self._image.visible = state.image is not None and state.phase is not Phase.RESULT
+        """Send the image to all browsers where it has changed."""
         drawn = id(state.image), id(state.pins)
-        if state.image is not None and self._image.visible and drawn != self._drawn:
+        if state.image is not None and drawn != self._drawn:
             self._drawn = drawn
-            self._image.image = draw_pins(state.image, state.pins)[..., ::-1]
+            self._canvas = draw_pins(state.image, state.pins)[..., ::-1]
+            for handle in tuple(self._images.values()):
+                handle.image = self._canvas
 
     def _show_buttons(self, state: CalibrationState) -> None:
         """Show the buttons that do something now."""

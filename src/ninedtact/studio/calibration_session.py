@@ -8,6 +8,7 @@ waited for; the images that were taken stay.
 """
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
@@ -40,8 +41,8 @@ MAX_AGE_MS = 2000.0
 """Greatest age of an image that is used; still images need not be recent."""
 RETRY_S = 0.5
 """Time between attempts to open a camera that is absent."""
-PIN_COUNT_S = 1.0
-"""Least time between two searches for pins while the board moves; a search takes up to a second."""
+_PIN_COUNT_PAUSE = 1.0
+"""Pause between two searches for pins while the board moves, in durations of a search, so that the images are not slowed."""
 ONCE_S = 0.7
 """Time within which a second step back counts as the same one, pressed by another person."""
 FIT_STEPS = 6
@@ -107,7 +108,9 @@ class _StepProgress:
 
     step: CaptureStep
     watch: ImageWatcher
-    counted_at_s: float = -np.inf
+    search: "Future[tuple[PinSighting, float]] | None" = None
+    """The search for pins in an earlier image, and how long it takes, s."""
+    searched_until_s: float = -np.inf
 
 
 @dataclass
@@ -135,7 +138,9 @@ class CalibrationSession:
         self._reopen, self._is_recording, self._last_back_s = False, False, -np.inf
         self._agreed: bytes | None = None
         self._state = CalibrationState(source=self.source)
-        self._thread = Thread(target=self._run, name="guided calibration", daemon=True)
+        self._searches = ThreadPoolExecutor(1, "pins")
+        self._failure: BaseException | None = None
+        self._thread = Thread(target=self._run_until_closed, name="guided calibration", daemon=True)
 
     def __enter__(self) -> "CalibrationSession":
         self._thread.start()
@@ -146,11 +151,14 @@ class CalibrationSession:
         with self._changed:
             self._changed.notify_all()
         self._thread.join()
+        self._searches.shutdown(cancel_futures=True)
 
     @property
     def state(self) -> CalibrationState:
-        """What all viewers show."""
+        """What all viewers show; raises an error of the program that has ended the session."""
         with self._changed:
+            if self._failure is not None:
+                raise self._failure
             return self._state
 
     @property
@@ -226,6 +234,13 @@ class CalibrationSession:
         self.on_step(step.name)
         self._set(phase=Phase.CAPTURE, step=number, instruction=step.instruction, advice="", pins=None)
 
+    def _run_until_closed(self) -> None:
+        """Run the session, and hand an error that is no refusal to whoever asks for the state."""
+        try:
+            self._run()
+        except BaseException as error:
+            self._failure = error
+
     def _run(self) -> None:
         """Fit when all images are taken; else read images, and wait for a source that is absent."""
         while not self._closing.is_set():
@@ -292,15 +307,30 @@ class CalibrationSession:
                 self._begin_step(len(self._taken))
 
     def _count_pins(self, image: BgrImage, progress: _StepProgress, taken: dict[str, BgrImage]) -> PinSighting | None:
-        """Return the pins in an image of the board, which may still move; None where they are not counted."""
-        if progress.step.name != "board" or monotonic() - progress.counted_at_s < PIN_COUNT_S:
+        """Return the pins in a recent image of the board, which may still move; None where there is no news of them.
+
+        They are searched in a thread of their own, because a search takes up to seconds.
+        """
+        if progress.step.name != "board":
             return None
         reference = taken["board_reference"]
         if max_brightness_change(reference, image) < TOUCHED_LEVELS:
+            progress.search = None
             return PinSighting(self.design.pin_board.count, np.empty((0, 2)), np.empty((0, 2)), False, "")
-        pins = locate_pins(reference, image, self.design, self.settings)
-        progress.counted_at_s = monotonic()
+        if progress.search is None:
+            if monotonic() > progress.searched_until_s:
+                progress.search = self._searches.submit(self._search_pins, reference, image)
+            return None
+        if not progress.search.done():
+            return None
+        (pins, duration_s), progress.search = progress.search.result(), None
+        progress.searched_until_s = monotonic() + _PIN_COUNT_PAUSE * duration_s
         return pins
+
+    def _search_pins(self, reference: BgrImage, image: BgrImage) -> tuple[PinSighting, float]:
+        """Return the pins in an image and the time that the search took, s."""
+        began_s = monotonic()
+        return locate_pins(reference, image, self.design, self.settings), monotonic() - began_s
 
     def _require_same_size(self, image: BgrImage, taken: dict[str, BgrImage]) -> None:
         """Raise `ImageUnusable` for an image of another size than those taken."""
