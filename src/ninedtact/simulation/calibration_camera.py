@@ -28,8 +28,6 @@ from ninedtact.simulation.calibration_images import (
 from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.twin import Twin
 
-_RATE_HZ = 15.0
-
 
 @dataclass(frozen=True)
 class GaugePress:
@@ -47,11 +45,11 @@ class SimulatedCalibrationCamera(FrameSource):
 
     name = "simulated sensor"
 
-    def __init__(self, twin: Twin, design: SensorDesign, plays_by_itself: bool = True) -> None:
+    def __init__(self, twin: Twin, design: SensorDesign, plays_by_itself: bool = True, rate_hz: float = 15.0) -> None:
         self.refusal = ""
         """Why the mechanics refused the last press, which is then not shown; empty where it did not."""
         self._twin, self._design, self._fine_twin = twin, design, twin_for_board(twin, design)
-        self._plays_by_itself, self._step = plays_by_itself, ""
+        self._plays_by_itself, self._step, self._rate_hz = plays_by_itself, "", rate_hz
         self._lock, self._is_closed, self._due_at, self._number = Lock(), Event(), 0.0, 0
         self._held = self._rendered = GaugePress()
         self._clean: Float32[Array, "rows cols 3"] = twin.renderer.reference
@@ -102,7 +100,7 @@ class SimulatedCalibrationCamera(FrameSource):
         """Wait until the next image is due and return it; raises `SourceNotOpen`."""
         if self._is_closed.wait(max(0.0, self._due_at - time.monotonic())):
             raise SourceNotOpen(self.name)
-        self._due_at = max(self._due_at + 1 / _RATE_HZ, time.monotonic())
+        self._due_at = max(self._due_at + 1 / self._rate_hz, time.monotonic())
         if (held := self.held) != self._rendered:
             self._rendered = held
             self._press(held)

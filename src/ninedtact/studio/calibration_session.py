@@ -217,6 +217,11 @@ class CalibrationSession:
             raise _replacement_refusal(self.out)
         self._agreed = there
 
+    def _require_agreement(self) -> None:
+        """Raise `SensorWouldBeReplaced` where another sensor than the agreed one has appeared meanwhile."""
+        if _read_sensor_file(self.out) not in (None, self._agreed):
+            raise _replacement_refusal(self.out)
+
     def _set(self, **changes: object) -> None:
         """Change fields of the state."""
         with self._changed:
@@ -356,11 +361,11 @@ class CalibrationSession:
             steps += 1
 
         try:
+            self._require_agreement()
             images = CalibrationImages(**self._taken)
             made = calibrate(images, self.design, self.settings, self.sensor_id, report)
             report("drawing the certificate")
-            if _read_sensor_file(self.out) not in (None, self._agreed):
-                raise _replacement_refusal(self.out)
+            self._require_agreement()
             folder = save_sensor(self.out, made)
         except (NinedtactError, OSError) as refusal:
             self._set(phase=Phase.REFUSED, advice=str(refusal))
