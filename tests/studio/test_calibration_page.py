@@ -1,14 +1,25 @@
 """The page of a guided calibration in a real browser: a simulated sensor is calibrated to its certificate."""
 
+import re
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import PIPE
+from urllib.request import urlopen
 
+import numpy as np
+import pytest
 from playwright.sync_api import Browser, Page
 from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
 
+from ninedtact.calibration.guidance import locate_pins
 from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.cli.calibrate import CalibrateCommand, ImagesMissing
+from ninedtact.cli.calibration_page import CalibrationPageOptions
 from ninedtact.design import SensorDesign
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationSession, Phase
@@ -72,3 +83,38 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(brow
         desk.get_by_role("button", name="Open the sensor live").click()
         wait(session.live_requested.is_set)
     assert load_sensor(session.out).id == "s" and errors == []
+
+
+def test_the_command_serves_the_page_until_ctrl_c_and_writes_nothing(tmp_path: Path) -> None:
+    options = ["--page", "--source", "sim", "--port", "0", "--out", str(tmp_path / "s")]
+    command = subprocess.Popen(
+        [sys.executable, "-m", "ninedtact", "calibrate", *options], stdout=PIPE, stderr=PIPE, text=True
+    )
+    assert command.stdout is not None
+    address = re.search(r"open (http://127.0.0.1:\d+) in a browser; Ctrl-C ends", command.stdout.readline())
+    assert address is not None
+    with urlopen(address[1], timeout=60) as page:
+        assert page.status == 200
+    command.send_signal(signal.SIGINT)
+    _, complained = command.communicate(timeout=60)
+    assert command.returncode == 1 and not (tmp_path / "s").exists()
+    assert re.fullmatch(r"ninedtact: stopped before the calibration was complete; \S+ is as it was\n", complained)
+
+
+def test_a_page_takes_the_images_itself(tmp_path: Path) -> None:
+    with pytest.raises(ImagesMissing, match=r"expected --page alone or with --source, .* drop --page"):
+        CalibrateCommand(tmp_path / "s", images=tmp_path, on_page=CalibrationPageOptions(page=True)).run()
+
+
+def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "ninedtact.cli.calibrate.simulated_calibration_camera",
+        lambda design: PluggedCamera(TWIN, design, rate_hz=60.0),
+    )
+    images = CalibrateCommand(tmp_path / "s", source="sim").obtain_images()
+    assert images.board_pair is not None and images.ball_pair is not None
+    assert locate_pins(*images.board_pair, SensorDesign(), CalibrationSettings()).found == 63
+    darkening = np.subtract(*(image.astype(float) for image in images.ball_pair))
+    assert darkening.max() > 20 and images.ball_pair[0].shape == (240, 320, 3)

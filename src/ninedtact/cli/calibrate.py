@@ -7,7 +7,7 @@ images, says what it detects, and continues once it has what it needs.
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +22,7 @@ from ninedtact.cli.calibration_page import (
     simulated_calibration_camera,
 )
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError
 from ninedtact.open_sensor import is_simulated, source_for
@@ -127,9 +127,10 @@ class CalibrateCommand:
             self.source,
             self.automatic,
         )
-        sensor = guided.serve()
+        with redirect_stdout(sys.stderr if self.json else sys.stdout):
+            sensor = guided.serve()
         if sensor is None:
-            print("stopped before the calibration was complete; nothing was written", file=sys.stderr)
+            print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
             return 1
         return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
 

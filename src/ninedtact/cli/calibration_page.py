@@ -4,7 +4,9 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import sleep
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
 
 from ninedtact.cli.live import Live, PageSettings, require_page_library, serve_sensor_page
 from ninedtact.force.estimator_loading import NONE, PHYSICS
@@ -34,6 +36,8 @@ class CalibrationPageOptions:
     """Address of the page; with another one than this computer's own, the printed address contains a random token."""
     port: int | None = None
     """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
+    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
+    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ class GuidedCalibration:
         from ninedtact.studio.page_and_server import find_default_port, page_server
         from ninedtact.studio.socket_guard import SocketGuard
 
-        guard = SocketGuard.for_host(self.options.host)
+        guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
         port = find_default_port(self.options.host) if self.options.port is None else self.options.port
         cameras, simulated = list_calibration_cameras(self.source), simulated_calibration_camera(self.design)
         source = self.source or next(iter(cameras))

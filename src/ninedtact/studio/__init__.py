@@ -9,6 +9,6 @@ files, and presses a twin by hand. `sensor_poller` and `wrench_poller` read in t
 moment of each refresh (read it first), and `viewer` shows it in one browser, panel by panel. The panels are in `sensor_panels`,
 `view_panels` and `press_panel`; `page_cards` holds their pieces of HTML. `reading_view` draws images and surface of one
 reading, `skin_fields` its pressure and shear, `scene_3d` the 3D scene. `press_control` is what people do with a twin.
-`page_and_server` is the page with its web server, `socket_guard` says who may connect to it and how much clients may cost,
-`viser_guard` puts that guard under viser.
+`calibration_session` is a guided calibration, and `calibration_page` its page. `page_and_server` is the page with its web server,
+`socket_guard` says who may connect to it and how much clients may cost, `viser_guard` puts that guard under viser.
 """
