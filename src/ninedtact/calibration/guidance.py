@@ -58,7 +58,7 @@ class PinSighting:
     """Number of pins of the board."""
     found_px: Float[Array, "found 2"]
     missing_px: Float[Array, "missing 2"]
-    """Where the lens predicts the other pins; empty where too few were found for a lens."""
+    """Where the lens predicts the other pins, or where they are likely; empty where too few were found."""
     has_lens: bool
     """Whether enough pins were found for a lens."""
     side: str
@@ -81,8 +81,10 @@ def locate_pins(
         fit = fit_board(reference, press, design.pin_board, settings.camera_rotation_deg)
     except BoardNotFound as refusal:
         found_px = np.asarray(refusal.detected_px, float).reshape(-1, 2)
-        side = _side_in_words(1 - found_px.mean(axis=0) / half) if len(found_px) else ""
-        return PinSighting(expected, found_px, np.empty((0, 2)), has_lens=False, side=side)
+        missing_px = refusal.missing_px
+        towards = missing_px.mean(axis=0) / half - 1 if len(missing_px) else 1 - found_px.mean(axis=0) / half
+        side = _side_in_words(towards) if len(found_px) else ""
+        return PinSighting(expected, found_px, refusal.missing_px, has_lens=False, side=side)
     missing_px = fit.points_px[~fit.found]
     side = _side_in_words(missing_px.mean(axis=0) / half - 1) if len(missing_px) else ""
     return PinSighting(
