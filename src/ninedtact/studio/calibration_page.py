@@ -273,7 +273,7 @@ def _advice_html(state: CalibrationState) -> str:
     return (
         f'<div role="status" style="margin:0.5em;padding:0.6em 0.8em;border-radius:6px;color:#fff;background:{tone};'
         f'overflow-wrap:anywhere"><div style="font-size:1.35em;font-weight:600;line-height:1.25">{escape(sentence)}</div>'
-        f'<div style="margin-top:0.3em;min-height:1.3em">{escape(detail)}</div></div>'
+        f'<div style="margin-top:0.3em;min-height:1.3em;font-size:1.1em">{escape(detail)}</div></div>'
     )
 
 
