@@ -1,6 +1,8 @@
 """The sensor in a MuJoCo scene: MuJoCo's own rays see the same undersides, and its forces are those of the gel."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -175,3 +177,14 @@ def test_gymnasium_accepts_the_environment_and_an_agent_follows_the_rail() -> No
     assert abs(state["offset_mm"]) < 1.0
     assert state["load_n"] == pytest.approx(1.0, abs=0.1)
     assert total > 5
+
+
+SNIPPETS = re.findall(
+    r"```python\n(.*?)```", (Path(__file__).parents[2] / "docs" / "simulators.md").read_text("utf-8"), re.DOTALL
+)
+
+
+@pytest.mark.interop
+@pytest.mark.parametrize("number", range(len(SNIPPETS)))
+def test_the_code_of_the_page_runs(number: int) -> None:
+    exec(SNIPPETS[number], {})

@@ -96,7 +96,7 @@ class EdgeFollowing(gymnasium.Env[Observation, np.ndarray]):  # type: ignore[mis
             reading = self._advance(np.array([0.0, 0.0, 1.0]))
         return self._observation(reading), self._state(reading)
 
-    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move for 20 ms."""
         before = self._progress_mm
         self._steps += 1
@@ -117,7 +117,7 @@ class EdgeFollowing(gymnasium.Env[Observation, np.ndarray]):  # type: ignore[mis
         assert self._reading is not None
         return cv2.cvtColor(self._reading.frame.image, cv2.COLOR_BGR2RGB)
 
-    def _advance(self, action: np.ndarray) -> TactileReading:
+    def _advance(self, action: Any) -> TactileReading:
         """Move the springs' ends and return what the sensor shows and feels after a step."""
         self.data.ctrl += action * SPEED_MM_PER_S * STEP_S / 1e3
         mujoco.mj_step(self.model, self.data, SUBSTEPS)

@@ -51,7 +51,7 @@ _ORIGIN_WITHIN_MM = 3.0
 """Largest |x| and |y| of the origin when it is moved, so that the grid about it always holds what the camera sees."""
 _RIM_MM = 0.5
 """Width of the gel's rim, and of the grid's, on which nothing presses: an object that is larger than the gel ends there."""
-_FRICTION_TOLERANCE = 0.04
+_FRICTION_TOLERANCE = 0.08
 """Error of the gel's friction, as a part of the load, that is left as it is."""
 _SLIPS_FROM = 0.98
 """Part of the largest friction from which a body counts as sliding."""
