@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import PIPE
+from typing import Any
 from urllib.request import urlopen
 
 import numpy as np
@@ -19,11 +20,12 @@ from ninedtact.calibration.guidance import locate_pins
 from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli.calibrate import CalibrateCommand, ImagesMissing
-from ninedtact.cli.calibration_page import CalibrationPageOptions
+from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedCalibration
 from ninedtact.design import SensorDesign
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationSession, Phase
 from ninedtact.studio.page_and_server import page_server
+from ninedtact.studio.socket_guard import SocketGuard
 
 PATIENCE_S = 120.0
 
@@ -118,3 +120,17 @@ def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
     assert locate_pins(*images.board_pair, SensorDesign(), CalibrationSettings()).found == 63
     darkening = np.subtract(*(image.astype(float) for image in images.ball_pair))
     assert darkening.max() > 20 and images.ball_pair[0].shape == (240, 320, 3)
+
+
+def test_the_live_page_follows_at_the_same_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    served: list[Any] = []
+    monkeypatch.setattr(
+        "ninedtact.cli.calibration_page.serve_sensor_page", lambda *args, **options: served.append((*args, options))
+    )
+    options, guard = CalibrationPageOptions(page=True, host="0.0.0.0"), SocketGuard.for_host("0.0.0.0")
+    guided = GuidedCalibration(tmp_path / "small", "small", SensorDesign(), CalibrationSettings(), options)
+    guided._serve_live(load_sensor(sensor_folder(guided.out)), "0", 1234, guard)
+    ((folder, sensor, wrenches, settings, more),) = served
+    assert folder.id == "small" and sensor.source.name == "camera 0" and wrenches == []
+    assert (settings.host, settings.port, settings.guard) == ("0.0.0.0", 1234, guard)
+    assert settings.force == "none" and more["pressed"] is None  # a sensor without a twin has no force by physics

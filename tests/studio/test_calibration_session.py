@@ -12,8 +12,9 @@ from small_sensor import sensor_folder, wait_until
 
 from ninedtact.calibration.guidance import PinSighting
 from ninedtact.calibration.procedure import CalibrationSettings
-from ninedtact.capture.frame_source import CameraNotFound
+from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEnded
 from ninedtact.design import SensorDesign
+from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import GaugePress
 from ninedtact.studio.calibration_page import draw_pins
 from ninedtact.studio.calibration_session import CalibrationSession, Phase, SensorWouldBeReplaced
@@ -124,3 +125,39 @@ def test_pins_are_drawn_where_they_are() -> None:
     changed = np.argwhere((drawn != grey).any(axis=2))
     assert {(row // 50, column // 100) for row, column in changed.tolist()} >= {(0, 1)}
     assert tuple(drawn[30, 150]) == (0, 94, 213) and (drawn[50, 50] == 120).all() and (grey == 120).all()
+
+
+class ShortRecording(FrameSource):
+    """A recording of three images without contact."""
+
+    name, is_live = "recording", False
+
+    def open(self) -> None:
+        self.left = 3
+
+    def read(self) -> Frame:
+        if self.left == 0:
+            raise SourceEnded("expected an image, got the end")
+        self.left -= 1
+        return Frame(TWIN.renderer(None, self.left))
+
+    def close(self) -> None:
+        self.left = 0
+
+
+def test_a_recording_repeats_in_the_preview_and_is_refused_where_it_ends_too_soon(tmp_path: Path) -> None:
+    with CalibrationSession(tmp_path / "s", lambda address: ShortRecording(), "video") as session:
+        wait_until(lambda: session.state.quality is not None)
+        session.start()
+        wait_until(lambda: session.state.phase is Phase.REFUSED)
+        assert "got the end of the recording; start over" in session.state.advice
+        session.start_over()
+        assert session.state.phase is Phase.PREVIEW
+
+
+def test_an_error_of_the_program_is_not_kept_from_the_page(tmp_path: Path) -> None:
+    def open_source(address: str) -> FrameSource:
+        raise ZeroDivisionError
+
+    with CalibrationSession(tmp_path / "s", open_source, "sim") as session, pytest.raises(ZeroDivisionError):
+        wait_until(lambda: session.state.phase is Phase.RESULT)
