@@ -48,6 +48,8 @@ HEAVY = {
     "ezdxf": {"hardware.export"},
     "shapely": {"hardware.led_board"},
     "cyclonedds": {"interop"},
+    "mujoco": {"interop"},
+    "gymnasium": {"interop"},
     "rosbags": {"recording", "interop"},
     "mcap": {"recording"},
     "bota_driver": {"capture"},
@@ -108,7 +110,7 @@ def test_a_heavy_library_is_imported_by_its_package_only(path: Path) -> None:
         assert home is None or set(enclosing_packages(path)) & home, f"{path} imports {name}"
 
 
-ALL_HEAVY = ("cv2", "scipy", "torch", "viser", "matplotlib", "build123d", "OCP", "ezdxf")
+ALL_HEAVY = ("cv2", "scipy", "torch", "viser", "matplotlib", "build123d", "OCP", "ezdxf", "mujoco", "gymnasium")
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_fit import rectified_brightness_change
 from ninedtact.calibration.ball.contact_circle import (
@@ -44,12 +46,66 @@ PATIENCE = 4
 """Number of still presses that are skipped in favour of a better one."""
 
 
+_OFF_CENTRE = 0.12
+"""Distance from the middle of the image, as a fraction of half its width or height, from which a side of it is named."""
+
+
+@dataclass(frozen=True)
+class PinSighting:
+    """The pins of the board in one image of a press."""
+
+    expected: int
+    """Number of pins of the board."""
+    found_px: Float[Array, "found 2"]
+    missing_px: Float[Array, "missing 2"]
+    """Where the lens predicts the other pins, or where they are likely; empty where too few were found."""
+    has_lens: bool
+    """Whether enough pins were found for a lens."""
+    side: str
+    """Part of the image in which pins are missing, such as "lower left"; empty where none are missing."""
+    contrast_grey_levels: float = 0.0
+    noise_grey_levels: float = 0.0
+
+    @property
+    def found(self) -> int:
+        """Number of pins found."""
+        return len(self.found_px)
+
+
+def locate_pins(
+    reference: BgrImage, press: BgrImage, design: SensorDesign, settings: CalibrationSettings
+) -> PinSighting:
+    """Return which pins a press shows and where others are missing; raises `ImageUnusable`."""
+    expected, half = design.pin_board.count, np.array(press.shape[1::-1]) / 2
+    try:
+        fit = fit_board(reference, press, design.pin_board, settings.camera_rotation_deg)
+    except BoardNotFound as refusal:
+        found_px = np.asarray(refusal.detected_px, float).reshape(-1, 2)
+        missing_px = refusal.missing_px
+        towards = missing_px.mean(axis=0) / half - 1 if len(missing_px) else 1 - found_px.mean(axis=0) / half
+        side = _side_in_words(towards) if len(found_px) else ""
+        return PinSighting(expected, found_px, refusal.missing_px, has_lens=False, side=side)
+    missing_px = fit.points_px[~fit.found]
+    side = _side_in_words(missing_px.mean(axis=0) / half - 1) if len(missing_px) else ""
+    return PinSighting(
+        expected, fit.points_px[fit.found], missing_px, True, side, float(np.median(fit.contrast)), fit.noise
+    )
+
+
+def _side_in_words(towards: Float[Array, " 2"]) -> str:
+    """Return the part of the image in a direction from its middle, columns to the right and rows down."""
+    column, row = (0 if abs(part) < _OFF_CENTRE else int(np.sign(part)) for part in towards.tolist())
+    return " ".join(filter(None, (("upper", "", "lower")[row + 1], ("left", "", "right")[column + 1]))) or "middle"
+
+
 @dataclass(frozen=True)
 class CalibrationStepAdvice:
     """Advice about the latest image, and the image to keep once the step is done."""
 
     sentence: str
     image: BgrImage | None = None
+    pins: PinSighting | None = None
+    """The pins of the board, where this image was searched for them."""
 
 
 @dataclass
@@ -114,10 +170,10 @@ def _watch_reference(like: BgrImage | None) -> ImageWatcher:
     still = _StillFrameAverager()
 
     def watch(image: BgrImage) -> CalibrationStepAdvice:
-        hint = _exposure_advice(image)
+        hint = exposure_advice(image)
         if hint:
             return CalibrationStepAdvice(hint)
-        if like is not None and (change := _max_brightness_change(like, image)) > 2 * TOUCHED_LEVELS:
+        if like is not None and (change := max_brightness_change(like, image)) > 2 * TOUCHED_LEVELS:
             still.images.clear()
             return CalibrationStepAdvice(f"something still touches the skin ({change:.0f} grey levels); wait")
         mean = still.add(image)
@@ -128,7 +184,7 @@ def _watch_reference(like: BgrImage | None) -> ImageWatcher:
     return watch
 
 
-def _exposure_advice(image: BgrImage) -> str:
+def exposure_advice(image: BgrImage) -> str:
     """Return advice about the exposure, or an empty text."""
     grey = to_grey_float(image)
     if grey.mean() < 4 * MIN_LIT_GREY_LEVEL:
@@ -138,7 +194,7 @@ def _exposure_advice(image: BgrImage) -> str:
     return ""
 
 
-def _max_brightness_change(reference: BgrImage, image: BgrImage) -> float:
+def max_brightness_change(reference: BgrImage, image: BgrImage) -> float:
     """Return the largest change of brightness that is wider than a few pixels, in grey levels."""
     change = smooth_gaussian(relative_brightness_change(reference, image), 4.0)
     return float(np.abs(change - np.median(change)).max())
@@ -157,7 +213,7 @@ class _BoardPressWatcher:
 
     def __call__(self, image: BgrImage) -> CalibrationStepAdvice:
         """Evaluate one image."""
-        if _max_brightness_change(self.reference, image) < TOUCHED_LEVELS:
+        if max_brightness_change(self.reference, image) < TOUCHED_LEVELS:
             self.still.images.clear()
             return CalibrationStepAdvice("nothing touches the skin yet")
         mean = self.still.add(image)
@@ -169,22 +225,20 @@ class _BoardPressWatcher:
 
     def _judge_press(self, mean: BgrImage) -> CalibrationStepAdvice:
         """Return the advice about a still press, and the image where it is good enough."""
-        expected = self.design.pin_board.count
-        try:
-            fit = fit_board(self.reference, mean, self.design.pin_board, self.settings.camera_rotation_deg)
-        except BoardNotFound as refusal:
+        pins = locate_pins(self.reference, mean, self.design, self.settings)
+        self.patience -= pins.has_lens
+        if not pins.has_lens or (pins.found < pins.expected and self.patience > 0):
             self.still.images.clear()
-            self.count = f"pins {refusal.found} of {expected}: press harder and hold the board flat; "
-            return CalibrationStepAdvice(self.count)
-        found, contrast = int(fit.found.sum()), float(np.median(fit.contrast))
-        self.patience -= 1
-        if found < expected and self.patience > 0:
-            self.still.images.clear()
-            self.count = f"pins {found} of {expected}: press harder at {fit.missing_pins[0]}; "
-            return CalibrationStepAdvice(self.count)
-        focus = "" if contrast > 10 * fit.noise else "; faint: press harder next time, check the focus"
+            where = f"press the {pins.side} of the image harder" if pins.side else "press harder"
+            flat = "" if pins.has_lens else " and hold the board flat"
+            self.count = f"pins {pins.found} of {pins.expected}: {where}{flat}; "
+            return CalibrationStepAdvice(self.count, pins=pins)
+        faint = pins.contrast_grey_levels <= 10 * pins.noise_grey_levels
+        focus = "; faint: press harder next time, check the focus" if faint else ""
         return CalibrationStepAdvice(
-            f"board taken: {found} of {expected} pins, {contrast:.0f} grey levels deep{focus}", mean
+            f"board taken: {pins.found} of {pins.expected} pins, {pins.contrast_grey_levels:.0f} grey levels deep{focus}",
+            mean,
+            pins,
         )
 
 

@@ -7,7 +7,7 @@ images, says what it detects, and continues once it has what it needs.
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,11 +16,16 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from msgspec import structs
 
+from ninedtact.cli.calibration_page import (
+    CalibrationPageOptions,
+    GuidedCalibration,
+    simulated_calibration_camera,
+)
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError
-from ninedtact.open_sensor import source_for
+from ninedtact.open_sensor import is_simulated, source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.board.detection import BoardNotFound
@@ -54,8 +59,8 @@ class CalibrateCommand:
     """Calibrate a sensor from one press of the pin board and one of the ball.
 
     Give the four images, or a folder of them, and the command asks nothing. Give --source, and the terminal guides you through
-    the presses. The two images of the board alone make a sensor that rectifies images; the two of the ball alone complete the
-    sensor at --out, or an imported one.
+    the presses, or with --page a page in the browser. The two images of the board alone make a sensor that rectifies images; the
+    two of the ball alone complete the sensor at --out, or an imported one.
     """
 
     out: Path
@@ -73,7 +78,8 @@ class CalibrateCommand:
     images: Path | None = None
     """Folder with board_reference.png, board.png, ball_reference.png and ball.png, such as images/ of a sensor folder."""
     source: str | None = None
-    """Take the images with this camera (0, /dev/video0, the URL of a stream) or from a recording (a video, a folder)."""
+    """Take the images with this camera (0, /dev/video0, the URL of a stream) or from a recording (a video, a folder); or sim, a
+    simulated sensor, on which board and ball are pressed by themselves."""
     automatic: bool = False
     """Keep the camera's automatic exposure and white balance, where they cannot be switched off. Depths then drift."""
     ball_radius_mm: float | None = None
@@ -81,6 +87,7 @@ class CalibrateCommand:
     id: str | None = None
     """Name of the sensor. Without it, the folder's name is used."""
     options: Annotated[CalibrationOptions, tyro.conf.arg(name="")] = CalibrationOptions()
+    on_page: Annotated[CalibrationPageOptions, tyro.conf.arg(name="")] = CalibrationPageOptions()
     design_file: DesignFileOption = None
     """Design file of the sensor (TOML). Its dimensions can also be given one by one, see below."""
     design: SensorDesign = SensorDesign()
@@ -93,6 +100,8 @@ class CalibrateCommand:
         from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 
         require_replaceable_sensor_folder(self.out)
+        if self.on_page.page:
+            return self._calibrate_on_page()
         with _StepLine() as line, TemporaryDirectory() as scratch:
             try:
                 made = self._calibrate(Path(scratch), line.show)
@@ -100,7 +109,30 @@ class CalibrateCommand:
                 raise _with_overlay_image(refusal, self.out) from refusal
             line.show("drawing the certificate")
             sensor = save_sensor(self.out, made)
-        return print_result(self.json, _to_json_dict(sensor, made), _format_calibration(sensor, made))
+        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
+
+    def _calibrate_on_page(self) -> int:
+        """Serve the guided calibration in the browser until Ctrl-C, and print its result; raises `ImagesMissing`."""
+        images_given = self.images is not None or any(getattr(self, name) for name in _IMAGE_NAMES)
+        if images_given or self.from_import is not None:
+            raise ImagesMissing(
+                "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
+            )
+        guided = GuidedCalibration(
+            self.out,
+            self.id or self.out.name,
+            self.resolved_design,
+            self.options.settings(),
+            self.on_page,
+            self.source,
+            self.automatic,
+        )
+        with redirect_stdout(sys.stderr if self.json else sys.stdout):
+            sensor = guided.serve()
+        if sensor is None:
+            print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
+            return 1
+        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
 
     def _calibrate(self, scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
         """Calibrate from all presses, or with images of a ball on the sensor that has the lens already."""
@@ -264,20 +296,24 @@ def _capture_guided_images(
 
     status = _StatusLine()
     taken: dict[str, BgrImage] = {}
-    with _open_camera(source, automatic) as camera:
+    simulated = simulated_calibration_camera(design) if is_simulated(source) else None
+    with _open_camera(source if simulated is None else simulated, automatic) as camera:
         for step in guided_capture_steps(design, settings):
             status.print_title(step.instruction)
+            if simulated is not None:
+                simulated.follow(step.name)
             taken[step.name] = _follow_step(step, camera, taken, status)
     return CalibrationImages(**taken)
 
 
 @contextmanager
-def _open_camera(source: str, automatic: bool) -> "Iterator[FrameSource]":
+def _open_camera(source: "str | FrameSource", automatic: bool) -> "Iterator[FrameSource]":
     """Open the source; a camera gives its newest frame, a recording every frame."""
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-    camera = source_for(source, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
+    settings = DEFAULT_CAMERA if automatic else FIXED_EXPOSURE
+    camera = source_for(source, settings) if isinstance(source, str) else source
     with LatestFrameSource(camera) if camera.is_live else camera as frames:
         yield frames
 
@@ -314,13 +350,13 @@ def _with_overlay_image(refusal: "BoardNotFound", out: Path) -> NinedtactError:
     return refusal.with_drawing(path)
 
 
-def _to_json_dict(sensor: "SensorFolder", made: "Calibration") -> dict[str, object]:
+def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
     """Return the certificate and its checks for scripts."""
     import msgspec
 
     from ninedtact.calibration.certificate.checks import check_certificate, overall_check_level
 
-    certificate = made.record.certificate
+    certificate = sensor.record.certificate
     assert certificate is not None
     return {
         "sensor": str(sensor.path),
@@ -334,11 +370,11 @@ def _to_json_dict(sensor: "SensorFolder", made: "Calibration") -> dict[str, obje
     }
 
 
-def _format_calibration(sensor: "SensorFolder", made: "Calibration") -> Iterator[str]:
+def _format_calibration(sensor: "SensorFolder") -> Iterator[str]:
     """Yield the certificate in a few lines."""
     from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate
 
-    certificate = made.record.certificate
+    certificate = sensor.record.certificate
     assert certificate is not None
     yield f"sensor {sensor.id} calibrated: {sensor.path}   (± is one standard deviation)"
     if (board := certificate.board) is not None:
@@ -348,7 +384,7 @@ def _format_calibration(sensor: "SensorFolder", made: "Calibration") -> Iterator
         )
         yield f"  scale  {board.mm_per_px:.5f} ± {board.mm_per_px_std:.5f} mm per pixel"
     else:
-        yield f"  scale  {made.rectify.mm_per_px:.5f} mm per pixel, with the imported rectification"
+        yield f"  scale  {sensor.record.grid.mm_per_px:.5f} mm per pixel, with the imported rectification"
     if (ball := certificate.ball) is not None:
         yield (
             f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f} mm deep, reconstructed to "

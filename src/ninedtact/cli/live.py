@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ninedtact.simulation.press_simulation import PressSimulation
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.displayed_reading import PageController
+    from ninedtact.studio.socket_guard import SocketGuard
     from ninedtact.studio.viewer import PanelFactory
     from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller
 
@@ -205,6 +206,8 @@ class PageSettings:
     """Specification of the force estimator."""
     allow_origin: tuple[str, ...] = ()
     """Websites that may use the page besides the page itself."""
+    guard: "SocketGuard | None" = None
+    """The rules by which requests are accepted; None takes those of the host and the allowed websites."""
 
 
 def serve_sensor_page(
@@ -227,7 +230,7 @@ def serve_sensor_page(
     from ninedtact.studio.socket_guard import SocketGuard
 
     with ExitStack() as opened:
-        guard = SocketGuard.for_host(settings.host, settings.allow_origin)
+        guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
         port = find_default_port(settings.host) if settings.port is None else settings.port
         server = opened.enter_context(page_server(settings.host, port, guard))
         estimates = _estimate_history(sensor, settings.force, folder)

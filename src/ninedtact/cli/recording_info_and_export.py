@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -72,6 +72,10 @@ class Export:
     """File that `ninedtact record` or `ninedtact collect` wrote."""
     out: Path
     """New or empty folder."""
+    to: Literal["files", "lerobot"] = "files"
+    """`lerobot` writes a LeRobotDataset v3.0 of one episode: images, and wrenches at their times."""
+    task: str = "touch"
+    """With `--to lerobot`: what is done in the recording, in words."""
     json: bool = False
     """Print the result as one JSON object."""
 
@@ -82,6 +86,7 @@ class Export:
         require_recording_libraries()
         from tqdm import tqdm
 
+        from ninedtact.interop.lerobot import export_lerobot
         from ninedtact.recording.export import export_recording
         from ninedtact.recording.reader import Recording
         from ninedtact.recording.ros_messages import Topic
@@ -89,7 +94,10 @@ class Export:
         with Recording(self.recording) as recording:
             images = len(recording.positions(Topic.IMAGES))
             with tqdm(total=images, unit="images", disable=self.json) as bar:
-                written = export_recording(recording, self.out, on_image=bar.update)
+                if self.to == "lerobot":
+                    written = export_lerobot([recording], self.out, self.task, on_image=bar.update)
+                else:
+                    written = export_recording(recording, self.out, on_image=bar.update)
             finished = recording.is_finished
         figures = {"out": str(self.out), "finished": finished, "written": written}
         lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.capture.strict_image_reading import average_images
-from ninedtact.design import PinBoard, SensorDesign
+from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter_primitives import Ball
@@ -41,6 +41,10 @@ class CalibrationPresses:
         """Return presses whose depths are multiplied by a factor."""
         return replace(self, board_depth_mm=self.board_depth_mm * factor, ball_depth_mm=self.ball_depth_mm * factor)
 
+    def for_gel(self, gel: Gel) -> "CalibrationPresses":
+        """Return the presses for a gel; one that is thinner than the published gel is pressed proportionally less deep."""
+        return self.scaled(min(1.0, gel.thickness_mm / SensorDesign().gel.thickness_mm))
+
 
 DEFAULT_PRESSES = CalibrationPresses()
 GUIDED_PRESSES = CalibrationPresses(board_depth_mm=GUIDED_BOARD_MM)
@@ -70,9 +74,7 @@ def simulate_calibration_images(
     published one is pressed proportionally less deep.
     """
     settings = CALIBRATION_SOLVER_SETTINGS
-    finer = replace(twin, pitch_mm=design.pin_board.pitch_mm / GRID_POINTS_PER_PIN_PITCH)
-    thinner = min(1.0, design.gel.thickness_mm / SensorDesign().gel.thickness_mm)
-    scaled = presses.scaled(thinner)
+    finer, scaled = twin_for_board(twin, design), presses.for_gel(design.gel)
     board_press = ScriptedPress(scaled.board_depth_mm, tilt_rad=scaled.board_tilt_rad)
     ball_press = ScriptedPress(scaled.ball_depth_mm, drag_mm=scaled.ball_drag_mm)
     board = board_press.simulate(finer, pin_board_indenter(design.pin_board), settings)
@@ -86,6 +88,11 @@ def simulate_calibration_images(
             for contact, some in zip(contacts, numbers, strict=True)
         )
     )
+
+
+def twin_for_board(twin: Twin, design: SensorDesign) -> Twin:
+    """Return the twin on a grid that is fine enough for the pins of the board."""
+    return replace(twin, pitch_mm=design.pin_board.pitch_mm / GRID_POINTS_PER_PIN_PITCH)
 
 
 def pin_board_indenter(board: PinBoard) -> HeightGridIndenter:

@@ -10,6 +10,7 @@ moment of each refresh (read it first), and `viewer` shows it in one browser, pa
 `view_panels`, `press_panel` and `recordings_panel`; `page_cards` holds their pieces of HTML. `reading_view` draws images and
 surface of one reading, `skin_fields` its pressure and shear, `scene_3d` the 3D scene. `press_control` is what people do with a
 twin. `page_recorder` writes recordings, `recording_player` makes moments of them, `saved_files` holds what is saved.
+`calibration_session` is a guided calibration, and `calibration_page` its page.
 `page_and_server` is the page with its web server, `socket_guard` says who may connect to it and how much clients may cost,
 `viser_guard` puts that guard under viser.
 """

@@ -130,7 +130,7 @@ class SensorPage:
         server.gui.set_panel_label(title)
         server.scene.set_background_image(BACKGROUND)
         set_up_view(server, block)
-        _set_title_and_icon(server, f"{title} · 9DTact")
+        set_title_and_icon(server, f"{title} · 9DTact")
         server.on_client_connect(self._add_viewer)
         server.on_client_disconnect(self._remove_viewer)
 
@@ -163,7 +163,7 @@ class SensorPage:
             viewer.play(None)
 
 
-def _set_title_and_icon(server: ViserServer, title: str) -> None:
+def set_title_and_icon(server: ViserServer, title: str) -> None:
     """Name the tab of the browser, and give it an icon; viser 1.1 has no function for either."""
     source = (
         f"document.title = {json.dumps(title)}; let icon = document.querySelector('link[rel~=icon]') || "

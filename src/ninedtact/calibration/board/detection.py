@@ -6,11 +6,12 @@ Lattices are grown from dark spots of every likely size. The one with most pins,
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.lattice import (
@@ -83,6 +84,28 @@ def is_plausible_board(sighting: BoardCandidate, board: PinBoard) -> bool:
     return sighting.miss_mm < LARGEST * board.pitch_mm and len(sighting.lattice) >= FEWEST * board.count
 
 
+def predict_missing_pins(
+    sighting: BoardCandidate, board: PinBoard, seen_px: Float[Array, "seen 2"], shape: tuple[int, ...]
+) -> Float[Array, "missing 2"]:
+    """Return where a candidate's lens predicts pins within the image that were not seen.
+
+    Where a whole side is missing, the lattice may continue on either side: the board whose middle is nearest to that of the image
+    is taken, which is likely but not certain, so that this serves to advise and not to calibrate.
+    """
+    nodes, size = sighting.lattice.nodes, np.array(lattice_size(board, sighting.mounting))
+    grid = np.array([(column, row) for row in range(size[1]) for column in range(size[0])])
+    ranges = (range(low, high + 1) for low, high in zip(nodes.max(axis=0) - size + 1, nodes.min(axis=0), strict=True))
+    boards_px = [
+        sighting.fit.lens.to_px(pin_positions_mm(grid + corner, board, sighting.mounting))
+        for corner in product(*ranges)
+    ]
+    extent = np.array(shape[1::-1])
+    nearest = min(boards_px, key=lambda px: float(np.hypot(*(px.mean(axis=0) - extent / 2))))
+    apart_px = np.hypot(*(nearest[:, None] - seen_px[None]).transpose(2, 0, 1)).min(axis=1, initial=np.inf)
+    pitch_px = float(np.median(np.hypot(*np.diff(nearest.reshape(size[1], size[0], 2), axis=1).reshape(-1, 2).T)))
+    return nearest[(apart_px > pitch_px / 2) & ((nearest >= 0) & (nearest < extent)).all(axis=1)]
+
+
 def _is_unambiguous(sighting: BoardCandidate, board: PinBoard) -> bool:
     """Return whether no other candidate could be better."""
     return len(sighting.lattice) == board.count and sighting.fit.leave_one_out_rms_mm < CLEAR * board.pitch_mm
@@ -111,16 +134,24 @@ class BoardNotFound(CalibrationError):
     """The pin board is not in the image, or too little of it. Holds what was detected, for a drawing."""
 
     def __init__(
-        self, sentence: str, found: int, expected: int, detected_px: Points, change: Float32[Array, "rows cols"]
+        self,
+        sentence: str,
+        found: int,
+        expected: int,
+        detected_px: Points,
+        change: Float32[Array, "rows cols"],
+        missing_px: Float[Array, "missing 2"] | None = None,
     ) -> None:
         super().__init__(sentence)
         self.found, self.expected = found, expected
         self.detected_px, self.change = detected_px, change
+        self.missing_px = np.empty((0, 2)) if missing_px is None else missing_px
+        """Where the other pins are likely; empty where too little of the board was detected."""
 
     def with_drawing(self, path: Path) -> "BoardNotFound":
         """Return the same error, its message with the path of a drawing of what was detected."""
         sentence = f"{self}; what was detected is drawn in {path}"
-        return BoardNotFound(sentence, self.found, self.expected, self.detected_px, self.change)
+        return BoardNotFound(sentence, self.found, self.expected, self.detected_px, self.change, self.missing_px)
 
 
 def make_board_not_found_error(
@@ -134,7 +165,10 @@ def make_board_not_found_error(
     else:
         advice = "press harder, hold the board flatter so that all pins touch, and check that it is the design's board"
     words = f"expected {board.count} pins ({board.cols} x {board.rows}), found {len(seen_px)}; {advice}"
-    return BoardNotFound(words, len(seen_px), board.count, seen_px, change)
+    missing_px = None
+    if sighting is not None and len(seen_px) and is_plausible_board(sighting, board):
+        missing_px = predict_missing_pins(sighting, board, seen_px, change.shape)
+    return BoardNotFound(words, len(seen_px), board.count, seen_px, change, missing_px)
 
 
 def _images_look_swapped(change: Float32[Array, "rows cols"], board: PinBoard, sighting: BoardCandidate | None) -> bool:

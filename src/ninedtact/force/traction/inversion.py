@@ -202,7 +202,7 @@ class UncertaintyModel:
 
     thickness: float = 0.02
     """Relative error of the gel's thickness, as fitted to the ball press."""
-    unresolved: float = 0.35
+    unresolved: float = 0.45
     """Relative error per ratio of the resolution to the gel's thickness. Structure of a contact that the scattered light blurs is
     not resolved, and the thinner the gel, the more of the force it carries. Found on simulated sensors."""
     correlation: float = 1.8

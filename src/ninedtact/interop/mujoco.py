@@ -1,0 +1,418 @@
+"""A tactile sensor in a MuJoCo scene: the bodies that touch its gel press the twin, which gives the image and the gel's wrench.
+
+The sensor is a body of the scene whose frame is the sensor frame: origin in the middle of the undeformed skin, z outwards, x along
+the longer side. MuJoCo is in metres, the twin in mm. MuJoCo decides where bodies are and how hard they press: the twin's object
+has the shape, the position and the orientation of the bodies that touch, and sinks in until the gel resists with MuJoCo's load.
+
+MuJoCo's skin does not yield sideways, a gel does. While a body sticks, the object is therefore moved on by as much as the gel
+needs to resist with MuJoCo's friction. Where the friction of the scene is exhausted, the object slides as the body does.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib.util import find_spec
+from math import asin, atan2
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray as Array
+
+from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
+from ninedtact.errors import InputError, MissingLibraryError, SimulationError
+from ninedtact.interop.geom_undersides import (
+    BoxSolid,
+    CapsuleSolid,
+    CylinderSolid,
+    EllipsoidSolid,
+    MeshSolid,
+    Rotation,
+    Solid,
+    SolidsInPlace,
+    Vector,
+)
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame, HeightMap, Wrench
+from ninedtact.simulation.ground_truth import true_height_map
+from ninedtact.simulation.twin import Twin
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
+
+MM_PER_M = 1e3
+MIN_LOAD_N = 0.01
+"""Normal load below which nothing counts as touching; camera noise hides what it does to the gel."""
+_FIRST_DEPTH_MM = 0.3
+_MOVE_ORIGIN_MM = 1.0
+"""Distance between the origin of the twin's object and the centre of MuJoCo's contacts at which the origin is moved there."""
+_ORIGIN_WITHIN_MM = 3.0
+"""Largest |x| and |y| of the origin when it is moved, so that the grid about it always holds what the camera sees."""
+_RIM_MM = 0.5
+"""Width of the gel's rim, and of the grid's, on which nothing presses: an object that is larger than the gel ends there."""
+_FRICTION_TOLERANCE = 0.08
+"""Error of the gel's friction, as a part of the load, that is left as it is."""
+_SLIPS_FROM = 0.98
+"""Part of the largest friction from which a body counts as sliding."""
+_SOLVES_PER_STEP = 2
+HEIGHT_PITCH_MM = 0.2
+
+
+class MujocoMissing(MissingLibraryError):
+    """Raised where MuJoCo or Gymnasium is not installed."""
+
+
+class MujocoBodyUnusable(InputError):
+    """Raised for a body of the scene that cannot be a sensor, or that cannot press one."""
+
+
+class BodyThroughBase(SimulationError):
+    """Raised where a body of the scene reaches through the gel."""
+
+
+def require_mujoco(*packages: str) -> None:
+    """Raise `MujocoMissing` unless MuJoCo and these packages are installed."""
+    absent = [name for name in ("mujoco", *packages) if find_spec(name) is None]
+    if absent:
+        raise MujocoMissing(
+            f"expected {' and '.join(absent)}, got no such package; run pip install 'ninedtact[mujoco]'"
+        )
+
+
+@dataclass(frozen=True)
+class TactileReading:
+    """What the sensor shows and feels at one moment of the scene."""
+
+    frame: Frame
+    """The raw image of the camera, stamped with the time of the scene."""
+    wrench: Wrench
+    """What the object applies to the gel of the twin, about the middle of the undeformed skin, in the sensor frame."""
+    scene_wrench: Wrench
+    """The same from MuJoCo's contact forces."""
+    contact: Contact | None
+    """The gel's contact with pressure, shear and heights; None while nothing touches."""
+    area_mm: tuple[float, float]
+
+    @property
+    def heights(self) -> HeightMap:
+        """The true heights of the skin in mm over the sensing area, on a grid of 0.2 mm."""
+        shape = round(self.area_mm[1] / HEIGHT_PITCH_MM), round(self.area_mm[0] / HEIGHT_PITCH_MM)
+        if self.contact is None:
+            return HeightMap(np.zeros(shape, np.float32), np.full(shape, 2, np.uint8), HEIGHT_PITCH_MM)
+        return replace(true_height_map(self.contact, shape, HEIGHT_PITCH_MM), stamp_ns=self.frame.stamp_ns)
+
+
+@dataclass(frozen=True)
+class _BodyContact:
+    """One body of the scene on the gel: its place in the sensor frame, and what it applies to the gel."""
+
+    body: int
+    rotation: Rotation
+    origin_mm: Vector
+    centre_mm: Vector
+    """Mean of the contact points, weighted by their load."""
+    wrench: Wrench
+    friction: float
+    deepest_mm: float
+    """How far MuJoCo lets the body overlap the gel."""
+
+    @property
+    def load_n(self) -> float:
+        """The load towards the gel."""
+        return -float(self.wrench.force_n[2])
+
+
+@dataclass(frozen=True)
+class _Press:
+    """The last step of the twin, and where the body that leads the motion was."""
+
+    contact: Contact
+    """The contact of the linear solver, its object without rotation, as of the next step."""
+    leader: _BodyContact
+    lag_mm: Vector
+    """How far the twin's object is moved on from the body, x and y, because the gel yields."""
+    stiffness_n_per_mm: float
+
+
+@dataclass
+class TactileSensor(FrameSource):
+    """A sensor on a body of a MuJoCo scene. It is also a source of frames, which `ninedtact.open` takes in place of a camera.
+
+    Call `step` after as many `mj_step` as lie between two images. Bodies that touch at once press as one object, which moves as the
+    one with the largest load. Raises `MujocoMissing` and `MujocoBodyUnusable`.
+
+    >>> skin = TactileSensor(model, data, "sensor", "my_sensor")
+    >>> mujoco.mj_step(model, data, 8)
+    >>> reading = skin.step()
+    >>> reading.frame.image.shape, reading.wrench.force_n, reading.scene_wrench.force_n
+    """
+
+    model: Any
+    """The `mujoco.MjModel`."""
+    data: Any
+    """The `mujoco.MjData`."""
+    body: str
+    """Name of the body that carries the gel."""
+    sensor_folder: "SensorFolder | Twin | Path | str"
+    """A calibrated sensor, or a twin, as `ninedtact.default_twin()`."""
+    pitch_mm: float = 0.3
+    """Pitch of the grid on which the contact is solved; the twin's own, 0.2 mm, shows finer texture in more time."""
+    is_live = False
+    last: TactileReading | None = field(default=None, init=False, repr=False)
+    """The newest reading, for programs that read frames."""
+    is_open: bool = field(default=False, init=False)
+    _press_before: _Press | None = field(default=None, init=False, repr=False)
+    _frames: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        require_mujoco()
+        import mujoco
+
+        self._mujoco, self.name = mujoco, f"twin on MuJoCo body {self.body}"
+        self._body = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, self.body)
+        names = [self.model.body(number).name for number in range(1, self.model.nbody)]
+        if self._body <= 0:
+            raise MujocoBodyUnusable(
+                f"expected a body of the scene, one of {', '.join(names)}, got {self.body!r}; correct it"
+            )
+        if not self._geoms_of(self._body):
+            raise MujocoBodyUnusable(
+                f"expected body {self.body} to have a geom that collides, got none; give it a box whose upper face is the skin"
+            )
+
+    @cached_property
+    def twin(self) -> Twin:
+        """The twin that is pressed."""
+        from ninedtact.calibration.sensor_folder import load_sensor
+
+        given = self.sensor_folder
+        folder = load_sensor(given) if isinstance(given, Path | str) else given
+        return replace(folder if isinstance(folder, Twin) else folder.twin(), pitch_mm=self.pitch_mm)
+
+    def open(self) -> None:
+        """Begin with undeformed skin."""
+        self.is_open, self.last, self._press_before, self._frames = True, None, None, 0
+
+    def close(self) -> None:
+        """End the source; the scene is not changed."""
+        self.is_open = False
+
+    def read(self) -> Frame:
+        """Return the image of the scene as it is now."""
+        if not self.is_open:
+            raise SourceNotOpen(self.name)
+        return self.step().frame
+
+    def step(self) -> TactileReading:
+        """Press the twin as the scene is now, and return image, wrench and heights.
+
+        Raises `BodyThroughBase`, `MujocoBodyUnusable`, and what `Twin.step` raises.
+        """
+        touching = [one for one in self._body_contacts() if one.load_n > MIN_LOAD_N]
+        stamp_ns, self._frames = round(self.data.time * 1e9), self._frames + 1
+        self._press_before = press = self._press(touching) if touching else None
+        contact = None if press is None else self.twin.correct_contact(press.contact)
+        six = np.sum([one.wrench.six for one in touching], axis=0) if touching else np.zeros(6)
+        none = Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)
+        self.last = TactileReading(
+            Frame(self.twin.renderer(contact, self._frames), stamp_ns, self._frames - 1),
+            none if contact is None else replace(contact.wrench(), stamp_ns=stamp_ns),
+            replace(none, force_n=six[:3], torque_nm=six[3:]),
+            contact,
+            self.twin.area_mm,
+        )
+        return self.last
+
+    def _press(self, touching: list[_BodyContact]) -> _Press:
+        """Press the bodies that touch until the gel resists with their load and, where they stick, with their friction."""
+        leader = max(touching, key=lambda one: one.load_n)
+        self._require_above_base(touching)
+        before = self._press_before
+        last = before if before is not None and before.leader.body == leader.body else None
+        wanted = np.sum([one.wrench.force_n for one in touching], axis=0)
+        twin = self._twin_with_friction(round(leader.friction, 3))
+        centre = np.clip(leader.centre_mm[:2], -_ORIGIN_WITHIN_MM, _ORIGIN_WITHIN_MM)
+        contact = twin.model.initial_contact() if last is None else _move_origin(last, centre)
+        pose, lag = _pose_now(contact, last, leader, centre), np.zeros(3) if last is None else last.lag_mm
+        stiffness = 0.0 if last is None else last.stiffness_n_per_mm
+        slides = np.hypot(*wanted[:2]) > _SLIPS_FROM * leader.friction * -wanted[2]
+        if last is not None and not slides:
+            lag = lag + _sideways(wanted - last.contact.wrench().force_n) / stiffness
+        tried: list[tuple[Vector, Vector]] = []
+        for _ in range(_SOLVES_PER_STEP):
+            about = (float(pose.x_mm + lag[0]), float(pose.y_mm + lag[1]))
+            solids = self._solids([one.body for one in touching], lag, about)
+            solved = twin.step(contact, solids, replace(pose, x_mm=about[0], y_mm=about[1]), float(-wanted[2]))
+            tried.append((lag, solved.wrench().force_n))
+            stiffness = _shear_stiffness(solved, tried, stiffness)
+            missing = wanted - tried[-1][1]
+            if slides or np.hypot(*missing[:2]) < _FRICTION_TOLERANCE * -wanted[2]:
+                break
+            lag = lag + _sideways(missing) / stiffness
+        return _Press(solved, leader, tried[-1][0], stiffness)
+
+    def _twin_with_friction(self, friction: float) -> Twin:
+        """Return the twin with the friction of the scene."""
+        if friction not in self._twins:
+            self._twins[friction] = replace(self.twin, friction=friction)
+        return self._twins[friction]
+
+    @cached_property
+    def _twins(self) -> dict[float, Twin]:
+        """Twins by friction, because each prepares its skin once."""
+        return {}
+
+    def _require_above_base(self, touching: list[_BodyContact]) -> None:
+        """Refuse bodies that overlap the gel by more than its thickness; raises `BodyThroughBase`."""
+        for one in touching:
+            if one.deepest_mm >= self.twin.thickness_mm:
+                raise BodyThroughBase(
+                    f"expected body {self.model.body(one.body).name or one.body} less deep in the gel than its base, "
+                    f"{self.twin.thickness_mm:g} mm, got {one.deepest_mm:.2f} mm at {self.data.time:.3f} s; place it above the "
+                    "skin, move it slower, or take smaller time steps"
+                )
+
+    def _body_contacts(self) -> list[_BodyContact]:
+        """Return every body on the gel with what MuJoCo's contacts say of it."""
+        frame, origin = self._rotation_of(self._body), MM_PER_M * self.data.xpos[self._body]
+        six, found = np.zeros(6), dict[int, list[tuple[Array, Array, float, float]]]()
+        for number in range(self.data.ncon):
+            contact = self.data.contact[number]
+            bodies = self.model.geom_bodyid[contact.geom]
+            if self._body not in bodies or bodies[0] == bodies[1] or contact.efc_address < 0:
+                continue
+            self._mujoco.mj_contactForce(self.model, self.data, number, six)
+            axes, on_second = contact.frame.reshape(3, 3), bodies[1] == self._body
+            sign = 1.0 if on_second else -1.0
+            force, twist = (sign * frame.T @ axes.T @ part for part in (six[:3], six[3:]))
+            place = frame.T @ (MM_PER_M * contact.pos - origin)
+            parts = np.concatenate([force, twist + np.cross(place, force) / MM_PER_M]), place
+            found.setdefault(int(bodies[0 if on_second else 1]), []).append(
+                (*parts, float(contact.friction[0]), -MM_PER_M * float(contact.dist))
+            )
+        return [self._body_contact(body, parts, frame, origin) for body, parts in found.items()]
+
+    def _body_contact(
+        self, body: int, parts: list[tuple[Array, Array, float, float]], frame: Any, origin: Any
+    ) -> _BodyContact:
+        """Return the sum of one body's contacts."""
+        sixes, places, frictions, overlaps = (np.array(column) for column in zip(*parts, strict=True))
+        six, loads = sixes.sum(axis=0), np.maximum(-sixes[:, 2], 0.0) + 1e-9
+        return _BodyContact(
+            body,
+            frame.T @ self._rotation_of(body),
+            frame.T @ (MM_PER_M * self.data.xpos[body] - origin),
+            np.average(places, axis=0, weights=loads),
+            Wrench(six[:3], six[3:]),
+            float(frictions.max()),
+            float(overlaps.max()),
+        )
+
+    def _rotation_of(self, body: int) -> Float64[Array, "3 3"]:
+        """Return the matrix whose columns are a body's axes in the world."""
+        return np.array(self.data.xmat[body]).reshape(3, 3)
+
+    def _geoms_of(self, body: int) -> list[int]:
+        """Return the geoms of a body that collide."""
+        first, many = self.model.body_geomadr[body], self.model.body_geomnum[body]
+        collides = self.model.geom_contype | self.model.geom_conaffinity
+        return [geom for geom in range(first, first + many) if collides[geom]]
+
+    def _solids(self, bodies: list[int], lag_mm: Vector, about_mm: tuple[float, float]) -> SolidsInPlace:
+        """Return the bodies as one indenter about a point, moved on by the lag of the gel."""
+        solids = tuple(self._solid(geom, lag_mm) for body in bodies for geom in self._geoms_of(body))
+        names = "+".join(self.model.body(body).name or f"body {body}" for body in bodies)
+        grid = self.twin.model.skin.grid
+        sides = zip(self.twin.gel_mm, (grid.width_mm, grid.height_mm), about_mm, strict=True)
+        reach = [(max(-gel / 2, at - side / 2), min(gel / 2, at + side / 2)) for gel, side, at in sides]
+        whole = SolidsInPlace(names, solids, about_mm, [(low + _RIM_MM, high - _RIM_MM) for low, high in reach])
+        lowest = float(whole.underside_mm(*self.twin.model.skin.coordinates_mm).min())
+        return replace(whole, base_mm=lowest)
+
+    def _solid(self, geom: int, lag_mm: Vector) -> Solid:
+        """Return one geom in the sensor frame; raises `MujocoBodyUnusable`."""
+        frame, kinds = self._rotation_of(self._body), self._mujoco.mjtGeom
+        rotation = frame.T @ np.array(self.data.geom_xmat[geom]).reshape(3, 3)
+        centre = frame.T @ (MM_PER_M * (self.data.geom_xpos[geom] - self.data.xpos[self._body])) + lag_mm
+        size, kind = (MM_PER_M * self.model.geom_size[geom]).tolist(), self.model.geom_type[geom]
+        if kind == kinds.mjGEOM_SPHERE:
+            return EllipsoidSolid(centre, rotation, (size[0],) * 3)
+        if kind == kinds.mjGEOM_ELLIPSOID:
+            return EllipsoidSolid(centre, rotation, tuple(size))
+        if kind == kinds.mjGEOM_BOX:
+            return BoxSolid(centre, rotation, tuple(size))
+        if kind == kinds.mjGEOM_CYLINDER:
+            return CylinderSolid(centre, rotation, tuple(size[:2]))
+        if kind == kinds.mjGEOM_CAPSULE:
+            return CapsuleSolid(centre, rotation, tuple(size[:2]))
+        if kind == kinds.mjGEOM_MESH:
+            return MeshSolid(centre, rotation, (), self._triangles_mm(int(self.model.geom_dataid[geom])))
+        name = self.model.body(self.model.geom_bodyid[geom]).name or "world"
+        raise MujocoBodyUnusable(
+            f"expected body {name} to consist of spheres, ellipsoids, boxes, cylinders, capsules or meshes where it touches the "
+            f"gel, got a {kinds(kind).name.removeprefix('mjGEOM_').lower()}; replace it, or keep it off the sensor"
+        )
+
+    def _triangles_mm(self, mesh: int) -> Float64[Array, "triangles 3 3"]:
+        """Return the triangles of a mesh of the scene in the frame of its geom."""
+        if mesh not in self._meshes:
+            vertex, face = self.model.mesh_vertadr[mesh], self.model.mesh_faceadr[mesh]
+            vertices = self.model.mesh_vert[vertex : vertex + self.model.mesh_vertnum[mesh]].astype(float) * MM_PER_M
+            self._meshes[mesh] = vertices[self.model.mesh_face[face : face + self.model.mesh_facenum[mesh]]]
+        return self._meshes[mesh]
+
+    @cached_property
+    def _meshes(self) -> dict[int, Array]:
+        """Triangles by mesh, because they do not change."""
+        return {}
+
+
+def _move_origin(last: _Press, centre_mm: Float64[Array, "2"]) -> Contact:
+    """Return the last contact with its grid over the point of the object where the centre of the contacts is now.
+
+    The grid moves by whole pitches, so that no field is interpolated.
+    """
+    contact, pitch = last.contact, last.contact.skin.grid.pitch_mm
+    away = centre_mm + last.lag_mm[:2] - (contact.pose.x_mm, contact.pose.y_mm)
+    if np.abs(away).max() < _MOVE_ORIGIN_MM:
+        return contact
+    cols, rows = np.round(away / pitch).astype(int).tolist()
+    names = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
+    fields = {name: np.roll(getattr(contact, name), (-rows, -cols), axis=(-2, -1)) for name in names}
+    pose = replace(contact.pose, x_mm=contact.pose.x_mm + cols * pitch, y_mm=contact.pose.y_mm + rows * pitch)
+    return replace(contact, pose=pose, **fields)
+
+
+def _pose_now(before: Contact, last: _Press | None, leader: _BodyContact, centre_mm: Float64[Array, "2"]) -> Pose:
+    """Return where the point of the object at the origin of the last contact is now, without lag, and how it has turned."""
+    if last is None:
+        return Pose(float(centre_mm[0]), float(centre_mm[1]), _FIRST_DEPTH_MM)
+    turned = leader.rotation @ last.leader.rotation.T
+    origin = before.pose.origin_mm - last.lag_mm
+    x, y, _ = (turned @ (origin - last.leader.origin_mm) + leader.origin_mm).tolist()
+    # The angles of `Pose`: the twist about z first, then the tilts about x and y.
+    tilt_x = -asin(float(np.clip(turned[1, 2], -1, 1)))
+    angles = atan2(turned[1, 0], turned[1, 1]), tilt_x, atan2(turned[0, 2], turned[2, 2])
+    return Pose(x, y, float(before.pose.depth_mm), *angles)
+
+
+def _sideways(vector: Vector) -> Vector:
+    """Return the part of a vector along the skin."""
+    return np.array([*vector[:2], 0.0])
+
+
+def _shear_stiffness(contact: Contact, tried: list[tuple[Vector, Vector]], known: float) -> float:
+    """Return how much friction in N the gel resists per mm that its object is moved on.
+
+    Two attempts tell; before, it is the stiffness of the touched skin as a layer in shear, which small contacts exceed about twice.
+    """
+    skin = contact.skin
+    area = float(np.count_nonzero(contact.pressure_mpa > 0)) * skin.grid.cell_area_mm2
+    layer = max(area, skin.grid.cell_area_mm2) / float(skin.operators.max_shear_compliance_mm_per_mpa)
+    if len(tried) > 1:
+        (lag, force), (next_lag, next_force) = tried[-2:]
+        moved = np.hypot(*(next_lag - lag)[:2])
+        if moved > 0:
+            known = float((next_force - force)[:2] @ (next_lag - lag)[:2] / moved**2)
+    return float(np.clip(known or 2 * layer, layer, 6 * layer))

@@ -1,0 +1,130 @@
+"""The camera of a simulated sensor that is calibrated: a person, or a script, presses the pin board and the ball on it.
+
+It is a camera like any other. `hold` presses a gauge, as sliders of a page do; with `plays_by_itself`, `follow` presses what
+each step of a guided calibration needs.
+"""
+
+import time
+from dataclasses import dataclass
+from math import radians
+from threading import Event, Lock
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray as Array
+
+from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
+from ninedtact.design import SensorDesign
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.quantities import Frame
+from ninedtact.simulation.calibration_images import (
+    CALIBRATION_SOLVER_SETTINGS,
+    GUIDED_PRESSES,
+    pin_board_indenter,
+    twin_for_board,
+)
+from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.simulation.twin import Twin
+
+
+@dataclass(frozen=True)
+class GaugePress:
+    """What is held on the skin, and how."""
+
+    gauge: Literal["nothing", "board", "ball"] = "nothing"
+    depth_mm: float = 0.0
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
+    """Tilts about x and y."""
+    drag_mm: tuple[float, float] = (0.0, 0.0)
+
+
+class SimulatedCalibrationCamera(FrameSource):
+    """Delivers the images of a twin on which the pin board or the ball is held; `hold` and `follow` work from any thread."""
+
+    name = "simulated sensor"
+
+    def __init__(self, twin: Twin, design: SensorDesign, plays_by_itself: bool = True, rate_hz: float = 15.0) -> None:
+        self.refusal = ""
+        """Why the mechanics refused the last press, which is then not shown; empty where it did not."""
+        self._twin, self._design, self._fine_twin = twin, design, twin_for_board(twin, design)
+        self._plays_by_itself, self._step, self._rate_hz = plays_by_itself, "", rate_hz
+        self._lock, self._is_closed, self._due_at, self._number = Lock(), Event(), 0.0, 0
+        self._held = self._rendered = GaugePress()
+        self._clean: Float32[Array, "rows cols 3"] = twin.renderer.reference
+        self._is_closed.set()
+
+    @property
+    def plays_by_itself(self) -> bool:
+        """Whether each step of the calibration is pressed without a person."""
+        return self._plays_by_itself
+
+    @plays_by_itself.setter
+    def plays_by_itself(self, wanted: bool) -> None:
+        self._plays_by_itself = wanted
+        self.follow(self._step)
+
+    @property
+    def held(self) -> GaugePress:
+        """What is held on the skin."""
+        with self._lock:
+            return self._held
+
+    def hold(self, press: GaugePress) -> None:
+        """Hold a gauge on the skin from the next image on."""
+        with self._lock:
+            self._held = press
+
+    def follow(self, step: str) -> None:
+        """Press what a step needs ("board", "ball"; nothing in any other), where the camera plays by itself."""
+        self._step = step
+        if self._plays_by_itself:
+            self.hold(self.good_press(step))
+
+    def good_press(self, gauge: str) -> GaugePress:
+        """Return a press of the board or the ball that calibrates well; nothing for any other name."""
+        presses = GUIDED_PRESSES.for_gel(self._design.gel)
+        if gauge == "board":
+            return GaugePress("board", presses.board_depth_mm)
+        return (
+            GaugePress("ball", presses.ball_depth_mm, drag_mm=presses.ball_drag_mm) if gauge == "ball" else GaugePress()
+        )
+
+    def open(self) -> None:
+        """Begin to deliver images."""
+        self._is_closed.clear()
+        self._due_at = time.monotonic()
+
+    def read(self) -> Frame:
+        """Wait until the next image is due and return it; raises `SourceNotOpen`."""
+        if self._is_closed.wait(max(0.0, self._due_at - time.monotonic())):
+            raise SourceNotOpen(self.name)
+        self._due_at = max(self._due_at + 1 / self._rate_hz, time.monotonic())
+        if (held := self.held) != self._rendered:
+            self._rendered = held
+            self._press(held)
+        self._number += 1
+        noisy = self._twin.renderer.noise.add_to(self._clean, self._number)
+        return Frame(np.asarray(noisy, np.uint8), time.monotonic_ns(), self._number - 1)
+
+    def close(self) -> None:
+        """Stop."""
+        self._is_closed.set()
+
+    def _press(self, held: GaugePress) -> None:
+        """Solve the contact of a press and render it; a press that the mechanics refuse leaves the image as it was."""
+        self.refusal = ""
+        if held.gauge == "nothing" or held.depth_mm <= 0:
+            self._clean = self._twin.renderer.reference
+            return
+        is_board, tilt = held.gauge == "board", (radians(held.tilt_deg[0]), radians(held.tilt_deg[1]))
+        indenter = pin_board_indenter(self._design.pin_board) if is_board else Ball(self._design.ball.radius_mm)
+        twin = self._fine_twin if is_board else self._twin
+        try:
+            press = ScriptedPress(held.depth_mm, tilt_rad=tilt, drag_mm=held.drag_mm)
+            contact = press.simulate(twin, indenter, CALIBRATION_SOLVER_SETTINGS)
+        except NinedtactError as refusal:
+            self.refusal = str(refusal)
+        else:
+            self._clean = self._twin.renderer.render_without_noise(contact)

@@ -1,0 +1,389 @@
+"""One guided calibration for all viewers of a page: camera preview, the four images, the fit and its result, without any HTML.
+
+    camera ──image──▶ watcher of the step ──advice──▶ CalibrationState        in the thread of the session
+    buttons ─────────▶ start, back, start_over, fit_again, choose_source       from any thread; each acts once
+
+Viewers show `CalibrationSession.state`, so all of them, and a page that is loaded again, show the same. A camera that is lost is
+waited for; the images that were taken stay.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from pathlib import Path
+from threading import Condition, Event, Thread
+from time import monotonic
+
+import cv2
+import numpy as np
+
+from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, require_same_image_size, to_grey_float
+from ninedtact.calibration.guidance import (
+    TOUCHED_LEVELS,
+    CaptureStep,
+    ImageWatcher,
+    PinSighting,
+    exposure_advice,
+    guided_capture_steps,
+    locate_pins,
+    max_brightness_change,
+)
+from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
+from ninedtact.capture.frame_pacing import LatestFrameSource
+from ninedtact.capture.frame_source import FrameSource, SourceEnded
+from ninedtact.design import SensorDesign
+from ninedtact.errors import NinedtactError, OutputError
+
+MAX_AGE_MS = 2000.0
+"""Greatest age of an image that is used; still images need not be recent."""
+RETRY_S = 0.5
+"""Time between attempts to open a camera that is absent."""
+_PIN_COUNT_PAUSE = 1.0
+"""Pause between two searches for pins while the board moves, in durations of a search, so that the images are not slowed."""
+ONCE_S = 0.7
+"""Time within which a second step back counts as the same one, pressed by another person."""
+FIT_STEPS = 6
+"""Usual number of steps that a fit reports."""
+_SHARPNESS_BLUR_PX = 1.5
+"""Blur before the sharpness is measured, so that noise of the camera does not count as detail."""
+
+
+class SensorWouldBeReplaced(OutputError):
+    """Raised where a calibration would replace a sensor and nobody has agreed to that."""
+
+
+class Phase(Enum):
+    """What a guided calibration is doing."""
+
+    PREVIEW = "preview"
+    CAPTURE = "capture"
+    FIT = "fit"
+    RESULT = "result"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True)
+class ImageQuality:
+    """Brightness and sharpness of a live image."""
+
+    mean_grey: float
+    overexposed_share: float
+    """Share of the image that is too bright to measure."""
+    sharpness: float
+    """Standard deviation of the second derivative of the image, grey levels; larger is sharper."""
+    best_sharpness: float
+    """The largest sharpness of this preview."""
+    advice: str
+    """What to change of the exposure; empty where it is fine."""
+
+
+@dataclass(frozen=True)
+class CalibrationState:
+    """All that a page shows of a guided calibration."""
+
+    phase: Phase = Phase.PREVIEW
+    source: str = ""
+    step: int = 0
+    """Number of images taken."""
+    instruction: str = ""
+    advice: str = "Waiting for the first image."
+    camera_trouble: str = ""
+    """Why no images arrive; empty while they do."""
+    image: BgrImage | None = None
+    pins: PinSighting | None = None
+    """The pins in the latest image that was searched for them."""
+    quality: ImageQuality | None = None
+    fit_progress: float = 0.0
+    """Share of the usual number of steps of a fit that are done."""
+    result: SensorFolder | None = None
+    """The calibrated sensor."""
+
+
+@dataclass
+class _StepProgress:
+    """The step whose images are watched."""
+
+    step: CaptureStep
+    watch: ImageWatcher
+    search: "Future[tuple[PinSighting, float]] | None" = None
+    """The search for pins in an earlier image, and how long it takes, s."""
+    searched_until_s: float = -np.inf
+
+
+@dataclass
+class CalibrationSession:
+    """Calibrates one sensor for all viewers of a page; used in a `with` statement, and from any thread."""
+
+    out: Path
+    """Sensor folder to write."""
+    open_source: Callable[[str], FrameSource]
+    """Returns the source of an address, not yet opened."""
+    source: str
+    design: SensorDesign = SensorDesign()
+    settings: CalibrationSettings = CalibrationSettings()
+    sensor_id: str = "9dtact"
+    on_step: Callable[[str], None] = lambda step: None
+    """Called with the name of each step that begins, and with an empty text when the images are complete or given up."""
+    live_requested: Event = field(default_factory=Event)
+    """Set when somebody wants to see the calibrated sensor live."""
+
+    def __post_init__(self) -> None:
+        self._changed, self._closing = Condition(), Event()
+        self._steps = list(guided_capture_steps(self.design, self.settings))
+        self._taken: dict[str, BgrImage] = {}
+        self._progress: _StepProgress | None = None
+        self._reopen, self._is_recording, self._last_back_s = False, False, -np.inf
+        self._agreed: bytes | None = None
+        self._state = CalibrationState(source=self.source)
+        self._searches = ThreadPoolExecutor(1, "pins")
+        self._failure: BaseException | None = None
+        self._thread = Thread(target=self._run_until_closed, name="guided calibration", daemon=True)
+
+    def __enter__(self) -> "CalibrationSession":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closing.set()
+        with self._changed:
+            self._changed.notify_all()
+        self._thread.join()
+        self._searches.shutdown(cancel_futures=True)
+
+    @property
+    def state(self) -> CalibrationState:
+        """What all viewers show; raises an error of the program that has ended the session."""
+        with self._changed:
+            if self._failure is not None:
+                raise self._failure
+            return self._state
+
+    @property
+    def would_replace(self) -> bool:
+        """Whether the folder to write holds a sensor already, other than the one just calibrated."""
+        return (self.out / SENSOR_FILE).is_file() and self.state.result is None
+
+    def choose_source(self, source: str) -> None:
+        """Show another camera; nothing happens while images are being taken, since all four must be of one camera."""
+        with self._changed:
+            if self._state.phase is Phase.PREVIEW and source != self.source:
+                self.source, self._reopen = source, True
+                self._set(source=source, image=None, quality=None, camera_trouble="", advice="Opening the camera.")
+
+    def start(self, replace_sensor: bool = False) -> None:
+        """Take the first image; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`. Once started, nothing happens."""
+        with self._changed:
+            if self._state.phase is Phase.PREVIEW:
+                self._agree(replace_sensor)
+                self._reopen = self._is_recording
+                self._begin_step(0)
+
+    def back(self) -> None:
+        """Take the latest image again, also after a refusal."""
+        with self._changed:
+            if self._state.phase not in (Phase.CAPTURE, Phase.REFUSED) or monotonic() - self._last_back_s < ONCE_S:
+                return
+            self._last_back_s = monotonic()
+            # The reference image of a press is taken again with it, since the skin has been touched meanwhile.
+            kept = max(0, (len(self._taken) - 1) // 2 * 2)
+            self._taken = dict(list(self._taken.items())[:kept])
+            self._begin_step(kept)
+
+    def start_over(self) -> None:
+        """Give up the images and go back to the choice of the camera; a fit that runs is not interrupted."""
+        with self._changed:
+            if self._state.phase not in (Phase.PREVIEW, Phase.FIT):
+                self._taken, self._progress = {}, None
+                self._state = CalibrationState(source=self.source)
+                self._reopen = self._is_recording
+                self.on_step("")
+                self._changed.notify_all()
+
+    def fit_again(self, replace_sensor: bool = False) -> None:
+        """Repeat the fit of the four images after a refusal; raises what `start` raises."""
+        with self._changed:
+            if self._state.phase is Phase.REFUSED and len(self._taken) == len(self._steps):
+                self._agree(replace_sensor)
+                self._begin_step(len(self._steps))
+
+    def _agree(self, replace_sensor: bool) -> None:
+        """Remember which sensor may be replaced; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`."""
+        require_replaceable_sensor_folder(self.out)
+        there = _read_sensor_file(self.out)
+        if there is not None and not replace_sensor:
+            raise _replacement_refusal(self.out)
+        self._agreed = there
+
+    def _require_agreement(self) -> None:
+        """Raise `SensorWouldBeReplaced` where another sensor than the agreed one has appeared meanwhile."""
+        if _read_sensor_file(self.out) not in (None, self._agreed):
+            raise _replacement_refusal(self.out)
+
+    def _set(self, **changes: object) -> None:
+        """Change fields of the state."""
+        with self._changed:
+            self._state = replace(self._state, **changes)  # type: ignore[arg-type]
+            self._changed.notify_all()
+
+    def _begin_step(self, number: int) -> None:
+        """Watch the images of a step, or fit once all are taken."""
+        self._progress = None
+        if number == len(self._steps):
+            self.on_step("")
+            self._set(phase=Phase.FIT, step=number, instruction="Calibrating.", advice="", pins=None, fit_progress=0.0)
+            return
+        step = self._steps[number]
+        self.on_step(step.name)
+        self._set(phase=Phase.CAPTURE, step=number, instruction=step.instruction, advice="", pins=None)
+
+    def _run_until_closed(self) -> None:
+        """Run the session, and hand an error that is no refusal to whoever asks for the state."""
+        try:
+            self._run()
+        except BaseException as error:
+            self._failure = error
+
+    def _run(self) -> None:
+        """Fit when all images are taken; else read images, and wait for a source that is absent."""
+        while not self._closing.is_set():
+            if self.state.phase is Phase.FIT:
+                self._fit()
+            elif self.state.phase is Phase.RESULT:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._closing.is_set() or self._state.phase is not Phase.RESULT)
+            else:
+                self._read_source()
+
+    def _read_source(self) -> None:
+        """Evaluate the images of the chosen source until another is chosen, all are taken, or it is lost."""
+        with self._changed:
+            self._reopen, source = False, self.source
+        try:
+            opened = self.open_source(source)
+            self._is_recording = not opened.is_live
+            with LatestFrameSource(opened, max_age_ms=MAX_AGE_MS) if opened.is_live else opened as camera:
+                while not (self._closing.is_set() or self._reopen or self.state.phase in (Phase.FIT, Phase.RESULT)):
+                    self._evaluate(camera.read().image)
+        except SourceEnded:
+            self._end_recording()
+        except (NinedtactError, OSError) as trouble:
+            if source == self.source:
+                self._set(camera_trouble=str(trouble))
+            self._closing.wait(RETRY_S)
+
+    def _end_recording(self) -> None:
+        """Begin a recording again in the preview; refuse one that has ended before all images were taken."""
+        if self.state.phase is Phase.CAPTURE:
+            missing = self._steps[self.state.step].instruction
+            self._set(
+                phase=Phase.REFUSED,
+                advice=f"expected images until the step '{missing}' was done, got the end of the recording; start over",
+            )
+        self._closing.wait(RETRY_S)
+
+    def _evaluate(self, image: BgrImage) -> None:
+        """Update quality and advice by one image, and go on to the next step where this one is done."""
+        quality, before = self._measure_quality(image), self.state
+        if before.phase is not Phase.CAPTURE:
+            hint = quality.advice or "Check brightness and focus, then start."
+            advice = hint if before.phase is Phase.PREVIEW else before.advice
+            self._set(image=image, quality=quality, camera_trouble="", advice=advice)
+            return
+        self._set(image=image, quality=quality, camera_trouble="")
+        with self._changed:
+            step, taken, progress = self._steps[before.step], dict(self._taken), self._progress
+        try:
+            self._require_same_size(image, taken)
+            progress = progress or _StepProgress(step, step.watch(taken))
+            pins, seen = self._count_pins(image, progress, taken), progress.watch(image)
+        except (NinedtactError, OSError) as refusal:
+            self._set(advice=str(refusal))
+            return
+        with self._changed:
+            if self._state.phase is not Phase.CAPTURE or self._taken.keys() != taken.keys():
+                return  # somebody has gone back meanwhile
+            self._progress = progress
+            self._set(advice=seen.sentence, pins=seen.pins or pins or self._state.pins)
+            if seen.image is not None:
+                self._taken[step.name] = seen.image
+                self._begin_step(len(self._taken))
+
+    def _count_pins(self, image: BgrImage, progress: _StepProgress, taken: dict[str, BgrImage]) -> PinSighting | None:
+        """Return the pins in a recent image of the board, which may still move; None where there is no news of them.
+
+        They are searched in a thread of their own, because a search takes up to seconds.
+        """
+        if progress.step.name != "board":
+            return None
+        reference = taken["board_reference"]
+        if max_brightness_change(reference, image) < TOUCHED_LEVELS:
+            progress.search = None
+            return PinSighting(self.design.pin_board.count, np.empty((0, 2)), np.empty((0, 2)), False, "")
+        if progress.search is None:
+            if monotonic() > progress.searched_until_s:
+                progress.search = self._searches.submit(self._search_pins, reference, image)
+            return None
+        if not progress.search.done():
+            return None
+        (pins, duration_s), progress.search = progress.search.result(), None
+        progress.searched_until_s = monotonic() + _PIN_COUNT_PAUSE * duration_s
+        return pins
+
+    def _search_pins(self, reference: BgrImage, image: BgrImage) -> tuple[PinSighting, float]:
+        """Return the pins in an image and the time that the search took, s."""
+        began_s = monotonic()
+        return locate_pins(reference, image, self.design, self.settings), monotonic() - began_s
+
+    def _require_same_size(self, image: BgrImage, taken: dict[str, BgrImage]) -> None:
+        """Raise `ImageUnusable` for an image of another size than those taken."""
+        for earlier in taken.values():
+            require_same_image_size("image", earlier, image)
+
+    def _measure_quality(self, image: BgrImage) -> ImageQuality:
+        """Return brightness and sharpness of an image."""
+        grey, last = to_grey_float(image), self.state.quality
+        curvature = cv2.Laplacian(cv2.GaussianBlur(grey, (0, 0), _SHARPNESS_BLUR_PX), cv2.CV_32F)
+        sharpness = float(curvature.std())
+        best = sharpness if last is None else max(sharpness, last.best_sharpness)
+        overexposed = float((grey >= OVEREXPOSED).mean())
+        return ImageQuality(float(grey.mean()), overexposed, sharpness, best, exposure_advice(image))
+
+    def _fit(self) -> None:
+        """Fit the four images and write the sensor folder; a refusal keeps the images."""
+        steps = 0
+
+        def report(step: str) -> None:
+            nonlocal steps
+            self._set(advice=step, fit_progress=min(steps / FIT_STEPS, 0.95))
+            steps += 1
+
+        try:
+            self._require_agreement()
+            images = CalibrationImages(**self._taken)
+            made = calibrate(images, self.design, self.settings, self.sensor_id, report)
+            report("drawing the certificate")
+            self._require_agreement()
+            folder = save_sensor(self.out, made)
+        except (NinedtactError, OSError) as refusal:
+            self._set(phase=Phase.REFUSED, advice=str(refusal))
+        else:
+            self._set(phase=Phase.RESULT, result=folder, fit_progress=1.0, advice="")
+
+
+def _read_sensor_file(out: Path) -> bytes | None:
+    """Return the sensor file at a folder; None where there is none."""
+    try:
+        return (out / SENSOR_FILE).read_bytes()
+    except OSError:
+        return None
+
+
+def _replacement_refusal(out: Path) -> SensorWouldBeReplaced:
+    """Return the error for a sensor that nobody has agreed to replace."""
+    return SensorWouldBeReplaced(
+        f"expected a new folder, got {out}, which holds a calibrated sensor; check 'replace the sensor', or end the program and "
+        "choose another --out"
+    )

@@ -1,0 +1,190 @@
+"""The sensor in a MuJoCo scene: MuJoCo's own rays see the same undersides, and its forces are those of the gel."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
+
+from ninedtact import default_twin  # noqa: E402
+from ninedtact.interop.mujoco import (  # noqa: E402
+    BodyThroughBase,
+    MujocoBodyUnusable,
+    TactileReading,
+    TactileSensor,
+)
+
+TWIN = default_twin()
+GEL = '<geom name="gel" type="box" pos="0 0 -0.0025" size="0.01475 0.01125 0.0025" friction="1" solref="0.01 1"/>'
+GEOMS = {
+    "sphere": 'type="sphere" size="0.004"',
+    "ellipsoid": 'type="ellipsoid" size="0.005 0.003 0.004" euler="20 30 10"',
+    "box": 'type="box" size="0.004 0.003 0.005" euler="10 25 40"',
+    "cylinder": 'type="cylinder" size="0.003 0.004" euler="70 10 0"',
+    "capsule": 'type="capsule" size="0.003 0.004" euler="80 0 30"',
+    "mesh": 'type="mesh" mesh="wedge" euler="10 20 30"',
+}
+WEDGE = '<asset><mesh name="wedge" vertex="-.004 -.003 0  .004 -.003 0  0 .004 0  0 0 -.004  0.001 0 .003"/></asset>'
+
+
+def scene(
+    geom: str, joints: str = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
+) -> tuple[Any, Any]:
+    """An object over a sensor that is turned in the world, so that a frame that is forgotten shows."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="0.002" gravity="0 0 0" cone="elliptic" impratio="10"/>{WEDGE}
+        <worldbody><body name="stage" pos="0.1 0.2 0.3" euler="30 100 20">
+        <body name="sensor">{GEL}</body><body name="empty"/>
+        <body name="object" pos="0.001 -0.001 0.0039">{joints}<geom {geom} mass="0.02"/></body>
+        </body></worldbody></mujoco>"""
+    )
+    return model, mujoco.MjData(model)
+
+
+def pressed(
+    model: Any, data: Any, sensor: TactileSensor, push_n: float, drag_n: float, steps: int = 30
+) -> TactileReading:
+    """The reading after forces along the joints have grown to these."""
+    for step in range(steps):
+        data.qfrc_applied[:2] = min(1, max(0, (step - 8) / 12)) * drag_n, -push_n
+        data.qfrc_applied[:2] -= 0.2 * data.qvel[:2]
+        mujoco.mj_step(model, data, 8)
+        reading = sensor.step()
+    return reading
+
+
+@pytest.mark.parametrize("kind", GEOMS)
+def test_a_solid_has_the_underside_that_rays_of_mujoco_hit(kind: str) -> None:
+    model, data = scene(GEOMS[kind])
+    mujoco.mj_forward(model, data)
+    sensor = TactileSensor(model, data, "sensor", TWIN)
+    solid = sensor._solid(1, np.zeros(3))
+    frame, origin = data.body("sensor").xmat.reshape(3, 3), data.body("sensor").xpos
+    x, y = np.meshgrid(np.linspace(-4.9, 6.1, 23), np.linspace(-5.9, 4.1, 21))
+    heights, hit = solid.lowest_mm(x, y), np.zeros(1, np.int32)
+    only = np.array([1, 0, 0, 0, 0, 0], np.uint8)
+    model.geom_group[:] = [1, 0]
+    far = [
+        mujoco.mj_ray(model, data, origin + frame @ [a / 1e3, b / 1e3, -0.05], frame[:, 2].copy(), only, 1, -1, hit)
+        for a, b in zip(x.ravel(), y.ravel(), strict=True)
+    ]
+    seen = np.where(np.array(far) < 0, np.inf, 1e3 * np.array(far) - 50.0).reshape(x.shape)
+    both = np.isfinite(heights) & np.isfinite(seen)
+    assert both.sum() > 60
+    assert (np.isfinite(heights) != np.isfinite(seen)).sum() <= (
+        0 if kind != "mesh" else 0.25 * both.sum()
+    )  # a raster rounds its rim
+    close = abs(heights[both] - seen[both])
+    assert close.max() < 1e-6 if kind != "mesh" else np.quantile(close, 0.8) < 0.02
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder", "mesh"])
+def test_the_gel_resists_with_the_load_and_the_friction_of_the_scene(kind: str) -> None:
+    model, data = scene(GEOMS[kind])
+    sensor = TactileSensor(model, data, "sensor", TWIN)
+    sensor.open()
+    untouched = sensor.step()
+    assert not untouched.wrench.force_n.any()
+    assert not untouched.heights.z_mm.any()
+    reading = pressed(model, data, sensor, 1.5, 0.5)
+    gel, scene_force = reading.wrench.force_n, reading.scene_wrench.force_n
+    assert scene_force[2] == pytest.approx(-1.5, abs=0.05)
+    assert scene_force[0] == pytest.approx(0.5, abs=0.05)
+    assert gel[2] == pytest.approx(scene_force[2], rel=0.01)
+    assert np.hypot(*(gel - scene_force)[:2]) < 0.06 * 1.5
+    assert reading.heights.z_mm.min() < -0.15
+    difference = abs(reading.frame.image.astype(int) - untouched.frame.image)
+    assert difference.max() > 15
+    assert reading.frame.stamp_ns == round(data.time * 1e9)
+
+
+def test_a_rolling_ball_moves_over_the_skin_and_keeps_its_load() -> None:
+    slides = '<joint type="slide" axis="1 0 0" damping="5"/><joint type="slide" axis="0 0 1" damping="1"/>'
+    joints = slides + '<joint type="hinge" axis="0 1 0"/>'
+    model, data = scene(GEOMS["sphere"], joints)
+    sensor = TactileSensor(model, data, "sensor", TWIN)
+    sensor.open()
+    lowest = []
+    for _ in range(24):
+        data.qfrc_applied[:2] = 0.1, -1.0
+        mujoco.mj_step(model, data, 8)
+        reading = sensor.step()
+        z = reading.heights.z_mm
+        lowest.append((np.argmin(z) % z.shape[1] + 0.5 - z.shape[1] / 2) * 0.2)
+    assert lowest[-1] - lowest[5] > 3.0
+    assert lowest[-1] == pytest.approx(1.0 + 1e3 * data.qpos[0], abs=0.5)
+    assert reading.wrench.force_n[2] == pytest.approx(-1.0, abs=0.05)
+
+
+def test_a_scene_told_twice_gives_the_same_readings() -> None:
+    def last() -> TactileReading:
+        model, data = scene(GEOMS["capsule"])
+        sensor = TactileSensor(model, data, "sensor", TWIN)
+        sensor.open()
+        return pressed(model, data, sensor, 1.0, 0.3, steps=12)
+
+    one, other = last(), last()
+    np.testing.assert_array_equal(one.frame.image, other.frame.image)
+    np.testing.assert_array_equal(one.wrench.six, other.wrench.six)
+
+
+def test_bodies_that_cannot_be_used_are_refused_in_one_sentence() -> None:
+    model, data = scene('type="plane" size="0.01 0.01 0.01" euler="180 0 0"', "")
+    with pytest.raises(MujocoBodyUnusable, match="one of stage, sensor, empty, object, got 'hand'"):
+        TactileSensor(model, data, "hand", TWIN)
+    with pytest.raises(MujocoBodyUnusable, match="body empty to have a geom that collides"):
+        TactileSensor(model, data, "empty", TWIN)
+    mujoco.mj_forward(model, data)
+    with pytest.raises(MujocoBodyUnusable, match="got a plane"):
+        TactileSensor(model, data, "sensor", TWIN)._solid(1, np.zeros(3))
+
+
+def test_a_body_through_the_base_is_refused() -> None:
+    model, data = scene(GEOMS["sphere"])
+    sensor = TactileSensor(model, data, "sensor", replace(TWIN, thickness_mm=2.5))
+    sensor.open()
+    data.qpos[1] = -0.0029
+    mujoco.mj_forward(model, data)
+    with pytest.raises(
+        BodyThroughBase, match=r"body object less deep in the gel than its base, 2.5 mm, got [0-9.]+ mm"
+    ):
+        sensor.step()
+
+
+@pytest.mark.interop
+@pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
+def test_gymnasium_accepts_the_environment_and_an_agent_follows_the_rail() -> None:
+    gymnasium = pytest.importorskip("gymnasium", reason="the extra 'mujoco' is not installed")
+    from gymnasium.utils.env_checker import check_env
+
+    import ninedtact.interop.edge_following  # noqa: F401 - registers the environment
+
+    env = gymnasium.make("ninedtact/EdgeFollowing-v0", sensor_folder=TWIN, render_mode="rgb_array")
+    check_env(env.unwrapped)
+    observation, _ = env.reset(seed=1)
+    total, ended = 0.0, False
+    while not ended:
+        _, _, load, about_x, *_ = observation["wrench"]
+        across = 1e3 * about_x / max(-load, 0.1)
+        action = np.clip([0.5, 0.15 * across, 0.6 * (1 + load)], -1, 1).astype(np.float32)
+        observation, reward, ended, truncated, state = env.step(action)
+        assert not truncated
+        total += reward
+    assert abs(state["offset_mm"]) < 1.0
+    assert state["load_n"] == pytest.approx(1.0, abs=0.1)
+    assert total > 5
+
+
+SNIPPETS = re.findall(
+    r"```python\n(.*?)```", (Path(__file__).parents[2] / "docs" / "simulators.md").read_text("utf-8"), re.DOTALL
+)
+
+
+@pytest.mark.interop
+@pytest.mark.parametrize("number", range(len(SNIPPETS)))
+def test_the_code_of_the_page_runs(number: int) -> None:
+    exec(SNIPPETS[number], {})

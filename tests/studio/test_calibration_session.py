@@ -1,0 +1,126 @@
+"""A guided calibration of a simulated sensor, without a browser: what all viewers of its page share."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_calibrated_twin import TWIN, PluggedCamera
+from small_sensor import sensor_folder, wait_until
+
+from ninedtact.calibration.guidance import PinSighting
+from ninedtact.calibration.procedure import CalibrationSettings
+from ninedtact.capture.frame_source import CameraNotFound
+from ninedtact.design import SensorDesign
+from ninedtact.simulation.calibration_camera import GaugePress
+from ninedtact.studio.calibration_page import draw_pins
+from ninedtact.studio.calibration_session import CalibrationSession, Phase, SensorWouldBeReplaced
+
+SETTINGS = CalibrationSettings(method="ratio")
+
+
+@pytest.fixture
+def camera() -> PluggedCamera:
+    return PluggedCamera(TWIN, SensorDesign(), plays_by_itself=False, rate_hz=60.0)
+
+
+@pytest.fixture
+def session(camera: PluggedCamera, tmp_path: Path) -> Iterator[CalibrationSession]:
+    one = CalibrationSession(
+        tmp_path / "s", lambda address: camera, "sim", settings=SETTINGS, sensor_id="s", on_step=camera.follow
+    )
+    with one:
+        wait_until(lambda: one.state.quality is not None)
+        yield one
+
+
+def at_step(session: CalibrationSession, step: int) -> None:
+    wait_until(lambda: session.state.step == step and session.state.phase is Phase.CAPTURE)
+
+
+def test_a_person_is_led_through_both_presses(session: CalibrationSession, camera: PluggedCamera) -> None:
+    quality = session.state.quality
+    assert quality is not None and 140 < quality.mean_grey < 170 and quality.overexposed_share == 0
+    session.start()
+    session.start()  # two people press it
+    at_step(session, 1)
+
+    camera.hold(GaugePress("board", 0.4, tilt_deg=(4.0, 0.0)))
+    wait_until(lambda: "press the lower" in session.state.advice)
+    pins = session.state.pins
+    assert pins is not None and 31 < pins.found < 60 and len(pins.missing_px) > 3
+    assert np.median(pins.missing_px[:, 1]) > 160 and np.median(pins.found_px[:, 1]) < 120  # of 240 rows
+
+    camera.plugged_in = False  # the cable is pulled in the middle of the press
+    wait_until(lambda: "plug" in session.state.camera_trouble)
+    assert session.state.phase is Phase.CAPTURE and session.state.step == 1
+    camera.plugged_in = True
+    wait_until(lambda: not session.state.camera_trouble)
+
+    camera.hold(camera.good_press("board"))
+    at_step(session, 2)
+    camera.hold(GaugePress())
+    at_step(session, 3)
+    camera.hold(GaugePress("ball", 0.6))
+    wait_until(lambda: "press deeper" in session.state.advice)
+    session.back()
+    session.back()  # the same wish of a second person is not two steps
+    assert session.state.step == 2
+    camera.hold(GaugePress())
+    at_step(session, 3)
+    other = (sensor_folder(session.out) / "sensor.toml").read_bytes()  # somebody else calibrates there meanwhile
+    camera.hold(camera.good_press("ball"))
+    wait_until(lambda: session.state.phase is Phase.REFUSED)
+    assert "holds a calibrated sensor" in session.state.advice and session.state.step == 4
+    assert (session.out / "sensor.toml").read_bytes() == other
+    with pytest.raises(SensorWouldBeReplaced):
+        session.fit_again()
+    session.back()
+    assert session.state.step == 2  # the images of the board stay
+
+
+def test_an_existing_sensor_is_replaced_only_by_agreement(session: CalibrationSession) -> None:
+    sensor_folder(session.out)
+    with pytest.raises(SensorWouldBeReplaced, match="holds a calibrated sensor; check 'replace the sensor'"):
+        session.start()
+    assert session.state.phase is Phase.PREVIEW and session.would_replace
+    session.start(replace_sensor=True)
+    assert session.state.phase is Phase.CAPTURE
+
+
+def test_another_camera_is_chosen_only_before_the_start(tmp_path: Path, camera: PluggedCamera) -> None:
+    def open_source(address: str) -> PluggedCamera:
+        if address == "none":
+            raise CameraNotFound("expected camera none, got none; plug it in")
+        return camera
+
+    with CalibrationSession(tmp_path / "s", open_source, "none", settings=SETTINGS) as session:
+        wait_until(lambda: "plug it in" in session.state.camera_trouble)
+        session.choose_source("sim")
+        wait_until(lambda: session.state.image is not None)
+        assert not session.state.camera_trouble
+        session.start()
+        session.choose_source("none")
+        assert session.state.source == "sim"
+        session.start_over()
+        assert session.state.phase is Phase.PREVIEW and session.state.step == 0
+
+
+def test_a_refused_press_of_the_simulation_keeps_its_image(camera: PluggedCamera) -> None:
+    with camera:
+        camera.hold(replace(camera.good_press("ball"), depth_mm=60.0))
+        before = time.monotonic()
+        image = camera.read().image
+        assert camera.refusal and "expected" in camera.refusal and time.monotonic() - before < 60
+        untouched = camera._twin.renderer.reference
+        assert abs(image.astype(float).mean() - untouched.mean()) < 1
+
+
+def test_pins_are_drawn_where_they_are() -> None:
+    grey = np.full((100, 200, 3), 120, np.uint8)
+    drawn = draw_pins(grey, PinSighting(2, np.array([[50.0, 50.0]]), np.array([[150.0, 30.0]]), True, "upper right"))
+    changed = np.argwhere((drawn != grey).any(axis=2))
+    assert {(row // 50, column // 100) for row, column in changed.tolist()} >= {(0, 1)}
+    assert tuple(drawn[30, 150]) == (0, 94, 213) and (drawn[50, 50] == 120).all() and (grey == 120).all()
