@@ -32,7 +32,7 @@ from ninedtact.studio.saved_files import moment_page, save_surface_sequence, sav
 from ninedtact.studio.viewer import Side, Viewer, is_from_browser, set_control
 
 NOTHING, WHOLE = "none", "the whole recording"
-STEPS = {"frame back": -1, "play or pause": 0, "frame forward": 1}
+STEPS = {"back": -1, "play": 0, "next": 1}
 PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
@@ -89,7 +89,7 @@ class RecordingsPanel:
                 self._choice.on_update(self._choose)
                 self._close_button.on_click(lambda event: self._close())
             self._slider = gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
-            self._steps = gui.add_button_group("", tuple(STEPS), visible=False)
+            self._steps = gui.add_button_group("image", tuple(STEPS), visible=False, hint="play: or pause")
             self._speed = gui.add_dropdown(
                 "speed", [f"{each:g} ×" for each in SPEEDS], initial_value="1 ×", visible=False
             )
