@@ -2,11 +2,17 @@
 
 import csv
 import json
+import re
 import resource
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from subprocess import PIPE
+from urllib.request import urlopen
 
 import cv2
 import numpy as np
@@ -326,6 +332,18 @@ def test_recordings_of_the_command_line_are_played_too(tmp_path: Path) -> None:
     with RecordedReadings(path, folder.shape) as readings:
         depths = [reading.max_indentation_mm for reading in readings.readings()]
     np.testing.assert_allclose(depths, [0.0] * 11 + [1.0] * 3, atol=0.02)
+
+
+def test_play_serves_a_recording_until_ctrl_c(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ninedtact", "play", str(recorded[0]), "--port", "0", "--out", str(tmp_path)]
+    play = subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True)
+    assert play.stdout is not None
+    address = re.search(r"open (http://127.0.0.1:\d+) in a browser; Ctrl-C ends", play.stdout.readline())
+    assert address is not None
+    with urlopen(address[1], timeout=60) as page:
+        assert page.status == 200 and b"<html" in page.read()
+    play.send_signal(signal.SIGINT)
+    assert play.communicate(timeout=60) == ("", "") and play.returncode == 0
 
 
 class Journey:
