@@ -10,7 +10,7 @@ import tyro
 from ninedtact.cli.result_and_interrupt import print_result
 
 if TYPE_CHECKING:
-    from ninedtact.recording.reader import RecordingSummary
+    from ninedtact.recording.summary import RecordingSummary
 
 _CUT_SHORT = "The file was cut short: its last half second may be missing."
 

@@ -1,11 +1,12 @@
 from .export import export_recording
 from .mcap_repair import repair_recording
 from .metadata import RecordingMetadata
-from .reader import Recording, RecordingSummary
+from .reader import Recording
 from .recorded_source import RecordedSource, RecordedWrenchSource
 from .recorder import record
 from .ros_messages import Topic
 from .saved_pairs import SavedPair, read_saved_pairs
+from .summary import RecordingSummary
 from .writer import RecordingWriter
 
 __all__ = [

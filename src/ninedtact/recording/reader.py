@@ -2,10 +2,7 @@
 
 import json
 import struct
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -51,58 +48,12 @@ from ninedtact.recording.ros_messages import (
     decode_warnings,
     decode_wrench,
 )
+from ninedtact.recording.summary import RecordingSummary, summarise_recording
 
 SENSOR_FOLDER = "sensor"
 """First part of the names of the attachments that hold the sensor folder."""
 SPANS_ATTACHMENT = "spans.json"
 """Name of the attached list of labelled spans that were edited after the recording; the last one counts."""
-_GAP_FACTOR = 2.5
-"""Ratio of an interval between two messages to the usual one from which messages count as missing in between."""
-_PERIODIC_TOPICS = (Topic.IMAGES, Topic.MEASURED, Topic.ESTIMATED, Topic.HEIGHTS)
-"""Topics that arrive at a rate, unless their messages were selected one by one."""
-_DEFAULT_HZ = 30.0
-
-
-@dataclass(frozen=True)
-class TopicSummary:
-    """Number, rate and gaps of the messages of one topic."""
-
-    topic: str
-    type: str
-    messages: int
-    rate_hz: float | None = None
-    """The usual rate; None where messages are not periodic."""
-    longest_gap_ms: float | None = None
-    gaps: int | None = None
-    """How often something is missing between two messages."""
-
-
-@dataclass(frozen=True)
-class RecordingSummary:
-    """A summary of the content of a recording, as `ninedtact info` prints it."""
-
-    sensor: str
-    source: str
-    force_torque: str
-    purpose: str
-    id: str
-    began: str
-    """The start of the recording in UTC."""
-    seconds: float
-    finished: bool
-    """Whether the file was closed properly; if not, its last half second may be missing."""
-    dropped: int
-    """Images that the source counted and that were not written."""
-    height_step_mm: float
-    """Quantisation step of the heights; 0 where they are floating point."""
-    camera_delay_ms: float
-    """Delay of the camera that was subtracted from the arrival times of the images."""
-    topics: list[TopicSummary]
-    pairs: dict[str, int]
-    """Number of pairs of each kind, undone contacts excluded."""
-    events: dict[str, int]
-    spans: list[LabelledSpan]
-    """Stretches of time that a person has named."""
 
 
 class Recording:
@@ -139,6 +90,11 @@ class Recording:
     def topics(self) -> list[str]:
         """Full names of the topics that hold messages, such as `/my_sensor/image_raw`."""
         return [self._path(topic) for topic in Topic if len(self.positions(topic))]
+
+    @property
+    def began_ns(self) -> int:
+        """Monotonic stamp of the first message."""
+        return self._time_span_ns[0]
 
     @cached_property
     def duration_s(self) -> float:
@@ -314,35 +270,7 @@ class Recording:
 
     def summary(self) -> RecordingSummary:
         """Return sensor, duration, topics with rates and gaps, drops, pairs and events."""
-        metadata = self.metadata
-        began = datetime.fromtimestamp(metadata.wall_ns(self._time_span_ns[0]) / 1e9, UTC)
-        return RecordingSummary(
-            sensor=metadata.sensor,
-            source=metadata.source,
-            force_torque=metadata.force_torque,
-            purpose=metadata.purpose,
-            id=metadata.id,
-            began=began.isoformat(timespec="milliseconds"),
-            seconds=self.duration_s,
-            finished=self.is_finished,
-            dropped=self.dropped_count,
-            height_step_mm=metadata.height_step_mm,
-            camera_delay_ms=metadata.camera_delay_ms,
-            topics=[summary for topic in Topic if (summary := self._topic_summary(topic)).messages],
-            pairs=dict(Counter(label.kind for label in self.kept_labels())),
-            events=dict(Counter(event.kind.value for event in self.events())),
-            spans=self.spans(),
-        )
-
-    def _topic_summary(self, topic: Topic) -> TopicSummary:
-        stamps_ns = self.stamps_ns(topic)
-        name, type_name = self._path(topic), topic.message_type(self.metadata.images)
-        selected = topic is Topic.IMAGES and self.metadata.purpose != "record"
-        if topic not in _PERIODIC_TOPICS or selected or len(stamps_ns) < 3:
-            return TopicSummary(name, type_name, len(stamps_ns))
-        steps_ns = np.diff(stamps_ns)
-        longest_ms, gaps = float(steps_ns.max() / 1e6), int((steps_ns > _GAP_FACTOR * np.median(steps_ns)).sum())
-        return TopicSummary(name, type_name, len(stamps_ns), median_rate_hz(stamps_ns), longest_ms, gaps)
+        return summarise_recording(self)
 
     def close(self) -> None:
         """Close the file of the recording."""
@@ -353,12 +281,6 @@ class Recording:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
-
-
-def median_rate_hz(stamps_ns: Array) -> float:
-    """Return the usual rate of some stamps, by the median of their distances, which gaps do not change; 30 if unknown."""
-    usual_ns = float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
-    return 1e9 / usual_ns if usual_ns > 0 else _DEFAULT_HZ
 
 
 def sensor_folder_attachments(folder: Path) -> dict[str, bytes]:

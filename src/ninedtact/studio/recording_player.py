@@ -25,7 +25,7 @@ from ninedtact.quantities import EstimateWarning, Frame, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import save_spans
-from ninedtact.recording.reader import Recording, median_rate_hz
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.ros_messages import (
     LabelledSpan,
     Topic,
@@ -33,6 +33,7 @@ from ninedtact.recording.ros_messages import (
     decode_height,
     decode_warnings,
 )
+from ninedtact.recording.summary import median_rate_hz
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.depth import DepthReader
