@@ -11,7 +11,8 @@ EXTRAS = {
     "force": (("onnxruntime",), "force by a network: --force corrected or a model (.onnx)"),
     "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
-    "datasets": (("joblib", "pyarrow"), "data sets: simulate dataset, dataset, evaluate --data"),
+    "datasets": (("joblib", "pyarrow"), "data sets: simulate dataset, dataset, evaluate --data; export --to lerobot"),
+    "mujoco": (("mujoco", "gymnasium"), "touch in MuJoCo scenes: ninedtact.interop.mujoco"),
     "train": (
         ("torch", "lightning", "onnx", "onnxruntime", "onnxscript", "tensorboard"),
         "training force models: train",
