@@ -62,7 +62,7 @@ def test_a_solid_has_the_underside_that_rays_of_mujoco_hit(kind: str) -> None:
     model, data = scene(GEOMS[kind])
     mujoco.mj_forward(model, data)
     sensor = TactileSensor(model, data, "sensor", TWIN)
-    solid = sensor._solid(1, np.zeros(3))
+    solid = sensor._scene.solid(1, np.zeros(3))
     frame, origin = data.body("sensor").xmat.reshape(3, 3), data.body("sensor").xpos
     x, y = np.meshgrid(np.linspace(-4.9, 6.1, 23), np.linspace(-5.9, 4.1, 21))
     heights, hit = solid.lowest_mm(x, y), np.zeros(1, np.int32)
@@ -140,7 +140,7 @@ def test_bodies_that_cannot_be_used_are_refused_in_one_sentence() -> None:
         TactileSensor(model, data, "empty", TWIN)
     mujoco.mj_forward(model, data)
     with pytest.raises(MujocoBodyUnusable, match="got a plane"):
-        TactileSensor(model, data, "sensor", TWIN)._solid(1, np.zeros(3))
+        TactileSensor(model, data, "sensor", TWIN)._scene.solid(1, np.zeros(3))
 
 
 def test_a_body_through_the_base_is_refused() -> None:

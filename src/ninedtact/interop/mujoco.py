@@ -20,18 +20,9 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
-from ninedtact.errors import InputError, MissingLibraryError, SimulationError
-from ninedtact.interop.geom_undersides import (
-    BoxSolid,
-    CapsuleSolid,
-    CylinderSolid,
-    EllipsoidSolid,
-    MeshSolid,
-    Rotation,
-    Solid,
-    SolidsInPlace,
-    Vector,
-)
+from ninedtact.errors import MissingLibraryError, SimulationError
+from ninedtact.interop.geom_undersides import SolidsInPlace, Vector
+from ninedtact.interop.mujoco_scene import BodyContact, MujocoBodyUnusable, MujocoScene
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, HeightMap, Wrench
@@ -41,7 +32,6 @@ from ninedtact.simulation.twin import Twin
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
 
-MM_PER_M = 1e3
 MIN_LOAD_N = 0.01
 """Normal load below which nothing counts as touching; camera noise hides what it does to the gel."""
 _FIRST_DEPTH_MM = 0.3
@@ -61,10 +51,6 @@ HEIGHT_PITCH_MM = 0.2
 
 class MujocoMissing(MissingLibraryError):
     """Raised where MuJoCo or Gymnasium is not installed."""
-
-
-class MujocoBodyUnusable(InputError):
-    """Raised for a body of the scene that cannot be a sensor, or that cannot press one."""
 
 
 class BodyThroughBase(SimulationError):
@@ -104,32 +90,12 @@ class TactileReading:
 
 
 @dataclass(frozen=True)
-class _BodyContact:
-    """One body of the scene on the gel: its place in the sensor frame, and what it applies to the gel."""
-
-    body: int
-    rotation: Rotation
-    origin_mm: Vector
-    centre_mm: Vector
-    """Mean of the contact points, weighted by their load."""
-    wrench: Wrench
-    friction: float
-    deepest_mm: float
-    """How far MuJoCo lets the body overlap the gel."""
-
-    @property
-    def load_n(self) -> float:
-        """The load towards the gel."""
-        return -float(self.wrench.force_n[2])
-
-
-@dataclass(frozen=True)
 class _Press:
     """The last step of the twin, and where the body that leads the motion was."""
 
     contact: Contact
     """The contact of the linear solver, its object without rotation, as of the next step."""
-    leader: _BodyContact
+    leader: BodyContact
     lag_mm: Vector
     """How far the twin's object is moved on from the body, x and y, because the gel yields."""
     stiffness_n_per_mm: float
@@ -169,14 +135,15 @@ class TactileSensor(FrameSource):
         require_mujoco()
         import mujoco
 
-        self._mujoco, self.name = mujoco, f"twin on MuJoCo body {self.body}"
+        self.name = f"twin on MuJoCo body {self.body}"
         self._body = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, self.body)
+        self._scene = MujocoScene(self.model, self.data, self._body)
         names = [self.model.body(number).name for number in range(1, self.model.nbody)]
         if self._body <= 0:
             raise MujocoBodyUnusable(
                 f"expected a body of the scene, one of {', '.join(names)}, got {self.body!r}; correct it"
             )
-        if not self._geoms_of(self._body):
+        if not self._scene.geoms_of(self._body):
             raise MujocoBodyUnusable(
                 f"expected body {self.body} to have a geom that collides, got none; give it a box whose upper face is the skin"
             )
@@ -209,7 +176,7 @@ class TactileSensor(FrameSource):
 
         Raises `BodyThroughBase`, `MujocoBodyUnusable`, and what `Twin.step` raises.
         """
-        touching = [one for one in self._body_contacts() if one.load_n > MIN_LOAD_N]
+        touching = [one for one in self._scene.body_contacts() if one.load_n > MIN_LOAD_N]
         stamp_ns, self._frames = round(self.data.time * 1e9), self._frames + 1
         self._press_before = press = self._press(touching) if touching else None
         contact = None if press is None else self.twin.correct_contact(press.contact)
@@ -224,7 +191,7 @@ class TactileSensor(FrameSource):
         )
         return self.last
 
-    def _press(self, touching: list[_BodyContact]) -> _Press:
+    def _press(self, touching: list[BodyContact]) -> _Press:
         """Press the bodies that touch until the gel resists with their load and, where they stick, with their friction."""
         leader = max(touching, key=lambda one: one.load_n)
         self._require_above_base(touching)
@@ -263,7 +230,7 @@ class TactileSensor(FrameSource):
         """Twins by friction, because each prepares its skin once."""
         return {}
 
-    def _require_above_base(self, touching: list[_BodyContact]) -> None:
+    def _require_above_base(self, touching: list[BodyContact]) -> None:
         """Refuse bodies that overlap the gel by more than its thickness; raises `BodyThroughBase`."""
         for one in touching:
             if one.deepest_mm >= self.twin.thickness_mm:
@@ -273,55 +240,9 @@ class TactileSensor(FrameSource):
                     "skin, move it slower, or take smaller time steps"
                 )
 
-    def _body_contacts(self) -> list[_BodyContact]:
-        """Return every body on the gel with what MuJoCo's contacts say of it."""
-        frame, origin = self._rotation_of(self._body), MM_PER_M * self.data.xpos[self._body]
-        six, found = np.zeros(6), dict[int, list[tuple[Array, Array, float, float]]]()
-        for number in range(self.data.ncon):
-            contact = self.data.contact[number]
-            bodies = self.model.geom_bodyid[contact.geom]
-            if self._body not in bodies or bodies[0] == bodies[1] or contact.efc_address < 0:
-                continue
-            self._mujoco.mj_contactForce(self.model, self.data, number, six)
-            axes, on_second = contact.frame.reshape(3, 3), bodies[1] == self._body
-            sign = 1.0 if on_second else -1.0
-            force, twist = (sign * frame.T @ axes.T @ part for part in (six[:3], six[3:]))
-            place = frame.T @ (MM_PER_M * contact.pos - origin)
-            parts = np.concatenate([force, twist + np.cross(place, force) / MM_PER_M]), place
-            found.setdefault(int(bodies[0 if on_second else 1]), []).append(
-                (*parts, float(contact.friction[0]), -MM_PER_M * float(contact.dist))
-            )
-        return [self._body_contact(body, parts, frame, origin) for body, parts in found.items()]
-
-    def _body_contact(
-        self, body: int, parts: list[tuple[Array, Array, float, float]], frame: Any, origin: Any
-    ) -> _BodyContact:
-        """Return the sum of one body's contacts."""
-        sixes, places, frictions, overlaps = (np.array(column) for column in zip(*parts, strict=True))
-        six, loads = sixes.sum(axis=0), np.maximum(-sixes[:, 2], 0.0) + 1e-9
-        return _BodyContact(
-            body,
-            frame.T @ self._rotation_of(body),
-            frame.T @ (MM_PER_M * self.data.xpos[body] - origin),
-            np.average(places, axis=0, weights=loads),
-            Wrench(six[:3], six[3:]),
-            float(frictions.max()),
-            float(overlaps.max()),
-        )
-
-    def _rotation_of(self, body: int) -> Float64[Array, "3 3"]:
-        """Return the matrix whose columns are a body's axes in the world."""
-        return np.array(self.data.xmat[body]).reshape(3, 3)
-
-    def _geoms_of(self, body: int) -> list[int]:
-        """Return the geoms of a body that collide."""
-        first, many = self.model.body_geomadr[body], self.model.body_geomnum[body]
-        collides = self.model.geom_contype | self.model.geom_conaffinity
-        return [geom for geom in range(first, first + many) if collides[geom]]
-
     def _solids(self, bodies: list[int], lag_mm: Vector, about_mm: tuple[float, float]) -> SolidsInPlace:
         """Return the bodies as one indenter about a point, moved on by the lag of the gel."""
-        solids = tuple(self._solid(geom, lag_mm) for body in bodies for geom in self._geoms_of(body))
+        solids = tuple(self._scene.solid(geom, lag_mm) for body in bodies for geom in self._scene.geoms_of(body))
         names = "+".join(self.model.body(body).name or f"body {body}" for body in bodies)
         grid = self.twin.model.skin.grid
         sides = zip(self.twin.gel_mm, (grid.width_mm, grid.height_mm), about_mm, strict=True)
@@ -329,43 +250,6 @@ class TactileSensor(FrameSource):
         whole = SolidsInPlace(names, solids, about_mm, [(low + _RIM_MM, high - _RIM_MM) for low, high in reach])
         lowest = float(whole.underside_mm(*self.twin.model.skin.coordinates_mm).min())
         return replace(whole, base_mm=lowest)
-
-    def _solid(self, geom: int, lag_mm: Vector) -> Solid:
-        """Return one geom in the sensor frame; raises `MujocoBodyUnusable`."""
-        frame, kinds = self._rotation_of(self._body), self._mujoco.mjtGeom
-        rotation = frame.T @ np.array(self.data.geom_xmat[geom]).reshape(3, 3)
-        centre = frame.T @ (MM_PER_M * (self.data.geom_xpos[geom] - self.data.xpos[self._body])) + lag_mm
-        size, kind = (MM_PER_M * self.model.geom_size[geom]).tolist(), self.model.geom_type[geom]
-        if kind == kinds.mjGEOM_SPHERE:
-            return EllipsoidSolid(centre, rotation, (size[0],) * 3)
-        if kind == kinds.mjGEOM_ELLIPSOID:
-            return EllipsoidSolid(centre, rotation, tuple(size))
-        if kind == kinds.mjGEOM_BOX:
-            return BoxSolid(centre, rotation, tuple(size))
-        if kind == kinds.mjGEOM_CYLINDER:
-            return CylinderSolid(centre, rotation, tuple(size[:2]))
-        if kind == kinds.mjGEOM_CAPSULE:
-            return CapsuleSolid(centre, rotation, tuple(size[:2]))
-        if kind == kinds.mjGEOM_MESH:
-            return MeshSolid(centre, rotation, (), self._triangles_mm(int(self.model.geom_dataid[geom])))
-        name = self.model.body(self.model.geom_bodyid[geom]).name or "world"
-        raise MujocoBodyUnusable(
-            f"expected body {name} to consist of spheres, ellipsoids, boxes, cylinders, capsules or meshes where it touches the "
-            f"gel, got a {kinds(kind).name.removeprefix('mjGEOM_').lower()}; replace it, or keep it off the sensor"
-        )
-
-    def _triangles_mm(self, mesh: int) -> Float64[Array, "triangles 3 3"]:
-        """Return the triangles of a mesh of the scene in the frame of its geom."""
-        if mesh not in self._meshes:
-            vertex, face = self.model.mesh_vertadr[mesh], self.model.mesh_faceadr[mesh]
-            vertices = self.model.mesh_vert[vertex : vertex + self.model.mesh_vertnum[mesh]].astype(float) * MM_PER_M
-            self._meshes[mesh] = vertices[self.model.mesh_face[face : face + self.model.mesh_facenum[mesh]]]
-        return self._meshes[mesh]
-
-    @cached_property
-    def _meshes(self) -> dict[int, Array]:
-        """Triangles by mesh, because they do not change."""
-        return {}
 
 
 def _move_origin(last: _Press, centre_mm: Float64[Array, "2"]) -> Contact:
@@ -384,7 +268,7 @@ def _move_origin(last: _Press, centre_mm: Float64[Array, "2"]) -> Contact:
     return replace(contact, pose=pose, **fields)
 
 
-def _pose_now(before: Contact, last: _Press | None, leader: _BodyContact, centre_mm: Float64[Array, "2"]) -> Pose:
+def _pose_now(before: Contact, last: _Press | None, leader: BodyContact, centre_mm: Float64[Array, "2"]) -> Pose:
     """Return where the point of the object at the origin of the last contact is now, without lag, and how it has turned."""
     if last is None:
         return Pose(float(centre_mm[0]), float(centre_mm[1]), _FIRST_DEPTH_MM)
