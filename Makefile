@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster chaos soak mutants lock licences lint types coverage docs benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -22,6 +22,10 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
 .venv/ready-cluster: .venv/ready
 	$(INSTALL) -e '.[cluster]'
+	touch $@
+
+.venv/ready-interop: .venv/ready
+	$(INSTALL) -e '.[ros2,stream]'
 	touch $@
 
 .venv/ready-docs: .venv/ready
@@ -71,6 +75,10 @@ licences: .venv/ready
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
+# Doors to other programs, tried against those programs (DDS, C++, JavaScript).
+test-interop: .venv/ready-interop
+	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m interop tests/interop
+
 # Commands that are interrupted, killed or out of disk, and hours of use in half an hour: docs/reliability.md holds the tables.
 chaos: .venv/ready
 	.venv/bin/python benchmarks/chaos.py
@@ -119,10 +127,12 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
-BENCHMARKS := start_up page_clients page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
+BENCHMARKS := ros2_loopback start_up page_clients page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))
+
+benchmarks/ros2_loopback: .venv/ready-interop
 
 $(addprefix benchmarks/,$(BENCHMARKS)): .venv/ready
 	.venv/bin/python $@.py

@@ -21,6 +21,8 @@ COMMANDS = {
     "reconstruct": "reconstruct:ReconstructCommand",
     "check": "check:CheckCommand",
     "live": "live:Live",
+    "ros2": "ros2_and_serve:Ros2",
+    "serve": "ros2_and_serve:Serve",
     "simulate": "simulate:Simulate",
     "collect": "collect:Collect",
     "record": "record:Record",
