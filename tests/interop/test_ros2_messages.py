@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from small_sensor import RECORDED, SHAPE, SkinCamera, skin
@@ -93,17 +94,9 @@ def test_opencv_projects_the_skin_by_camera_info_and_tf_as_the_calibration_does(
     lens, turn = RECORDED.lens, np.radians(turn_deg)
     assert isinstance(lens, LensModelTable)
     scale = lens.homography[0] / 2  # so that the turned view stays in the image
-    homography = (
-        scale * np.cos(turn),
-        -scale * np.sin(turn),
-        0.02,
-        scale * np.sin(turn),
-        scale * np.cos(turn),
-        0.01,
-        0,
-        0,
-    )
-    bent = replace(RECORDED, lens=replace(lens, homography=tuple(map(float, homography)), radial=(-0.1,)))
+    turned = [scale * np.cos(turn), -scale * np.sin(turn), 0.02, scale * np.sin(turn), scale * np.cos(turn), 0.01, 0, 0]
+    changed = msgspec.structs.replace(lens, homography=tuple(map(float, turned)), radial=(-0.1,))
+    bent = msgspec.structs.replace(RECORDED, lens=changed)
     folder = SensorFolder(Path(), bent)
     messages, rectify = SensorMessages(folder, "turned"), folder.shape.rectify
 
