@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -14,10 +15,11 @@ from pathlib import Path
 from textwrap import dedent
 from threading import Event, Thread
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
-from small_sensor import SHAPE, SkinCamera, sensor_on, skin, wait_until
+from small_sensor import SHAPE, SkinCamera, sensor_folder, sensor_on, skin, wait_until
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -213,3 +215,31 @@ def test_a_port_in_use_is_refused() -> None:
             pass
         with pytest.raises(StreamPortRefused, match="--tcp-port"), ReadingServer("a", "127.0.0.1", 0, port):
             pass
+
+
+def test_the_command_prints_where_it_serves(tmp_path: Path) -> None:
+    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
+    images.mkdir()
+    for number in range(12):
+        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
+    words = [
+        "--source",
+        str(images),
+        "--sensor",
+        str(folder),
+        "--force",
+        "none",
+        "--loop",
+        "--port",
+        "0",
+        "--tcp-port",
+        "0",
+    ]
+    start = [sys.executable, "-m", "ninedtact", "serve", *words]
+    with subprocess.Popen(start, stdout=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        addresses = json.loads(running.stdout.readline().partition(": ")[2].rpartition(";")[0])
+        with tcp(int(addresses["tcp"].rpartition(":")[2]), b"{}\n") as client:
+            assert json.loads(client.makefile().readline())["wrench"] is None
+        running.send_signal(signal.SIGINT)
+        assert running.wait(PATIENCE_S) == 0
