@@ -25,7 +25,7 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 	touch $@
 
 .venv/ready-interop: .venv/ready
-	$(INSTALL) -e '.[mujoco]'
+	$(INSTALL) -e '.[mujoco,ros2,stream]'
 	touch $@
 
 .venv/ready-docs: .venv/ready
@@ -75,7 +75,7 @@ licences: .venv/ready
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
-# The doors to other tools, each with the tool itself. What needs no tool runs in `make test`.
+# Doors to other programs, tried against those programs (MuJoCo, DDS, C++, JavaScript). What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop
 	.venv/bin/python -m pytest -m 'interop or not interop' tests/interop
 
@@ -127,10 +127,12 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
-BENCHMARKS := start_up mujoco_speed page_clients page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
+BENCHMARKS := start_up ros2_loopback mujoco_speed page_clients page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))
+
+benchmarks/ros2_loopback: .venv/ready-interop
 
 $(addprefix benchmarks/,$(BENCHMARKS)): .venv/ready
 	.venv/bin/python $@.py

@@ -26,7 +26,7 @@ def command_reference() -> str:
 def command_words(*prefix: str) -> list[tuple[str, ...]]:
     """Return the words of every command, those of groups (`hardware export`) included, in the order of the help."""
     usage = help_text(*prefix).split("\n\n")[0]
-    names = re.search(r"\] \{([a-z,-]+)\}$", usage)
+    names = re.search(r"\] \{([a-z0-9,-]+)\}$", usage)
     if names is None:
         return [prefix]
     return [words for name in names[1].split(",") for words in command_words(*prefix, name)]

@@ -21,7 +21,8 @@ LAYERS = [
     {"calibration", "reference_following"},
     {"recording", "sensor"},
     {"dataset", "open_sensor"},
-    {"studio", "hardware", "interop", "workflows"},
+    {"studio", "hardware", "workflows"},
+    {"interop"},
     {"cli"},
     {"__main__"},
 ]
@@ -36,7 +37,7 @@ HEAVY = {
     "onnx": {"force.training"},
     "onnxruntime": {"force.onnx_model"},
     "viser": {"studio"},
-    "websockets": {"studio"},
+    "websockets": {"studio", "interop"},
     "build123d": {
         "hardware.parts",
         "hardware.sensor_assembly",
@@ -110,7 +111,21 @@ def test_a_heavy_library_is_imported_by_its_package_only(path: Path) -> None:
         assert home is None or set(enclosing_packages(path)) & home, f"{path} imports {name}"
 
 
-ALL_HEAVY = ("cv2", "scipy", "torch", "viser", "matplotlib", "build123d", "OCP", "ezdxf", "mujoco", "gymnasium")
+ALL_HEAVY = (
+    "cv2",
+    "scipy",
+    "torch",
+    "viser",
+    "matplotlib",
+    "build123d",
+    "OCP",
+    "ezdxf",
+    "rosbags",
+    "cyclonedds",
+    "websockets",
+    "mujoco",
+    "gymnasium",
+)
 
 
 @pytest.mark.parametrize(

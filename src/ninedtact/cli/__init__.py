@@ -22,6 +22,8 @@ COMMANDS = {
     "check": "check:CheckCommand",
     "live": "live:Live",
     "play": "live:Play",
+    "ros2": "ros2_and_serve:Ros2",
+    "serve": "ros2_and_serve:Serve",
     "simulate": "simulate:Simulate",
     "collect": "collect:Collect",
     "record": "record:Record",

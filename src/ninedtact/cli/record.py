@@ -78,7 +78,7 @@ class Record:
         require_recording_libraries()
         require_new_recording(self.out)
         require_duration(self.seconds)
-        if len(self.source) != 1 or _NAMED_ADDRESS.match(self.source[0]):
+        if len(self.source) != 1 or is_named(self.source[0]):
             return self._record_several()
         if len(self.sensor) > 1:
             raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
@@ -96,7 +96,7 @@ class Record:
 
     def _record_several(self) -> int:
         """Record every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
-        sources, sensors = _by_name("--source", self.source), _by_name("--sensor", self.sensor)
+        sources, sensors = split_named("--source", self.source), split_named("--sensor", self.sensor)
         if strangers := sensors.keys() - sources.keys():
             raise RecordingRefused(
                 f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
@@ -108,7 +108,7 @@ class Record:
             require_new_recording(out)
         commands = {name: self._command(sources[name], sensors.get(name), out) for name, out in outs.items()}
         with stop_on_signal() as until:
-            answers = _run_together(commands, lambda: until.requested)
+            answers = run_together(commands, lambda: until.requested)
         found = {name: json.loads(answer) for name, answer in answers.items() if answer}
         lines = [
             f"{one['out']}: {sum(one['written'].values())} messages, {one['dropped']} dropped" for one in found.values()
@@ -174,7 +174,12 @@ class Record:
         return camera, None if self.force_torque is None else _wrench_source(self.force_torque, folder)
 
 
-def _by_name(option: str, named: tuple[str, ...]) -> dict[str, str]:
+def is_named(text: str) -> bool:
+    """Return whether a source or sensor is one of several with a name each, such as left=usb:1-2."""
+    return _NAMED_ADDRESS.match(text) is not None
+
+
+def split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
     """Return what an option names, such as left=usb:1-2, by the names; raises `RecordingRefused` for a missing or repeated name."""
     found: dict[str, str] = {}
     for text in named:
@@ -187,7 +192,7 @@ def _by_name(option: str, named: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def _run_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
+def run_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
     """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly."""
     import signal
     import subprocess

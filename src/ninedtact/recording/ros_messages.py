@@ -31,8 +31,16 @@ _COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 _PNG_PARAMETERS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # since OpenCV 4.12; smaller and twice as fast
     _PNG_PARAMETERS += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
+CAMERA_FRAME, SKIN_FRAME = "camera", "skin"
+"""Frames of a recording, which holds one sensor: that of the camera image, and that of heights and wrenches."""
 _WARN = 1
 """Level of a diagnostic_msgs/DiagnosticStatus."""
+
+
+def ros_name(sensor: str) -> str:
+    """Return a sensor's name as ROS allows it: letters, digits and underscores, beginning with a letter."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", sensor)
+    return name if name[:1].isalpha() else f"sensor_{name}"
 
 
 class Topic(StrEnum):
@@ -62,9 +70,7 @@ class Topic(StrEnum):
 
         images: how the recording stores images (`metadata.ImageStorage`).
         """
-        name = re.sub(r"[^A-Za-z0-9_]", "_", sensor)
-        prefix = name if name[:1].isalpha() else f"sensor_{name}"
-        return f"/{prefix}/{self.value}" + (_COMPRESSED if self._is_compressed(images) else "")
+        return f"/{ros_name(sensor)}/{self.value}" + (_COMPRESSED if self._is_compressed(images) else "")
 
     def message_type(self, images: str = "zstd") -> str:
         """Return the type of the topic's messages, where images are stored in this way."""
@@ -141,62 +147,67 @@ class PairLabel:
 
 
 @cache
-def _type_store() -> Any:
+def type_store() -> Any:
+    """Return the message types of ROS 2 and their encoding (CDR)."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 def message_definition(name: str) -> bytes:
     """Return the definition of a message type with all types that it contains, as ROS 2 writes it."""
-    text: str = _type_store().generate_msgdef(name, ros_version=2)[0]
+    text: str = type_store().generate_msgdef(name, ros_version=2)[0]
     return text.encode()
 
 
-def encode_image(image: UInt8[Array, "rows cols 3"], wall_ns: int, images: str = "zstd") -> bytes:
+def encode_image(
+    image: UInt8[Array, "rows cols 3"], wall_ns: int, images: str = "zstd", frame: str = CAMERA_FRAME
+) -> bytes:
     """Return an image message, BGR: as it is, or as a PNG."""
     if images == "png":
         png = np.frombuffer(cv2.imencode(".png", np.ascontiguousarray(image), _PNG_PARAMETERS)[1], np.uint8)
-        message = _type_store().types[_COMPRESSED_IMAGE_TYPE](
-            header=_header(wall_ns, "camera"), format="bgr8; png compressed bgr8", data=png
+        message = type_store().types[_COMPRESSED_IMAGE_TYPE](
+            header=header(wall_ns, frame), format="bgr8; png compressed bgr8", data=png
         )
-        return bytes(_type_store().serialize_cdr(message, _COMPRESSED_IMAGE_TYPE))
-    return _encode_pixels(Topic.IMAGES, _header(wall_ns, "camera"), image.shape[:2], "bgr8", image)
+        return bytes(type_store().serialize_cdr(message, _COMPRESSED_IMAGE_TYPE))
+    return _encode_pixels(Topic.IMAGES, header(wall_ns, frame), image.shape[:2], "bgr8", image)
 
 
-def encode_height(z_mm: Float32[Array, "rows cols"], wall_ns: int, step_mm: float = 0.0) -> bytes:
+def encode_height(
+    z_mm: Float32[Array, "rows cols"], wall_ns: int, step_mm: float = 0.0, frame: str = SKIN_FRAME
+) -> bytes:
     """Return a height message in metres, NaN out of view; with a step, as multiples of it in 16 bits."""
     if step_mm:
         steps = np.clip(np.rint(z_mm / step_mm), _OUT_OF_VIEW_16_BIT + 1, -_OUT_OF_VIEW_16_BIT - 1)
         whole = np.where(np.isnan(z_mm), _OUT_OF_VIEW_16_BIT, steps).astype("<i2")
-        return _encode_pixels(Topic.HEIGHTS, _header(wall_ns, "skin"), whole.shape, "16SC1", whole)
+        return _encode_pixels(Topic.HEIGHTS, header(wall_ns, frame), whole.shape, "16SC1", whole)
     z_m = (z_mm.astype(np.float64) / _MM_PER_M).astype("<f4")
-    return _encode_pixels(Topic.HEIGHTS, _header(wall_ns, "skin"), z_m.shape, "32FC1", z_m)
+    return _encode_pixels(Topic.HEIGHTS, header(wall_ns, frame), z_m.shape, "32FC1", z_m)
 
 
-def encode_wrench(wrench: Wrench, wall_ns: int) -> bytes:
+def encode_wrench(wrench: Wrench, wall_ns: int, frame: str = SKIN_FRAME) -> bytes:
     """Return a wrench message about the skin centre."""
-    types = _type_store().types
+    types = type_store().types
     about_centre = wrench.about(np.zeros(3)) if wrench.about_mm.any() else wrench
     vector = types["geometry_msgs/msg/Vector3"]
     force, torque = vector(*about_centre.force_n.tolist()), vector(*about_centre.torque_nm.tolist())
     message = types["geometry_msgs/msg/Wrench"](force, torque)
-    return _encode(Topic.MEASURED, header=_header(wall_ns, "skin"), wrench=message)
+    return _encode(Topic.MEASURED, header=header(wall_ns, frame), wrench=message)
 
 
 def encode_covariance(covariance: Float64[Array, "6 6"]) -> bytes:
     """Return a covariance message in the order of `Wrench.six`, N and N·m."""
-    types = _type_store().types
+    types = type_store().types
     dimension = types["std_msgs/msg/MultiArrayDimension"]
     layout = types["std_msgs/msg/MultiArrayLayout"]([dimension("rows", 6, 36), dimension("columns", 6, 6)], 0)
     return _encode(Topic.COVARIANCE, layout=layout, data=np.ascontiguousarray(covariance, np.float64).reshape(-1))
 
 
-def encode_warnings(warnings: Sequence[str], sensor: str, wall_ns: int) -> bytes:
+def encode_warnings(warnings: Sequence[str], sensor: str, wall_ns: int, frame: str = SKIN_FRAME) -> bytes:
     """Return a diagnostic message with one status of level WARN for each warning."""
-    status = _type_store().types["diagnostic_msgs/msg/DiagnosticStatus"]
+    status = type_store().types["diagnostic_msgs/msg/DiagnosticStatus"]
     statuses = [
         status(level=_WARN, name=f"{sensor}: force", message=text, hardware_id=sensor, values=[]) for text in warnings
     ]
-    return _encode(Topic.WARNINGS, header=_header(wall_ns, "skin"), status=statuses)
+    return _encode(Topic.WARNINGS, header=header(wall_ns, frame), status=statuses)
 
 
 def encode_label(label: PairLabel) -> bytes:
@@ -212,7 +223,7 @@ def encode_span(span: LabelledSpan) -> bytes:
 
 def encode_reference_grey(grey: Float32[Array, "rows cols"], wall_ns: int) -> bytes:
     """Return a message with the grey levels of a rectified reference image."""
-    return _encode_pixels(Topic.REFERENCE_GREY, _header(wall_ns, "skin"), grey.shape, "32FC1", grey.astype("<f4"))
+    return _encode_pixels(Topic.REFERENCE_GREY, header(wall_ns, "skin"), grey.shape, "32FC1", grey.astype("<f4"))
 
 
 def encode_event(event: RecordingEvent) -> bytes:
@@ -223,7 +234,7 @@ def encode_event(event: RecordingEvent) -> bytes:
 def decode_image(data: bytes, images: str = "zstd") -> UInt8[Array, "rows cols 3"]:
     """Return the image of a message in its own memory; raises `ValueError` for a damaged PNG."""
     if images == "png":
-        png = _type_store().deserialize_cdr(data, _COMPRESSED_IMAGE_TYPE).data
+        png = type_store().deserialize_cdr(data, _COMPRESSED_IMAGE_TYPE).data
         image = cv2.imdecode(png, cv2.IMREAD_COLOR)
         if image is None:
             raise ValueError("a PNG that cannot be decoded")
@@ -284,13 +295,17 @@ def decode_event(data: bytes, stamp_ns: int) -> RecordingEvent:
     return RecordingEvent(stamp_ns, EventKind(fields["kind"]), fields["subject"], fields["text"])
 
 
+def encode_message(message_type: str, **fields: Any) -> bytes:
+    """Return a message of any type of ROS 2 in CDR."""
+    return bytes(type_store().serialize_cdr(type_store().types[message_type](**fields), message_type))
+
+
 def _encode(topic: Topic, **values: Any) -> bytes:
-    name = MESSAGE_TYPES[topic]
-    return bytes(_type_store().serialize_cdr(_type_store().types[name](**values), name))
+    return encode_message(MESSAGE_TYPES[topic], **values)
 
 
 def _decode(topic: Topic, data: bytes) -> Any:
-    return _type_store().deserialize_cdr(data, MESSAGE_TYPES[topic])
+    return type_store().deserialize_cdr(data, MESSAGE_TYPES[topic])
 
 
 def _encode_json(topic: Topic, fields: dict[str, Any]) -> bytes:
@@ -309,7 +324,8 @@ def _encode_pixels(topic: Topic, header: Any, shape: tuple[int, ...], encoding: 
     return _encode(topic, header=header, data=data, **layout)
 
 
-def _header(wall_ns: int, frame: str) -> Any:
-    types = _type_store().types
+def header(wall_ns: int, frame: str) -> Any:
+    """Return the header of a message: wall time, and the frame that its coordinates refer to."""
+    types = type_store().types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(wall_ns, _NS_PER_S))
     return types["std_msgs/msg/Header"](stamp, frame)

@@ -1,0 +1,267 @@
+"""The ROS 2 messages of a running sensor: a reading in, encoded messages (CDR) by topic out. Nothing here needs ROS or DDS.
+
+Topics, types and units are those of recordings (`recording.ros_messages`), with points, compressed images and camera information
+added. Lengths are in metres (REP 103). Frames of a sensor `my_sensor`, all right-handed:
+
+    my_sensor_skin            origin in the middle of the untouched skin, x along image columns, y along rows, z outward
+    my_sensor_gel             the same axes; origin where the gel is bonded to its base
+    my_sensor_camera_optical  z forward along the view, x to the right, y down in the raw image (REP 103, suffix `_optical`)
+
+The tree has no parent of `skin`; who mounts the sensor publishes the transform from the robot's link to it.
+"""
+
+import json
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float64, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.reading import Reading
+from ninedtact.recording.ros_messages import (
+    MESSAGE_TYPES,
+    Topic,
+    encode_covariance,
+    encode_height,
+    encode_image,
+    encode_message,
+    encode_warnings,
+    encode_wrench,
+    header,
+    ros_name,
+    type_store,
+)
+from ninedtact.shape.rectification import Rectification, skin_grid_mm
+from ninedtact.shape.surface import point_cloud
+
+TF_STATIC = "/tf_static"
+STATUS, COMMAND = "status", "command"
+POINTS, COMPRESSED, CAMERA_INFO = "points", "image_raw/compressed", "camera_info"
+STRING_TYPE, TF_TYPE = "std_msgs/msg/String", "tf2_msgs/msg/TFMessage"
+_POINTS_TYPE, _COMPRESSED_TYPE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CompressedImage"
+_CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+_POINT_FIELDS = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "intensity")
+_FLOAT32 = 7
+"""`PointField.FLOAT32`."""
+_FIT_ROWS = 30
+"""About so many rows of the rectified grid, and columns as far apart, are points of the camera fit."""
+_M_PER_MM = 1e-3
+
+
+class QosProfile(StrEnum):
+    """Named qualities of service, as in ROS 2."""
+
+    SENSOR_DATA = "sensor_data"
+    """Best effort, the last five: the newest data first, lost ones are not sent again."""
+    RELIABLE = "reliable"
+    """Lost messages are sent again; the last ten."""
+    LATCHED = "latched"
+    """Reliable, and who subscribes later still gets the last one (transient local)."""
+
+
+LIVE_TOPICS: Mapping[str, tuple[str, QosProfile]] = {
+    Topic.IMAGES: (MESSAGE_TYPES[Topic.IMAGES], QosProfile.RELIABLE),
+    COMPRESSED: (_COMPRESSED_TYPE, QosProfile.RELIABLE),
+    CAMERA_INFO: (_CAMERA_INFO_TYPE, QosProfile.RELIABLE),
+    Topic.HEIGHTS: (MESSAGE_TYPES[Topic.HEIGHTS], QosProfile.RELIABLE),
+    POINTS: (_POINTS_TYPE, QosProfile.RELIABLE),
+    Topic.ESTIMATED: (MESSAGE_TYPES[Topic.ESTIMATED], QosProfile.RELIABLE),
+    Topic.COVARIANCE: (MESSAGE_TYPES[Topic.COVARIANCE], QosProfile.RELIABLE),
+    Topic.WARNINGS: (MESSAGE_TYPES[Topic.WARNINGS], QosProfile.RELIABLE),
+    STATUS: (STRING_TYPE, QosProfile.LATCHED),
+}
+"""Type and default quality of service of every topic that is published; a reliable topic serves `sensor_data` subscribers too."""
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """A pinhole camera with the distortion model `plumb_bob`, fitted to the calibrated map from skin to raw image."""
+
+    focal_length_px: float
+    centre_px: tuple[float, float]
+    distortion: tuple[float, ...]
+    """k1, k2, p1, p2, k3."""
+    roll_rad: float
+    """Angle from the x axis of the camera to that of the skin about the common z axis."""
+    distance_mm: float
+    """Distance from the camera to the untouched skin: that of the design."""
+    raw_shape: tuple[int, int]
+    residual_px: float
+    """Root mean square distance between the fitted and the calibrated pixels."""
+
+
+def fit_pinhole_camera(rectification: Rectification, distance_mm: float) -> PinholeCamera:
+    """Return the pinhole camera at this distance that sees the skin as the calibration does.
+
+    One plane does not tell focal length from distance, so that the distance is given, and the view is taken as perpendicular.
+    Window and gel refract, which the distortion absorbs; `residual_px` says how well.
+    """
+    from scipy.optimize import least_squares
+
+    shape = rectification.source_px.shape[:2]
+    pick = (slice(None, None, max(1, shape[0] // _FIT_ROWS)),) * 2
+    seen = rectification.height_source[pick].ravel() > 0
+    x_mm, y_mm = (axis[pick].ravel()[seen].astype(float) for axis in skin_grid_mm(shape, rectification.mm_per_px))
+    plane = np.stack([x_mm, y_mm], 1) / distance_mm
+    pixels = rectification.source_px[pick].reshape(-1, 2)[seen].astype(float)
+    tangent = np.linalg.lstsq(np.column_stack([plane, np.ones(len(plane))]), pixels, rcond=None)[0]
+    focal_px, roll = float(np.sqrt(abs(np.linalg.det(tangent[:2])))), float(np.arctan2(tangent[0, 1], tangent[0, 0]))
+
+    def miss(parameters: Float64[Array, "9"]) -> Float64[Array, " m"]:
+        return np.asarray((_project(plane, parameters, focal_px) - pixels).ravel())
+
+    found = least_squares(miss, [1.0, *tangent[2] / focal_px, roll, 0, 0, 0, 0, 0]).x
+    residual_px = float(np.sqrt((miss(found).reshape(-1, 2) ** 2).sum(1).mean()))
+    scale, u, v, roll, *distortion = found.tolist()
+    centre = (u * focal_px, v * focal_px)
+    return PinholeCamera(
+        scale * focal_px, centre, tuple(distortion), roll, distance_mm, rectification.raw_shape, residual_px
+    )
+
+
+def _project(plane: Float64[Array, "n 2"], parameters: Float64[Array, "9"], unit_px: float) -> Float64[Array, "n 2"]:
+    """Return the pixels of points at unit distance: scale, centre, roll, then k1, k2, p1, p2, k3; lengths in `unit_px`."""
+    scale, u, v, roll, k1, k2, p1, p2, k3 = parameters
+    x = np.cos(roll) * plane[:, 0] - np.sin(roll) * plane[:, 1]
+    y = np.sin(roll) * plane[:, 0] + np.cos(roll) * plane[:, 1]
+    squared = x * x + y * y
+    growth = 1 + squared * (k1 + squared * (k2 + squared * k3))
+    along_x = x * growth + 2 * p1 * x * y + p2 * (squared + 2 * x * x)
+    along_y = y * growth + p1 * (squared + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([scale * along_x + u, scale * along_y + v], 1) * unit_px
+
+
+@dataclass(frozen=True)
+class SensorMessages:
+    """The messages of one sensor."""
+
+    folder: SensorFolder
+    name: str
+    """Name of the sensor in topics and frames."""
+    points_every: int = 3
+    """Points of every so many rows and columns of the height map."""
+
+    def path(self, topic: str) -> str:
+        """Return the full name of a topic."""
+        return topic if topic == TF_STATIC else f"/{ros_name(self.name)}/{topic}"
+
+    def frame(self, part: str) -> str:
+        """Return the name of a frame: of `skin`, `gel` or `camera_optical`."""
+        return f"{ros_name(self.name)}_{part}"
+
+    @cached_property
+    def camera(self) -> PinholeCamera:
+        """The pinhole camera of `camera_info`, fitted once."""
+        return fit_pinhole_camera(self.folder.shape.rectify, self.folder.record.design.camera.distance_mm)
+
+    def encode(self, reading: Reading, wall_ns: int, topics: Collection[str]) -> dict[str, bytes]:
+        """Return the messages of a reading on these topics; none on topics for which it has nothing (no wrench, no warning).
+
+        wall_ns: wall time of the reading's image, which is the stamp of all messages.
+        """
+        encoders: dict[str, Callable[[Reading, int], bytes | None]] = {
+            Topic.IMAGES: lambda reading, at: encode_image(reading.image, at, frame=self.frame("camera_optical")),
+            COMPRESSED: lambda reading, at: self._compressed_image(reading.image, at),
+            CAMERA_INFO: lambda reading, at: self.encode_camera_info(at),
+            Topic.HEIGHTS: self._height,
+            POINTS: self._points,
+            Topic.ESTIMATED: self._wrench,
+            Topic.COVARIANCE: lambda reading, at: (
+                encode_covariance(reading.force.covariance) if reading.force else None
+            ),
+            Topic.WARNINGS: self._warnings,
+        }
+        messages = {topic: encode(reading, wall_ns) for topic, encode in encoders.items() if topic in topics}
+        return {topic: message for topic, message in messages.items() if message is not None}
+
+    def encode_camera_info(self, wall_ns: int) -> bytes:
+        """Return the camera information of the raw image."""
+        camera, (rows, cols) = self.camera, self.camera.raw_shape
+        (u, v), f = camera.centre_px, camera.focal_length_px
+        region = type_store().types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        return encode_message(
+            _CAMERA_INFO_TYPE,
+            header=header(wall_ns, self.frame("camera_optical")),
+            height=rows,
+            width=cols,
+            distortion_model="plumb_bob",
+            d=np.array(camera.distortion),
+            k=np.array([f, 0, u, 0, f, v, 0, 0, 1], float),
+            r=np.eye(3).ravel(),
+            p=np.array([f, 0, u, 0, 0, f, v, 0, 0, 0, 1, 0], float),
+            binning_x=0,
+            binning_y=0,
+            roi=region,
+        )
+
+    def encode_static_transforms(self, wall_ns: int) -> bytes:
+        """Return the transforms from the skin to the gel and to the camera."""
+        types = type_store().types
+        vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+
+        def transform(part: str, depth_mm: float, roll_rad: float) -> Any:
+            turn = quaternion(0.0, 0.0, float(np.sin(roll_rad / 2)), float(np.cos(roll_rad / 2)))
+            moved = types["geometry_msgs/msg/Transform"](vector(0.0, 0.0, -depth_mm * _M_PER_MM), turn)
+            return types["geometry_msgs/msg/TransformStamped"](
+                header(wall_ns, self.frame("skin")), self.frame(part), moved
+            )
+
+        parts = [
+            transform("camera_optical", self.camera.distance_mm, -self.camera.roll_rad),
+            transform("gel", self.folder.gel.thickness_mm, 0.0),
+        ]
+        return encode_message(TF_TYPE, transforms=parts)
+
+    def _compressed_image(self, image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
+        jpeg = cv2.imencode(".jpg", image)[1].reshape(-1)
+        stamped = header(wall_ns, self.frame("camera_optical"))
+        return encode_message(_COMPRESSED_TYPE, header=stamped, format="bgr8; jpeg compressed bgr8", data=jpeg)
+
+    def _height(self, reading: Reading, wall_ns: int) -> bytes:
+        z_mm = np.where(reading.height.in_view, reading.height.z_mm, np.float32(np.nan))
+        return encode_height(z_mm, wall_ns, frame=self.frame("skin"))
+
+    def _points(self, reading: Reading, wall_ns: int) -> bytes:
+        """Return points in metres, outward unit normals, and as intensity the grey level of the rectified image."""
+        every = (slice(None, None, self.points_every),) * 2
+        cloud = point_cloud(reading.height, self.points_every)
+        values = np.empty((len(cloud.points_mm), len(_POINT_FIELDS)), "<f4")
+        values[:, :3], values[:, 3:6] = cloud.points_mm * np.float32(_M_PER_MM), cloud.normals
+        values[:, 6] = reading.rectified.grey[every][reading.height.in_view[every]]
+        field = type_store().types["sensor_msgs/msg/PointField"]
+        return encode_message(
+            _POINTS_TYPE,
+            header=header(wall_ns, self.frame("skin")),
+            height=1,
+            width=len(values),
+            fields=[field(name, 4 * place, _FLOAT32, 1) for place, name in enumerate(_POINT_FIELDS)],
+            is_bigendian=False,
+            point_step=values.strides[0],
+            row_step=values.nbytes,
+            data=values.view(np.uint8).reshape(-1),
+            is_dense=True,
+        )
+
+    def _wrench(self, reading: Reading, wall_ns: int) -> bytes | None:
+        return None if reading.wrench is None else encode_wrench(reading.wrench, wall_ns, self.frame("skin"))
+
+    def _warnings(self, reading: Reading, wall_ns: int) -> bytes | None:
+        warnings = [warning.value for warning in reading.warnings]
+        return encode_warnings(warnings, self.name, wall_ns, self.frame("skin")) if warnings else None
+
+
+def encode_status(fields: Mapping[str, Any]) -> bytes:
+    """Return a status as JSON in a string message."""
+    return encode_message(STRING_TYPE, data=json.dumps(fields, ensure_ascii=False))
+
+
+def decode_command(data: bytes) -> str:
+    """Return the text of a command, without surrounding white space."""
+    text: str = type_store().deserialize_cdr(data, STRING_TYPE).data
+    return text.strip()

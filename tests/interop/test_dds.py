@@ -1,0 +1,261 @@
+"""ROS 2 messages reach another process, as Cyclone DDS itself reads them. `make test-interop` runs this."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from small_sensor import RECORDED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
+
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+
+pytestmark = pytest.mark.interop
+pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
+
+from ninedtact.interop.dds import DdsParticipant, DdsReader, SensorOnRos2, configuration, parse_qos  # noqa: E402
+from ninedtact.interop.ros2_messages import (  # noqa: E402
+    LIVE_TOPICS,
+    POINTS,
+    STRING_TYPE,
+    TF_STATIC,
+    TF_TYPE,
+    QosProfile,
+    SensorMessages,
+)
+from ninedtact.quantities import Wrench  # noqa: E402
+from ninedtact.recording.reader import Recording  # noqa: E402
+from ninedtact.recording.ros_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402
+
+DOMAIN, INTERFACE = 101, "lo"
+ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": configuration(INTERFACE)}
+WRENCH = Wrench(np.array([0.5, -0.25, -2.0]), np.array([1e-3, 2e-3, -4e-3]))
+WALL_NS = 1_790_000_000_123_456_789
+
+OWN_SUBSCRIBER = """
+import sys, time
+from dataclasses import dataclass
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import float64, int32, uint32
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    sec: int32
+    nanosec: uint32
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    stamp: Time
+    frame_id: str
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+@dataclass
+class Wrench(IdlStruct, typename="geometry_msgs::msg::dds_::Wrench_"):
+    force: Vector3
+    torque: Vector3
+@dataclass
+class WrenchStamped(IdlStruct, typename="geometry_msgs::msg::dds_::WrenchStamped_"):
+    header: Header
+    wrench: Wrench
+received = []
+WrenchStamped.deserialize = classmethod(
+    lambda this, data, has_header=True, use_version_2=None:
+        (received.append(bytes(data)), this.__idl__.deserialize(data, has_header=has_header, use_version_2=use_version_2))[1])
+participant = DomainParticipant(int(sys.argv[1]))
+qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(5))
+reader = DataReader(participant, Topic(participant, "rt/small/wrench_estimated", WrenchStamped, qos=qos), qos=qos)
+while not (samples := reader.take(1)) or not hasattr(samples[0], "wrench"):
+    time.sleep(0.01)
+w = samples[0]
+print(w.header.stamp.sec, w.header.stamp.nanosec, w.header.frame_id, w.wrench.force.x, w.wrench.force.y, w.wrench.force.z,
+      w.wrench.torque.x, w.wrench.torque.y, w.wrench.torque.z, received[0].hex())
+"""
+"""A program of its own that knows neither ninedtact nor rosbags: types by hand, decoded by Cyclone's own code."""
+
+
+@dataclass
+class Running:
+    """A sensor on ROS 2 in this process, and what the test speaks to it with."""
+
+    participant: DdsParticipant
+    camera: SkinCamera
+    shared: SensorOnRos2
+    command: Callable[[str], None]
+    status: DdsReader
+
+    def answer(self, command: str) -> dict[str, Any]:
+        """Send a command and return its answer."""
+        self.command(command)
+        found: list[dict[str, Any]] = []
+
+        def arrived() -> bool:
+            texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in self.status.take()]
+            found.extend(each for each in map(json_of, texts) if each.get("command") == command)
+            return bool(found)
+
+        wait_until(arrived)
+        return found[0]
+
+
+def json_of(text: str) -> dict[str, Any]:
+    import json
+
+    parsed: dict[str, Any] = json.loads(text)
+    return parsed
+
+
+@contextmanager
+def sensor_on_ros2(folder: SensorFolder, out: Path, period_s: float = 0.01) -> Iterator[Running]:
+    camera, over = SkinCamera(period_s), Event()
+    with DdsParticipant(DOMAIN, INTERFACE) as participant:
+        messages = SensorMessages(folder, "small", points_every=1)
+        shared = SensorOnRos2(sensor_on(camera), messages, participant, parse_qos(()), out)
+        thread = Thread(target=shared.run, args=(over.is_set,))
+        thread.start()
+        writer = participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
+        status = participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
+        try:
+            wait_until(lambda: shared.published > 0 and writer.has_subscribers)
+            yield Running(
+                participant, camera, shared, lambda text: writer.write(encode_message(STRING_TYPE, data=text)), status
+            )
+        finally:
+            over.set()
+            thread.join()
+
+
+def test_a_program_with_cyclones_own_types_and_decoder_gets_the_bytes_of_rosbags() -> None:
+    expected = encode_wrench(WRENCH, WALL_NS, "small_skin")
+    with (
+        DdsParticipant(DOMAIN, INTERFACE) as participant,
+        subprocess.Popen(
+            [sys.executable, "-c", OWN_SUBSCRIBER, str(DOMAIN)], stdout=subprocess.PIPE, text=True, env=ENVIRONMENT
+        ) as other,
+    ):
+        writer = participant.writer("/small/wrench_estimated", LIVE_TOPICS[Topic.ESTIMATED][0], QosProfile.RELIABLE)
+        while other.poll() is None:
+            writer.write(expected)
+            time.sleep(0.05)
+        assert other.stdout is not None
+        *values, frame_and_rest = other.stdout.read().split(maxsplit=2)
+    frame, *numbers, received = frame_and_rest.split()
+    assert (int(values[0]) * 10**9 + int(values[1]), frame) == (WALL_NS, "small_skin")
+    assert tuple(map(float, numbers)) == tuple(WRENCH.six)
+    assert bytes.fromhex(received).rstrip(b"\0") == expected.rstrip(b"\0")
+    assert len(received) // 2 - len(expected) in range(4)  # DDS pads to four bytes
+
+
+def test_cyclones_tools_list_the_topics_with_their_types(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path):
+        tool = [str(Path(sys.executable).with_name("cyclonedds"))]
+        options = ["--id", str(DOMAIN), "--color", "none", "--runtime", "4"]
+        listed = subprocess.run(
+            [*tool, "ls", *options], capture_output=True, text=True, env=ENVIRONMENT | {"COLUMNS": "200"}
+        )
+        for topic, (message_type, _) in LIVE_TOPICS.items():
+            assert f"rt/small/{topic}" in listed.stdout, listed.stdout + listed.stderr
+            package, _, name = message_type.split("/")
+            assert re.search(rf"{package}::msg::dds_::{name}_", listed.stdout)
+
+
+def test_images_points_and_transforms_arrive_whole(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        make = running.participant.reader
+        images = make("/small/image_raw", LIVE_TOPICS[Topic.IMAGES][0], QosProfile.SENSOR_DATA)
+        points = make("/small/points", LIVE_TOPICS[POINTS][0], QosProfile.RELIABLE)
+        transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
+        found: dict[str, bytes] = {}
+        for name, reader in (("image", images), ("points", points), ("tf", transforms)):
+            wait_until(lambda name=name, reader=reader: bool([found.setdefault(name, cdr) for cdr in reader.take()]))  # type: ignore[misc]
+    image = type_store().deserialize_cdr(found["image"], LIVE_TOPICS[Topic.IMAGES][0])
+    assert (image.width, image.height, image.encoding, len(image.data)) == (64, 48, "bgr8", 64 * 48 * 3)
+    assert type_store().deserialize_cdr(found["points"], LIVE_TOPICS[POINTS][0]).width == 30 * 40
+    frames = [each.child_frame_id for each in type_store().deserialize_cdr(found["tf"], TF_TYPE).transforms]
+    assert frames == ["small_camera_optical", "small_gel"]
+
+
+def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
+    out = tmp_path / "recordings"
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), out) as running:
+        assert running.answer("take_reference")["ok"]
+        begun = running.answer("start_recording press")
+        assert (begun["ok"], begun["recording"]) == (True, str(out / "press.mcap"))
+        assert "stop it first" in running.answer("start_recording other")["answer"]
+        published = running.shared.published
+        wait_until(lambda: running.shared.published > published + 20)
+        assert running.answer("stop_recording")["recording"] is None
+        assert "without a folder" in running.answer("start_recording ../elsewhere")["answer"]
+        assert "got 'dance'" in running.answer("dance")["answer"]
+        running.command("start_recording unfinished")
+        wait_until(lambda: (out / "unfinished.mcap").exists())
+    with Recording(out / "press.mcap") as recording:
+        assert sum(1 for _ in recording.frames()) >= 20
+    with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
+        assert recording.metadata.sensor == RECORDED.id
+
+
+STALLING_SUBSCRIBER = """
+import sys, time
+from ninedtact.interop.dds import DdsParticipant
+from ninedtact.interop.ros2_messages import LIVE_TOPICS, QosProfile
+with DdsParticipant(int(sys.argv[1]), "lo") as participant:
+    readers = [participant.reader(f"/small/{name}", LIVE_TOPICS[name][0], QosProfile.RELIABLE) for name in LIVE_TOPICS]
+    while not all([reader.take() for reader in readers[:1]]):
+        time.sleep(0.01)
+    print("receiving", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_subscriber_that_stalls_does_not_stop_the_sensor(tmp_path: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    with (
+        sensor_on_ros2(folder, tmp_path) as running,
+        subprocess.Popen([sys.executable, "-c", STALLING_SUBSCRIBER, str(DOMAIN)], stdout=subprocess.PIPE) as stalling,
+    ):
+        assert stalling.stdout is not None
+        assert stalling.stdout.readline() == b"receiving\n"
+        stalling.send_signal(signal.SIGSTOP)
+        try:
+            before, read_before, began = running.shared.published, running.shared.sensor.frames_read, time.monotonic()
+            wait_until(lambda: running.shared.sensor.frames_read > read_before + 300)
+            took_s = time.monotonic() - began
+            assert took_s < 12, "the sensor reads at its own rate"
+            assert running.shared.published > before + 20
+        finally:
+            stalling.send_signal(signal.SIGCONT)
+            stalling.kill()
+
+
+def test_the_command_publishes_two_sensors_under_their_names(tmp_path: Path) -> None:
+    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
+    images.mkdir()
+    for number in range(15):
+        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
+    named = [f"left={images}", f"right={images}", "--sensor", f"left={folder}", f"right={folder}"]
+    words = ["--source", *named, "--loop", "--force", "none", "--interface", INTERFACE, "--domain", str(DOMAIN)]
+    start = [sys.executable, "-m", "ninedtact", "ros2", *words]
+    with DdsParticipant(DOMAIN, INTERFACE) as participant, subprocess.Popen(start, cwd=tmp_path) as running:
+        try:
+            for name in ("left", "right"):
+                reader = participant.reader(f"/{name}/image_raw", LIVE_TOPICS[Topic.IMAGES][0], QosProfile.RELIABLE)
+                wait_until(lambda reader=reader: bool(reader.take()))  # type: ignore[misc]
+        finally:
+            running.send_signal(signal.SIGINT)
+        assert running.wait(60) == 0

@@ -1,0 +1,174 @@
+"""ROS 2 messages mean what they say: units, axes, frames, and a camera model that projects as the calibration does."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+from small_sensor import RECORDED, SHAPE, SkinCamera, skin
+
+from ninedtact import cli
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.calibration.sensor_toml_schema import LensModelTable
+from ninedtact.interop.ros2_messages import (
+    CAMERA_INFO,
+    COMPRESSED,
+    LIVE_TOPICS,
+    POINTS,
+    TF_TYPE,
+    SensorMessages,
+    decode_command,
+    encode_status,
+)
+from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
+from ninedtact.recording.ros_messages import Topic, decode_height, type_store
+from ninedtact.sensor import Sensor
+from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.shape.surface import point_cloud
+
+WALL_NS = 1_790_000_000_123_456_789
+WRENCH = WrenchEstimate(
+    Wrench(np.array([0.1, 0.2, -2.0]), np.array([1e-3, 2e-3, 3e-3])), np.eye(6), True, (EstimateWarning.OUT_OF_RANGE,)
+)
+MESSAGES = SensorMessages(SensorFolder(Path(), RECORDED), "left-hand", points_every=2)
+
+
+@pytest.fixture(scope="module")
+def reading() -> Reading:
+    camera = SkinCamera()
+    sensor = Sensor(camera, SHAPE, depth_reader=SHAPE.depth_reader(Frame(skin(100))))
+    with sensor:
+        camera.level = 60
+        return sensor.read().with_force(WRENCH)
+
+
+def decode(topic: str, data: bytes) -> Any:
+    return type_store().deserialize_cdr(data, LIVE_TOPICS[topic][0])
+
+
+def test_all_messages_of_a_reading_carry_its_stamp_and_the_frames_of_its_sensor(reading: Reading) -> None:
+    encoded = MESSAGES.encode(reading, WALL_NS, LIVE_TOPICS)
+    stamped = {topic: decode(topic, data) for topic, data in encoded.items() if topic != Topic.COVARIANCE}
+    assert {message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in stamped.values()} == {
+        WALL_NS
+    }
+    camera = {Topic.IMAGES.value, COMPRESSED, CAMERA_INFO}
+    for topic, message in stamped.items():
+        assert message.header.frame_id == ("left_hand_camera_optical" if topic in camera else "left_hand_skin")
+    assert set(encoded) == set(LIVE_TOPICS) - {"status"}
+    assert MESSAGES.path(POINTS) == "/left_hand/points"
+    assert [status.message for status in stamped[Topic.WARNINGS].status] == [
+        warning.value for warning in reading.warnings
+    ]
+
+
+def test_lengths_are_metres_and_forces_newtons(reading: Reading) -> None:
+    encoded = MESSAGES.encode(reading, WALL_NS, LIVE_TOPICS)
+    cloud = decode(POINTS, encoded[POINTS])
+    values = cloud.data.view("<f4").reshape(cloud.width, cloud.point_step // 4)
+    named = {field.name: values[:, field.offset // 4] for field in cloud.fields}
+    true = point_cloud(reading.height, 2)
+    np.testing.assert_allclose(np.stack([named[axis] for axis in "xyz"], 1) * 1e3, true.points_mm, rtol=1e-5)
+    np.testing.assert_array_equal(np.stack([named[f"normal_{axis}"] for axis in "xyz"], 1), true.normals)
+    np.testing.assert_array_equal(named["intensity"], reading.rectified.grey[::2, ::2].ravel())
+    assert named["z"].min() < -2e-4  # pressed in
+    np.testing.assert_allclose(decode_height(encoded[Topic.HEIGHTS]), reading.height.z_mm, atol=1e-5)
+    wrench = decode(Topic.ESTIMATED, encoded[Topic.ESTIMATED]).wrench
+    assert (wrench.force.z, wrench.torque.y) == (-2.0, 2e-3)
+    image = decode(COMPRESSED, encoded[COMPRESSED])
+    assert np.abs(cv2.imdecode(image.data, cv2.IMREAD_COLOR).astype(float) - reading.image).mean() < 5
+
+
+def test_nothing_is_sent_where_there_is_nothing_to_say(reading: Reading) -> None:
+    silent = replace(reading, force=None, reference=None)
+    assert set(MESSAGES.encode(silent, WALL_NS, {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS})) == set()
+    assert set(MESSAGES.encode(reading, WALL_NS, {POINTS})) == {POINTS}
+
+
+@pytest.mark.parametrize("turn_deg", [0, 90, -130])
+def test_opencv_projects_the_skin_by_camera_info_and_tf_as_the_calibration_does(turn_deg: float) -> None:
+    lens, turn = RECORDED.lens, np.radians(turn_deg)
+    assert isinstance(lens, LensModelTable)
+    scale = lens.homography[0] / 2  # so that the turned view stays in the image
+    turned = [scale * np.cos(turn), -scale * np.sin(turn), 0.02, scale * np.sin(turn), scale * np.cos(turn), 0.01, 0, 0]
+    changed = msgspec.structs.replace(lens, homography=tuple(map(float, turned)), radial=(-0.1,))
+    bent = msgspec.structs.replace(RECORDED, lens=changed)
+    folder = SensorFolder(Path(), bent)
+    messages, rectify = SensorMessages(folder, "turned"), folder.shape.rectify
+
+    transforms = type_store().deserialize_cdr(messages.encode_static_transforms(WALL_NS), TF_TYPE).transforms
+    camera = {each.child_frame_id: each.transform for each in transforms}["turned_camera_optical"]
+    q, t = camera.rotation, camera.translation
+    angle = 2 * np.arctan2(q.z, q.w)
+    to_skin = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    axes = skin_grid_mm(rectify.source_px.shape[:2], rectify.mm_per_px)
+    skin_m = np.column_stack([axis.ravel() for axis in axes] + [np.zeros(axes[0].size)]) / 1e3
+    in_camera = (skin_m - [t.x, t.y, t.z]) @ to_skin  # the inverse rotation, by rows
+    np.testing.assert_allclose(in_camera[:, 2], bent.design.camera.distance_mm / 1e3)
+
+    info = type_store().deserialize_cdr(messages.encode_camera_info(WALL_NS), LIVE_TOPICS[CAMERA_INFO][0])
+    pixels = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), info.k.reshape(3, 3), info.d)[0][:, 0]
+    off_px = np.hypot(*(pixels - rectify.source_px.reshape(-1, 2)).T)
+    assert np.sqrt((off_px**2).mean()) == pytest.approx(messages.camera.residual_px, abs=0.02)
+    assert off_px.max() < 0.1
+
+
+def test_the_gel_frame_is_at_the_bonded_side_of_the_gel() -> None:
+    transforms = type_store().deserialize_cdr(MESSAGES.encode_static_transforms(WALL_NS), TF_TYPE).transforms
+    gel = {each.child_frame_id: each.transform.translation for each in transforms}["left_hand_gel"]
+    assert gel.z == pytest.approx(-RECORDED.design.gel.thickness_mm / 1e3)
+
+
+def test_commands_and_status_are_strings() -> None:
+    assert decode_command(encode_status({"a": 1})) == '{"a": 1}'
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--qos", "points=fast"], "expected --qos as TOPIC=PROFILE"),
+        (["--qos", "pionts=reliable"], "expected --qos as TOPIC=PROFILE"),
+        (["--points-every", "0"], "expected --points-every of 1 or more, got 0"),
+        (["--domain", "233"], "expected a DDS domain from 0 to 232, got 233"),
+        (["--interface", "nosuch0"], "expected --interface to name one of"),
+    ],
+)
+def test_what_ros2_cannot_do_is_refused_in_one_sentence(
+    options: list[str],
+    sentence: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from small_sensor import sensor_folder
+
+    from ninedtact.cli import ros2_and_serve
+
+    monkeypatch.setattr(ros2_and_serve, "find_spec", lambda name: True)  # refused before DDS is spoken
+    folder = sensor_folder(tmp_path / "small")
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "0.png"), skin(100))
+    words = ["ros2", "--source", str(tmp_path / "images"), "--sensor", str(folder), "--force", "none", *options]
+    assert cli.main(words) == 1
+    said = capsys.readouterr().err.strip().splitlines()
+    assert sentence in said[-1]
+
+
+@pytest.mark.parametrize(
+    ("command", "missing", "extra"),
+    [("ros2", "cyclonedds", "ninedtact[ros2]"), ("serve", "websockets", "ninedtact[stream]")],
+)
+def test_a_missing_library_is_named_with_its_extra(
+    command: str, missing: str, extra: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from ninedtact.cli import ros2_and_serve
+
+    monkeypatch.setattr(ros2_and_serve, "find_spec", lambda name: None if name == missing else True)
+    assert cli.main([command, "--source", "0"]) == 1
+    said = capsys.readouterr().err
+    assert f"got no {missing}" in said
+    assert extra in said
