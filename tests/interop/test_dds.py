@@ -23,7 +23,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 pytestmark = pytest.mark.interop
 pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
 
-from ninedtact.interop.dds import DdsParticipant, DdsReader, SensorOnRos2, configuration, parse_qos  # noqa: E402
+from ninedtact.interop.dds import DdsParticipant, DdsReader, configuration, parse_qos  # noqa: E402
 from ninedtact.interop.ros2_messages import (  # noqa: E402
     LIVE_TOPICS,
     POINTS,
@@ -33,6 +33,7 @@ from ninedtact.interop.ros2_messages import (  # noqa: E402
     QosProfile,
     SensorMessages,
 )
+from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
 from ninedtact.quantities import Wrench  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
 from ninedtact.recording.ros_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402

@@ -78,12 +78,8 @@ class Ros2:
     def run(self) -> int:
         """Publish until Ctrl-C; the exit code."""
         _require_libraries("ros2", "cyclonedds", "rosbags", "mcap")
-        from ninedtact.interop.dds import (
-            DdsParticipant,
-            InvalidRos2Option,
-            SensorOnRos2,
-            parse_qos,
-        )
+        from ninedtact.interop.dds import DdsParticipant, InvalidRos2Option, parse_qos
+        from ninedtact.interop.ros2_sensor import SensorOnRos2
 
         require_duration(self.seconds)
         profiles = parse_qos(self.qos)

@@ -1,0 +1,198 @@
+"""A sensor on ROS 2: its readings as messages, commands to it, and answers.
+
+    sensor thread:     Sensor ──read──▶ newest reading ──▶ recording thread, while one is made
+    publishing thread: newest reading ──SensorMessages──▶ CDR ──▶ DDS        commands ──▶ answers on `status`
+
+The publishing thread alone waits for subscribers that stall.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from queue import Full, Queue
+from threading import Thread
+from time import monotonic, monotonic_ns
+from typing import Any
+
+from ninedtact.errors import NinedtactError
+from ninedtact.interop.dds import DdsParticipant, InvalidRos2Option
+from ninedtact.interop.ros2_messages import (
+    COMMAND,
+    LIVE_TOPICS,
+    STATUS,
+    STRING_TYPE,
+    TF_STATIC,
+    TF_TYPE,
+    QosProfile,
+    SensorMessages,
+    decode_command,
+    encode_status,
+)
+from ninedtact.reading import Reading
+from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
+from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.writer import RecordingWriter
+from ninedtact.sensor import Sensor
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
+
+_COMMAND_WAIT_S = 0.05
+_STATUS_S = 1.0
+_WAITING_READINGS = 128
+"""Readings that wait to be recorded at most: about 120 MB."""
+
+
+class _ReadingRecorder:
+    """Records readings in a thread of its own, so that a slow disk delays neither the sensor nor subscribers."""
+
+    def __init__(self, path: Path, messages: SensorMessages) -> None:
+        topics = {Topic.IMAGES, Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS}
+        metadata = RecordingMetadata(messages.folder.id, purpose="ros2", source=messages.name)
+        self.writer = RecordingWriter(path, metadata, topics, sensor_folder_attachments(messages.folder.path))
+        self.trouble: NinedtactError | None = None
+        self._waiting: Queue[Reading | None] = Queue(_WAITING_READINGS)
+        self._thread = Thread(target=self._run, name=f"record {path}", daemon=True)
+        self.writer.__enter__()
+        self._thread.start()
+
+    def add(self, reading: Reading) -> None:
+        """Record a reading; it is dropped, and counted by the writer, where too many wait."""
+        with suppress(Full):
+            self._waiting.put_nowait(reading)
+
+    def close(self) -> None:
+        """Write what waits and finish the file; raises what writing raised."""
+        self._waiting.put(None)
+        self._thread.join()
+        self.writer.__exit__(None, None, None)
+        if self.trouble is not None:
+            raise self.trouble
+
+    def _run(self) -> None:
+        while (reading := self._waiting.get()) is not None:
+            try:
+                if self.trouble is None:
+                    self.writer.write_image(reading.frame)
+                    if reading.force is not None:
+                        self.writer.write_estimated(reading.force, reading.frame.index)
+            except NinedtactError as trouble:
+                self.trouble = trouble
+
+
+@dataclass
+class SensorOnRos2:
+    """A sensor on ROS 2: publishes its newest readings and obeys commands. `run` ends when `should_stop` is true.
+
+    Commands, as text on the topic `command`: `take_reference`, `start_recording [NAME]`, `stop_recording`. Every one is answered on
+    `status`, which is also published once a second.
+    """
+
+    sensor: Sensor
+    messages: SensorMessages
+    participant: DdsParticipant
+    profiles: Mapping[str, QosProfile]
+    out: Path = Path("recordings")
+    """Folder of recordings; a command names files in it, not paths."""
+    published: int = field(default=0, init=False)
+    """Readings published."""
+    _recorder: _ReadingRecorder | None = field(default=None, init=False)
+
+    def run(self, should_stop: Callable[[], bool]) -> None:
+        """Publish until `should_stop` is true or the source ends; raises what the sensor raises."""
+        make = self.participant.writer
+        self._writers = {
+            topic: make(self.messages.path(topic), LIVE_TOPICS[topic][0], profile)
+            for topic, profile in self.profiles.items()
+        }
+        transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
+        transforms.write(self.messages.encode_static_transforms(monotonic_ns() + wall_minus_monotonic_ns()))
+        commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
+        last, status_at = None, 0.0
+        try:
+            with SensorPoller(self.sensor, self._record) as poller:
+                while not should_stop():
+                    poller.wait_for_change(_COMMAND_WAIT_S)
+                    now = poller.snapshot(monotonic_ns())
+                    if now.phase is SensorPhase.FAILED and now.trouble is not None:
+                        raise now.trouble
+                    if now.reading is not None and now.reading is not last:
+                        self.publish(last := now.reading)
+                    for command in commands.take():
+                        self._write_status(now.phase, **self._obey(decode_command(command), poller))
+                    if monotonic() - status_at > _STATUS_S:
+                        status_at = monotonic()
+                        self._write_status(now.phase, read_hz=round(now.read_hz, 1))
+                    if now.phase is SensorPhase.ENDED:
+                        break
+        finally:
+            self._stop_recording()
+
+    def publish(self, reading: Reading) -> None:
+        """Publish a reading on all topics to which anybody subscribes."""
+        wall_ns = reading.stamp_ns + wall_minus_monotonic_ns()
+        wanted = {topic for topic, writer in self._writers.items() if writer.has_subscribers}
+        for topic, message in self.messages.encode(reading, wall_ns, wanted).items():
+            self._writers[topic].write(message)
+        self.published += 1
+
+    def _record(self, reading: Reading) -> None:
+        """Hand a reading to the recording that is being made; called in the sensor thread."""
+        recorder = self._recorder
+        if recorder is not None:
+            recorder.add(reading)
+
+    def _obey(self, command: str, poller: SensorPoller) -> dict[str, Any]:
+        """Carry a command out and return the answer."""
+        word, _, argument = command.partition(" ")
+        try:
+            answer = self._carry_out(word, argument.strip(), poller)
+        except (NinedtactError, OSError) as refusal:
+            return {"command": command, "ok": False, "answer": str(refusal)}
+        return {"command": command, "ok": True, "answer": answer}
+
+    def _carry_out(self, word: str, argument: str, poller: SensorPoller) -> str:
+        if word == "take_reference":
+            poller.take_reference()
+            return "the next images are the reference; nothing may touch the gel"
+        if word == "start_recording":
+            return self._start_recording(argument)
+        if word == "stop_recording":
+            return self._stop_recording() or "nothing was being recorded"
+        raise InvalidRos2Option(
+            f"expected take_reference, start_recording [NAME] or stop_recording, got {word!r}; send one of them"
+        )
+
+    def _start_recording(self, name: str) -> str:
+        if self._recorder is not None:
+            raise InvalidRos2Option(
+                f"expected no recording in progress, got {self._recorder.writer.path}; stop it first"
+            )
+        name = name or f"{self.messages.name}_{monotonic_ns() + wall_minus_monotonic_ns()}"
+        if Path(name).name != name or name.startswith("."):
+            raise InvalidRos2Option(f"expected the name of a recording without a folder, got {name!r}; leave it out")
+        self.out.mkdir(parents=True, exist_ok=True)
+        self._recorder = _ReadingRecorder(self.out / f"{name.removesuffix('.mcap')}.mcap", self.messages)
+        return f"recording to {self._recorder.writer.path}"
+
+    def _stop_recording(self) -> str:
+        """Finish the recording; return a sentence about it, or nothing where there was none."""
+        recorder, self._recorder = self._recorder, None
+        if recorder is None:
+            return ""
+        recorder.close()
+        return (
+            f"{recorder.writer.path}: {recorder.writer.written[Topic.IMAGES]} images, {recorder.writer.dropped} dropped"
+        )
+
+    def _write_status(self, phase: SensorPhase, **fields: Any) -> None:
+        recorder = self._recorder
+        state = {
+            "sensor": self.messages.name,
+            "phase": phase.value,
+            "published": self.published,
+            "dropped": sum(writer.dropped for writer in self._writers.values()),
+            "recording": None if recorder is None else str(recorder.writer.path),
+            "camera_info_residual_px": round(self.messages.camera.residual_px, 3),
+        }
+        self._writers[STATUS].write(encode_status({**state, **fields}))
