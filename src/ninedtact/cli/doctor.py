@@ -12,6 +12,8 @@ EXTRAS = {
     "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
     "datasets": (("joblib", "pyarrow"), "data sets: simulate dataset, dataset, evaluate --data; export --to lerobot"),
+    "ros2": (("cyclonedds", "rosbags", "mcap"), "ROS 2 topics without ROS: ninedtact ros2"),
+    "stream": (("websockets",), "readings for programs in any language: ninedtact serve"),
     "mujoco": (("mujoco", "gymnasium"), "touch in MuJoCo scenes: ninedtact.interop.mujoco"),
     "train": (
         ("torch", "lightning", "onnx", "onnxruntime", "onnxscript", "tensorboard"),

@@ -115,14 +115,14 @@ class DdsParticipant:
 
     def __enter__(self) -> "DdsParticipant":
         """Join the domain; raises `DdsUnavailable`."""
-        from cyclonedds.core import DDSException
-        from cyclonedds.domain import Domain, DomainParticipant
-
         known = [name for _, name in if_nameindex()]
         if self.interface is not None and self.interface not in known:
             raise DdsUnavailable(
                 f"expected --interface to name one of {', '.join(known) or 'no network interfaces'}, got {self.interface}; name one"
             )
+        from cyclonedds.core import DDSException
+        from cyclonedds.domain import Domain, DomainParticipant
+
         try:
             self._configured = None if self.interface is None else Domain(self.domain, configuration(self.interface))
             self._participant = DomainParticipant(self.domain)
