@@ -24,6 +24,7 @@ of the image."""
 _PITCH_PER_THICKNESS = 0.35
 """Pitch of the cells over the gel's thickness."""
 _PITCH_LIMITS_MM = 0.5, 0.7
+"""Smallest and largest pitch of the cells: the time of an inversion grows with their number."""
 _BIN_MM = 0.7
 """Largest pitch of the bins on which the signal is compared: light scatters over about this distance."""
 _SURROUNDINGS_MM = 3.3
