@@ -7,7 +7,10 @@ if TYPE_CHECKING:
     from ninedtact.capture.camera_check import CameraCheck
 
 EXTRAS = {
-    "studio": (("viser", "websockets", "rosbags", "mcap", "trimesh"), "the live page: demo, live, play, calibrate --page"),
+    "studio": (
+        ("viser", "websockets", "rosbags", "mcap", "trimesh"),
+        "the live page: demo, live, play, calibrate --page",
+    ),
     "force": (("onnxruntime",), "force by a network: --force corrected or a model (.onnx)"),
     "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
