@@ -1,7 +1,7 @@
 """Build hook of hatchling: the page of the distribution is the README with links that work outside the repository.
 
-The address of the repository comes from `NINEDTACT_REPOSITORY_URL`, which the release workflow sets to its own repository. Without it
-links to files become plain text and images are left out, so that no page shows a broken link.
+The address of the repository comes from `NINEDTACT_REPOSITORY_URL`, which the release workflow sets to its own repository. Without
+it links to files become plain text and images are left out, so that no page shows a broken link.
 """
 
 import os
