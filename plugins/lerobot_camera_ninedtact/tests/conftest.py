@@ -1,4 +1,4 @@
-"""A torchvision that was built for CUDA does not load beside a torch for CPUs; LeRobot needs none of the operators that it misses."""
+"""A torchvision that was built for CUDA does not load beside a torch for CPUs; LeRobot needs no operator that it misses."""
 
 import sys
 

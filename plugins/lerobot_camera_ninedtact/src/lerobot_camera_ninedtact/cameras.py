@@ -8,14 +8,12 @@ import cv2
 import numpy as np
 from lerobot.cameras.camera import Camera
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
-from ninedtact import Reading
-from ninedtact.capture.uvc_camera import list_cameras
 from numpy.typing import NDArray
 
 from lerobot_camera_ninedtact.configuration import (
+    NinedtactCameraConfig,
     NinedtactHeightCameraConfig,
     NinedtactRectifiedCameraConfig,
-    NinedtactCameraConfig,
 )
 from lerobot_camera_ninedtact.sensor_stream import (
     FIRST_READING_S,
@@ -24,6 +22,8 @@ from lerobot_camera_ninedtact.sensor_stream import (
     connect_stream,
     release_stream,
 )
+from ninedtact import Reading
+from ninedtact.capture.uvc_camera import list_cameras
 
 READ_TIMEOUT_S = 10.0
 

@@ -1,7 +1,9 @@
 """Options of the cameras and of the robot, by which LeRobot's command line and its data sets name them."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
+import draccus
 from lerobot.cameras.configs import CameraConfig
 from lerobot.robots.config import RobotConfig
 
@@ -65,12 +67,24 @@ class WrenchSensor:
 class NinedtactWrenchRobotConfig(RobotConfig):
     """Another robot with the wrenches of sensors beside its state."""
 
-    arm: RobotConfig
-    """The robot that moves."""
+    arm: dict[str, Any]
+    """Options of the robot that moves, with its `type`. They are a mapping, because LeRobot's parser lists all robots for every
+    field that is a robot, and would never end with a robot inside itself."""
     sensors: dict[str, WrenchSensor] = field(default_factory=dict)
     """The sensors by the name that begins their features."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if "type" not in self.arm or self.arm["type"] == "ninedtact_wrench":
+            raise ValueError(
+                f"expected arm={{type: ROBOT, …}} with the robot that moves, got {self.arm}; name its type"
+            )
         if not self.sensors:
-            raise ValueError("expected at least one sensor, got none; give sensors={NAME: {sensor_folder: …, source: …}}")
+            raise ValueError(
+                "expected at least one sensor, got none; give sensors={NAME: {sensor_folder: …, source: …}}"
+            )
+
+    @property
+    def arm_config(self) -> RobotConfig:
+        """The configuration of the robot that moves; raises what draccus raises for options that it does not have."""
+        return draccus.decode(RobotConfig, dict(self.arm))

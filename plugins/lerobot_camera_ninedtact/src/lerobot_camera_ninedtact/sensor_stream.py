@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Condition, Lock, Thread
 
-import ninedtact
 from lerobot.utils.errors import DeviceNotConnectedError
+
+import ninedtact
 from ninedtact.errors import NinedtactError
 
 FIRST_READING_S = 10.0
@@ -71,14 +72,19 @@ class SensorStream:
         return -1 if self._latest is None else self._latest.number
 
     def wait_for(self, accepts: Callable[[NumberedReading], bool], timeout_s: float) -> NumberedReading:
-        """Return the newest reading once it is accepted; raises `TimeoutError`, and `DeviceNotConnectedError` when the sensor is lost."""
+        """Return the newest reading once it is accepted.
+
+        Raises `TimeoutError`, and `DeviceNotConnectedError` when the sensor is lost.
+        """
         deadline_s = time.monotonic() + timeout_s
         with self._changed:
             while self._latest is None or not accepts(self._latest):
                 if self._error is not None:
                     raise DeviceNotConnectedError(str(self._error)) from self._error
                 if not self._changed.wait(max(deadline_s - time.monotonic(), 0.0)) and time.monotonic() >= deadline_s:
-                    raise TimeoutError(f"expected a reading of {self.sensor.source.name} within {timeout_s:g} s, got none")
+                    raise TimeoutError(
+                        f"expected a reading of {self.sensor.source.name} within {timeout_s:g} s, got none"
+                    )
             return self._latest
 
     def _read_until_closed(self) -> None:
@@ -101,7 +107,9 @@ def connect_stream(sensor_folder: str, source: str, fps: int | None = None, forc
     with _streams_lock:
         stream = _streams.get(key)
         if stream is not None and None not in (fps, stream.fps) and fps != stream.fps:
-            raise ValueError(f"expected one fps for {source}, got {stream.fps} and {fps}; cameras of one sensor share it")
+            raise ValueError(
+                f"expected one fps for {source}, got {stream.fps} and {fps}; cameras of one sensor share it"
+            )
         try:
             stream = stream or SensorStream(sensor_folder, source, fps)
             if force is not None:

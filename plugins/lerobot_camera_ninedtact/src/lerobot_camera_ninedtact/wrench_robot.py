@@ -27,7 +27,7 @@ class NinedtactWrenchRobot(Robot):
     def __init__(self, config: NinedtactWrenchRobotConfig) -> None:
         super().__init__(config)
         self.config = config
-        self.arm: Robot = make_robot_from_config(config.arm)
+        self.arm: Robot = make_robot_from_config(config.arm_config)
         self._streams: dict[str, SensorStream] = {}
         self._warnings: dict[str, tuple[Any, ...]] = {}
 
@@ -88,7 +88,9 @@ class NinedtactWrenchRobot(Robot):
             reading = stream.wait_for(lambda one, since_s=since_s: one.arrived_s >= since_s, MAX_AGE_S).reading
             if reading.warnings != self._warnings.get(name, ()):
                 self._warnings[name] = reading.warnings
-                _logger.warning("%s: %s", name, ", ".join(one.value for one in reading.warnings) or "no warning any more")
+                _logger.warning(
+                    "%s: %s", name, ", ".join(one.value for one in reading.warnings) or "no warning any more"
+                )
             observation |= {f"{name}.{axis}": float(part) for axis, part in zip(_AXES, reading.wrench.six, strict=True)}
         return observation
 
