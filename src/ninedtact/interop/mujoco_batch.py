@@ -142,7 +142,7 @@ class TactileSensorBatch:
         for request in batch:
             self.twin.require_in_view(request.pose)
         last = Contact.stack([request.last for request in batch])
-        on_device = {name: model.skin.asarray(np.asarray(getattr(last, name))) for name in _FIELDS}
+        on_device: dict[str, Any] = {name: model.skin.asarray(np.asarray(getattr(last, name))) for name in _FIELDS}
         last = replace(last, skin=model.skin, friction=model.friction, **on_device)
         indenter = _SolidsOfScenes([request.solids for request in batch], model)
         poses, loads_n = (

@@ -13,7 +13,7 @@ from ninedtact.simulation.twin import Twin, default_twin
 
 require_mujoco("gymnasium")
 
-import gymnasium  # noqa: E402 - after the check that it is there
+import gymnasium as gymnasium  # noqa: E402 - after the check that it is there; tasks import it from here
 import mujoco  # noqa: E402
 
 if TYPE_CHECKING:
