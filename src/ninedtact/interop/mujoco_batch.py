@@ -150,7 +150,9 @@ class TactileSensorBatch:
             np.array([request.load_n for request in batch]),
         )
         contacts = model.step_to_load(last, indenter, poses, loads_n)
-        home = {name: np.asarray(to_device(getattr(contacts, name), "cpu"), np.float32) for name in _FIELDS}
+        home: dict[str, Any] = {
+            name: np.asarray(to_device(getattr(contacts, name), "cpu"), np.float32) for name in _FIELDS
+        }
         each = replace(contacts, skin=self.twin.model.skin, **home).unstack()
         for request, contact in zip(batch, each, strict=True):
             self.twin.require_on_gel(request.solids, contact)
