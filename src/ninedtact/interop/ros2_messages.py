@@ -23,6 +23,7 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.ros_messages import (
     MESSAGE_TYPES,
@@ -72,6 +73,7 @@ LIVE_TOPICS: Mapping[str, tuple[str, QosProfile]] = {
     Topic.HEIGHTS: (MESSAGE_TYPES[Topic.HEIGHTS], QosProfile.RELIABLE),
     POINTS: (_POINTS_TYPE, QosProfile.RELIABLE),
     Topic.ESTIMATED: (MESSAGE_TYPES[Topic.ESTIMATED], QosProfile.RELIABLE),
+    Topic.MEASURED: (MESSAGE_TYPES[Topic.MEASURED], QosProfile.RELIABLE),
     Topic.COVARIANCE: (MESSAGE_TYPES[Topic.COVARIANCE], QosProfile.RELIABLE),
     Topic.WARNINGS: (MESSAGE_TYPES[Topic.WARNINGS], QosProfile.RELIABLE),
     STATUS: (STRING_TYPE, QosProfile.LATCHED),
@@ -247,6 +249,10 @@ class SensorMessages:
             data=values.view(np.uint8).reshape(-1),
             is_dense=True,
         )
+
+    def encode_measured(self, wrench: Wrench, wall_ns: int) -> bytes:
+        """Return the message of a wrench that a force/torque sensor measured."""
+        return encode_wrench(wrench, wall_ns, self.frame("skin"))
 
     def _wrench(self, reading: Reading, wall_ns: int) -> bytes | None:
         return None if reading.wrench is None else encode_wrench(reading.wrench, wall_ns, self.frame("skin"))
