@@ -185,11 +185,15 @@ def test_images_points_and_transforms_arrive_whole(tmp_path: Path) -> None:
         images = make("/small/image_raw", LIVE_TOPICS[Topic.IMAGES][0], QosProfile.SENSOR_DATA)
         points = make("/small/points", LIVE_TOPICS[POINTS][0], QosProfile.RELIABLE)
         transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
+        late = make("/small/reference_grey", LIVE_TOPICS[Topic.REFERENCE_GREY][0], QosProfile.LATCHED)
         found: dict[str, bytes] = {}
-        for name, reader in (("image", images), ("points", points), ("tf", transforms)):
+        for name, reader in (("image", images), ("points", points), ("tf", transforms), ("reference", late)):
             wait_until(lambda name=name, reader=reader: bool([found.setdefault(name, cdr) for cdr in reader.take()]))  # type: ignore[misc]
     image = type_store().deserialize_cdr(found["image"], LIVE_TOPICS[Topic.IMAGES][0])
     assert (image.width, image.height, image.encoding, len(image.data)) == (64, 48, "bgr8", 64 * 48 * 3)
+    reference = type_store().deserialize_cdr(found["reference"], LIVE_TOPICS[Topic.REFERENCE_GREY][0])
+    assert (reference.encoding, reference.header.frame_id) == ("32FC1", "small_skin")
+    assert np.frombuffer(reference.data, "<f4").reshape(reference.height, reference.width).mean() > 20
     assert type_store().deserialize_cdr(found["points"], LIVE_TOPICS[POINTS][0]).width == 30 * 40
     frames = [each.child_frame_id for each in type_store().deserialize_cdr(found["tf"], TF_TYPE).transforms]
     assert frames == ["small_camera_optical", "small_gel"]

@@ -42,7 +42,7 @@ class Ros2:
     """Publish a sensor on ROS 2 topics; ROS need not be installed. Ctrl-C ends it.
 
     Topics: image_raw, image_raw/compressed, camera_info, height, points, wrench_estimated, wrench_covariance, wrench_measured,
-    warnings, status, each after the sensor's name, and /tf_static. The topic command takes take_reference,
+    reference_grey, warnings, status, each after the sensor's name, and /tf_static. The topic command takes take_reference,
     start_recording [NAME], stop_recording.
     """
 

@@ -32,7 +32,7 @@ from ninedtact.interop.ros2_messages import (
     decode_command,
     encode_status,
 )
-from ninedtact.quantities import Wrench
+from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.reader import sensor_folder_attachments
@@ -43,6 +43,8 @@ from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 
 _COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0
+_REFERENCE_S = 1.0
+"""Shortest time between two reference images, which may follow slow changes of light and gel."""
 _WAITING_READINGS = 128
 """Readings that wait to be recorded at most: about 120 MB."""
 
@@ -113,6 +115,9 @@ class SensorOnRos2:
     published: int = field(default=0, init=False)
     """Readings published."""
     _recorder: _ReadingRecorder | None = field(default=None, init=False)
+    _reference: Rectified | None = field(default=None, init=False, repr=False)
+    """The reference image that was published last, and when, in s."""
+    _reference_at: float = field(default=-_REFERENCE_S, init=False)
     _trouble: NinedtactError | None = field(default=None, init=False)
     """Why no more measured wrenches arrive."""
 
@@ -154,7 +159,15 @@ class SensorOnRos2:
         wanted = {topic for topic, writer in self._writers.items() if writer.has_subscribers}
         for topic, message in self.messages.encode(reading, wall_ns, wanted).items():
             self._writers[topic].write(message)
+        if reading.reference is not None and reading.reference is not self._reference:
+            self._publish_reference(reading.reference, wall_ns)
         self.published += 1
+
+    def _publish_reference(self, reference: Rectified, wall_ns: int) -> None:
+        """Publish a new reference image for all who subscribe now or later."""
+        if monotonic() - self._reference_at > _REFERENCE_S:
+            self._reference, self._reference_at = reference, monotonic()
+            self._writers[Topic.REFERENCE_GREY].write(self.messages.encode_reference(reference, wall_ns))
 
     def _record(self, item: Reading | Wrench) -> None:
         """Hand a reading or a measured wrench to the recording that is being made; called in the thread that has it."""
