@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs dist benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -76,8 +76,18 @@ test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
 # Doors to other programs, tried against those programs (MuJoCo, DDS, C++, JavaScript). What needs none of them runs in `make test`.
-test-interop: .venv/ready-interop
-	.venv/bin/python -m pytest -m 'interop or not interop' tests/interop
+test-interop: .venv/ready-interop .venv-lerobot/ready
+	NINEDTACT_LEROBOT_PYTHON=$(CURDIR)/.venv-lerobot/bin/python \
+	  .venv/bin/python -m pytest -m 'interop or not interop' tests/interop
+	HF_HUB_OFFLINE=1 .venv-lerobot/bin/python -m pytest $(LEROBOT_PLUGIN)/tests
+
+# LeRobot in an environment of its own, because it pins other versions. It allows no torch as new as that of the checks.
+LEROBOT_PLUGIN := plugins/lerobot_camera_ninedtact
+.venv-lerobot/ready: pyproject.toml $(LEROBOT_PLUGIN)/pyproject.toml $(LEROBOT_PLUGIN)/tests/overrides.txt | .venv/bin/uv
+	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-lerobot
+	VIRTUAL_ENV=$(CURDIR)/.venv-lerobot .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) \
+	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e . -e $(LEROBOT_PLUGIN) 'pytest>=8'
+	touch $@
 
 # Commands that are interrupted, killed or out of disk, and hours of use in half an hour: docs/reliability.md holds the tables.
 chaos: .venv/ready
@@ -107,6 +117,20 @@ docs: .venv/ready-docs
 	.venv/bin/python scripts/draw_architecture.py
 	.venv/bin/python scripts/write_command_reference.py
 	.venv/bin/mkdocs build --strict --site-dir out/site
+
+# The distributions for PyPI, in dist: built, checked, and tried in a fresh environment that holds nothing else.
+TOOL := .venv/bin/uv tool run -q $(if $(LINKS),--find-links $(LINKS))
+dist: .venv/bin/uv
+	rm -rf dist out/dist_check && mkdir -p out/dist_check
+	.venv/bin/uv build -q $(if $(LINKS),--find-links $(LINKS)) --out-dir dist .
+	.venv/bin/uv build -q $(if $(LINKS),--find-links $(LINKS)) --out-dir dist plugins/lerobot_camera_ninedtact
+	$(TOOL) twine check --strict dist/*.whl dist/*.tar.gz
+	$(TOOL) check-wheel-contents dist
+	.venv/bin/python scripts/check_distributions.py dist
+	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-dist
+	VIRTUAL_ENV=$(CURDIR)/.venv-dist .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt \
+	  "$$(ls dist/ninedtact-*.whl)[studio]"
+	cd out/dist_check && ../../.venv-dist/bin/ninedtact --version && ../../.venv-dist/bin/ninedtact demo --rounds 1 --port 0
 
 # A simulated sensor in the browser: calibrated, pressed, dragged and twisted. At a terminal Ctrl-C ends it, without one it
 # ends by itself. Results are in out/demo. Where real images are available, it is the twin of the sensor that took them.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.live import Live
-from ninedtact.cli.record import is_named, require_duration, run_together, split_named
+from ninedtact.cli.record import is_named, require_duration, run_together, split_named, untared_wrench_source
 from ninedtact.cli.result_and_interrupt import (
     load_sensor_with_notices,
     named_sensor_with_notices,
@@ -21,11 +21,12 @@ from ninedtact.cli.result_and_interrupt import (
 )
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.open_sensor import is_simulated
+from ninedtact.open_sensor import is_simulated, require_same_source_kind
 from ninedtact.recording.errors import RecordingRefused
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.sensor import Sensor
 
 _TWIN_FOLDER = Path("out/demo")
@@ -40,8 +41,9 @@ class InteropLibrariesMissing(MissingLibraryError):
 class Ros2:
     """Publish a sensor on ROS 2 topics; ROS need not be installed. Ctrl-C ends it.
 
-    Topics: image_raw, image_raw/compressed, camera_info, height, points, wrench_estimated, wrench_covariance, warnings, status,
-    each after the sensor's name, and /tf_static. The topic command takes take_reference, start_recording [NAME], stop_recording.
+    Topics: image_raw, image_raw/compressed, camera_info, height, points, wrench_estimated, wrench_covariance, wrench_measured,
+    reference_grey, warnings, status, each after the sensor's name, and /tf_static. The topic command takes take_reference,
+    start_recording [NAME], stop_recording.
     """
 
     source: tuple[str, ...]
@@ -54,6 +56,9 @@ class Ros2:
     """Name of the sensor in topics and frames; its id, if not given."""
     force: str = PHYSICS
     """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
+    force_torque: str | None = None
+    """Force/torque sensor beside (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), published without a tare as wrench_measured;
+    or sim with --source sim, the true wrench of the twin."""
     qos: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="TOPIC=PROFILE")] = ()
     """Quality of service of a topic: sensor_data, reliable (the default of all but status), or latched; such as
     points=sensor_data."""
@@ -89,6 +94,7 @@ class Ros2:
             return self._run_several()
         if len(self.sensor) > 1:
             raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
+        require_same_source_kind(self.source[0], self.force_torque, is_simulated)
         live = Live(
             self.source[0],
             Path(self.sensor[0]).expanduser() if self.sensor else None,
@@ -97,11 +103,17 @@ class Ros2:
             automatic=self.automatic,
             loop=self.loop,
         )
-        with _sensor_to_share(live) as (folder, sensor), DdsParticipant(self.domain, self.interface) as participant:
+        with (
+            _sensor_to_share(live) as (folder, sensor, true),
+            DdsParticipant(self.domain, self.interface) as participant,
+        ):
             from ninedtact.interop.ros2_messages import SensorMessages
 
             messages = SensorMessages(folder, self.name or folder.id, self.points_every)
-            shared = SensorOnRos2(sensor, messages, participant, profiles, self.out)
+            measured = None
+            if self.force_torque is not None:
+                measured = true or untared_wrench_source(self.force_torque, folder)
+            shared = SensorOnRos2(sensor, messages, participant, profiles, self.out, measured)
             residual_px = messages.camera.residual_px
             print(
                 f"{sensor.source.name}: topics {messages.path('…')} in DDS domain {participant.domain}; camera_info differs from "
@@ -116,6 +128,8 @@ class Ros2:
     def _run_several(self) -> int:
         """Publish every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
         sources, sensors = split_named("--source", self.source), split_named("--sensor", self.sensor)
+        if self.force_torque is not None:
+            raise RecordingRefused("expected one --source with --force-torque, got several; start one command for each")
         if strangers := sensors.keys() - sources.keys():
             raise RecordingRefused(
                 f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
@@ -187,7 +201,7 @@ class Serve:
             loop=self.loop,
         )
         with (
-            _sensor_to_share(live) as (folder, sensor),
+            _sensor_to_share(live) as (folder, sensor, _),
             ReadingServer(folder.id, self.host, self.port, self.tcp_port, self.allow_origin) as server,
             stop_on_signal(self.seconds) as until,
         ):
@@ -209,17 +223,17 @@ def _require_libraries(extra: str, *names: str) -> None:
 
 
 @contextmanager
-def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor]]":
-    """Yield the folder of a sensor and the sensor on its source with its estimator, not yet opened."""
+def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, WrenchSource | None]]":
+    """Yield a sensor's folder, the sensor on its source with its estimator, and a twin's true wrench; neither is open yet."""
     with _folder_or_demo_twin(live.sensor, live.source) as folder:
-        sensor = live.sensor_and_wrenches(folder)[0]
+        sensor, wrenches, _ = live.sensor_and_wrenches(folder)
         if live.force != NONE:
             from ninedtact.force.estimator_loading import load_estimator
 
             sensor.estimator = load_estimator(live.force, folder)
             for notice in sensor.estimator.notices:
                 print_notice(notice)
-        yield folder, sensor
+        yield folder, sensor, wrenches[0].source if wrenches else None
 
 
 @contextmanager

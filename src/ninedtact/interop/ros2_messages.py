@@ -23,6 +23,7 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.ros_messages import (
     MESSAGE_TYPES,
@@ -31,6 +32,7 @@ from ninedtact.recording.ros_messages import (
     encode_height,
     encode_image,
     encode_message,
+    encode_reference_grey,
     encode_warnings,
     encode_wrench,
     header,
@@ -72,8 +74,10 @@ LIVE_TOPICS: Mapping[str, tuple[str, QosProfile]] = {
     Topic.HEIGHTS: (MESSAGE_TYPES[Topic.HEIGHTS], QosProfile.RELIABLE),
     POINTS: (_POINTS_TYPE, QosProfile.RELIABLE),
     Topic.ESTIMATED: (MESSAGE_TYPES[Topic.ESTIMATED], QosProfile.RELIABLE),
+    Topic.MEASURED: (MESSAGE_TYPES[Topic.MEASURED], QosProfile.RELIABLE),
     Topic.COVARIANCE: (MESSAGE_TYPES[Topic.COVARIANCE], QosProfile.RELIABLE),
     Topic.WARNINGS: (MESSAGE_TYPES[Topic.WARNINGS], QosProfile.RELIABLE),
+    Topic.REFERENCE_GREY: (MESSAGE_TYPES[Topic.REFERENCE_GREY], QosProfile.LATCHED),
     STATUS: (STRING_TYPE, QosProfile.LATCHED),
 }
 """Type and default quality of service of every topic that is published; a reliable topic serves `sensor_data` subscribers too."""
@@ -247,6 +251,14 @@ class SensorMessages:
             data=values.view(np.uint8).reshape(-1),
             is_dense=True,
         )
+
+    def encode_measured(self, wrench: Wrench, wall_ns: int) -> bytes:
+        """Return the message of a wrench that a force/torque sensor measured."""
+        return encode_wrench(wrench, wall_ns, self.frame("skin"))
+
+    def encode_reference(self, reference: Rectified, wall_ns: int) -> bytes:
+        """Return the message of the rectified reference image against which heights are computed from this time on."""
+        return encode_reference_grey(reference.grey, wall_ns, self.frame("skin"))
 
     def _wrench(self, reading: Reading, wall_ns: int) -> bytes | None:
         return None if reading.wrench is None else encode_wrench(reading.wrench, wall_ns, self.frame("skin"))
