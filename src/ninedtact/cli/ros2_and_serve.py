@@ -175,7 +175,8 @@ class Serve:
     def run(self) -> int:
         """Serve until Ctrl-C."""
         _require_libraries("stream", "websockets")
-        from ninedtact.interop.reading_stream import ReadingServer, serve_sensor
+        from ninedtact.interop.reading_broadcast import serve_sensor
+        from ninedtact.interop.reading_stream import ReadingServer
 
         require_duration(self.seconds)
         live = Live(
@@ -193,7 +194,7 @@ class Serve:
         ):
             addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
             print(f"{sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
-            served = serve_sensor(server, sensor, lambda: until.now)
+            served = serve_sensor(server.publish, sensor, lambda: until.now)
         print(f"stopped after {served} readings")
         return 0
 
