@@ -25,7 +25,7 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 	touch $@
 
 .venv/ready-interop: .venv/ready
-	$(INSTALL) -e '.[mujoco,ros2,stream]'
+	$(INSTALL) -e '.[mujoco,ros2,stream,foxglove]'
 	touch $@
 
 .venv/ready-docs: .venv/ready
@@ -75,7 +75,7 @@ licences: .venv/ready
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
-# Doors to other programs, tried against those programs (MuJoCo, DDS, C++, JavaScript). What needs none of them runs in `make test`.
+# Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, C++, JavaScript). What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop
 	.venv/bin/python -m pytest -m 'interop or not interop' tests/interop
 
