@@ -75,7 +75,8 @@ licences: .venv/ready
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
-# Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, C++, JavaScript). What needs none of them runs in `make test`.
+# Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, C++, JavaScript; Rerun where its extra is installed).
+# What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop
 	.venv/bin/python -m pytest -m 'interop or not interop' tests/interop
 
