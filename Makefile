@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs gallery tour benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -103,11 +103,19 @@ coverage: .venv/ready
 	.venv/bin/python -m pytest -n 2 --dist loadfile --cov=ninedtact --cov-report=json:out/coverage.json
 	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
 
-# The documentation site, in out/site. Warnings and broken links are errors.
+# The documentation site, in out/site, which works without a network. Warnings, broken links and files from elsewhere are errors.
 docs: .venv/ready-docs
 	.venv/bin/python scripts/draw_architecture.py
 	.venv/bin/python scripts/write_command_reference.py
 	.venv/bin/mkdocs build --strict --site-dir out/site
+	.venv/bin/python scripts/check_site.py out/site
+
+# The pictures of docs/gallery.md, and the notebook with its page, run again; a minute each.
+gallery: .venv/ready
+	.venv/bin/python scripts/draw_gallery.py
+
+tour: .venv/ready
+	.venv/bin/python scripts/run_tour.py
 
 # A simulated sensor in the browser: calibrated, pressed, dragged and twisted. At a terminal Ctrl-C ends it, without one it
 # ends by itself. Results are in out/demo. Where real images are available, it is the twin of the sensor that took them.
