@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -149,3 +150,29 @@ def test_a_site_that_loads_from_elsewhere_or_links_to_nothing_is_refused(
         "links to d.html, which does not exist",
         "loads https://x.org/a.js",
     ]
+
+
+EXAMPLES = re.findall(
+    r"^```python\n(.*?)^```", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+)
+PREPARE = """
+import cv2, pathlib
+from ninedtact.cli import main
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+pathlib.Path("my_images").mkdir()
+for name, image in vars(simulate_calibration_images(ninedtact.default_twin())).items():
+    cv2.imwrite(f"my_images/{name}.png", image)
+assert main("simulate dataset --out pairs --pairs 8 --sensors 1 --objects 2 --pitch-mm 0.6 --workers 1".split()) == 0
+"""
+
+
+def test_the_examples_of_the_api_show_every_public_name_and_run(tmp_path: Path) -> None:
+    shown = set(re.findall(r"ninedtact\.(\w+)", "".join(EXAMPLES)))
+    assert set(ninedtact.__all__) - shown == {"__version__"}
+    first, *examples = EXAMPLES
+    calibrate = next(example for example in examples if "ninedtact.calibrate(" in example)
+    rest = [example for example in examples if example != calibrate]
+    (tmp_path / "examples.py").write_text("\n".join([first, PREPARE, calibrate, *rest]), encoding="utf-8")
+    ran = subprocess.run([sys.executable, "examples.py"], cwd=tmp_path, capture_output=True, text=True, timeout=240)
+    assert ran.returncode == 0, ran.stderr
+    assert "all images are read" in ran.stdout and "expected a sensor folder" in ran.stdout
