@@ -45,6 +45,8 @@ FOXGLOVE_ORIGIN = "https://app.foxglove.dev"
 _MESSAGE_DATA = 1
 """First byte of a binary message with data: then the client's subscription id, the time in ns and the message."""
 _STATUS_WARNING = 1
+_QUEUED_READINGS = 2
+"""Readings that wait for one client at most: what is shown is new."""
 _NS_PER_S = 1_000_000_000
 _M_PER_MM = 1e-3
 _POINT_FIELDS = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "intensity")
@@ -215,7 +217,7 @@ class FoxgloveServer:
         self.port = port
         """The port; that in use, once the server is open."""
         self._name, self._channels = messages.name, messages.channels
-        self._broadcast = ReadingBroadcast(partial(_EncodedReading, channels=self._channels))
+        self._broadcast = ReadingBroadcast(partial(_EncodedReading, channels=self._channels), _QUEUED_READINGS)
 
     @property
     def address(self) -> str:
@@ -237,7 +239,12 @@ class FoxgloveServer:
     async def _listen(self) -> None:
         with port_errors(self.guard.host, self.port, "--port"):
             guarded = self.guard.serve(
-                self._feed, self.guard.host, self.port, is_expected=_is_request, subprotocols=SUBPROTOCOLS
+                self._feed,
+                self.guard.host,
+                self.port,
+                is_expected=_is_request,
+                subprotocols=SUBPROTOCOLS,
+                compression=None,  # compressing a megabyte takes longer than sending it
             )
             server = await self._broadcast.servers.enter_async_context(guarded)
         self.port = next(iter(server.sockets)).getsockname()[1]

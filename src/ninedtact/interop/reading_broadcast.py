@@ -23,8 +23,6 @@ from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 
-_QUEUED_READINGS = 8
-"""Readings that wait for one client at most; further ones replace the oldest."""
 _POLL_S = 0.1
 
 Shared = TypeVar("Shared")
@@ -35,15 +33,16 @@ class StreamPortRefused(DeviceError):
 
 
 class ReadingQueue(Generic[Shared]):
-    """The readings that wait for one client."""
+    """The readings that wait for one client; where more than `most` wait, the oldest are missed."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int) -> None:
+        self._most = most
         self._waiting: deque[Shared] = deque()
         self._missed, self._arrived = 0, asyncio.Event()
 
     def add(self, reading: Shared) -> None:
         """Queue a reading; where too many wait, the oldest is missed."""
-        if len(self._waiting) == _QUEUED_READINGS:
+        if len(self._waiting) == self._most:
             self._waiting.popleft()
             self._missed += 1
         self._waiting.append(reading)
@@ -63,10 +62,11 @@ class ReadingBroadcast(Generic[Shared]):
     """The thread of a server and the queues of its clients; it runs from `start` to `stop`.
 
     share: makes of a reading what all clients are handed, such as an object that encodes it once; called in the server thread,
-    and only while there are clients.
+    and only while there are clients. queued: readings that wait for one client at most.
     """
 
-    def __init__(self, share: Callable[[Reading], Shared]) -> None:
+    def __init__(self, share: Callable[[Reading], Shared], queued: int) -> None:
+        self._queued = queued
         self.queues = set[ReadingQueue[Shared]]()
         self.servers = AsyncExitStack()
         """What is closed when the server ends."""
@@ -106,7 +106,7 @@ class ReadingBroadcast(Generic[Shared]):
     @contextmanager
     def queue(self) -> Iterator[ReadingQueue[Shared]]:
         """Yield the queue of a new client."""
-        queue = ReadingQueue[Shared]()
+        queue = ReadingQueue[Shared](self._queued)
         self.queues.add(queue)
         try:
             yield queue

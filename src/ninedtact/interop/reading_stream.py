@@ -32,6 +32,8 @@ from ninedtact.studio.socket_guard import SocketGuard
 STREAM_FORMAT = 1
 """Number of the message format, raised when a field changes its meaning."""
 ImageFormat = Literal["none", "jpeg", "png"]
+_QUEUED_READINGS = 8
+"""Readings that wait for one client at most."""
 _REQUEST_BYTES, _REQUEST_S = 4096, 10.0
 """Size of a TCP client's request, and the time in which it must arrive."""
 
@@ -153,7 +155,7 @@ class ReadingServer:
         self.guard = SocketGuard.for_host(host, allowed_origins)
         self.port, self.tcp_port = port, tcp_port
         """Ports of WebSocket and TCP; those in use, once the server is open."""
-        self._broadcast = ReadingBroadcast(partial(_SharedReading, sensor=sensor))
+        self._broadcast = ReadingBroadcast(partial(_SharedReading, sensor=sensor), _QUEUED_READINGS)
         self._connections = set[asyncio.Task[None]]()
 
     @property
