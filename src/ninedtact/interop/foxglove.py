@@ -31,11 +31,10 @@ from websockets.typing import Subprotocol
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.interop.reading_broadcast import ReadingBroadcast, ReadingQueue, feed_until_closed, port_errors
-from ninedtact.interop.ros2_messages import SensorMessages
+from ninedtact.interop.ros2_messages import POINT_FIELDS, SensorMessages
 from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
-from ninedtact.shape.surface import point_cloud
 from ninedtact.studio.socket_guard import SocketGuard
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
@@ -49,7 +48,6 @@ _QUEUED_READINGS = 2
 """Readings that wait for one client at most: what is shown is new."""
 _NS_PER_S = 1_000_000_000
 _M_PER_MM = 1e-3
-_POINT_FIELDS = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "intensity")
 
 
 class _Subscription(msgspec.Struct):
@@ -81,7 +79,7 @@ class FoxgloveMessages:
     """The channels of a sensor. points_every: the points of every so many rows and columns of the height map are sent."""
 
     def __init__(self, folder: SensorFolder, points_every: int = 3) -> None:
-        self._ros, self._points_every = SensorMessages(folder, folder.id), points_every
+        self._ros = SensorMessages(folder, folder.id, points_every)
         self.name = self._ros.path("").strip("/")
         """The name of the sensor in topics and frames."""
 
@@ -151,18 +149,14 @@ class FoxgloveMessages:
         ).encode()
 
     def _points(self, reading: Reading, wall_ns: int) -> bytes:
-        every = (slice(None, None, self._points_every),) * 2
-        cloud = point_cloud(reading.height, self._points_every)
-        grey = reading.rectified.grey[every][reading.height.in_view[every]]
-        values = np.column_stack([cloud.points_mm * _M_PER_MM, cloud.normals, grey]).astype("<f4")
-        number = fox.PackedElementFieldNumericType.Float32
+        values, number = self._ros.point_values(reading), fox.PackedElementFieldNumericType.Float32
         return fox.PointCloud(
             timestamp=_timestamp(wall_ns),
             frame_id=self._ros.frame("skin"),
             pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
             point_stride=values.strides[0],
             fields=[
-                fox.PackedElementField(name=name, offset=4 * at, type=number) for at, name in enumerate(_POINT_FIELDS)
+                fox.PackedElementField(name=name, offset=4 * at, type=number) for at, name in enumerate(POINT_FIELDS)
             ],
             data=values.tobytes(),
         ).encode()
@@ -357,50 +351,49 @@ def foxglove_layout(sensor: str) -> dict[str, Any]:
 
     It shows camera, height, points, wrench, errors and warnings at once.
     """
-    camera, height = f"/{sensor}/camera_info", f"/{sensor}/height"
     panels: dict[str, dict[str, Any]] = {
-        "Image!camera": {"imageMode": {"imageTopic": f"/{sensor}/image", "calibrationTopic": camera}},
+        "Image!camera": {
+            _TITLE: "Camera",
+            "imageMode": {"imageTopic": f"/{sensor}/image", "calibrationTopic": f"/{sensor}/camera_info"},
+        },
         "Image!height": {
-            "imageMode": {"imageTopic": height, "colorMode": "colormap", "colorMap": "turbo"} | _HEIGHTS_MM
+            _TITLE: "Height (mm)",
+            "imageMode": {"imageTopic": f"/{sensor}/height", "colorMode": "colormap", "colorMap": "turbo"}
+            | _HEIGHTS_MM,
         },
         "3D!points": {
+            _TITLE: "Surface",
             "followTf": f"{sensor}_skin",
             "cameraState": {"distance": 0.05, "phi": 55, "thetaOffset": 30, "fovy": 45, "near": 0.001, "far": 10},
             "topics": {
                 f"/{sensor}/points": {"visible": True, "colorMode": "colormap", "colorMap": "turbo", "colorField": "z"}
             },
         },
-        "Plot!wrench": _plot(sensor, force_n="F{} (N)", torque_nm="T{} (N·m)"),
-        "Plot!errors": _plot(sensor, force_std_n="± F{} (N)", torque_std_nm="± T{} (N·m)"),
-        "RosOut!warnings": {"topicToRender": f"/{sensor}/warnings", "minLogLevel": 1},
-    }
-    titles = ("Camera", "Height (mm)", "Surface", "Wrench", "Errors: one standard deviation", "Warnings")
-    panels = {
-        kind: config | {"foxglovePanelTitle": title}
-        for (kind, config), title in zip(panels.items(), titles, strict=True)
+        "Plot!wrench": _plot(sensor, "Wrench", force_n="F{} (N)", torque_nm="T{} (N·m)"),
+        "Plot!errors": _plot(
+            sensor, "Errors: one standard deviation", force_std_n="± F{} (N)", torque_std_nm="± T{} (N·m)"
+        ),
+        "RosOut!warnings": {_TITLE: "Warnings", "topicToRender": f"/{sensor}/warnings", "minLogLevel": 1},
     }
     images = _split("column", "Image!camera", "Image!height", 50)
     plots = _split("column", "Plot!wrench", _split("column", "Plot!errors", "RosOut!warnings", 65), 45)
-    return {
-        "configById": panels,
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": _split("row", images, _split("row", "3D!points", plots, 50), 30),
-    }
+    layout = _split("row", images, _split("row", "3D!points", plots, 50), 30)
+    unused = {"globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
+    return {"configById": panels, "layout": layout, **unused}
 
 
+_TITLE = "foxglovePanelTitle"
 _HEIGHTS_MM = {"minValue": -2.0, "maxValue": 0.5}
 
 
-def _plot(sensor: str, **labels: str) -> dict[str, Any]:
+def _plot(sensor: str, title: str, **labels: str) -> dict[str, Any]:
     """Return a plot of vectors of the wrench, each named with its label for one axis."""
     series = [
         {"value": f"/{sensor}/wrench.{name}.{axis}", "label": label.format(axis), "enabled": True}
         for name, label in labels.items()
         for axis in "xyz"
     ]
-    return {"paths": series, "showLegend": True, "xAxisVal": "timestamp"}
+    return {_TITLE: title, "paths": series, "showLegend": True, "xAxisVal": "timestamp"}
 
 
 def _split(direction: str, first: Any, second: Any, percent: int) -> dict[str, Any]:
