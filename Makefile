@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs dist benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs gallery tour dist benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -25,7 +25,7 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 	touch $@
 
 .venv/ready-interop: .venv/ready
-	$(INSTALL) -e '.[mujoco,ros2,stream]'
+	$(INSTALL) -e '.[mujoco,ros2,stream,foxglove]'
 	touch $@
 
 .venv/ready-docs: .venv/ready
@@ -75,7 +75,8 @@ licences: .venv/ready
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
-# Doors to other programs, tried against those programs (MuJoCo, DDS, C++, JavaScript). What needs none of them runs in `make test`.
+# Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, C++, JavaScript; Rerun where its extra is
+# installed). What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop .venv-lerobot/ready
 	NINEDTACT_LEROBOT_PYTHON=$(CURDIR)/.venv-lerobot/bin/python \
 	  .venv/bin/python -m pytest -m 'interop or not interop' tests/interop
@@ -112,11 +113,19 @@ coverage: .venv/ready
 	.venv/bin/python -m pytest -n 2 --dist loadfile --cov=ninedtact --cov-report=json:out/coverage.json
 	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
 
-# The documentation site, in out/site. Warnings and broken links are errors.
+# The documentation site, in out/site, which works without a network. Warnings, broken links and files from elsewhere are errors.
 docs: .venv/ready-docs
 	.venv/bin/python scripts/draw_architecture.py
 	.venv/bin/python scripts/write_command_reference.py
 	.venv/bin/mkdocs build --strict --site-dir out/site
+	.venv/bin/python scripts/check_site.py out/site
+
+# The pictures of docs/gallery.md, and the notebook with its page, run again; a minute each.
+gallery: .venv/ready
+	.venv/bin/python scripts/draw_gallery.py
+
+tour: .venv/ready
+	.venv/bin/python scripts/run_tour.py
 
 # The distributions for PyPI, in dist: built, checked, and tried in a fresh environment that holds nothing else.
 TOOL := .venv/bin/uv tool run -q $(if $(LINKS),--find-links $(LINKS))

@@ -1,4 +1,4 @@
-"""ninedtact ros2 and ninedtact serve: a running sensor for other programs, over ROS 2 or as JSON lines."""
+"""ninedtact ros2, foxglove and serve: a running sensor for other programs, over ROS 2, in Foxglove or as JSON lines."""
 
 import json
 import sys
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.live import Live
+from ninedtact.cli.live import InvalidLiveOption, Live
 from ninedtact.cli.record import is_named, require_duration, run_together, split_named, untared_wrench_source
 from ninedtact.cli.result_and_interrupt import (
     load_sensor_with_notices,
@@ -156,6 +156,65 @@ class Ros2:
 
 
 @dataclass(frozen=True)
+class Foxglove:
+    """Show a sensor in Foxglove: camera, heights, 3D surface, wrench with errors, warnings. Ctrl-C ends it.
+
+    In Foxglove choose "Open connection", "Foxglove WebSocket" and the printed address, and import the layout that --layout writes.
+    """
+
+    source: str
+    """Camera (0, /dev/video0, usb:1-2, csi:0), stream, video, folder or recording; or sim, the twin of the sensor."""
+    sensor: Path | None = None
+    """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own; sim without one is the twin of the demo."""
+    force: str = PHYSICS
+    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
+    layout: Path | None = None
+    """Write the layout for this sensor into this new file (.json), for "Import from file" in Foxglove."""
+    points_every: int = 3
+    """Send the points of every so many rows and columns of the height map."""
+    host: str = "127.0.0.1"
+    """Address to listen on: of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them). The
+    printed address then contains a random token."""
+    port: int = 8765
+    """Port; 0 takes any free port."""
+    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
+    """Website (http://NAME:PORT) whose pages may connect besides app.foxglove.dev; file:// for desktop programs that state it."""
+    seconds: float | None = None
+    """Duration; without it, until Ctrl-C or the end of the source."""
+    follow_reference: bool = True
+    """Let the reference image of a live source follow slow changes of light and gel while nothing touches."""
+    automatic: bool = False
+    """Keep automatic exposure and white balance on, for a camera that cannot switch them off."""
+    loop: bool = False
+    """Repeat a recording."""
+
+    def run(self) -> int:
+        """Serve until Ctrl-C."""
+        _require_libraries("foxglove", "foxglove", "websockets", "rosbags")
+        from ninedtact.atomic_write import write_file_atomically
+        from ninedtact.interop.foxglove import FoxgloveMessages, FoxgloveServer, foxglove_layout
+        from ninedtact.interop.reading_broadcast import serve_sensor
+
+        require_duration(self.seconds)
+        if self.points_every < 1:
+            raise InvalidLiveOption(f"expected --points-every of 1 or more, got {self.points_every}; drop it")
+        if self.layout is not None and self.layout.exists():
+            raise InvalidLiveOption(f"expected --layout to name a new file, got {self.layout}; choose another name")
+        with _sensor_to_share(_live_settings(self)) as (folder, sensor, _):
+            messages = FoxgloveMessages(folder, self.points_every)
+            with (
+                FoxgloveServer(messages, self.host, self.port, self.allow_origin) as server,
+                stop_on_signal(self.seconds) as until,
+            ):
+                if self.layout is not None:
+                    write_file_atomically(self.layout, json.dumps(foxglove_layout(messages.name), indent=2).encode())
+                print(f"{sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
+                served = serve_sensor(server.publish, sensor, lambda: until.now)
+        print(f"stopped after {served} readings")
+        return 0
+
+
+@dataclass(frozen=True)
 class Serve:
     """Serve readings to programs in any language: JSON lines over TCP, and over WebSocket for browsers. Ctrl-C ends it.
 
@@ -189,17 +248,11 @@ class Serve:
     def run(self) -> int:
         """Serve until Ctrl-C."""
         _require_libraries("stream", "websockets")
-        from ninedtact.interop.reading_stream import ReadingServer, serve_sensor
+        from ninedtact.interop.reading_broadcast import serve_sensor
+        from ninedtact.interop.reading_stream import ReadingServer
 
         require_duration(self.seconds)
-        live = Live(
-            self.source,
-            self.sensor,
-            force=self.force,
-            follow_reference=self.follow_reference,
-            automatic=self.automatic,
-            loop=self.loop,
-        )
+        live = _live_settings(self)
         with (
             _sensor_to_share(live) as (folder, sensor, _),
             ReadingServer(folder.id, self.host, self.port, self.tcp_port, self.allow_origin) as server,
@@ -207,9 +260,21 @@ class Serve:
         ):
             addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
             print(f"{sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
-            served = serve_sensor(server, sensor, lambda: until.now)
+            served = serve_sensor(server.publish, sensor, lambda: until.now)
         print(f"stopped after {served} readings")
         return 0
+
+
+def _live_settings(command: Foxglove | Serve) -> Live:
+    """Return how the source of a command is opened."""
+    return Live(
+        command.source,
+        command.sensor,
+        force=command.force,
+        follow_reference=command.follow_reference,
+        automatic=command.automatic,
+        loop=command.loop,
+    )
 
 
 def _require_libraries(extra: str, *names: str) -> None:
