@@ -13,6 +13,7 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
+from reading_clients import page_errors
 from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
 
@@ -39,9 +40,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(brow
         browser.new_page(viewport={"width": w, "height": h}, accept_downloads=True)
         for w, h in ((1280, 800), (390, 844))
     )
-    errors: list[str] = []
-    for tab in (desk, phone):
-        tab.on("pageerror", lambda error: errors.append(str(error)))
+    errors = page_errors(desk), page_errors(phone)
     with page_server("127.0.0.1", 0) as server, session:
         page = CalibrationPage(server, session, {"sim": "simulated sensor"}, camera)
 
@@ -84,7 +83,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(brow
         assert not session.live_requested.is_set()
         desk.get_by_role("button", name="Open the sensor live").click()
         wait(session.live_requested.is_set)
-    assert load_sensor(session.out).id == "s" and errors == []
+    assert load_sensor(session.out).id == "s" and errors == ([], [])
 
 
 def test_the_command_serves_the_page_until_ctrl_c_and_writes_nothing(tmp_path: Path) -> None:

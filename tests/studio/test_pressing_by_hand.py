@@ -11,7 +11,7 @@ import pytest
 import trimesh
 import viser
 from playwright.sync_api import Browser, Page
-from reading_clients import CAMERA, open_panel
+from reading_clients import CAMERA, open_panel, page_errors
 from small_press_simulation import PRESSED, TWIN
 from small_sensor import wait_until
 from websockets.sync.client import connect
@@ -95,16 +95,9 @@ def pressed_twin(folder: SensorFolder, out: Path) -> Iterator[PressedTwin]:
 
 def open_tab(browser: Browser, twin: PressedTwin, width: int, height: int) -> tuple[Page, list[str]]:
     """A page in a browser, and the errors that it reports."""
-    tab, errors = browser.new_page(viewport={"width": width, "height": height}), list[str]()
+    tab = browser.new_page(viewport={"width": width, "height": height})
+    errors = page_errors(tab)
     tab.set_default_timeout(PATIENCE_S * 1000)
-    tab.on("pageerror", lambda error: errors.append(str(error)))
-    # A slow browser is sent the next image before it has loaded the last one, which viser has dropped by then.
-    tab.on(
-        "console",
-        lambda said: (
-            errors.append(said.text) if said.type == "error" and "ERR_FILE_NOT_FOUND" not in said.text else None
-        ),
-    )
     tab.goto(f"http://127.0.0.1:{twin.server.get_port()}")
     wait_until(lambda: twin.page.is_watched, PATIENCE_S)
     twin.page.viewers[0].choose(coarser=4)  # a browser without a graphics card

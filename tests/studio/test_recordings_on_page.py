@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator, Page
+from reading_clients import page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
 
 import ninedtact
@@ -382,9 +383,9 @@ class Journey:
 
 def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_path: Path) -> None:
     folder, camera, out = load_sensor(sensor_folder(tmp_path / "small")), SkinCamera(), tmp_path / "readings"
-    tab, errors, sensor = browser.new_page(viewport={"width": 1000, "height": 800}), [], sensor_on(camera)
+    tab, sensor = browser.new_page(viewport={"width": 1000, "height": 800}), sensor_on(camera)
+    errors = page_errors(tab)
     tab.set_default_timeout(PATIENCE_S * 200)
-    tab.on("pageerror", lambda error: errors.append(str(error)))
     sensor.estimator = ScaledForce()
     estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
     recorder = PageRecorder(folder, "bench", [estimated], out, SaveQuota(limits))

@@ -3,7 +3,7 @@
 viser 1.1 accepts requests from every website, messages of 50 MB, uploads of any size, and a request to publish the page on the
 internet; a message that it cannot decode ends in a traceback. It offers no hook, but its server starts with one call of
 `websockets.serve`, which `start_guarded_viser` replaces by `SocketGuard.serve`. It also corrects an error of viser with many
-clients, and keeps one upload of each client at a time.
+clients and one of its page with images that change fast, and keeps one upload of each client at a time.
 """
 
 import asyncio
@@ -20,6 +20,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import viser
+from viser._messages import RunJavascriptMessage
 from websockets.asyncio.server import serve
 
 from ninedtact.errors import MissingLibraryError
@@ -28,6 +29,10 @@ from ninedtact.studio.socket_guard import SocketGuard
 _LOG = logging.getLogger(__name__)
 GUARDED_VISER = "1.1."
 """Beginning of the versions of viser whose server can be guarded; pyproject.toml pins the same."""
+
+
+_IMAGE_KEPT_MS = 5000
+"""Time for which a browser keeps an image that another one has replaced; a busy browser begins to load it that late."""
 
 
 class UnknownPageServer(MissingLibraryError):
@@ -180,7 +185,21 @@ def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) ->
         if not ports:
             server.stop()
             raise UnknownPageServer(_unknown_viser_message("one that starts it in another way"))
+    _keep_replaced_images(server)
     return server
+
+
+def _keep_replaced_images(server: viser.ViserServer) -> None:
+    """Let every browser keep an image for a while after the next one has come.
+
+    The page of viser 1.1 drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it,
+    the browser reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one.
+    """
+    source = (
+        "{ const drop = URL.revokeObjectURL.bind(URL); "
+        f"URL.revokeObjectURL = (address) => setTimeout(() => drop(address), {_IMAGE_KEPT_MS}); }}"
+    )
+    server._websock_server.queue_message(RunJavascriptMessage(source))
 
 
 @contextmanager
