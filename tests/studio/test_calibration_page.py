@@ -21,7 +21,7 @@ from ninedtact.calibration.guidance import locate_pins
 from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli.calibrate import CalibrateCommand, ImagesMissing
-from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedCalibration
+from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibrated_sensor
 from ninedtact.design import SensorDesign
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationSession, Phase
@@ -126,9 +126,8 @@ def test_the_live_page_follows_at_the_same_address(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(
         "ninedtact.cli.calibration_page.serve_sensor_page", lambda *args, **options: served.append((*args, options))
     )
-    options, guard = CalibrationPageOptions(page=True, host="0.0.0.0"), SocketGuard.for_host("0.0.0.0")
-    guided = GuidedCalibration(tmp_path / "small", "small", SensorDesign(), CalibrationSettings(), options)
-    guided._serve_live(load_sensor(sensor_folder(guided.out)), "0", 1234, guard)
+    guard, folder = SocketGuard.for_host("0.0.0.0"), load_sensor(sensor_folder(tmp_path / "small"))
+    serve_calibrated_sensor(folder, "0", 1234, guard, automatic=False)
     ((folder, sensor, wrenches, settings, more),) = served
     assert folder.id == "small" and sensor.source.name == "camera 0" and wrenches == []
     assert (settings.host, settings.port, settings.guard) == ("0.0.0.0", 1234, guard)
