@@ -117,9 +117,6 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
     scale = kept.scales[session.reader.estimator.name]
     fit = fit_scale_so_far(session.state.presses).fit
     assert not kept.is_edited and fit is not None and scale == fit.adaptation and scale.presses == 3
-    print(session.state.presses, scale)
-    estimated_n = session.state.presses[2].estimated_n
-    assert estimated_n * scale.at(estimated_n) == pytest.approx(0.4 * 9.80665, rel=0.1)
 
 
 def test_a_press_that_contradicts_the_others_is_named() -> None:

@@ -380,6 +380,11 @@ class Journey:
         wait_until(found, PATIENCE_S, pause_s=0.03)
         return next(self.out.glob(pattern))
 
+    def until_exported(self, pattern: str) -> Path:
+        path = self.until_found(pattern)
+        self.until_shown("Exported", path.name)  # before that, another export is refused
+        return path
+
 
 def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_path: Path) -> None:
     folder, camera, out = load_sensor(sensor_folder(tmp_path / "small")), SkinCamera(), tmp_path / "readings"
@@ -470,10 +475,10 @@ def save_the_moment(journey: Journey) -> Path:
 def export_everything(journey: Journey, images: int) -> None:
     """Export tables of the whole recording, and surfaces and a video of the label."""
     journey.press("Images and tables")
-    tables = journey.until_found("recording_*_export_*")
+    tables = journey.until_exported("recording_*_export_*")
     assert (tables / "spans.csv").is_file() and len(list((tables / "images").iterdir())) == images
     journey.choose(journey.field("label", 1), "shallow")
     journey.press("Surfaces (PLY)")
-    assert 0 < len(list(journey.until_found("recording_*_surfaces_*").iterdir())) < images
+    assert 0 < len(list(journey.until_exported("recording_*_surfaces_*").iterdir())) < images
     journey.press("Video (MP4)")
-    journey.until_found("recording_*.mp4")
+    journey.until_exported("recording_*.mp4")

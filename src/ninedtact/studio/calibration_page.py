@@ -30,7 +30,7 @@ from ninedtact.studio.guided_page import (
     steps_html,
 )
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
-from ninedtact.studio.viewer import NOTICE_S, is_from_browser, set_control
+from ninedtact.studio.viewer import NOTICE_S, ControlFollower, is_from_browser, set_control
 
 REFRESH_HZ = 8.0
 _IMAGE_PX = 640
@@ -61,6 +61,7 @@ class CalibrationPage:
         self._server, self._session, self._simulated = server, session, simulated
         self._drawn: tuple[int, int] | None = None
         gui, self._images = server.gui, BrowserImages(server, "Calibration")
+        self._follower = ControlFollower()
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._camera = CameraControls(gui, session, cameras)
@@ -141,11 +142,11 @@ class CalibrationPage:
         held = simulated.held
         state = self._session.state
         self._presses.visible = is_simulated(state.source) and state.phase not in (Phase.FIT, Phase.RESULT)
-        set_control(self._plays, simulated.plays_by_itself)
+        self._follower.follow((self._plays, simulated.plays_by_itself))
         for slider, value in zip(
             (self._depth, self._tilt_x, self._tilt_y), (held.depth_mm, *held.tilt_deg), strict=True
         ):
-            set_control(slider, round(value, 2))
+            self._follower.follow((slider, round(value, 2)))
             slider.disabled = held.gauge == "nothing"
         self._held.content = _held_html(held, simulated.refusal)
 

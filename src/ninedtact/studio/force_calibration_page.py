@@ -27,7 +27,7 @@ from ninedtact.studio.guided_page import (
     steps_html,
 )
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
-from ninedtact.studio.viewer import is_from_browser, set_control
+from ninedtact.studio.viewer import ControlFollower, is_from_browser
 
 _IMAGE_PX = 640
 """Largest number of columns of the image that is sent."""
@@ -58,6 +58,7 @@ class ForceCalibrationPage:
         self._server, self._session, self._simulated, self._stiffness = server, session, simulated, stiffness
         self._ball = f"the ball (radius {ball_radius_mm:g} mm)"
         self._drawn: int | None = None
+        self._follower = ControlFollower()
         gui, self._images = server.gui, BrowserImages(server, "Force calibration")
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
         self._camera = CameraControls(gui, session, cameras)
@@ -133,9 +134,9 @@ class ForceCalibrationPage:
         """Show what rests on the simulated sensor."""
         held = simulated.held
         self._folder.visible = is_simulated(state.source) and state.phase not in (LoadPhase.PREVIEW, LoadPhase.SAVED)
-        set_control(self._plays, simulated.plays_by_itself)
-        set_control(self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0)))
-        set_control(self._place, held.at_mm[0] if held.load_n else self._place.value)
+        self._follower.follow((self._plays, simulated.plays_by_itself))
+        self._follower.follow((self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))))
+        self._follower.follow((self._place, held.at_mm[0] if held.load_n else self._place.value))
         self._refusal.content = (
             f'<div role="alert" style="margin:0 0.9em;color:{TONES["lost"]}">{escape(simulated.refusal)}</div>'
         )
@@ -189,7 +190,7 @@ class ForceCalibrationPage:
         self._start.visible = phase is LoadPhase.PREVIEW
         self._start.disabled = bool(state.camera_trouble) or state.image is None
         self._load.visible = phase in (LoadPhase.PRESS, LoadPhase.LIFT)
-        set_control(self._load, state.load_g)
+        self._follower.follow((self._load, state.load_g))
         self._save.visible = state.scale.fit is not None and phase is not LoadPhase.SAVED
         self._save.color = "gray" if phase is not LoadPhase.COMPLETE else None
         self._live.visible = phase is LoadPhase.SAVED

@@ -17,7 +17,7 @@ from ninedtact.capture.frame_source import CameraExposure
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_and_server import BACKGROUND, set_title_and_icon
 from ninedtact.studio.page_cards import DIM, TONES
-from ninedtact.studio.viewer import NARROW_PX, NOTICE_S, is_from_browser, set_control
+from ninedtact.studio.viewer import NARROW_PX, NOTICE_S, ControlFollower, is_from_browser
 from ninedtact.studio.watched_camera import ImageQuality
 
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
@@ -101,6 +101,7 @@ class CameraControls:
         self._brighter = gui.add_button_group("image", tuple(_BRIGHTER), visible=False)
         self._no_exposure = gui.add_html("")
         self._limits: CameraExposure | None = None
+        self._follower = ControlFollower()
         self._camera.on_update(self._choose_camera)
         self._exposure.on_update(self._set_exposure)
         self._brighter.on_click(self._brighten)
@@ -109,11 +110,11 @@ class CameraControls:
         """Show the camera and its exposure, or nothing of them."""
         self._limits = exposure
         self._camera.visible = is_shown
-        set_control(self._camera, self._labels[source])
+        self._follower.follow((self._camera, self._labels[source]))
         self._exposure.visible = self._brighter.visible = is_shown and exposure is not None
         if exposure is not None:
             self._exposure.min, self._exposure.max = exposure.least_ms, exposure.most_ms
-            set_control(self._exposure, round(exposure.now_ms, 2))
+            self._follower.follow((self._exposure, round(exposure.now_ms, 2)))
         self._no_exposure.content = (
             f'<div style="margin:0.2em 0.9em;font-size:0.85em;{DIM}">The exposure of this source cannot be set here; a camera has '
             "its own tool for it.</div>"
