@@ -453,6 +453,19 @@ def test_an_image_that_is_replaced_before_it_is_loaded_leaves_no_error_in_the_br
     assert errors == []
 
 
+def test_a_browser_loads_the_page_anew_where_another_program_serves_it(browser: Browser) -> None:
+    tab, port = browser.new_page(), 0
+    for number in range(2):
+        with page_server("127.0.0.1", port) as server:
+            server.gui.add_text("word", f"shown {number}")
+            port = server.get_port()
+            if number == 0:
+                tab.goto(f"http://127.0.0.1:{port}")
+            is_shown = f"[...document.querySelectorAll('input')].some(input => input.value == 'shown {number}')"
+            tab.wait_for_function(f"!window.isOfEarlierPage && {is_shown}", timeout=PATIENCE_S * 1000)
+            tab.evaluate("window.isOfEarlierPage = true")
+
+
 def test_an_unknown_viser_is_refused_and_never_served(monkeypatch: pytest.MonkeyPatch) -> None:
     pinned = re.search(r'"viser>=1\.1,<1\.2"', (Path(__file__).parents[2] / "pyproject.toml").read_text())
     assert pinned is not None and viser_guard.GUARDED_VISER == "1.1."

@@ -7,6 +7,7 @@ clients and one of its page with images that change fast, and keeps one upload o
 """
 
 import asyncio
+import json
 import logging
 import warnings
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from functools import wraps
 from importlib import import_module
 from io import StringIO
+from secrets import token_urlsafe
 from threading import Lock
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal
@@ -185,19 +187,24 @@ def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) ->
         if not ports:
             server.stop()
             raise UnknownPageServer(_unknown_viser_message("one that starts it in another way"))
-    _keep_replaced_images(server)
+    _prepare_browsers(server)
     return server
 
 
-def _keep_replaced_images(server: viser.ViserServer) -> None:
-    """Let every browser keep an image for a while after the next one has come.
+def _prepare_browsers(server: viser.ViserServer) -> None:
+    """Correct two errors of the page of viser 1.1, in every browser that connects.
 
-    The page of viser 1.1 drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it,
-    the browser reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one.
+    The page drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it, the browser
+    reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one. So the data are kept for a while.
+
+    A browser that was connected to an earlier program at the same address connects to this one with the layout of the earlier page.
+    So it loads the page again.
     """
+    program = json.dumps(token_urlsafe())
     source = (
-        "{ const drop = URL.revokeObjectURL.bind(URL); "
-        f"URL.revokeObjectURL = (address) => setTimeout(() => drop(address), {_IMAGE_KEPT_MS}); }}"
+        f"if (!window.pageProgram) {{ window.pageProgram = {program}; const drop = URL.revokeObjectURL.bind(URL); "
+        f"URL.revokeObjectURL = (address) => setTimeout(() => drop(address), {_IMAGE_KEPT_MS}); }} "
+        f"else if (window.pageProgram !== {program}) location.reload();"
     )
     server._websock_server.queue_message(RunJavascriptMessage(source))
 
