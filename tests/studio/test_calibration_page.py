@@ -73,6 +73,11 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         assert box is not None and box["width"] > 330  # the controls fill the phone
 
         run_callbacks_late(server, monkeypatch)  # the page must not set the box back meanwhile
+        desk.get_by_role("button", name="brighter").click()
+        wait(lambda: session.state.exposure is not None and session.state.exposure.now_ms == 12.5)
+        wait(lambda: session.state.quality is not None and session.state.quality.mean_grey > 180)
+        phone.get_by_role("button", name="darker").click()
+        wait(lambda: session.state.quality is not None and session.state.quality.mean_grey < 170)
         desk.get_by_label("presses by itself").uncheck()
         wait(lambda: not camera.plays_by_itself)
         phone.get_by_role("button", name="Start").click()
