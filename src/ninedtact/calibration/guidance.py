@@ -43,6 +43,8 @@ STILL_LEVELS = 1.5
 TOUCHED_LEVELS = 2.5
 """Change from the reference image, in grey levels, above which there is contact."""
 BEST_DEPTH_MM = (1.0, 2.2)
+STILL = "hold still"
+"""Beginning of the advice while something touches and has not yet been still for long enough."""
 PATIENCE = 4
 """Number of still presses that are skipped in favour of a better one."""
 
@@ -196,7 +198,7 @@ def watch_still_press(reference: BgrImage, hold_s: float) -> ImageWatcher:
         began_s = now_s if len(still) == 1 else began_s
         left_s = hold_s - (now_s - began_s)
         if mean is None or left_s > 0:
-            return CalibrationStepAdvice("hold still" + (f", {left_s:.1f} s more" if left_s > 0 else ""))
+            return CalibrationStepAdvice(STILL + (f", {left_s:.1f} s more" if left_s > 0 else ""))
         return CalibrationStepAdvice("taken", mean)
 
     return watch

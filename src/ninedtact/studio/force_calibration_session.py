@@ -17,7 +17,13 @@ from typing import Protocol
 import numpy as np
 
 from ninedtact.calibration.brightness import BgrImage
-from ninedtact.calibration.guidance import ImageWatcher, watch_reference, watch_still_press
+from ninedtact.calibration.guidance import (
+    STILL,
+    CalibrationStepAdvice,
+    ImageWatcher,
+    watch_reference,
+    watch_still_press,
+)
 from ninedtact.capture.frame_source import CameraExposure, FrameSource
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator
@@ -164,6 +170,7 @@ class ForceCalibrationSession:
         self._state = ForceCalibrationState(source=self.source, load_g=self.loads_g[0])
         self._watch: ImageWatcher | None = None
         self._reference: BgrImage | None = None
+        self._refusal = ""
         self._failure: BaseException | None = None
         self._thread = Thread(target=self._run_until_closed, name="force calibration", daemon=True)
 
@@ -256,7 +263,7 @@ class ForceCalibrationSession:
         with self._lock:
             self._state = ForceCalibrationState(source=self.source, load_g=self.loads_g[0])
             self.camera.restart_recording()
-            self._watch, self._reference = None, None
+            self._watch, self._reference, self._refusal = None, None, ""
             self.on_load(0.0)
 
     def _set(self, **changes: object) -> None:
@@ -271,7 +278,7 @@ class ForceCalibrationSession:
     def _enter(self, phase: LoadPhase) -> None:
         """Begin a phase with a new watcher."""
         with self._lock:
-            self._watch = None
+            self._watch, self._refusal = None, ""
             self._set(phase=phase, advice="")
             self.on_load(self._state.load_g if phase is LoadPhase.PRESS else 0.0)
 
@@ -306,16 +313,18 @@ class ForceCalibrationSession:
             if self._state.phase is not before.phase:
                 return  # somebody has pressed a button meanwhile
             watch = self._watch = self._watch or self._watcher(before.phase)
+        seen = CalibrationStepAdvice("")
         try:
             seen = watch(image)
             done = None if seen.image is None else self._done_with(before, seen.image)
-            advice = seen.sentence if done is None else ""
-        except (NinedtactError, OSError) as refusal:
-            done, advice = None, str(refusal)
+            refusal = self._refusal if seen.sentence.startswith(STILL) else ""
+        except (NinedtactError, OSError) as trouble:
+            done, refusal = None, str(trouble)
         with self._lock:
             if self._watch is not watch:
                 return
-            self._set(advice=advice)
+            self._refusal = refusal  # which stays while the same press is held on
+            self._set(advice=refusal or seen.sentence)
             if done is not None:
                 done()
             elif seen.image is not None:
