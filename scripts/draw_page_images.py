@@ -78,7 +78,8 @@ class Visitor:
         path = IMAGES / f"{name}.png"
         shown = Image.open(BytesIO(self.tab.screenshot())).convert("RGB")
         for colours in (256, 128, 64):
-            shown.quantize(colours, dither=Image.Dither.NONE).save(path, optimize=True)
+            few = shown.quantize(colours, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+            few.save(path, optimize=True)
             if path.stat().st_size <= MOST_BYTES:
                 print(f"{path}: {path.stat().st_size / 1e3:.0f} kB, {colours} colours")
                 return
@@ -90,10 +91,10 @@ class Visitor:
 
 
 @contextmanager
-def page_of(*command: str | Path) -> Iterator[str]:
-    """Run a command that serves a page, and yield the address of it."""
-    words = [sys.executable, "-m", "ninedtact", *map(str, command), "--port", "0"]
-    running = subprocess.Popen(words, stdout=PIPE, text=True)
+def page_of(folder: Path, *command: str) -> Iterator[str]:
+    """Run a command that serves a page in a folder, and yield the address of it."""
+    words = [sys.executable, "-m", "ninedtact", *command, "--port", "0"]
+    running = subprocess.Popen(words, stdout=PIPE, text=True, cwd=folder)
     assert running.stdout is not None
     try:
         address = next(found[1] for line in running.stdout if (found := re.search(r"open (\S+) in a browser", line)))
@@ -114,10 +115,9 @@ def calibrate_twin(out: Path) -> Path:
     return save_sensor(out, calibrate(images, sensor_id="twin")).path
 
 
-def take_live_pages(browser: Browser, sensor: Path, out: Path) -> None:
+def take_live_pages(browser: Browser, folder: Path) -> None:
     """Press the twin by hand; record it and open the recording."""
-    command = ("live", "--sensor", sensor, "--source", "sim", "--force", "physics", "--out", out)
-    with page_of(*command) as address:
+    with page_of(folder, "live", "--sensor", "my_sensor", "--source", "sim", "--force", "physics") as address:
         desk = Visitor(browser, address)
         desk.until_shown("estimated")
         desk.type("depth (mm)", "1.1")
@@ -142,17 +142,18 @@ def take_live_pages(browser: Browser, sensor: Path, out: Path) -> None:
         phone.until_shown("Press")
         phone.take("twin_page_phone")
         phone.tab.close()
-    (recording,) = out.glob("recording_*.mcap")
-    with page_of("play", recording, "--out", out) as address:
+    (recording,) = (folder / "readings").glob("recording_*.mcap")
+    with page_of(folder, "play", str(recording)) as address:
         desk = Visitor(browser, address)
         desk.until_shown("recorded, ")
+        desk.open_tab("Record")
         desk.take("recording_page")
         desk.tab.close()
 
 
-def take_calibration_pages(browser: Browser, out: Path) -> None:
+def take_calibration_pages(browser: Browser, folder: Path) -> None:
     """Calibrate a simulated sensor on the page, with a board that is held badly at first."""
-    with page_of("calibrate", "--page", "--source", "sim", "--out", out) as address:
+    with page_of(folder, "calibrate", "--page", "--source", "sim", "--out", "new_sensor") as address:
         desk, phone = Visitor(browser, address), Visitor(browser, address, PHONE)
         desk.until_shown("Choose the camera")
         phone.take("calibration_page_camera")
@@ -174,9 +175,9 @@ def take_calibration_pages(browser: Browser, out: Path) -> None:
         phone.tab.close()
 
 
-def take_force_calibration_pages(browser: Browser, sensor: Path) -> None:
+def take_force_calibration_pages(browser: Browser, folder: Path) -> None:
     """Calibrate the force of a twin with known loads."""
-    with page_of("adapt", "--sensor", sensor, "--page", "--source", "sim") as address:
+    with page_of(folder, "adapt", "--sensor", "my_sensor", "--page", "--source", "sim") as address:
         desk, phone = Visitor(browser, address), Visitor(browser, address, PHONE)
         desk.until_shown("Choose the camera")
         desk.press("Start")
@@ -208,13 +209,13 @@ def main() -> None:
     with TemporaryDirectory() as scratch, sync_playwright() as player:
         browser = player.chromium.launch(executable_path=found, args=list(SOFTWARE_GRAPHICS))
         sensor = options.sensor or calibrate_twin(Path(scratch) / "twin")
-        copied = Path(shutil.copytree(sensor, Path(scratch) / "my_sensor"))
+        shutil.copytree(sensor, Path(scratch) / "my_sensor")
         if options.only in (None, "live"):
-            take_live_pages(browser, copied, Path(scratch) / "readings")
+            take_live_pages(browser, Path(scratch))
         if options.only in (None, "calibrate"):
-            take_calibration_pages(browser, Path(scratch) / "new_sensor")
+            take_calibration_pages(browser, Path(scratch))
         if options.only in (None, "adapt"):
-            take_force_calibration_pages(browser, copied)
+            take_force_calibration_pages(browser, Path(scratch))
         browser.close()
 
 

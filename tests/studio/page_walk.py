@@ -1,8 +1,10 @@
 """Walks over all controls of a page in a browser: where they are, and what happens when each is used once."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
+from playwright.sync_api import TimeoutError as NotInTime
 from reading_clients import open_panel
 
 CONTROLS = """() => {
@@ -31,8 +33,8 @@ CONTROLS = """() => {
     const box = e.getBoundingClientRect();
     if (box.width === 0 || e.disabled || e.closest('.mantine-Notifications-root') || !e.closest('[class*=mantine]')) continue;
     if (getComputedStyle(e).visibility === 'hidden') continue;
-    const role = e.getAttribute('role') || (e.tagName === 'BUTTON' ? 'button' : e.type === 'checkbox' ? 'checkbox' :
-      e.getAttribute('aria-haspopup') === 'listbox' || e.readOnly ? 'menu' : e.inputMode ? 'number' : 'text');
+    const kind = e.tagName === 'BUTTON' ? 'button' : e.type === 'checkbox' ? 'checkbox' : e.inputMode ? 'number' : 'text';
+    const role = (e.getAttribute('role') || '').replace('combobox', 'menu') || kind;
     if (role === 'tab') continue;
     const name = role === 'button' ? e.innerText.trim() : label(e);
     const times = seen[role + name] = (seen[role + name] || 0) + 1;
@@ -61,10 +63,22 @@ def use_every_control(tab: Any, refresh: Callable[[], None], used: set[str], las
             return
         control = min(fresh, key=lambda each: last.index(each["name"]) + 1 if each["name"] in last else 0)
         used.add(control["key"])
-        _use(tab, control, refresh)
+        is_last = control["name"] in last
+        if is_last:
+            _settle(tab, refresh)
+        _use(tab, control, refresh, used)
+        if is_last:
+            _settle(tab, refresh)
 
 
-def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None]) -> None:
+def _settle(tab: Any, refresh: Callable[[], None]) -> None:
+    """Give the page a while to follow."""
+    for _ in range(15):
+        refresh()
+        tab.wait_for_timeout(100)
+
+
+def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None], used: set[str]) -> None:
     """Use one control as a person does."""
     element = tab.locator(f"[data-walk={_quoted(control['key'])}]").first
     if control["role"] in ("button", "checkbox"):
@@ -73,26 +87,32 @@ def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None]) -> None
         element.focus()
         tab.keyboard.press("ArrowRight")
     elif control["role"] == "menu":
-        _choose_every_option(tab, element, refresh)
+        _choose_every_option(tab, element, refresh, used)
     else:
         element.fill("1.5" if control["role"] == "number" else "a name")
         element.press("Enter")
         element.blur()
 
 
-def _choose_every_option(tab: Any, element: Any, refresh: Callable[[], None]) -> None:
-    """Choose all options of a menu, one after the other."""
-    number = 0
-    while True:
-        element.click(force=True)
-        options = tab.locator("[role=option]:visible")
-        options.first.wait_for()
-        if number >= options.count():
-            tab.keyboard.press("Escape")
-            return
-        options.nth(number).click(force=True)
+def _choose_every_option(tab: Any, element: Any, refresh: Callable[[], None], used: set[str]) -> None:
+    """Choose all options of a menu that no menu had before, one after the other, and at least one."""
+    names = _open_menu(tab, element).all_inner_texts()
+    fresh = [number for number, name in enumerate(names) if f"option|{name}" not in used] or [0]
+    for number in fresh:
+        used.add(f"option|{names[number]}")
+        _open_menu(tab, element).nth(number).dispatch_event("click")
         refresh()
-        number += 1
+
+
+def _open_menu(tab: Any, element: Any) -> Any:
+    """The options of a menu, which is open then; a click on one that has just been closed may come to nothing."""
+    options = tab.locator("[role=option]:visible")
+    for attempt in range(10):
+        with suppress(NotInTime):
+            options.first.wait_for(timeout=100 if attempt == 0 else 3000)
+            return options
+        element.click(force=True)
+    raise AssertionError("expected a menu that opens, got none")
 
 
 def _quoted(text: str) -> str:

@@ -1,10 +1,12 @@
 """Force calibration with known loads on the page: a simulated gel of unknown stiffness, from the first image to force.toml."""
 
+import resource
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from threading import Event
 
 import pytest
 from playwright.sync_api import Browser, Page
@@ -12,12 +14,15 @@ from reading_clients import page_errors
 from small_sensor import wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.capture.frame_source import CameraLost
 from ninedtact.cli import main
 from ninedtact.design import Gel, SensorDesign
+from ninedtact.errors import NinedtactError
 from ninedtact.force.known_load_scale import ForceScaleImpossible, read_force_scale_tables
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
+from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.twin import default_twin
 from ninedtact.studio.force_calibration_page import ForceCalibrationPage, simulated_load
@@ -117,6 +122,38 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
     scale = kept.scales[session.reader.estimator.name]
     fit = fit_scale_so_far(session.state.presses).fit
     assert not kept.is_edited and fit is not None and scale == fit.adaptation and scale.presses == 3
+
+
+def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
+    session: ForceCalibrationSession, camera: SimulatedCalibrationCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.start()
+    wait_until(lambda: len(session.state.presses) == 1, PATIENCE_S)
+    read, is_unplugged = camera.read, Event()
+
+    def read_while_plugged_in() -> Frame:
+        if is_unplugged.is_set():
+            raise CameraLost("expected an image, got none; plug the camera in")
+        return read()
+
+    monkeypatch.setattr(camera, "read", read_while_plugged_in)
+    is_unplugged.set()
+    wait_until(lambda: "plug the camera in" in session.state.camera_trouble, PATIENCE_S)
+    assert len(session.state.presses) >= 1
+    is_unplugged.clear()
+    wait_until(lambda: session.state.phase is LoadPhase.COMPLETE, PATIENCE_S)
+    assert not session.state.camera_trouble
+    before, limit = set(session.sensor.iterdir()), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limit[1]))
+    try:
+        with pytest.raises(NinedtactError, match=r"force\.toml"):
+            session.save()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert set(session.sensor.iterdir()) == before and session.state.phase is LoadPhase.COMPLETE
+    session.save()
+    session.save()  # two people press it
+    assert session.state.saved is not None and session.state.phase is LoadPhase.SAVED
 
 
 def test_a_press_that_contradicts_the_others_is_named() -> None:
