@@ -308,7 +308,7 @@ def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, 
     with RecordedReadings(path, shape) as readings:
         assert save_surface_sequence(readings.readings(2, 4), tmp_path / "ply", bench.quota) == 3
         assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
-        assert save_video(readings.readings(), scale, 10.0, tmp_path / "all.mp4", bench.quota) == 8
+        assert save_video(readings.readings(), scale, 69.6971, tmp_path / "all.mp4", bench.quota) == 8
         video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
         assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
         for write in (
