@@ -13,6 +13,7 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
 from small_calibrated_twin import TWIN, PluggedCamera
@@ -100,6 +101,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         with phone.expect_download() as download:
             phone.get_by_role("button", name="Download the certificate").click()
         assert b"<html" in download.value.path().read_bytes()
+        assert [find_layout_faults(tab) for tab in (desk, phone)] == [[], []]
         assert not session.live_requested.is_set()
         desk.get_by_role("button", name="Open the sensor live").click()
         wait(session.live_requested.is_set)

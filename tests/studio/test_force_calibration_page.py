@@ -9,6 +9,7 @@ from pathlib import Path
 from threading import Event
 
 import pytest
+from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
 from small_sensor import wait_until
@@ -115,6 +116,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
         desk.get_by_role("button", name="Save the force scale").click()
         wait(lambda: all(says(tab, "1.200 times as stiff") and says(tab, "force.toml") for tab in (desk, phone)))
         assert phone.evaluate("document.documentElement.scrollWidth") == 390
+        assert [find_layout_faults(tab) for tab in (desk, phone)] == [[], []]
         desk.get_by_role("button", name="Open the sensor live").click()
         wait(session.live_requested.is_set)
     assert errors == ([], [])

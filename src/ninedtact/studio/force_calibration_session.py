@@ -377,6 +377,6 @@ def _require_in_middle(reading: Reading) -> None:
         raise ForceScaleImpossible("expected a press that the image shows, got none; let the object rest on the skin")
     if np.hypot(*centre_mm) > _MAX_OFF_CENTRE_MM:
         raise ForceScaleImpossible(
-            f"expected a press within {_MAX_OFF_CENTRE_MM:g} mm of the middle, got one at x {centre_mm[0]:.0f}, y "
-            f"{centre_mm[1]:.0f} mm; press in the middle"
+            f"expected a press within {_MAX_OFF_CENTRE_MM:g} mm of the middle, got one at x {round(centre_mm[0])}, y "
+            f"{round(centre_mm[1])} mm; press in the middle"
         )

@@ -22,7 +22,10 @@ from ninedtact.studio.watched_camera import ImageQuality
 
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
 """Width of the controls on a desktop, and limits of the width of the image beside them."""
-_TALL_STYLE = f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] {{ max-height: 100% !important; }} }}</style>"
+_TALL_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] "
+    "{ max-height: 100% !important; } }</style>"
+)
 """Lets the controls fill the screen of a phone; there is nothing behind them."""
 _BRIGHTER = {"darker": 0.8, "brighter": 1.25}
 """Factors of the exposure of the two buttons."""
