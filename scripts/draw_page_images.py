@@ -155,6 +155,7 @@ def take_live_pages(browser: Browser, folder: Path) -> None:
         desk = Visitor(browser, address)
         desk.until_shown("recorded, ")
         desk.open_tab("Record")
+        desk.type("time (s)", "3")
         desk.take("recording_page")
         desk.tab.close()
 
