@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 from threading import Event, RLock, Thread
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -53,6 +53,7 @@ _FEWEST_FOR_OUTLIER = 3
 """Number of presses from which one that contradicts the others can be named."""
 
 
+@runtime_checkable
 class PressReader(Protocol):
     """Estimates the force in single images, by an estimator without its force scale."""
 

@@ -6,7 +6,7 @@ Only the place of the image is each browser's own: beside the controls, or on a 
 
 from collections.abc import Callable, Sequence
 from html import escape
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import UInt8
@@ -75,6 +75,7 @@ class BrowserImages:
         self._images[client.client_id] = image
 
 
+@runtime_checkable
 class CameraSession(Protocol):
     """A guided procedure whose camera can be chosen and exposed."""
 
