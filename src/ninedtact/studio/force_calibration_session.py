@@ -54,7 +54,7 @@ _FEWEST_FOR_OUTLIER = 3
 
 
 @runtime_checkable
-class PressReader(Protocol):
+class _PressReader(Protocol):
     """Estimates the force in single images, by an estimator without its force scale."""
 
     estimator: ForceEstimator
@@ -155,7 +155,7 @@ class ForceCalibrationSession:
 
     sensor: Path
     """Sensor folder, in which the scale is kept."""
-    reader: PressReader
+    reader: _PressReader
     open_source: Callable[[str], FrameSource]
     """Returns the source of an address, not yet opened."""
     source: str

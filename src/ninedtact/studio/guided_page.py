@@ -76,7 +76,7 @@ class BrowserImages:
 
 
 @runtime_checkable
-class CameraSession(Protocol):
+class _CameraSession(Protocol):
     """A guided procedure whose camera can be chosen and exposed."""
 
     source: str
@@ -91,7 +91,7 @@ class CameraSession(Protocol):
 class CameraControls:
     """The choice of the camera and its exposure, which are shown until the procedure begins."""
 
-    def __init__(self, gui: GuiApi, session: CameraSession, cameras: dict[str, str]) -> None:
+    def __init__(self, gui: GuiApi, session: _CameraSession, cameras: dict[str, str]) -> None:
         """cameras: address and name of each camera that can be chosen."""
         self._session = session
         self._labels = {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
