@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs gallery tour dist benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -140,6 +140,12 @@ dist: .venv/bin/uv
 	VIRTUAL_ENV=$(CURDIR)/.venv-dist .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt \
 	  "$$(ls dist/ninedtact-*.whl)[studio]"
 	cd out/dist_check && ../../.venv-dist/bin/ninedtact --version && ../../.venv-dist/bin/ninedtact demo --rounds 1 --port 0
+
+# The pictures of the page in docs/images, taken in a browser without a window: about five minutes.
+docs-images: .venv/ready
+	@if test -f $(REAL)/sensor_a/ball.png; \
+	then $(CALIBRATE_A) && .venv/bin/python scripts/draw_page_images.py --sensor out/demo/sensor_a; \
+	else .venv/bin/python scripts/draw_page_images.py; fi
 
 # A simulated sensor in the browser: calibrated, pressed, dragged and twisted. At a terminal Ctrl-C ends it, without one it
 # ends by itself. Results are in out/demo. Where real images are available, it is the twin of the sensor that took them.

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import shutil
+import time
 from pathlib import Path
 
 import cv2
@@ -10,13 +12,18 @@ import pytest
 
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
+from ninedtact.cli.calibration_page import simulated_loaded_camera
 from ninedtact.cli.force.estimate import COLUMNS, format_estimates
-from ninedtact.force.known_load_scale import STANDARD_GRAVITY
+from ninedtact.force.known_load_scale import STANDARD_GRAVITY, read_force_scale_tables
 from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.twin import default_twin
+from ninedtact.studio.force_calibration_page import simulated_load
+from ninedtact.studio.force_calibration_session import USUAL_LOADS_G, ForceCalibrationSession, LoadPhase
+from ninedtact.workflows.force_calibration import LoadPressReader
 
 DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
 
@@ -74,6 +81,29 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     after = estimated(desk, capsys)
     assert after[:, 2] == pytest.approx(stiff * true[:, 2], rel=0.12)
     (desk / "sensor" / "force.toml").unlink()
+
+
+def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path: Path) -> None:
+    folder = load_sensor(shutil.copytree(desk / "sensor", tmp_path / "s"))
+    camera, stiffness = simulated_loaded_camera(folder)
+    session = ForceCalibrationSession(
+        folder.path,
+        LoadPressReader(folder),
+        lambda address: camera,
+        "sim",
+        on_load=lambda grams: camera.offer(simulated_load(grams)),
+        hold_s=0.1,
+    )
+    with session:
+        session.start()
+        give_up_at = time.monotonic() + 120
+        while session.state.phase is not LoadPhase.COMPLETE:
+            assert time.monotonic() < give_up_at
+            time.sleep(0.05)
+        session.save()
+    scale = read_force_scale_tables(folder.path).scales["force by physics"]
+    assert [press.grams for press in session.state.presses] == list(USUAL_LOADS_G)
+    assert scale.factor == pytest.approx(stiffness, rel=0.04) and scale.error < 0.05
 
 
 def test_a_video_that_is_cut_short_is_estimated_as_far_as_it_goes_and_is_an_error(

@@ -6,7 +6,9 @@ import cv2
 import pytest
 from bench_camera import BenchCamera, BenchPi
 
+from ninedtact.capture.frame_pacing import LivePlayback
 from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettingRefused, CameraSettings
+from ninedtact.capture.image_and_video_files import ImageList
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera, _libcamera_controls
 from ninedtact.capture.uvc_camera import UvcCamera
 
@@ -33,6 +35,21 @@ def test_a_setting_that_the_camera_has_is_in_force(wish: CameraSettings) -> None
         for name in ("exposure_ms", "white_balance_k", "rate_hz"):
             if getattr(wish, name) is not None:
                 assert getattr(got, name) == pytest.approx(getattr(wish, name), rel=0.01)
+
+
+def test_the_exposure_of_an_open_camera_is_set_within_its_limits() -> None:
+    camera = LivePlayback(UvcCamera(0, FIXED_EXPOSURE, BenchCamera().open_capture))
+    with camera:
+        camera.set_exposure(12.5)
+        assert camera.exposure is not None and camera.exposure.now_ms == 12.5
+        assert camera.exposure.least_ms < 1 < 100 < camera.exposure.most_ms
+        with pytest.raises(CameraSettingRefused, match=r"exposure .* 9000, got 5000"):
+            camera.set_exposure(900.0)
+        camera.read()
+    with UvcCamera(0, CameraSettings(auto_exposure=True), BenchCamera().open_capture) as automatic:
+        assert automatic.exposure is None
+    with pytest.raises(CameraSettingRefused, match="set it with the camera's own tool"):
+        ImageList([]).set_exposure(10.0)
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,19 @@ def open_panel(tab: Any, name: str) -> None:
     tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
 
+def page_errors(tab: Any) -> list[str]:
+    """All that goes wrong on a page from now on: exceptions and errors in the browser's console, except for a server that ended."""
+    errors: list[str] = []
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+
+    def keep(said: Any) -> None:
+        if said.type == "error" and "WebSocket connection to" not in said.text:
+            errors.append(f"{said.text} {said.location}")
+
+    tab.on("console", keep)
+    return errors
+
+
 async def watch(address: str, protocol: str, never_reads: bool) -> None:
     """Connect as the page of viser does, and read until the end, or not at all."""
     async with connect(address, subprotocols=[protocol], compression=None, max_size=None) as socket:  # type: ignore[list-item]

@@ -13,7 +13,9 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
+from reading_clients import page_errors
 from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
 from viser import ViserServer
@@ -22,7 +24,7 @@ from ninedtact.calibration.guidance import locate_pins
 from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli.calibrate import CalibrateCommand, ImagesMissing
-from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedCalibration
+from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibrated_sensor
 from ninedtact.design import SensorDesign
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationSession, Phase
@@ -53,9 +55,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         browser.new_page(viewport={"width": w, "height": h}, accept_downloads=True)
         for w, h in ((1280, 800), (390, 844))
     )
-    errors: list[str] = []
-    for tab in (desk, phone):
-        tab.on("pageerror", lambda error: errors.append(str(error)))
+    errors = page_errors(desk), page_errors(phone)
     with page_server("127.0.0.1", 0) as server, session:
         page = CalibrationPage(server, session, {"sim": "simulated sensor"}, camera)
 
@@ -74,6 +74,11 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         assert box is not None and box["width"] > 330  # the controls fill the phone
 
         run_callbacks_late(server, monkeypatch)  # the page must not set the box back meanwhile
+        desk.get_by_role("button", name="brighter").click()
+        wait(lambda: session.state.exposure is not None and session.state.exposure.now_ms == 12.5)
+        wait(lambda: session.state.quality is not None and session.state.quality.mean_grey > 180)
+        phone.get_by_role("button", name="darker").click()
+        wait(lambda: session.state.quality is not None and session.state.quality.mean_grey < 170)
         desk.get_by_label("presses by itself").uncheck()
         wait(lambda: not camera.plays_by_itself)
         phone.get_by_role("button", name="Start").click()
@@ -96,10 +101,11 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         with phone.expect_download() as download:
             phone.get_by_role("button", name="Download the certificate").click()
         assert b"<html" in download.value.path().read_bytes()
+        assert [find_layout_faults(tab) for tab in (desk, phone)] == [[], []]
         assert not session.live_requested.is_set()
         desk.get_by_role("button", name="Open the sensor live").click()
         wait(session.live_requested.is_set)
-    assert load_sensor(session.out).id == "s" and errors == []
+    assert load_sensor(session.out).id == "s" and errors == ([], [])
 
 
 def test_the_command_serves_the_page_until_ctrl_c_and_writes_nothing(tmp_path: Path) -> None:
@@ -142,9 +148,8 @@ def test_the_live_page_follows_at_the_same_address(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(
         "ninedtact.cli.calibration_page.serve_sensor_page", lambda *args, **options: served.append((*args, options))
     )
-    options, guard = CalibrationPageOptions(page=True, host="0.0.0.0"), SocketGuard.for_host("0.0.0.0")
-    guided = GuidedCalibration(tmp_path / "small", "small", SensorDesign(), CalibrationSettings(), options)
-    guided._serve_live(load_sensor(sensor_folder(guided.out)), "0", 1234, guard)
+    guard, folder = SocketGuard.for_host("0.0.0.0"), load_sensor(sensor_folder(tmp_path / "small"))
+    serve_calibrated_sensor(folder, "0", 1234, guard, automatic=False)
     ((folder, sensor, wrenches, settings, more),) = served
     assert folder.id == "small" and sensor.source.name == "camera 0" and wrenches == []
     assert (settings.host, settings.port, settings.guard) == ("0.0.0.0", 1234, guard)

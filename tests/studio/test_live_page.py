@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser
-from reading_clients import open_panel
+from reading_clients import open_panel, page_errors
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
@@ -24,9 +24,9 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     browser: Browser, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = set(threading.enumerate())
-    camera, tab, errors, asked = SkinCamera(), browser.new_page(viewport={"width": 900, "height": 500}), [], set()
+    camera, tab, asked = SkinCamera(), browser.new_page(viewport={"width": 900, "height": 500}), set()
+    errors = page_errors(tab)
     tab.set_default_timeout(PATIENCE_S * 1000)
-    tab.on("pageerror", lambda error: errors.append(str(error)))
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:

@@ -22,7 +22,7 @@ import pytest
 import viser
 import zstandard
 from playwright.sync_api import Browser
-from reading_clients import CAMERA
+from reading_clients import CAMERA, page_errors
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
@@ -421,8 +421,8 @@ def test_in_a_browser_other_websites_reach_nothing(browser: Browser) -> None:
 
 def test_in_a_browser_the_secret_address_works(browser: Browser, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.WARNING)
-    guard, tab, errors = SocketGuard.for_host("0.0.0.0"), browser.new_page(), []
-    tab.on("pageerror", lambda error: errors.append(str(error)))
+    guard, tab = SocketGuard.for_host("0.0.0.0"), browser.new_page()
+    errors = page_errors(tab)
     with page_server("0.0.0.0", 0, guard) as server:
         text = server.gui.add_text("word", "none yet")
         box = server.gui.add_slider("number", 0, 10, 1, 5)
@@ -438,6 +438,42 @@ def test_in_a_browser_the_secret_address_works(browser: Browser, caplog: pytest.
             wait_until(lambda wanted=6 + number: box.value == wanted, PATIENCE_S, pause_s=0.05)
             tab.reload()
     assert errors == [] and caplog.messages == []
+
+
+LATE_IMAGE = """() => new Promise(done => {
+  const drawing = new Blob(["<svg xmlns='http://www.w3.org/2000/svg'/>"], {type: 'image/svg+xml'});
+  const image = new Image(), address = URL.createObjectURL(drawing);
+  image.onload = () => done('loaded');
+  image.onerror = () => done('lost');
+  setTimeout(() => { image.src = address; }, 200);
+  URL.revokeObjectURL(address);
+})"""
+"""A busy browser begins to load an image after viser's page has dropped it for the next one."""
+
+
+def test_an_image_that_is_replaced_before_it_is_loaded_leaves_no_error_in_the_browser(browser: Browser) -> None:
+    tab = browser.new_page()
+    errors = page_errors(tab)
+    with page_server("127.0.0.1", 0) as server:
+        server.gui.add_text("word", "shown")
+        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        is_shown = "[...document.querySelectorAll('input')].some(input => input.value == 'shown')"
+        tab.wait_for_function(is_shown, timeout=PATIENCE_S * 1000)
+        assert tab.evaluate(LATE_IMAGE) == "loaded"
+    assert errors == []
+
+
+def test_a_browser_loads_the_page_anew_where_another_program_serves_it(browser: Browser) -> None:
+    tab, port = browser.new_page(), 0
+    for number in range(2):
+        with page_server("127.0.0.1", port) as server:
+            server.gui.add_text("word", f"shown {number}")
+            port = server.get_port()
+            if number == 0:
+                tab.goto(f"http://127.0.0.1:{port}")
+            is_shown = f"[...document.querySelectorAll('input')].some(input => input.value == 'shown {number}')"
+            tab.wait_for_function(f"!window.isOfEarlierPage && {is_shown}", timeout=PATIENCE_S * 1000)
+            tab.evaluate("window.isOfEarlierPage = true")
 
 
 def test_an_unknown_viser_is_refused_and_never_served(monkeypatch: pytest.MonkeyPatch) -> None:

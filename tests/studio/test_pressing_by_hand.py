@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 import trimesh
 import viser
+from page_walk import find_layout_faults, open_every_panel, use_every_control
 from playwright.sync_api import Browser, Page
-from reading_clients import CAMERA, open_panel
+from reading_clients import CAMERA, open_panel, page_errors
 from small_press_simulation import PRESSED, TWIN
 from small_sensor import wait_until
 from websockets.sync.client import connect
@@ -29,6 +31,7 @@ from ninedtact.simulation.press_simulation import PressSimulation
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.displayed_reading import PageController, PageMoment
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_recorder import PageRecorder
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     OBJECTS_BY_KIND,
@@ -39,6 +42,7 @@ from ninedtact.studio.press_control import (
 )
 from ninedtact.studio.press_panel import HANDLE_LIFT_MM, thumbnails_of_kind
 from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
+from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.wrench_poller import WrenchHistory
@@ -84,27 +88,27 @@ def pressed_twin(folder: SensorFolder, out: Path) -> Iterator[PressedTwin]:
     estimated = WrenchHistory("estimated", "by physics", states_errors=True)
     control = PressControl(simulation)
 
-    def keep_estimate(reading: object) -> None:
-        estimated.add_estimate(reading.force)  # type: ignore[attr-defined]
+    listeners = [lambda reading: estimated.add_estimate(reading.force)]
 
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep_estimate) as loop, pollers[0]:
+    def keep(reading: object) -> None:
+        for listener in tuple(listeners):
+            listener(reading)
+
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop, pollers[0]:
         studio = PageController(loop, out, [pollers[0].history, estimated], press_at=control.press_at)
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        yield PressedTwin(control, studio, SensorPage(server, studio, block, "twin", control), server)
+        recorder = PageRecorder(folder, "twin", studio.wrenches, out, studio.quota)
+        listeners.append(recorder.keep)
+        desk = partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorder))
+        yield PressedTwin(control, studio, SensorPage(server, studio, block, "twin", control, [desk]), server)
+        recorder.stop()
 
 
 def open_tab(browser: Browser, twin: PressedTwin, width: int, height: int) -> tuple[Page, list[str]]:
     """A page in a browser, and the errors that it reports."""
-    tab, errors = browser.new_page(viewport={"width": width, "height": height}), list[str]()
+    tab = browser.new_page(viewport={"width": width, "height": height})
+    errors = page_errors(tab)
     tab.set_default_timeout(PATIENCE_S * 1000)
-    tab.on("pageerror", lambda error: errors.append(str(error)))
-    # A slow browser is sent the next image before it has loaded the last one, which viser has dropped by then.
-    tab.on(
-        "console",
-        lambda said: (
-            errors.append(said.text) if said.type == "error" and "ERR_FILE_NOT_FOUND" not in said.text else None
-        ),
-    )
     tab.goto(f"http://127.0.0.1:{twin.server.get_port()}")
     wait_until(lambda: twin.page.is_watched, PATIENCE_S)
     twin.page.viewers[0].choose(coarser=4)  # a browser without a graphics card
@@ -188,6 +192,39 @@ def test_a_phone_has_all_in_one_column_without_scrolling_sideways(
         wait_until(images_are_in_view, PATIENCE_S, 0.05)
         assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert errors == []
+
+
+def test_every_control_can_be_used_and_nothing_is_outside_or_covered(
+    browser: Browser, tmp_path: Path, twin_sensor: SensorFolder, capfd: pytest.CaptureFixture[str]
+) -> None:
+    used, faults = set[str](), list[str]()
+    with pressed_twin(twin_sensor, tmp_path) as twin:
+
+        def refresh() -> None:
+            twin.studio.refresh(twin.page)
+
+        def until_ready(tab: Page) -> None:
+            wait_until(lambda: refresh() or "Press" in tab.inner_text("body"), PATIENCE_S, 0.05)
+
+        phone, phone_errors = open_tab(browser, twin, 390, 844)
+        until_ready(phone)
+        open_every_panel(phone, refresh, lambda name: faults.extend(find_layout_faults(phone)))
+        phone.close()
+        tab, errors = open_tab(browser, twin, 1300, 900)
+        until_ready(tab)
+        wait_until(lambda: refresh() or "ball_8mm" in tab.inner_text("body"), PATIENCE_S, 0.05)
+        twin.page.viewers[-1].choose(coarser=4)
+        last = ("Stop recording", "recording", "Back to the sensor")
+
+        def use_panel(name: str) -> None:
+            faults.extend(find_layout_faults(tab))
+            use_every_control(tab, refresh, used, last)
+            faults.extend(find_layout_faults(tab))
+
+        open_every_panel(tab, refresh, use_panel)
+    assert faults == [] and errors == [] and phone_errors == []
+    assert "Traceback" not in "".join(capfd.readouterr())
+    assert {"button|Back to the sensor|1", "button|Video (MP4)|1", "button|Add label|1", "slider|twist (°)|1"} <= used
 
 
 @contextmanager

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator, Page
+from reading_clients import open_panel, page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
 
 import ninedtact
@@ -248,11 +249,9 @@ def test_a_full_disk_and_a_used_up_quota_end_a_recording_and_say_what_was_kept(t
             bench.recorder.begin_label("late")
 
 
-def test_files_that_cannot_be_played_are_refused_in_one_sentence(
-    recorded: tuple[Path, Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, _ = recorded
-    content, foreign, bare = path.read_bytes(), tmp_path / "foreign.mcap", tmp_path / "bare.mcap"
+def unplayable_files(path: Path, folder: Path) -> dict[Path, str]:
+    """Recordings that are foreign, of another version or damaged, with what is said about each."""
+    content, foreign, bare = path.read_bytes(), folder / "foreign.mcap", folder / "bare.mcap"
     from mcap.writer import Writer
 
     with foreign.open("wb") as file:
@@ -261,21 +260,30 @@ def test_files_that_cannot_be_played_are_refused_in_one_sentence(
         writer.finish()
     with RecordingWriter(bare, RecordingMetadata("other")) as written:
         written.write_image(Frame(np.zeros((48, 64, 3), np.uint8), 1, 0))
-    version = tmp_path / "version.mcap"
+    version = folder / "version.mcap"
     version.write_bytes(content.replace(b"format\x01\x00\x00\x003", b"format\x01\x00\x00\x009"))
-    damaged = tmp_path / "damaged.mcap"
+    damaged = folder / "damaged.mcap"
     damaged.write_bytes(content[:2000] + bytes(60) + content[2060:])
-    empty = tmp_path / "empty.mcap"
+    empty = folder / "empty.mcap"
     empty.write_bytes(b"")
-    for file, said in (
-        (tmp_path / "none.mcap", "expected a recording at"),
-        (tmp_path / "none.avi", "expected a recording (.mcap), got"),
-        (foreign, "an MCAP file of another program"),
-        (bare, "to carry its sensor's folder, got a recording without"),
-        (version, "from a newer ninedtact; update ninedtact"),
-        (damaged, "got damaged"),
-        (empty, "got an empty file"),
-    ):
+    return {
+        foreign: "an MCAP file of another program",
+        bare: "to carry its sensor's folder, got a recording without",
+        version: "from a newer ninedtact; update ninedtact",
+        damaged: "got damaged",
+        empty: "got an empty file",
+    }
+
+
+def test_files_that_cannot_be_played_are_refused_in_one_sentence(
+    recorded: tuple[Path, Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = unplayable_files(recorded[0], tmp_path)
+    files |= {
+        tmp_path / "none.mcap": "expected a recording at",
+        tmp_path / "none.avi": "expected a recording (.mcap), got",
+    }
+    for file, said in files.items():
         assert main(["play", str(file), "--port", "0"]) == 1
         captured = capsys.readouterr()
         assert said in captured.err and captured.err.count("\n") == 1 and captured.out == "", file
@@ -387,9 +395,9 @@ class Journey:
 
 def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_path: Path) -> None:
     folder, camera, out = load_sensor(sensor_folder(tmp_path / "small")), SkinCamera(), tmp_path / "readings"
-    tab, errors, sensor = browser.new_page(viewport={"width": 1000, "height": 800}), [], sensor_on(camera)
+    tab, sensor = browser.new_page(viewport={"width": 1000, "height": 800}), sensor_on(camera)
+    errors = page_errors(tab)
     tab.set_default_timeout(PATIENCE_S * 200)
-    tab.on("pageerror", lambda error: errors.append(str(error)))
     sensor.estimator = ScaledForce()
     estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
     recorder = PageRecorder(folder, "bench", [estimated], out, SaveQuota(limits))
@@ -423,6 +431,36 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
         assert "1.00 mm" in said and "out of range" in said and tab.locator("figure img").count() == 2
         tab.wait_for_timeout(1000)
         tab.screenshot(path=tmp_path / "moment.png")
+    assert errors == []
+
+
+def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_reload(
+    browser: Browser, recorded: tuple[Path, Bench], tmp_path: Path
+) -> None:
+    path, bench = recorded
+    out, tab = tmp_path / "readings", browser.new_page(viewport={"width": 1000, "height": 800})
+    out.mkdir()
+    (out / "whole.mcap").write_bytes(path.read_bytes())
+    errors, files = page_errors(tab), unplayable_files(path, out)
+    tab.set_default_timeout(PATIENCE_S * 200)
+    sensor = sensor_on(SkinCamera())
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
+        controller = PageController(loop, out)
+        recorder = PageRecorder(bench.folder, "bench", [], out, controller.quota)
+        panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder, recorder))
+        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", None, [panel])
+        journey = Journey(tab, out, lambda: controller.refresh(page))
+        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        journey.until_shown("live, ", "0.00 mm")
+        open_panel(tab, "Record")
+        for file, said in files.items():
+            journey.choose(journey.field("recording"), file.name)
+            journey.until_shown("Not opened", said, "live, ")
+        journey.choose(journey.field("recording"), "whole.mcap")
+        journey.until_shown("recorded, 0.00 of ")
+        tab.reload()
+        journey.until_shown("live, ", "0.00 mm")
     assert errors == []
 
 

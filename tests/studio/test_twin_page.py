@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
+from reading_clients import page_errors
 from small_press_simulation import PRESSED, TWIN
 from small_sensor import wait_until
 
@@ -137,8 +138,8 @@ def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
     sensor.estimator = TractionForce(HeightObservationModel(), Gel())
     estimated = WrenchHistory("estimated", "by physics", states_errors=True)
     true, keep_estimate = pollers[0].history, lambda reading: estimated.add_estimate(reading.force)
-    tab, errors, seen, pushes = browser.new_page(viewport={"width": 1200, "height": 800}), [], set(), set()
-    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab, seen, pushes = browser.new_page(viewport={"width": 1200, "height": 800}), set(), set()
+    errors = page_errors(tab)
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep_estimate) as loop, pollers[0]:
         studio = PageController(loop, tmp_path, [true, estimated])
         page = SensorPage(

@@ -7,6 +7,7 @@ successive images that hardly differ; the step returns their mean.
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from time import monotonic
 from typing import Literal
 
 import numpy as np
@@ -42,6 +43,8 @@ STILL_LEVELS = 1.5
 TOUCHED_LEVELS = 2.5
 """Change from the reference image, in grey levels, above which there is contact."""
 BEST_DEPTH_MM = (1.0, 2.2)
+STILL = "hold still"
+"""Beginning of the advice while something touches and has not yet been still for long enough."""
 PATIENCE = 4
 """Number of still presses that are skipped in favour of a better one."""
 
@@ -147,15 +150,13 @@ class CaptureStep:
 
 def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[CaptureStep]:
     """Yield the four steps in order."""
-    yield CaptureStep("board_reference", "Do not touch the gel.", lambda taken: _watch_reference(None))
+    yield CaptureStep("board_reference", "Do not touch the gel.", lambda taken: watch_reference(None))
     yield CaptureStep(
         "board",
         f"Press the pin board ({design.pin_board.cols} x {design.pin_board.rows} pins) evenly on the skin and hold it.",
         lambda taken: _BoardPressWatcher(taken["board_reference"], design, settings),
     )
-    yield CaptureStep(
-        "ball_reference", "Take the board away.", lambda taken: _watch_reference(taken["board_reference"])
-    )
+    yield CaptureStep("ball_reference", "Take the board away.", lambda taken: watch_reference(taken["board_reference"]))
     yield CaptureStep(
         "ball",
         f"Press the ball (radius {design.ball.radius_mm:g} mm) straight down near the middle, 1 to 2 mm deep, and hold it.",
@@ -165,8 +166,8 @@ def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) ->
     )
 
 
-def _watch_reference(like: BgrImage | None) -> ImageWatcher:
-    """Return a watcher for still, well-lit skin that resembles `like`, where given."""
+def watch_reference(like: BgrImage | None) -> ImageWatcher:
+    """Return a watcher for still, well-lit skin without contact; `like` is an earlier image of it, where there is one."""
     still = _StillFrameAverager()
 
     def watch(image: BgrImage) -> CalibrationStepAdvice:
@@ -180,6 +181,25 @@ def _watch_reference(like: BgrImage | None) -> ImageWatcher:
         return CalibrationStepAdvice(
             "reference image taken" if mean is not None else f"hold still {len(still)}/{AVERAGED}", mean
         )
+
+    return watch
+
+
+def watch_still_press(reference: BgrImage, hold_s: float) -> ImageWatcher:
+    """Return a watcher for anything that is pressed on the skin and held still for a time."""
+    still, began_s = _StillFrameAverager(), 0.0
+
+    def watch(image: BgrImage) -> CalibrationStepAdvice:
+        nonlocal began_s
+        if max_brightness_change(reference, image) < TOUCHED_LEVELS:
+            still.images.clear()
+            return CalibrationStepAdvice("nothing touches the skin yet")
+        mean, now_s = still.add(image), monotonic()
+        began_s = now_s if len(still) == 1 else began_s
+        left_s = hold_s - (now_s - began_s)
+        if mean is None or left_s > 0:
+            return CalibrationStepAdvice(STILL + (f", {left_s:.1f} s more" if left_s > 0 else ""))
+        return CalibrationStepAdvice("taken", mean)
 
     return watch
 

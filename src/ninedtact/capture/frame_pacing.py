@@ -8,7 +8,7 @@ from dataclasses import replace
 from threading import Condition, Event, Lock, Thread
 from types import TracebackType
 
-from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import CameraExposure, FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
@@ -144,6 +144,15 @@ class LivePlayback(FrameSource):
         frame, period_s = self._source.read(), 1 / self._source.recorded_hz
         self._due_at = max(self._due_at + period_s, time.monotonic() - period_s)
         return replace(frame, stamp_ns=time.monotonic_ns())
+
+    @property
+    def exposure(self) -> CameraExposure | None:
+        """The exposure of the source."""
+        return self._source.exposure
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the exposure of the source."""
+        self._source.set_exposure(exposure_ms)
 
     def close(self) -> None:
         """Close the source and end a wait for the next frame."""

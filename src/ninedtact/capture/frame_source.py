@@ -68,6 +68,15 @@ class Openable(ABC):
         self.close()
 
 
+@dataclass(frozen=True)
+class CameraExposure:
+    """The exposure of an open camera and the limits within which it can be set, ms."""
+
+    now_ms: float
+    least_ms: float
+    most_ms: float
+
+
 class FrameSource(Openable):
     """The interface of every source of frames; `open` raises `CameraNotFound`, `CameraSettingRefused` or `ImageUnreadable`."""
 
@@ -83,6 +92,18 @@ class FrameSource(Openable):
         Raises `SourceEnded` after the last frame of a recording, `CameraLost` when a live source stops, and
         `SourceNotOpen` when the source is not open.
         """
+
+    @property
+    def exposure(self) -> CameraExposure | None:
+        """The exposure of the open source; None where it has none that can be set."""
+        return None
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the exposure of the open source; raises `CameraSettingRefused` where it does not take it."""
+        raise CameraSettingRefused(
+            f"expected a camera whose exposure can be set here, got {self.name} for {exposure_ms:g} ms; set it with the camera's "
+            "own tool"
+        )
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield frames until the source ends; a live source never ends."""

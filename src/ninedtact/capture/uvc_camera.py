@@ -7,6 +7,7 @@ steps of 0.1 ms, automatic exposure as 0 auto, 1 manual, 2 shutter priority, 3 a
 import getpass
 import math
 import os
+import struct
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ import cv2
 from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
     CameraBackend,
+    CameraExposure,
     CameraLost,
     CameraNotFound,
     CameraSettingRefused,
@@ -36,6 +38,13 @@ _USB = "usb:"
 _KERNEL_DEVICE_LIST = Path("/sys/class/video4linux")
 _QUERY_CAPABILITIES = 0x80685600
 """Number of VIDIOC_QUERYCAP, https://docs.kernel.org/userspace-api/media/v4l/vidioc-querycap.html."""
+_QUERY_CONTROL, _EXPOSURE_CONTROL, _CONTROL_BYTES = 0xC0445624, 0x009A0902, 68
+"""VIDIOC_QUERYCTRL, V4L2_CID_EXPOSURE_ABSOLUTE and the size of the reply, in which the identity comes first
+(https://docs.kernel.org/userspace-api/media/v4l/vidioc-queryctrl.html)."""
+_CONTROL_LIMITS = struct.Struct("<ii")
+_CONTROL_LIMITS_AT = 40
+_USUAL_EXPOSURE_MS = 0.1, 500.0
+"""Limits of the exposure of a camera that does not report them; a value that it does not take is refused."""
 _DEVICE_CAPABILITIES = slice(88, 92)
 _VIDEO_CAPTURE = 0x00000001 | 0x00001000
 """Capability bits of video capture, single-planar or multi-planar."""
@@ -72,6 +81,7 @@ class UvcCamera(CameraBackend):
         self.name = f"camera {device}"
         self._opener, self._list_devices = opener, list_devices
         self._grabber: FrameGrabber | None = None
+        self._device_path = Path()
 
     @classmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "UvcCamera | None":
@@ -85,6 +95,17 @@ class UvcCamera(CameraBackend):
         """The settings that the open camera reports."""
         return self._open_grabber().query(_read_settings)
 
+    @property
+    def exposure(self) -> CameraExposure | None:
+        """The exposure of the open camera; None where it is automatic or where the camera does not report it."""
+        now_ms = self.current_settings.exposure_ms
+        return None if now_ms is None else CameraExposure(now_ms, *_exposure_limits_ms(self._device_path))
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the exposure of the open camera and read it back; raises `CameraSettingRefused`."""
+        settings = CameraSettings(None, exposure_ms=exposure_ms)
+        self._open_grabber().query(lambda capture: _apply_settings(settings, capture, self.name))
+
     def open(self) -> None:
         """Open the camera, apply and read back the settings, and read one image.
 
@@ -94,7 +115,7 @@ class UvcCamera(CameraBackend):
             device = self._find_device()
             capture = self._opener(device)
             try:
-                self._grabber = self._start(capture, device)
+                self._grabber, self._device_path = self._start(capture, device), _device_path(device)
             except BaseException:
                 capture.release()
                 raise
@@ -297,10 +318,40 @@ def _usb_addresses(node: Path) -> tuple[str, ...]:
 
 def _silence_remedy(device: int | str) -> str:
     """Return what to do about a camera that stopped: whether it is unplugged, or something keeps its images from arriving."""
-    path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
+    path = _device_path(device)
     if not path.exists():
         return "check that it is plugged in"
     return "it is still plugged in: end other programs that load the computer or the USB bus, then plug it in again"
+
+
+def _device_path(device: int | str) -> Path:
+    """Return the file of a device on Linux."""
+    return Path(f"/dev/video{device}" if isinstance(device, int) else device)
+
+
+def _exposure_limits_ms(path: Path) -> tuple[float, float]:
+    """Return the shortest and the longest exposure that a device reports, or those of usual cameras."""
+    if sys.platform != "linux":
+        return _USUAL_EXPOSURE_MS
+    request = bytearray(_CONTROL_BYTES)
+    request[:4] = _EXPOSURE_CONTROL.to_bytes(4, "little")
+    try:
+        _query_device(path, _QUERY_CONTROL, request)
+    except OSError:
+        return _USUAL_EXPOSURE_MS
+    least, most = _CONTROL_LIMITS.unpack_from(request, _CONTROL_LIMITS_AT)
+    return least / _EXPOSURE_STEPS_PER_MS, most / _EXPOSURE_STEPS_PER_MS
+
+
+def _query_device(path: Path, request: int, reply: bytearray) -> None:
+    """Fill the reply of a Video4Linux device to a request; raises `OSError`."""
+    import fcntl  # not on Windows, where no device gets this far
+
+    handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+    try:
+        fcntl.ioctl(handle, request, reply)
+    finally:
+        os.close(handle)
 
 
 def _delivers_images(path: str) -> bool:
@@ -308,15 +359,9 @@ def _delivers_images(path: str) -> bool:
 
     A device that may not be queried counts as a camera: the user must hear of the missing permission.
     """
-    import fcntl  # not on Windows, where no device gets this far
-
     reply = bytearray(104)
     try:
-        handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)
-        try:
-            fcntl.ioctl(handle, _QUERY_CAPABILITIES, reply)
-        finally:
-            os.close(handle)
+        _query_device(Path(path), _QUERY_CAPABILITIES, reply)
     except OSError:
         return True
     return bool(int.from_bytes(reply[_DEVICE_CAPABILITIES], "little") & _VIDEO_CAPTURE)
@@ -324,7 +369,7 @@ def _delivers_images(path: str) -> bool:
 
 def _open_failure(device: int | str) -> str:
     """Return why a device does not open, as words that follow "got"."""
-    path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
+    path = _device_path(device)
     if not path.exists():
         others = ", ".join(camera.path for camera in list_cameras()) or "no camera at all"
         return f"no device {path}; plug it in (this machine has {others}), or name it with --source"

@@ -1,8 +1,11 @@
-"""The guided calibration of `ninedtact calibrate --page` in the browser, and the live page that follows it."""
+"""The guided calibrations in the browser, of shape (`ninedtact calibrate --page`) and of force with known loads (`ninedtact adapt
+--page`), and the live page that follows them."""
 
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from random import uniform
 from time import sleep
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 _READINGS = Path("readings")
 """Folder for the readings that are saved from the live page after a calibration."""
 _LIVE_HZ = 15.0
+_STIFFNESS_RANGE = 0.8, 1.3
+"""Range of the hidden factor of a simulated gel's modulus; silicone of one name and hardness varies by a quarter."""
 
 
 @dataclass(frozen=True)
@@ -81,27 +86,103 @@ class GuidedCalibration:
                 opened.enter_context(session)
                 page, port = CalibrationPage(server, session, cameras, simulated), server.get_port()
                 print(f"calibration: open {guard.page_address(port)} in a browser; Ctrl-C ends", flush=True)
-                while not session.live_requested.is_set():
+                while not (session.live_requested.is_set() or session.force_requested.is_set()):
                     page.refresh()
                     sleep(1 / REFRESH_HZ)
             result, source = session.state.result, session.state.source
             assert result is not None
-            self._serve_live(result, source, port, guard)
+            if session.force_requested.is_set():
+                options = replace(self.options, port=port)
+                GuidedForceCalibration(result, options, source, automatic=self.automatic).serve(guard)
+            else:
+                serve_calibrated_sensor(result, source, port, guard, self.automatic)
         return session.state.result
 
     def _camera(self, address: str) -> "FrameSource":
-        """Return a camera or recording, its exposure fixed unless it is to stay automatic."""
-        from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
+        """Return a camera or recording."""
+        return _live_camera(address, self.automatic)
 
-        return live_source_for(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
 
-    def _serve_live(self, folder: "SensorFolder", source: str, port: int, guard: "SocketGuard") -> None:
-        """Serve the live page of the calibrated sensor at the same address, until Ctrl-C."""
-        live = Live(source, folder.path, automatic=self.automatic)
-        sensor, wrenches, pressed = live.sensor_and_wrenches(folder)
-        force = NONE if folder.record.twin is None else PHYSICS
-        settings = PageSettings(_READINGS, _LIVE_HZ, self.options.host, port, force, guard=guard)
-        serve_sensor_page(folder, sensor, wrenches, settings, ends=False, pressed=pressed)
+@dataclass(frozen=True)
+class GuidedForceCalibration:
+    """A guided calibration of a sensor's force with known loads in the browser."""
+
+    folder: "SensorFolder"
+    options: CalibrationPageOptions
+    source: str | None = None
+    """The camera that is shown first; None for the first one of this computer, or the simulated sensor."""
+    force: str = PHYSICS
+    """Estimator that is calibrated."""
+    automatic: bool = False
+    """Keep the camera's automatic exposure and white balance."""
+
+    def serve(self, guard: "SocketGuard | None" = None) -> Path | None:
+        """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the file that was written, if any."""
+        require_page_library()
+        from ninedtact.capture.frame_source import CameraNotFound
+        from ninedtact.studio.calibration_page import REFRESH_HZ
+        from ninedtact.studio.force_calibration_page import ForceCalibrationPage, simulated_load
+        from ninedtact.studio.force_calibration_session import ForceCalibrationSession
+        from ninedtact.studio.page_and_server import find_default_port, page_server
+        from ninedtact.studio.socket_guard import SocketGuard
+        from ninedtact.workflows.force_calibration import LoadPressReader
+
+        reader, folder, options = LoadPressReader(self.folder, self.force), self.folder, self.options
+        simulated, stiffness = self._simulated_camera()
+        cameras = list_calibration_cameras(self.source)
+        if simulated is None:
+            del cameras[SIMULATED]
+        if not cameras:
+            raise CameraNotFound("expected a camera, got none; plug it in, or name a stream or recording with --source")
+        guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
+        port = find_default_port(options.host) if options.port is None else options.port
+
+        def open_source(address: str) -> "FrameSource":
+            return (
+                simulated if simulated is not None and is_simulated(address) else _live_camera(address, self.automatic)
+            )
+
+        def offer_load(grams: float) -> None:
+            if simulated is not None:
+                simulated.offer(simulated_load(grams))
+
+        first = self.source or next(iter(cameras))
+        session = ForceCalibrationSession(folder.path, reader, open_source, first, on_load=offer_load)
+        with suppress(KeyboardInterrupt):
+            with ExitStack() as opened:
+                server = opened.enter_context(page_server(options.host, port, guard))
+                opened.enter_context(session)
+                radius_mm, port = folder.record.design.ball.radius_mm, server.get_port()
+                page = ForceCalibrationPage(server, session, cameras, radius_mm, simulated, stiffness)
+                print(f"force calibration: open {guard.page_address(port)} in a browser; Ctrl-C ends", flush=True)
+                while not session.live_requested.is_set():
+                    page.refresh()
+                    sleep(1 / REFRESH_HZ)
+            serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic)
+        return session.state.saved
+
+    def _simulated_camera(self) -> "tuple[SimulatedCalibrationCamera, float] | tuple[None, None]":
+        """Return the sensor's twin under loads and its stiffness; nothing for a sensor without a twin, unless it is named."""
+        has_twin = self.folder.record.twin is not None or (self.source is not None and is_simulated(self.source))
+        return simulated_loaded_camera(self.folder) if has_twin else (None, None)
+
+
+def _live_camera(address: str, automatic: bool) -> "FrameSource":
+    """Return a camera or recording, its exposure fixed unless it is to stay automatic."""
+    from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
+
+    return live_source_for(address, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
+
+
+def serve_calibrated_sensor(
+    folder: "SensorFolder", source: str, port: int, guard: "SocketGuard", automatic: bool
+) -> None:
+    """Serve the live page of a calibrated sensor at the address of its calibration, until Ctrl-C."""
+    live = Live(source, folder.path, automatic=automatic)
+    sensor, wrenches, pressed = live.sensor_and_wrenches(folder)
+    force = NONE if folder.record.twin is None else PHYSICS
+    settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, force, guard=guard)
+    serve_sensor_page(folder, sensor, wrenches, settings, ends=False, pressed=pressed)
 
 
 def list_calibration_cameras(source: str | None = None) -> dict[str, str]:
@@ -119,3 +200,18 @@ def simulated_calibration_camera(design: "SensorDesign") -> "SimulatedCalibratio
     from ninedtact.simulation.twin import twin_from_design
 
     return SimulatedCalibrationCamera(twin_from_design(design), design)
+
+
+def simulated_loaded_camera(folder: "SensorFolder") -> "tuple[SimulatedCalibrationCamera, float]":
+    """Return the camera of a sensor's twin that is loaded, and how many times as stiff as assumed its gel is.
+
+    The factor is drawn anew each time, so that the person who calibrates does not know it. Raises `TwinMissing`.
+    """
+    from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+    from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
+    from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
+
+    stiffness = uniform(*_STIFFNESS_RANGE)
+    gel = replace(folder.gel, shear_modulus_mpa=folder.gel.shear_modulus_mpa * stiffness)
+    twin = replace(build_sensor_twin(folder), compliance_of=partial(bonded_layer_compliance, gel=gel))
+    return SimulatedCalibrationCamera(twin, folder.record.design), stiffness

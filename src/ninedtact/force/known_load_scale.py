@@ -174,6 +174,11 @@ class ForceScaleFit:
     """None where there are too few presses, or where their loads are too similar."""
 
 
+def estimated_load_n(reading: Reading) -> float:
+    """Return the load that the estimate of a reading states; zero where it pulls, or where there is no estimate."""
+    return 0.0 if reading.force is None else max(0.0, -float(reading.force.wrench.force_n[2]))
+
+
 def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
     """Fit the force scale whose leave-one-out error is smallest; raises `ForceScaleImpossible`."""
     if len(presses) < FEWEST:

@@ -5,7 +5,7 @@ each step of a guided calibration needs.
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 from threading import Event, Lock
 from typing import Literal
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import CameraExposure, CameraSettingRefused, FrameSource, SourceNotOpen
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter_primitives import Ball
@@ -35,9 +35,17 @@ class GaugePress:
 
     gauge: Literal["nothing", "board", "ball"] = "nothing"
     depth_mm: float = 0.0
+    load_n: float | None = None
+    """Load instead of a depth."""
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     """Tilts about x and y."""
     drag_mm: tuple[float, float] = (0.0, 0.0)
+    at_mm: tuple[float, float] = (0.0, 0.0)
+    """Position on the skin."""
+
+
+_EXPOSURE = CameraExposure(10.0, 1.0, 40.0)
+"""The exposure at which the twin's images are as bright as its reference image, and the limits that the camera pretends to have."""
 
 
 class SimulatedCalibrationCamera(FrameSource):
@@ -49,11 +57,26 @@ class SimulatedCalibrationCamera(FrameSource):
         self.refusal = ""
         """Why the mechanics refused the last press, which is then not shown; empty where it did not."""
         self._twin, self._design, self._fine_twin = twin, design, twin_for_board(twin, design)
-        self._plays_by_itself, self._step, self._rate_hz = plays_by_itself, "", rate_hz
+        self._plays_by_itself, self._offered, self._rate_hz = plays_by_itself, GaugePress(), rate_hz
         self._lock, self._is_closed, self._due_at, self._number = Lock(), Event(), 0.0, 0
         self._held = self._rendered = GaugePress()
         self._clean: Float32[Array, "rows cols 3"] = twin.renderer.reference
+        self._exposure_ms = _EXPOSURE.now_ms
         self._is_closed.set()
+
+    @property
+    def exposure(self) -> CameraExposure:
+        """The exposure, which brightens or darkens the images in proportion."""
+        return replace(_EXPOSURE, now_ms=self._exposure_ms)
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the exposure; raises `CameraSettingRefused` beyond its limits."""
+        if not _EXPOSURE.least_ms <= exposure_ms <= _EXPOSURE.most_ms:
+            raise CameraSettingRefused(
+                f"expected an exposure of {_EXPOSURE.least_ms:g} to {_EXPOSURE.most_ms:g} ms for {self.name}, got {exposure_ms:g} "
+                "ms; choose one of these"
+            )
+        self._exposure_ms = exposure_ms
 
     @property
     def plays_by_itself(self) -> bool:
@@ -63,7 +86,7 @@ class SimulatedCalibrationCamera(FrameSource):
     @plays_by_itself.setter
     def plays_by_itself(self, wanted: bool) -> None:
         self._plays_by_itself = wanted
-        self.follow(self._step)
+        self.offer(self._offered)
 
     @property
     def held(self) -> GaugePress:
@@ -78,9 +101,13 @@ class SimulatedCalibrationCamera(FrameSource):
 
     def follow(self, step: str) -> None:
         """Press what a step needs ("board", "ball"; nothing in any other), where the camera plays by itself."""
-        self._step = step
+        self.offer(self.good_press(step))
+
+    def offer(self, press: GaugePress) -> None:
+        """Hold a press where the camera plays by itself, now or once it does."""
+        self._offered = press
         if self._plays_by_itself:
-            self.hold(self.good_press(step))
+            self.hold(press)
 
     def good_press(self, gauge: str) -> GaugePress:
         """Return a press of the board or the ball that calibrates well; nothing for any other name."""
@@ -105,7 +132,8 @@ class SimulatedCalibrationCamera(FrameSource):
             self._rendered = held
             self._press(held)
         self._number += 1
-        noisy = self._twin.renderer.noise.add_to(self._clean, self._number)
+        exposed = self._clean * np.float32(self._exposure_ms / _EXPOSURE.now_ms)
+        noisy = self._twin.renderer.noise.add_to(exposed, self._number)
         return Frame(np.asarray(noisy, np.uint8), time.monotonic_ns(), self._number - 1)
 
     def close(self) -> None:
@@ -115,14 +143,15 @@ class SimulatedCalibrationCamera(FrameSource):
     def _press(self, held: GaugePress) -> None:
         """Solve the contact of a press and render it; a press that the mechanics refuse leaves the image as it was."""
         self.refusal = ""
-        if held.gauge == "nothing" or held.depth_mm <= 0:
+        if held.gauge == "nothing" or (held.depth_mm <= 0 and not held.load_n):
             self._clean = self._twin.renderer.reference
             return
         is_board, tilt = held.gauge == "board", (radians(held.tilt_deg[0]), radians(held.tilt_deg[1]))
         indenter = pin_board_indenter(self._design.pin_board) if is_board else Ball(self._design.ball.radius_mm)
         twin = self._fine_twin if is_board else self._twin
         try:
-            press = ScriptedPress(held.depth_mm, tilt_rad=tilt, drag_mm=held.drag_mm)
+            depth_mm = held.depth_mm if held.load_n is None else None
+            press = ScriptedPress(depth_mm, held.load_n, held.at_mm, held.drag_mm, tilt_rad=tilt)
             contact = press.simulate(twin, indenter, CALIBRATION_SOLVER_SETTINGS)
         except NinedtactError as refusal:
             self.refusal = str(refusal)

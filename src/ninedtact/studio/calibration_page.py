@@ -1,7 +1,6 @@
 """The page of a guided calibration: one large sentence, the camera's image with the pins, the buttons, the fit and its result.
 
-All controls are shared by all browsers, so that everybody, and a page that is loaded again, sees the same state. Only the place of
-the image is each browser's own: beside the controls, or on a phone among them.
+The parts that it shares with other guided pages are in `guided_page`.
 """
 
 from dataclasses import replace
@@ -13,38 +12,37 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
-from viser import ClientHandle, GuiEvent, GuiImageHandle, Icon, ViserServer
+from viser import GuiEvent, Icon, ViserServer
 
 from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate, overall_check_level
 from ninedtact.calibration.guidance import PinSighting
 from ninedtact.calibration.save import CERTIFICATE_FILE
 from ninedtact.calibration.sensor_toml_schema import Certificate
-from ninedtact.errors import NinedtactError
 from ninedtact.open_sensor import is_simulated
 from ninedtact.simulation.calibration_camera import GaugePress, SimulatedCalibrationCamera
-from ninedtact.studio.calibration_session import CalibrationSession, CalibrationState, ImageQuality, Phase
-from ninedtact.studio.page_and_server import BACKGROUND, set_title_and_icon
+from ninedtact.studio.calibration_session import CalibrationSession, CalibrationState, Phase
+from ninedtact.studio.guided_page import (
+    BrowserImages,
+    CameraControls,
+    advice_html,
+    attempt,
+    quality_rows,
+    steps_html,
+)
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
-from ninedtact.studio.viewer import NARROW_PX, NOTICE_S, ControlFollower, is_from_browser, set_control
+from ninedtact.studio.viewer import NOTICE_S, ControlFollower, is_from_browser, set_control
 
 REFRESH_HZ = 8.0
-_WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
-"""Width of the controls on a desktop, and limits of the width of the image beside them."""
-_PHONE_STYLE = (
-    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] {{ width: 100% !important; max-height: 100% "
-    "!important; } [style*='max-height: 60%'] [style*='width: 20em'] { width: 100% !important; } }</style>"
-)
-"""Lets the controls fill the screen of a phone, of which viser gives them a part."""
 _IMAGE_PX = 640
 """Largest number of columns of the image that is sent."""
 _FOUND_BGR, _MISSING_BGR = (232, 180, 86), (0, 94, 213)
 """Sky blue and vermilion of Okabe and Ito."""
 _STEP_NAMES = ("untouched", "board", "untouched", "ball", "fit")
 _GRADES = {
-    "pass": ("Ready to measure", TONES["live"]),
-    "warn": ("Can be used with care", TONES["busy"]),
-    "poor": ("Calibrate again", TONES["lost"]),
-    "fail": ("Do not use", TONES["lost"]),
+    "pass": ("Ready to measure", "live"),
+    "warn": ("Can be used with care", "busy"),
+    "poor": ("Calibrate again", "lost"),
+    "fail": ("Do not use", "lost"),
 }
 _CHECK_MARKS = {"pass": ("✓", TONES["live"]), "warn": ("!", TONES["busy"]), "fail": ("✗", TONES["lost"])}
 
@@ -61,32 +59,25 @@ class CalibrationPage:
     ) -> None:
         """cameras: address and name of each camera that can be chosen. simulated: the camera that is pressed on the page."""
         self._server, self._session, self._simulated = server, session, simulated
-        self._labels = {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
-        self._images: dict[int, GuiImageHandle] = {}
         self._drawn: tuple[int, int] | None = None
-        self._canvas, self._follower = BACKGROUND, ControlFollower()
-        gui = server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False)
-        gui.set_panel_label("Calibration")
-        server.scene.set_background_image(BACKGROUND)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(_WIDTH_PX)
-        set_title_and_icon(server, "Calibration · 9DTact")
+        gui, self._images = server.gui, BrowserImages(server, "Calibration")
+        self._follower = ControlFollower()
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
+        self._camera = CameraControls(gui, session, cameras)
         self._build_buttons()
         self._figures, self._result = gui.add_html(""), gui.add_html("")
         if simulated is not None:
             self._build_presses(simulated)
         self.refresh()
-        server.on_client_connect(self._add_image)
-        server.on_client_disconnect(self._forget_image)
+        self._images.order_on_phone = self._advice.order + 0.5
+        self._images.serve(server)
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
         state = self._session.state
         with self._server.atomic():
-            self._steps.content, self._advice.content = _PHONE_STYLE + _steps_html(state), _advice_html(state)
+            self._steps.content, self._advice.content = _steps_html(state), _advice_html(state)
             self._figures.content = "" if state.phase is Phase.RESULT else _figures_html(state)
             self._result.content = _result_html(state)
             self._show_image(state)
@@ -97,24 +88,20 @@ class CalibrationPage:
                 self._follow_presses(self._simulated)
 
     def _build_buttons(self) -> None:
-        """Add the choice of the camera and the buttons."""
+        """Add the buttons."""
         gui, session = self._server.gui, self._session
-        self._camera = gui.add_dropdown(
-            "camera", tuple(self._labels.values()), initial_value=self._labels[session.source]
-        )
         self._replace = gui.add_checkbox("replace the sensor", False, hint=f"{session.out} holds a calibrated sensor")
         self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
         self._fit_again = gui.add_button("Calibrate again from the images", icon=Icon.REFRESH)
         self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
+        self._force = gui.add_button("Calibrate its force with known loads", color="gray", icon=Icon.SCALE)
         self._download = gui.add_button("Download the certificate", color="gray", icon=Icon.DOWNLOAD)
         self._back = gui.add_button("One press back", color="gray", icon=Icon.ARROW_BACK_UP)
         self._start_over = gui.add_button("Start over", color="gray", icon=Icon.RELOAD)
-        self._camera.on_update(self._choose_camera)
-        self._start.on_click(lambda event: self._attempt(event.client, partial(session.start, self._replace.value)))
-        self._fit_again.on_click(
-            lambda event: self._attempt(event.client, partial(session.fit_again, self._replace.value))
-        )
+        self._start.on_click(lambda event: attempt(event.client, partial(session.start, self._replace.value)))
+        self._fit_again.on_click(lambda event: attempt(event.client, partial(session.fit_again, self._replace.value)))
         self._live.on_click(lambda event: session.live_requested.set())
+        self._force.on_click(lambda event: session.force_requested.set())
         self._download.on_click(self._send_certificate)
         self._back.on_click(lambda event: session.back())
         self._start_over.on_click(lambda event: session.start_over())
@@ -163,20 +150,6 @@ class CalibrationPage:
             slider.disabled = held.gauge == "nothing"
         self._held.content = _held_html(held, simulated.refusal)
 
-    def _choose_camera(self, event: GuiEvent[Any]) -> None:
-        """Show the chosen camera."""
-        if is_from_browser(event):
-            addresses = {label: address for address, label in self._labels.items()}
-            self._session.choose_source(addresses[self._camera.value])
-
-    def _attempt(self, client: ClientHandle | None, action: Any) -> None:
-        """Do what a button says, and show why where it is refused."""
-        try:
-            action()
-        except NinedtactError as refusal:
-            if client is not None:
-                client.add_notification("Not done", str(refusal), color="red", auto_close_seconds=NOTICE_S)
-
     def _send_certificate(self, event: GuiEvent[Any]) -> None:
         """Send the certificate to the browser that wants it, which may be a phone."""
         folder = self._session.state.result
@@ -189,42 +162,24 @@ class CalibrationPage:
         else:
             event.client.send_file_download(f"{folder.id}_certificate.html", content, save_immediately=True)
 
-    def _add_image(self, client: ClientHandle) -> None:
-        """Add the image to the page of one browser."""
-        gui, width_px = client.gui, client.camera.image_width
-        if width_px < NARROW_PX:
-            image = gui.add_image(self._canvas, format="jpeg", order=self._advice.order + 0.5)
-        else:
-            panel = gui.add_panel()
-            panel.dock_left()
-            panel.set_width(int(np.clip(width_px - _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX)))
-            with panel.add_tab("Camera image", Icon.CAMERA):
-                image = gui.add_image(self._canvas, format="jpeg")
-        self._images[client.client_id] = image
-
-    def _forget_image(self, client: ClientHandle) -> None:
-        """Forget the image of a browser that has left."""
-        self._images.pop(client.client_id, None)
-
     def _show_image(self, state: CalibrationState) -> None:
         """Send the image to all browsers where it has changed."""
         drawn = id(state.image), id(state.pins)
         if state.image is not None and drawn != self._drawn:
             self._drawn = drawn
-            self._canvas = draw_pins(state.image, state.pins)[..., ::-1]
-            for handle in tuple(self._images.values()):
-                handle.image = self._canvas
+            self._images.show(draw_pins(state.image, state.pins)[..., ::-1])
 
     def _show_buttons(self, state: CalibrationState) -> None:
         """Show the buttons that do something now."""
         phase, complete = state.phase, state.step == len(_STEP_NAMES) - 1
         can_fit = phase is Phase.REFUSED and complete
-        self._camera.visible = self._start.visible = phase is Phase.PREVIEW
-        self._follower.follow((self._camera, self._labels[state.source]))
+        self._camera.show(state.source, state.exposure, phase is Phase.PREVIEW, state.image is not None)
+        self._start.visible = phase is Phase.PREVIEW
         self._start.disabled = bool(state.camera_trouble) or state.image is None
         self._replace.visible = (phase is Phase.PREVIEW or can_fit) and self._session.would_replace
         self._fit_again.visible = can_fit
         self._live.visible = self._download.visible = phase is Phase.RESULT
+        self._force.visible = state.result is not None and state.result.record.twin is not None
         self._back.visible = phase in (Phase.CAPTURE, Phase.REFUSED) and state.step > 0
         self._start_over.visible = phase not in (Phase.PREVIEW, Phase.FIT)
 
@@ -245,55 +200,32 @@ def draw_pins(image: UInt8[Array, "rows cols 3"], pins: PinSighting | None) -> U
 def _steps_html(state: CalibrationState) -> str:
     """Return the steps, the present one marked, as HTML."""
     done = len(_STEP_NAMES) if state.phase is Phase.RESULT else -1 if state.phase is Phase.PREVIEW else state.step
-    chips = []
-    for number, name in enumerate(_STEP_NAMES):
-        colour = TONES["live"] if number < done else TONES["held"] if number == done else "transparent"
-        ink = "#fff" if number <= done else "inherit"
-        mark = "✓ " if number < done else ""
-        current = ' aria-current="step"' if number == done else ""
-        chips.append(
-            f'<span{current} style="padding:0.1em 0.5em;border-radius:1em;font-size:0.8em;background:{colour};color:{ink};'
-            f'border:1px solid var(--mantine-color-default-border)">{mark}{name}</span>'
-        )
-    return f'<div style="margin:0.5em;display:flex;flex-wrap:wrap;gap:0.3em">{"".join(chips)}</div>'
+    return steps_html(_STEP_NAMES, done)
 
 
 def _advice_html(state: CalibrationState) -> str:
     """Return what to do in one large sentence, and below it what the images say, as HTML."""
-    sentence, detail, tone = state.instruction, state.advice, TONES["held"]
+    sentence, detail, tone = state.instruction, state.advice, "held"
     if state.camera_trouble:
-        sentence, detail, tone = "No images arrive.", state.camera_trouble, TONES["lost"]
+        sentence, detail, tone = "No images arrive.", state.camera_trouble, "lost"
     elif state.phase is Phase.PREVIEW:
         sentence = "Choose the camera of the sensor."
     elif state.phase is Phase.REFUSED:
-        sentence, tone = "This calibration is refused.", TONES["lost"]
+        sentence, tone = "This calibration is refused.", "lost"
     elif state.phase is Phase.RESULT and state.result is not None:
         sentence, tone = _GRADES[overall_check_level(_certificate(state))]
         detail = certificate_headline(_certificate(state))
-    return (
-        f'<div role="status" style="margin:0.5em;padding:0.6em 0.8em;border-radius:6px;color:#fff;background:{tone};'
-        f'overflow-wrap:anywhere"><div style="font-size:1.35em;font-weight:600;line-height:1.25">{escape(sentence)}</div>'
-        f'<div style="margin-top:0.3em;min-height:1.3em;font-size:1.1em">{escape(detail)}</div></div>'
-    )
+    return advice_html(sentence, detail, tone)
 
 
 def _figures_html(state: CalibrationState) -> str:
     """Return brightness, sharpness and pins of the live image as HTML."""
-    rows = {} if state.quality is None else _quality_rows(state.quality)
+    rows = {} if state.quality is None else quality_rows(state.quality)
     if state.pins is not None:
         rows["pins"] = f"{state.pins.found} of {state.pins.expected}"
         if len(state.pins.missing_px):
             rows["pins"] += f"; {len(state.pins.missing_px)} missing, crossed in the image"
     return name_value_table_html(rows)
-
-
-def _quality_rows(quality: ImageQuality) -> dict[str, str]:
-    """Return the figures of a live image, with what is usual."""
-    return {
-        "brightness": f"{quality.mean_grey:.0f} of 255 (140 to 170 is usual)",
-        "overexposed": f"{quality.overexposed_share:.1%} of the image (below 1% is good)",
-        "sharpness": f"{quality.sharpness:.2f}, best so far {quality.best_sharpness:.2f}: turn the lens until it is largest",
-    }
 
 
 def _certificate(state: CalibrationState) -> Certificate:

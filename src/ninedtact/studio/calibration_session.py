@@ -15,16 +15,14 @@ from pathlib import Path
 from threading import Condition, Event, Thread
 from time import monotonic
 
-import cv2
 import numpy as np
 
-from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, require_same_image_size, to_grey_float
+from ninedtact.calibration.brightness import BgrImage, require_same_image_size
 from ninedtact.calibration.guidance import (
     TOUCHED_LEVELS,
     CaptureStep,
     ImageWatcher,
     PinSighting,
-    exposure_advice,
     guided_capture_steps,
     locate_pins,
     max_brightness_change,
@@ -32,23 +30,17 @@ from ninedtact.calibration.guidance import (
 from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.capture.frame_pacing import LatestFrameSource
-from ninedtact.capture.frame_source import FrameSource, SourceEnded
+from ninedtact.capture.frame_source import CameraExposure, FrameSource
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError, OutputError
+from ninedtact.studio.watched_camera import ImageQuality, WatchedCamera, measure_image_quality
 
-MAX_AGE_MS = 2000.0
-"""Greatest age of an image that is used; still images need not be recent."""
-RETRY_S = 0.5
-"""Time between attempts to open a camera that is absent."""
 _PIN_COUNT_PAUSE = 1.0
 """Pause between two searches for pins while the board moves, in durations of a search, so that the images are not slowed."""
 ONCE_S = 0.7
 """Time within which a second step back counts as the same one, pressed by another person."""
 FIT_STEPS = 6
 """Usual number of steps that a fit reports."""
-_SHARPNESS_BLUR_PX = 1.5
-"""Blur before the sharpness is measured, so that noise of the camera does not count as detail."""
 
 
 class SensorWouldBeReplaced(OutputError):
@@ -63,21 +55,6 @@ class Phase(Enum):
     FIT = "fit"
     RESULT = "result"
     REFUSED = "refused"
-
-
-@dataclass(frozen=True)
-class ImageQuality:
-    """Brightness and sharpness of a live image."""
-
-    mean_grey: float
-    overexposed_share: float
-    """Share of the image that is too bright to measure."""
-    sharpness: float
-    """Standard deviation of the second derivative of the image, grey levels; larger is sharper."""
-    best_sharpness: float
-    """The largest sharpness of this preview."""
-    advice: str
-    """What to change of the exposure; empty where it is fine."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +73,8 @@ class CalibrationState:
     pins: PinSighting | None = None
     """The pins in the latest image that was searched for them."""
     quality: ImageQuality | None = None
+    exposure: CameraExposure | None = None
+    """The camera's exposure; None where it cannot be set."""
     fit_progress: float = 0.0
     """Share of the usual number of steps of a fit that are done."""
     result: SensorFolder | None = None
@@ -129,13 +108,15 @@ class CalibrationSession:
     """Called with the name of each step that begins, and with an empty text when the images are complete or given up."""
     live_requested: Event = field(default_factory=Event)
     """Set when somebody wants to see the calibrated sensor live."""
+    force_requested: Event = field(default_factory=Event)
+    """Set when somebody wants to calibrate its force with known loads."""
 
     def __post_init__(self) -> None:
-        self._changed, self._closing = Condition(), Event()
+        self._changed, self.camera = Condition(), WatchedCamera(self.open_source, self.source)
         self._steps = list(guided_capture_steps(self.design, self.settings))
         self._taken: dict[str, BgrImage] = {}
         self._progress: _StepProgress | None = None
-        self._reopen, self._is_recording, self._last_back_s = False, False, -np.inf
+        self._last_back_s = -np.inf
         self._agreed: bytes | None = None
         self._state = CalibrationState(source=self.source)
         self._searches = ThreadPoolExecutor(1, "pins")
@@ -147,7 +128,7 @@ class CalibrationSession:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._closing.set()
+        self.camera.closing.set()
         with self._changed:
             self._changed.notify_all()
         self._thread.join()
@@ -170,15 +151,32 @@ class CalibrationSession:
         """Show another camera; nothing happens while images are being taken, since all four must be of one camera."""
         with self._changed:
             if self._state.phase is Phase.PREVIEW and source != self.source:
-                self.source, self._reopen = source, True
-                self._set(source=source, image=None, quality=None, camera_trouble="", advice="Opening the camera.")
+                self.source = source
+                self.camera.choose(source)
+                self._set(
+                    source=source,
+                    image=None,
+                    quality=None,
+                    exposure=None,
+                    camera_trouble="",
+                    advice="Opening the camera.",
+                )
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the camera's exposure; nothing happens while images are being taken, since all four must be of one exposure.
+
+        Raises `CameraSettingRefused`.
+        """
+        if self.state.phase is Phase.PREVIEW:
+            self.camera.set_exposure(exposure_ms)
+            self._set(exposure=self.camera.exposure)
 
     def start(self, replace_sensor: bool = False) -> None:
         """Take the first image; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`. Once started, nothing happens."""
         with self._changed:
             if self._state.phase is Phase.PREVIEW:
                 self._agree(replace_sensor)
-                self._reopen = self._is_recording
+                self.camera.restart_recording()
                 self._begin_step(0)
 
     def back(self) -> None:
@@ -198,7 +196,7 @@ class CalibrationSession:
             if self._state.phase not in (Phase.PREVIEW, Phase.FIT):
                 self._taken, self._progress = {}, None
                 self._state = CalibrationState(source=self.source)
-                self._reopen = self._is_recording
+                self.camera.restart_recording()
                 self.on_step("")
                 self._changed.notify_all()
 
@@ -248,31 +246,22 @@ class CalibrationSession:
 
     def _run(self) -> None:
         """Fit when all images are taken; else read images, and wait for a source that is absent."""
-        while not self._closing.is_set():
+        while not self.camera.closing.is_set():
             if self.state.phase is Phase.FIT:
                 self._fit()
             elif self.state.phase is Phase.RESULT:
                 with self._changed:
-                    self._changed.wait_for(lambda: self._closing.is_set() or self._state.phase is not Phase.RESULT)
+                    self._changed.wait_for(
+                        lambda: self.camera.closing.is_set() or self._state.phase is not Phase.RESULT
+                    )
             else:
-                self._read_source()
+                self._watch_camera()
 
-    def _read_source(self) -> None:
+    def _watch_camera(self) -> None:
         """Evaluate the images of the chosen source until another is chosen, all are taken, or it is lost."""
-        with self._changed:
-            self._reopen, source = False, self.source
-        try:
-            opened = self.open_source(source)
-            self._is_recording = not opened.is_live
-            with LatestFrameSource(opened, max_age_ms=MAX_AGE_MS) if opened.is_live else opened as camera:
-                while not (self._closing.is_set() or self._reopen or self.state.phase in (Phase.FIT, Phase.RESULT)):
-                    self._evaluate(camera.read().image)
-        except SourceEnded:
-            self._end_recording()
-        except (NinedtactError, OSError) as trouble:
-            if source == self.source:
-                self._set(camera_trouble=str(trouble))
-            self._closing.wait(RETRY_S)
+        is_wanted = lambda: self.state.phase not in (Phase.FIT, Phase.RESULT)  # noqa: E731
+        for image in self.camera.images(is_wanted, self._end_recording, lambda said: self._set(camera_trouble=said)):
+            self._evaluate(image)
 
     def _end_recording(self) -> None:
         """Begin a recording again in the preview; refuse one that has ended before all images were taken."""
@@ -282,15 +271,15 @@ class CalibrationSession:
                 phase=Phase.REFUSED,
                 advice=f"expected images until the step '{missing}' was done, got the end of the recording; start over",
             )
-        self._closing.wait(RETRY_S)
 
     def _evaluate(self, image: BgrImage) -> None:
         """Update quality and advice by one image, and go on to the next step where this one is done."""
-        quality, before = self._measure_quality(image), self.state
+        quality, before = measure_image_quality(image, self.state.quality), self.state
         if before.phase is not Phase.CAPTURE:
             hint = quality.advice or "Check brightness and focus, then start."
             advice = hint if before.phase is Phase.PREVIEW else before.advice
-            self._set(image=image, quality=quality, camera_trouble="", advice=advice)
+            exposure = self.camera.exposure if before.image is None else before.exposure
+            self._set(image=image, quality=quality, exposure=exposure, camera_trouble="", advice=advice)
             return
         self._set(image=image, quality=quality, camera_trouble="")
         with self._changed:
@@ -341,15 +330,6 @@ class CalibrationSession:
         """Raise `ImageUnusable` for an image of another size than those taken."""
         for earlier in taken.values():
             require_same_image_size("image", earlier, image)
-
-    def _measure_quality(self, image: BgrImage) -> ImageQuality:
-        """Return brightness and sharpness of an image."""
-        grey, last = to_grey_float(image), self.state.quality
-        curvature = cv2.Laplacian(cv2.GaussianBlur(grey, (0, 0), _SHARPNESS_BLUR_PX), cv2.CV_32F)
-        sharpness = float(curvature.std())
-        best = sharpness if last is None else max(sharpness, last.best_sharpness)
-        overexposed = float((grey >= OVEREXPOSED).mean())
-        return ImageQuality(float(grey.mean()), overexposed, sharpness, best, exposure_advice(image))
 
     def _fit(self) -> None:
         """Fit the four images and write the sensor folder; a refusal keeps the images."""

@@ -24,6 +24,13 @@ MAX_EXAGGERATION = 10.0
 LEFT_PX, RIGHT_PX = 330, 350
 
 
+PHONE_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
+    "{ width: 100% !important; } }</style>"
+)
+"""Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
+
+
 Side = Literal["left", "lower left", "right"]
 """The columns of the page: images, curves below them, and controls; on a phone there is only the last."""
 
@@ -146,6 +153,8 @@ class Viewer:
         gui = self.client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
+        if self.is_narrow:
+            gui.add_html(PHONE_STYLE)
         columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}
         for panel in self._panels:
             side: Side = "right" if self.is_narrow else panel.side

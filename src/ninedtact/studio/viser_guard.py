@@ -3,10 +3,11 @@
 viser 1.1 accepts requests from every website, messages of 50 MB, uploads of any size, and a request to publish the page on the
 internet; a message that it cannot decode ends in a traceback. It offers no hook, but its server starts with one call of
 `websockets.serve`, which `start_guarded_viser` replaces by `SocketGuard.serve`. It also corrects an error of viser with many
-clients, and keeps one upload of each client at a time.
+clients and one of its page with images that change fast, and keeps one upload of each client at a time.
 """
 
 import asyncio
+import json
 import logging
 import warnings
 from collections.abc import Callable, Iterator
@@ -14,12 +15,14 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from functools import wraps
 from importlib import import_module
 from io import StringIO
+from secrets import token_urlsafe
 from threading import Lock
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal
 
 import msgspec
 import viser
+from viser._messages import RunJavascriptMessage
 from websockets.asyncio.server import serve
 
 from ninedtact.errors import MissingLibraryError
@@ -28,6 +31,10 @@ from ninedtact.studio.socket_guard import SocketGuard
 _LOG = logging.getLogger(__name__)
 GUARDED_VISER = "1.1."
 """Beginning of the versions of viser whose server can be guarded; pyproject.toml pins the same."""
+
+
+_IMAGE_KEPT_MS = 5000
+"""Time for which a browser keeps an image that another one has replaced; a busy browser begins to load it that late."""
 
 
 class UnknownPageServer(MissingLibraryError):
@@ -180,7 +187,26 @@ def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) ->
         if not ports:
             server.stop()
             raise UnknownPageServer(_unknown_viser_message("one that starts it in another way"))
+    _prepare_browsers(server)
     return server
+
+
+def _prepare_browsers(server: viser.ViserServer) -> None:
+    """Correct two errors of the page of viser 1.1, in every browser that connects.
+
+    The page drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it, the browser
+    reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one. So the data are kept for a while.
+
+    A browser that was connected to an earlier program at the same address connects to this one with the layout of the earlier page.
+    So it loads the page again.
+    """
+    program = json.dumps(token_urlsafe())
+    source = (
+        f"if (!window.pageProgram) {{ window.pageProgram = {program}; const drop = URL.revokeObjectURL.bind(URL); "
+        f"URL.revokeObjectURL = (address) => setTimeout(() => drop(address), {_IMAGE_KEPT_MS}); }} "
+        f"else if (window.pageProgram !== {program}) location.reload();"
+    )
+    server._websock_server.queue_message(RunJavascriptMessage(source))
 
 
 @contextmanager

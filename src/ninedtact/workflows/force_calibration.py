@@ -7,6 +7,7 @@ from pathlib import Path
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.image_and_video_files import ImageList
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, load_unscaled_estimator
@@ -15,6 +16,7 @@ from ninedtact.force.known_load_scale import (
     ForceScaleImpossible,
     KnownLoadPress,
     ScaledForceEstimator,
+    estimated_load_n,
     fit_force_scale,
     weight_of_grams_n,
     write_force_scale,
@@ -23,8 +25,8 @@ from ninedtact.mechanics.indenter_primitives import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
-from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.image_check import require_plausible_image
 from ninedtact.simulation.sensor_population import SampledSensor
 
@@ -64,34 +66,49 @@ def calibrate_force(
     reference: images without contact. presses: images with the load of each in grams. force: the estimator, as after `--force`.
     Raises `NothingToCalibrate`, `ForceScaleImpossible`, and what reading images and sensor folders raises.
     """
-    if force == NONE:
-        raise NothingToCalibrate(
-            f"expected an estimator to calibrate, got --force {NONE}; name {CORRECTED}, {PHYSICS} or a force model"
-        )
-    estimator = load_unscaled_estimator(force, folder)
-    estimated = list(_estimate_presses(estimator, folder, reference, presses))
+    reader = LoadPressReader(folder, force)
+    reader.use_reference([Frame(read_image(path)) for path in reference])
+    estimated = list(_estimate_presses(reader, presses))
     fit = fit_force_scale(estimated)
-    file = write_force_scale(folder.path, estimator.name, fit.adaptation) if save else None
-    return ForceCalibration(estimator.name, fit, estimated, file)
+    file = write_force_scale(folder.path, reader.estimator.name, fit.adaptation) if save else None
+    return ForceCalibration(reader.estimator.name, fit, estimated, file)
 
 
-def _estimate_presses(
-    estimator: ForceEstimator,
-    folder: SensorFolder,
-    reference: Sequence[Path],
-    presses: Sequence[tuple[Path, float]],
-) -> Iterator[KnownLoadPress]:
+class LoadPressReader:
+    """Estimates the force of single presses by an estimator without its force scale, for the calibration with known loads."""
+
+    def __init__(self, folder: SensorFolder, force: str = PHYSICS) -> None:
+        """force: the estimator, as after `--force`; raises `NothingToCalibrate` and what loading it raises."""
+        if force == NONE:
+            raise NothingToCalibrate(
+                f"expected an estimator to calibrate, got --force {NONE}; name {CORRECTED}, {PHYSICS} or a force model"
+            )
+        self.estimator: ForceEstimator = load_unscaled_estimator(force, folder)
+        self._shape, self._check = folder.shape, load_reference_check(folder)
+        self._depth_reader: DepthReader | None = None
+
+    def use_reference(self, frames: Sequence[Frame]) -> None:
+        """Compare the following images with the mean of these, which show no contact; raises `ReferenceImplausible`."""
+        self._check.require_faultless(frames)
+        self._depth_reader = self._shape.depth_reader(*frames)
+
+    def read(self, name: str, frame: Frame) -> Reading:
+        """Return the reading of an image with its estimate; raises `ImageImplausible`, which names the image."""
+        assert self._depth_reader is not None
+        rectified = self._shape.rectify(frame)
+        reading = Reading(frame, rectified, self._depth_reader(rectified), reference=self._depth_reader.reference)
+        require_plausible_image(name, reading.image_warnings)
+        self.estimator.forget()
+        return reading.with_force(self.estimator.estimate(reading))
+
+
+def _estimate_presses(reader: LoadPressReader, presses: Sequence[tuple[Path, float]]) -> Iterator[KnownLoadPress]:
     """Yield the estimated force of every press with its load; raises `ForceScaleImpossible`, naming the image."""
-    shape = folder.shape
-    depth_reader = shape.depth_reader(*load_reference_check(folder).read_images(reference))
-    images = ImageList([path for path, _ in presses])
-    with Sensor(images, shape, depth_reader=depth_reader, estimator=estimator) as sensor:
-        for (path, grams), reading in zip(presses, sensor, strict=True):
-            require_plausible_image(str(path), reading.image_warnings)
-            estimator.forget()
-            assert reading.force is not None
+    with ImageList([path for path, _ in presses]) as images:
+        for (path, grams), frame in zip(presses, images, strict=True):
+            reading = reader.read(str(path), frame)
             try:
-                yield KnownLoadPress(max(0.0, -float(reading.force.wrench.force_n[2])), weight_of_grams_n(grams))
+                yield KnownLoadPress(estimated_load_n(reading), weight_of_grams_n(grams))
             except ForceScaleImpossible as refusal:
                 raise ForceScaleImpossible(f"{path}: {refusal}") from refusal
 
@@ -107,8 +124,8 @@ def calibrate_on_simulated_loads(
     try:
         for reading, load_n in _simulate_presses(member, shape):
             estimator.forget()
-            estimated_n = max(0.0, -float(estimator.estimate(reading).wrench.force_n[2]))
-            presses.append(KnownLoadPress(estimated_n, load_n))
+            reading = reading.with_force(estimator.estimate(reading))
+            presses.append(KnownLoadPress(estimated_load_n(reading), load_n))
         return ScaledForceEstimator(estimator, fit_force_scale(presses).adaptation)
     except ForceScaleImpossible:
         return estimator

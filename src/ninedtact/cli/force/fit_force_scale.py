@@ -1,21 +1,29 @@
 """ninedtact adapt: a few presses with known loads → the force scale of one sensor."""
 
+import sys
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
+from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedForceCalibration
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.workflows.force_calibration import ForceCalibration
 
 
+class PressesMissing(InputError):
+    """The command was given neither images with their loads, nor a page that takes them."""
+
+
 @dataclass(frozen=True)
 class Adapt:
-    """Calibrate the force of a sensor with images of presses whose load is known.
+    """Calibrate the force of a sensor with presses whose load is known, from images or on a page that guides through them.
 
     A kitchen scale is enough: put the sensor on it, take an image without contact, set the scale to zero, then press with something
     blunt and note the grams of each image. Four presses from 50 g to 800 g are enough.
@@ -23,12 +31,18 @@ class Adapt:
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote. The force scale is kept there, in force.toml."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]]
+    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Reference image (no contact) of the same session. Several are averaged."""
-    press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]]
+    press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]] = ()
     """An image and its load in grams, such as --press five.png 512. Give it once for every press."""
     force: str = "physics"
     """Estimator that is calibrated: physics, corrected, or a force model (.onnx)."""
+    source: str | None = None
+    """The camera that the page shows first: a camera, a stream, a recording; or sim, the sensor's twin, whose gel is softer or
+    stiffer than the calibration assumes."""
+    automatic: bool = False
+    """Keep the camera's automatic exposure and white balance, where they cannot be switched off."""
+    on_page: Annotated[CalibrationPageOptions, tyro.conf.arg(name="")] = CalibrationPageOptions()
     dry_run: bool = False
     """Print the force scale without keeping it."""
     json: bool = False
@@ -38,6 +52,9 @@ class Adapt:
         """Calibrate, and print the error of presses that were left out of the fit."""
         from ninedtact.workflows.force_calibration import calibrate_force
 
+        self._require_one_way()
+        if self.on_page.page:
+            return self._calibrate_on_page()
         folder = load_sensor_with_notices(self.sensor)
         found = calibrate_force(folder, self.reference, self.press, self.force, save=not self.dry_run)
         figures = {
@@ -47,6 +64,35 @@ class Adapt:
             "file": None if found.file is None else str(found.file),
         }
         return print_result(self.json, figures, _format_force_calibration(found))
+
+    def _require_one_way(self) -> None:
+        """Refuse images beside the page, and neither of both; raises `PressesMissing`."""
+        given = {
+            "--reference": self.reference,
+            "--press": self.press,
+            "--source": self.source,
+            "--dry-run": self.dry_run,
+            "--page": self.on_page.page,
+        }
+        got = ", ".join(name for name, value in given.items() if value) or "none of them"
+        takes_images = bool(self.reference and self.press) and not (self.on_page.page or self.source)
+        takes_page = self.on_page.page and not (self.reference or self.press or self.dry_run)
+        if not (takes_images or takes_page):
+            raise PressesMissing(
+                f"expected --reference and --press with images, or --page alone or with --source, got {got}; give the images, or "
+                "let the page take them"
+            )
+
+    def _calibrate_on_page(self) -> int:
+        """Serve the guided calibration in the browser until Ctrl-C, and print its result."""
+        folder = load_sensor_with_notices(self.sensor)
+        with redirect_stdout(sys.stderr if self.json else sys.stdout):
+            guided = GuidedForceCalibration(folder, self.on_page, self.source, self.force, self.automatic)
+            file = guided.serve()
+        if file is None:
+            print_notice(f"stopped before a force scale was saved; {self.sensor} is as it was")
+            return 1
+        return print_result(self.json, {"file": str(file)}, iter((f"saved: {file}",)))
 
 
 def _format_force_calibration(found: "ForceCalibration") -> Iterator[str]:

@@ -1,0 +1,274 @@
+"""The page of a force calibration with known loads: one large sentence, the camera's image, the presses and the scale so far."""
+
+from functools import partial
+from html import escape
+from typing import Any
+
+import cv2
+import numpy as np
+from viser import GuiEvent, Icon, ViserServer
+
+from ninedtact.force.known_load_scale import ForceScaleFit, weight_of_grams_n
+from ninedtact.open_sensor import is_simulated
+from ninedtact.simulation.calibration_camera import GaugePress, SimulatedCalibrationCamera
+from ninedtact.studio.force_calibration_session import (
+    ForceCalibrationSession,
+    ForceCalibrationState,
+    LoadPhase,
+    LoadScaleSoFar,
+    TakenPress,
+)
+from ninedtact.studio.guided_page import (
+    BrowserImages,
+    CameraControls,
+    advice_html,
+    attempt,
+    quality_rows,
+    steps_html,
+)
+from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
+from ninedtact.studio.viewer import ControlFollower, is_from_browser
+
+_IMAGE_PX = 640
+"""Largest number of columns of the image that is sent."""
+_MOST_G = 5000.0
+_MOST_SIMULATED_G = 800.0
+_HOW = (
+    "Rest weights of this mass on the ball. Or put the sensor on a kitchen scale with the gel up, set the scale to zero, press the "
+    "ball straight down until the scale shows about this load, and hold; then correct the load here to what the scale showed."
+)
+
+
+class ForceCalibrationPage:
+    """A `ForceCalibrationSession` in browsers."""
+
+    def __init__(
+        self,
+        server: ViserServer,
+        session: ForceCalibrationSession,
+        cameras: dict[str, str],
+        ball_radius_mm: float,
+        simulated: SimulatedCalibrationCamera | None = None,
+        stiffness: float | None = None,
+    ) -> None:
+        """cameras: address and name of each camera that can be chosen. simulated: the camera that is pressed on the page.
+
+        stiffness: true factor between the simulated gel's modulus and the assumed one, which is told at the end.
+        """
+        self._server, self._session, self._simulated, self._stiffness = server, session, simulated, stiffness
+        self._ball = f"the ball (radius {ball_radius_mm:g} mm)"
+        self._drawn: int | None = None
+        self._follower = ControlFollower()
+        gui, self._images = server.gui, BrowserImages(server, "Force calibration")
+        self._steps, self._advice = gui.add_html(""), gui.add_html("")
+        self._camera = CameraControls(gui, session, cameras)
+        self._build_buttons()
+        self._presses, self._figures = gui.add_html(""), gui.add_html("")
+        if simulated is not None:
+            self._build_simulated_load(simulated)
+        self.refresh()
+        self._images.order_on_phone = self._advice.order + 0.5
+        self._images.serve(server)
+
+    def refresh(self) -> None:
+        """Show the present state of the session in all browsers."""
+        state = self._session.state
+        with self._server.atomic():
+            self._steps.content = _progress_html(state, len(self._session.loads_g))
+            self._advice.content = self._advice_html(state)
+            self._presses.content = _scale_html(state, self._stiffness if is_simulated(state.source) else None)
+            self._figures.content = (
+                "" if state.quality is None or state.presses else name_value_table_html(quality_rows(state.quality))
+            )
+            self._camera.show(
+                state.source, state.exposure, state.phase is LoadPhase.PREVIEW, has_image=state.image is not None
+            )
+            self._show_image(state)
+            self._show_buttons(state)
+            if self._simulated is not None:
+                self._follow_load(state, self._simulated)
+
+    def _build_buttons(self) -> None:
+        """Add the load and the buttons."""
+        gui, session = self._server.gui, self._session
+        self._load = gui.add_number("load (g)", session.loads_g[0], min=1.0, max=_MOST_G, step=1.0)
+        self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
+        self._save = gui.add_button("Save the force scale", icon=Icon.DEVICE_FLOPPY)
+        self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
+        self._another = gui.add_button("Take another press", color="gray", icon=Icon.PLUS)
+        self._remove = gui.add_button("Remove a press", color="gray", icon=Icon.TRASH)
+        self._start_over = gui.add_button("Start over", color="gray", icon=Icon.RELOAD)
+        self._load.on_update(self._set_load)
+        self._start.on_click(lambda event: session.start())
+        self._save.on_click(lambda event: attempt(event.client, session.save))
+        self._live.on_click(lambda event: session.live_requested.set())
+        self._another.on_click(lambda event: session.take_another())
+        self._remove.on_click(self._remove_doubtful)
+        self._start_over.on_click(lambda event: session.start_over())
+
+    def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
+        """Add the controls that load the ball on a simulated sensor."""
+        gui = self._server.gui
+        self._folder = gui.add_folder("Load the simulated sensor")
+        with self._folder:
+            self._plays = gui.add_checkbox("loads by itself", simulated.plays_by_itself)
+            self._weight = gui.add_slider("load on the ball (g)", 0.0, _MOST_SIMULATED_G, 5.0, 0.0)
+            self._place = gui.add_slider("place of the ball, x (mm)", -8.0, 8.0, 0.5, 0.0)
+            self._refusal = gui.add_html("")
+
+        def hold(event: GuiEvent[Any]) -> None:
+            if is_from_browser(event):
+                grams = float(self._weight.value)
+                simulated.plays_by_itself = False
+                simulated.hold(simulated_load(grams, float(self._place.value)))
+
+        def play(event: GuiEvent[Any]) -> None:
+            if is_from_browser(event):
+                simulated.plays_by_itself = self._plays.value
+
+        self._plays.on_update(play)
+        self._weight.on_update(hold)
+        self._place.on_update(hold)
+
+    def _follow_load(self, state: ForceCalibrationState, simulated: SimulatedCalibrationCamera) -> None:
+        """Show what rests on the simulated sensor."""
+        held = simulated.held
+        self._folder.visible = is_simulated(state.source) and state.phase not in (LoadPhase.PREVIEW, LoadPhase.SAVED)
+        self._follower.follow((self._plays, simulated.plays_by_itself))
+        self._follower.follow((self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))))
+        self._follower.follow((self._place, held.at_mm[0] if held.load_n else self._place.value))
+        self._refusal.content = (
+            f'<div role="alert" style="margin:0 0.9em;color:{TONES["lost"]}">{escape(simulated.refusal)}</div>'
+        )
+
+    def _set_load(self, event: GuiEvent[Any]) -> None:
+        """State the load that a person has typed."""
+        if is_from_browser(event):
+            attempt(event.client, partial(self._session.set_load, float(self._load.value)))
+
+    def _remove_doubtful(self, event: GuiEvent[Any]) -> None:
+        """Drop the press that the button names."""
+        number = self._session.state.scale.doubtful
+        if number is not None:
+            self._session.remove(number)
+
+    def _advice_html(self, state: ForceCalibrationState) -> str:
+        """Return what to do in one large sentence, and below it what the images say, as HTML."""
+        detail, tone, phase = state.advice, "held", state.phase
+        if state.camera_trouble:
+            return advice_html("No images arrive.", state.camera_trouble, "lost")
+        if phase is LoadPhase.PREVIEW:
+            sentence = "Choose the camera of the sensor."
+        elif phase is LoadPhase.REFERENCE:
+            sentence = "Do not touch the gel."
+        elif phase is LoadPhase.PRESS:
+            sentence = f"Load {self._ball} with {state.load_g:g} g in the middle of the skin, and hold still."
+        elif phase is LoadPhase.LIFT:
+            sentence = f"Taken with {state.load_g:g} g. Take the load away."
+        elif phase is LoadPhase.SAVED:
+            sentence, tone = "The force of this sensor is calibrated.", "live"
+            detail = f"Saved in {state.saved}."
+        elif state.scale.fit is None:
+            sentence, tone = "These loads determine no force scale.", "lost"
+        else:
+            sentence, tone = "All loads are taken.", "live"
+            detail = "Save the force scale if its error is small enough for you."
+        how = f'<div style="margin:0 0.9em;font-size:0.85em;{DIM}">{_HOW}</div>' if phase is LoadPhase.PRESS else ""
+        return advice_html(sentence, detail, tone) + how
+
+    def _show_image(self, state: ForceCalibrationState) -> None:
+        """Send the image to all browsers where it has changed."""
+        if state.image is not None and id(state.image) != self._drawn:
+            self._drawn = id(state.image)
+            scale = min(1.0, _IMAGE_PX / state.image.shape[1])
+            small = cv2.resize(state.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            self._images.show(np.asarray(small[..., ::-1], np.uint8))
+
+    def _show_buttons(self, state: ForceCalibrationState) -> None:
+        """Show the controls that do something now."""
+        phase, doubtful = state.phase, state.scale.doubtful
+        self._start.visible = phase is LoadPhase.PREVIEW
+        self._start.disabled = bool(state.camera_trouble) or state.image is None
+        self._load.visible = phase in (LoadPhase.PRESS, LoadPhase.LIFT)
+        self._follower.follow((self._load, state.load_g))
+        self._save.visible = state.scale.fit is not None and phase is not LoadPhase.SAVED
+        self._save.color = "gray" if phase is not LoadPhase.COMPLETE else None
+        self._live.visible = phase is LoadPhase.SAVED
+        self._another.visible = phase is LoadPhase.COMPLETE
+        self._remove.visible = doubtful is not None and phase is not LoadPhase.SAVED
+        if doubtful is not None:
+            self._remove.label = f"Remove press {doubtful + 1} ({state.presses[doubtful].grams:g} g)"
+        self._start_over.visible = phase is not LoadPhase.PREVIEW
+
+
+def simulated_load(grams: float, x_mm: float = 0.0) -> GaugePress:
+    """Return the press of the ball under a load; nothing for no load."""
+    return GaugePress("ball", load_n=weight_of_grams_n(grams), at_mm=(x_mm, 0.0)) if grams > 0 else GaugePress()
+
+
+def _progress_html(state: ForceCalibrationState, suggested: int) -> str:
+    """Return the presses that are taken and those still to come as steps, as HTML."""
+    taken = len(state.presses)
+    names = ["untouched", *(f"{press.grams:g} g" for press in state.presses)]
+    names += [f"press {number + 1}" for number in range(taken, suggested)] + ["save"]
+    done = {LoadPhase.PREVIEW: -1, LoadPhase.REFERENCE: 0, LoadPhase.SAVED: len(names)}.get(state.phase, taken + 1)
+    return steps_html(names, len(names) - 1 if state.phase is LoadPhase.COMPLETE else done)
+
+
+def _scale_html(state: ForceCalibrationState, stiffness: float | None) -> str:
+    """Return the presses, the scale and why there is none as HTML."""
+    lines = [_presses_table_html(state.presses, state.scale)] if state.presses else []
+    if state.scale.refusal:
+        lines.append(
+            f'<div role="alert" style="margin:0.4em 0.9em;color:{TONES["lost"]}">{escape(state.scale.refusal)}</div>'
+        )
+    if state.scale.fit is not None:
+        lines.append(name_value_table_html(_fit_rows(state.scale.fit)))
+    elif state.presses and not state.scale.refusal:
+        lines.append(f'<div style="margin:0.4em 0.9em;{DIM}">One more press gives the first scale.</div>')
+    if state.phase is LoadPhase.SAVED and stiffness is not None:
+        lines.append(
+            f'<div style="margin:0.4em 0.9em">The simulated gel is {stiffness:.3f} times as stiff as the calibration assumes.</div>'
+        )
+    return f'<div style="overflow-wrap:anywhere">{"".join(lines)}</div>'
+
+
+def _presses_table_html(presses: tuple[TakenPress, ...], scale: LoadScaleSoFar) -> str:
+    """Return load, estimate and calibrated force of every press as HTML."""
+    cell = '<td style="text-align:right;padding:0.1em 0.6em 0.1em 0">'
+    head = "".join(
+        f'<th style="text-align:right;font-weight:600;padding-right:0.6em">{name}</th>'
+        for name in ("press", "load", "estimated", "calibrated", "off by")
+    )
+    rows = []
+    for number, press in enumerate(presses):
+        weighed_n, calibrated, off = weight_of_grams_n(press.grams), "", ""
+        if scale.fit is not None:
+            calibrated_n = press.estimated_n * scale.fit.adaptation.at(press.estimated_n)
+            calibrated, off = f"{calibrated_n:.2f} N", f"{calibrated_n / weighed_n - 1:+.1%}"
+        mark = (
+            f' <span style="color:{TONES["busy"]}">{escape(", ".join(press.warnings))}</span>' if press.warnings else ""
+        )
+        cells = (
+            f"{number + 1}",
+            f"{press.grams:g} g = {weighed_n:.2f} N",
+            f"{press.estimated_n:.2f} N",
+            calibrated,
+            off + mark,
+        )
+        rows.append(f"<tr>{''.join(f'{cell}{text}</td>' for text in cells)}</tr>")
+    return (
+        '<table style="margin:0.2em 0.9em;font-size:0.85em;border-collapse:collapse;font-variant-numeric:tabular-nums">'
+        f"<tr>{head}</tr>{''.join(rows)}</table>"
+    )
+
+
+def _fit_rows(fit: ForceScaleFit) -> dict[str, str]:
+    """Return the scale and its errors, as the command prints them."""
+    scale = fit.adaptation
+    curve = f" × (load / {scale.about_n:.1f} N)^{scale.curve:+.2f}" if scale.curve else ""
+    return {
+        "force scale": f"{scale.factor:.3f}{curve}",
+        "error of a press left out": f"{scale.error:.1%}",
+        "without a scale": f"{fit.unadapted:.1%}",
+    }

@@ -1,0 +1,383 @@
+"""One force calibration with known loads for all viewers of a page: presses, scale so far and its file, without any HTML.
+
+    camera ──image──▶ watcher of the phase ──press──▶ reader (estimate) ──▶ scale so far      in the thread of the session
+    buttons ─────────▶ start, set_load, remove, take_another, save, start_over                from any thread
+
+Before every press an image without contact becomes the reference. A camera that is lost is waited for; the presses stay. The scale
+is fitted and saved by the functions of the command `ninedtact adapt`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from pathlib import Path
+from threading import Event, RLock, Thread
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from ninedtact.calibration.brightness import BgrImage
+from ninedtact.calibration.guidance import (
+    STILL,
+    CalibrationStepAdvice,
+    ImageWatcher,
+    watch_reference,
+    watch_still_press,
+)
+from ninedtact.capture.frame_source import CameraExposure, FrameSource
+from ninedtact.errors import NinedtactError
+from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.known_load_scale import (
+    FEWEST,
+    ForceScaleFit,
+    ForceScaleImpossible,
+    KnownLoadPress,
+    estimated_load_n,
+    fit_force_scale,
+    weight_of_grams_n,
+    write_force_scale,
+)
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading
+from ninedtact.studio.watched_camera import ImageQuality, WatchedCamera, measure_image_quality
+
+USUAL_LOADS_G = (50.0, 100.0, 200.0, 400.0)
+"""Loads that are suggested one after the other; enough for a curve, and light enough for the range in which the gel is linear."""
+HOLD_S = 1.5
+"""Time for which a press is held still, so that a pause of a hand that presses on is not taken."""
+_MAX_OFF_CENTRE_MM = 4.0
+"""Greatest distance of a contact from the middle of the skin; nearer to the edge the gel is stiffer and the light weaker."""
+_ALIKE = 0.25
+"""Difference of the logarithms of two loads up to which they count as the same suggested load."""
+_FEWEST_FOR_OUTLIER = 3
+"""Number of presses from which one that contradicts the others can be named."""
+
+
+@runtime_checkable
+class _PressReader(Protocol):
+    """Estimates the force in single images, by an estimator without its force scale."""
+
+    estimator: ForceEstimator
+
+    def use_reference(self, frames: Sequence[Frame]) -> None:
+        """Compare the following images with the mean of these; raises `ReferenceImplausible`."""
+
+    def read(self, name: str, frame: Frame) -> Reading:
+        """Return the reading of an image with its estimate; raises `ImageImplausible`."""
+
+
+class LoadPhase(Enum):
+    """What a force calibration is doing."""
+
+    PREVIEW = "preview"
+    REFERENCE = "reference"
+    PRESS = "press"
+    LIFT = "lift"
+    COMPLETE = "complete"
+    SAVED = "saved"
+
+
+@dataclass(frozen=True)
+class TakenPress:
+    """A press that was taken: its load, and the force that the estimator states without a scale."""
+
+    grams: float
+    estimated_n: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def known_load_press(self) -> KnownLoadPress:
+        """The press as the fit takes it; raises `ForceScaleImpossible`."""
+        return KnownLoadPress(self.estimated_n, weight_of_grams_n(self.grams))
+
+
+@dataclass(frozen=True)
+class LoadScaleSoFar:
+    """What the presses so far say about the force scale."""
+
+    fit: ForceScaleFit | None = None
+    """None for too few presses, or for presses that are refused."""
+    refusal: str = ""
+    """Why the presses determine no scale."""
+    doubtful: int | None = None
+    """Number of the press to take again first, from 0; None without presses."""
+
+
+@dataclass(frozen=True)
+class ForceCalibrationState:
+    """All that a page shows of a force calibration."""
+
+    phase: LoadPhase = LoadPhase.PREVIEW
+    source: str = ""
+    load_g: float = USUAL_LOADS_G[0]
+    """The load of the press that is awaited, or of the one that was just taken."""
+    advice: str = "Waiting for the first image."
+    camera_trouble: str = ""
+    """Why no images arrive; empty while they do."""
+    image: BgrImage | None = None
+    quality: ImageQuality | None = None
+    exposure: CameraExposure | None = None
+    """The camera's exposure; None where it cannot be set."""
+    presses: tuple[TakenPress, ...] = ()
+    scale: LoadScaleSoFar = LoadScaleSoFar()
+    saved: Path | None = None
+    """The file that was written."""
+
+
+def fit_scale_so_far(presses: Sequence[TakenPress]) -> LoadScaleSoFar:
+    """Return the scale of the presses so far, or why there is none, and the press that is the most doubtful."""
+    known: list[KnownLoadPress] = []
+    for number, press in enumerate(presses):
+        try:
+            known.append(press.known_load_press)
+        except ForceScaleImpossible as refusal:
+            return LoadScaleSoFar(None, f"press {number + 1} ({press.grams:g} g): {refusal}", number)
+    doubtful = _most_doubtful(known)
+    if len(known) < FEWEST:
+        return LoadScaleSoFar(doubtful=doubtful)
+    try:
+        return LoadScaleSoFar(fit_force_scale(known), doubtful=doubtful)
+    except ForceScaleImpossible as refusal:
+        return LoadScaleSoFar(None, str(refusal), doubtful)
+
+
+def _most_doubtful(presses: Sequence[KnownLoadPress]) -> int | None:
+    """Return the press whose factor is farthest from the median one, or the last of too few; None without presses."""
+    if len(presses) < _FEWEST_FOR_OUTLIER:
+        return len(presses) - 1 if presses else None
+    factors = np.log([press.weighed_n / press.estimated_n for press in presses])
+    return int(np.abs(factors - np.median(factors)).argmax())
+
+
+@dataclass
+class ForceCalibrationSession:
+    """Calibrates the force of one sensor for all viewers of a page; used in a `with` statement, and from any thread."""
+
+    sensor: Path
+    """Sensor folder, in which the scale is kept."""
+    reader: _PressReader
+    open_source: Callable[[str], FrameSource]
+    """Returns the source of an address, not yet opened."""
+    source: str
+    loads_g: Sequence[float] = USUAL_LOADS_G
+    on_load: Callable[[float], None] = lambda grams: None
+    """Called with the load of each press that is awaited, g, and with 0 where nothing may touch."""
+    hold_s: float = HOLD_S
+    live_requested: Event = field(default_factory=Event)
+    """Set when somebody wants to see the sensor live."""
+
+    def __post_init__(self) -> None:
+        self._lock, self.camera = RLock(), WatchedCamera(self.open_source, self.source)
+        self._state = ForceCalibrationState(source=self.source, load_g=self.loads_g[0])
+        self._watch: ImageWatcher | None = None
+        self._reference: BgrImage | None = None
+        self._refusal = ""
+        self._failure: BaseException | None = None
+        self._thread = Thread(target=self._run_until_closed, name="force calibration", daemon=True)
+
+    def __enter__(self) -> "ForceCalibrationSession":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.camera.closing.set()
+        self._thread.join()
+
+    @property
+    def state(self) -> ForceCalibrationState:
+        """What all viewers show; raises an error of the program that has ended the session."""
+        with self._lock:
+            if self._failure is not None:
+                raise self._failure
+            return self._state
+
+    def choose_source(self, source: str) -> None:
+        """Show another camera; nothing happens once the calibration has begun."""
+        with self._lock:
+            if self._state.phase is LoadPhase.PREVIEW and source != self.source:
+                self.source = source
+                self.camera.choose(source)
+                self._set(source=source, image=None, quality=None, exposure=None, camera_trouble="")
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the camera's exposure before the calibration begins; raises `CameraSettingRefused`."""
+        if self.state.phase is LoadPhase.PREVIEW:
+            self.camera.set_exposure(exposure_ms)
+            self._set(exposure=self.camera.exposure)
+
+    def start(self) -> None:
+        """Take the first reference image; once started, nothing happens."""
+        with self._lock:
+            if self._state.phase is LoadPhase.PREVIEW:
+                self.camera.restart_recording()
+                self._enter(LoadPhase.REFERENCE)
+
+    def set_load(self, grams: float) -> None:
+        """State the load of the press that is awaited, or correct that of the press just taken; raises `ForceScaleImpossible`."""
+        if not 0 < grams < np.inf:
+            raise ForceScaleImpossible(f"expected a load above zero, got {grams:g} g; read the scale again")
+        with self._lock:
+            phase, presses = self._state.phase, self._state.presses
+            if phase is LoadPhase.LIFT:
+                self._set_presses((*presses[:-1], replace(presses[-1], grams=grams)))
+            if phase in (LoadPhase.PRESS, LoadPhase.LIFT):
+                self._set(load_g=grams)
+            if phase is LoadPhase.PRESS:
+                self.on_load(grams)
+
+    def remove(self, number: int) -> None:
+        """Drop a press, counted from 0; its load is asked for again. A number that is gone already does nothing."""
+        with self._lock:
+            presses, phase = self._state.presses, self._state.phase
+            if number < len(presses) and phase is not LoadPhase.SAVED:
+                self._set_presses(presses[:number] + presses[number + 1 :])
+                self._set(load_g=presses[number].grams)
+                self._enter(LoadPhase.REFERENCE if phase is LoadPhase.LIFT else LoadPhase.PRESS)
+
+    def take_another(self) -> None:
+        """Wait for one more press than was suggested."""
+        with self._lock:
+            if self._state.phase is LoadPhase.COMPLETE:
+                self._enter(LoadPhase.PRESS)
+
+    def save(self) -> None:
+        """Keep the scale in the sensor folder; raises `ForceScaleImpossible` where there is none, and what writing raises."""
+        with self._lock:
+            scale = self._state.scale
+            if self._state.phase is LoadPhase.SAVED:
+                return
+            if scale.fit is None:
+                raise ForceScaleImpossible(
+                    scale.refusal or f"expected at least {FEWEST} presses of known weight, got fewer; press with more"
+                )
+            try:
+                file = write_force_scale(self.sensor, self.reader.estimator.name, scale.fit.adaptation)
+            except OSError as trouble:
+                raise ForceScaleImpossible(
+                    f"expected to write the force scale into {self.sensor}, got: {trouble}; make room or change its permissions"
+                ) from trouble
+            self._enter(LoadPhase.SAVED)
+            self._set(saved=file)
+
+    def start_over(self) -> None:
+        """Give up the presses and go back to the choice of the camera; a file that was written stays."""
+        with self._lock:
+            self._state = ForceCalibrationState(source=self.source, load_g=self.loads_g[0])
+            self.camera.restart_recording()
+            self._watch, self._reference, self._refusal = None, None, ""
+            self.on_load(0.0)
+
+    def _set(self, **changes: object) -> None:
+        """Change fields of the state."""
+        with self._lock:
+            self._state = replace(self._state, **changes)  # type: ignore[arg-type]
+
+    def _set_presses(self, presses: tuple[TakenPress, ...]) -> None:
+        """Change the presses and fit the scale to them."""
+        self._set(presses=presses, scale=fit_scale_so_far(presses))
+
+    def _enter(self, phase: LoadPhase) -> None:
+        """Begin a phase with a new watcher."""
+        with self._lock:
+            self._watch, self._refusal = None, ""
+            self._set(phase=phase, advice="")
+            self.on_load(self._state.load_g if phase is LoadPhase.PRESS else 0.0)
+
+    def _run_until_closed(self) -> None:
+        """Run the session, and hand an error that is no refusal to whoever asks for the state."""
+        try:
+            while not self.camera.closing.is_set():
+                for image in self.camera.images(lambda: True, self._end_recording, self._report_trouble):
+                    self._evaluate(image)
+        except BaseException as error:
+            self._failure = error
+
+    def _report_trouble(self, sentence: str) -> None:
+        self._set(camera_trouble=sentence)
+
+    def _end_recording(self) -> None:
+        """Say that a recording has ended; the presses that it showed stay."""
+        if self.state.phase not in (LoadPhase.PREVIEW, LoadPhase.SAVED):
+            self._report_trouble("expected further images, got the end of the recording; save the scale, or start over")
+
+    def _evaluate(self, image: BgrImage) -> None:
+        """Update the state by one image, and go on to the next phase where this one is done."""
+        before = self.state
+        quality = measure_image_quality(image, before.quality)
+        exposure = self.camera.exposure if before.image is None else before.exposure
+        self._set(image=image, quality=quality, exposure=exposure, camera_trouble="")
+        if before.phase is LoadPhase.PREVIEW:
+            self._set(advice=quality.advice or "Check the brightness, then start.")
+        if before.phase not in (LoadPhase.REFERENCE, LoadPhase.PRESS, LoadPhase.LIFT):
+            return
+        with self._lock:
+            if self._state.phase is not before.phase:
+                return  # somebody has pressed a button meanwhile
+            watch = self._watch = self._watch or self._watcher(before.phase)
+        seen = CalibrationStepAdvice("")
+        try:
+            seen = watch(image)
+            done = None if seen.image is None else self._done_with(before, seen.image)
+            refusal = self._refusal if seen.sentence.startswith(STILL) else ""
+        except (NinedtactError, OSError) as trouble:
+            done, refusal = None, str(trouble)
+        with self._lock:
+            if self._watch is not watch:
+                return
+            self._refusal = refusal  # which stays while the same press is held on
+            self._set(advice=refusal or seen.sentence)
+            if done is not None:
+                done()
+            elif seen.image is not None:
+                self._watch = None  # this press is refused, and another one is awaited
+
+    def _watcher(self, phase: LoadPhase) -> ImageWatcher:
+        """Return the watcher of a phase."""
+        if phase is LoadPhase.PRESS:
+            assert self._reference is not None
+            return watch_still_press(self._reference, self.hold_s)
+        return watch_reference(self._reference)
+
+    def _done_with(self, before: ForceCalibrationState, image: BgrImage) -> Callable[[], None]:
+        """Return what follows from the image with which a phase ends; raises why it cannot be used."""
+        if before.phase is not LoadPhase.PRESS:
+            self.reader.use_reference([Frame(image)])
+            return lambda: self._go_on(image)
+        reading = self.reader.read(f"the press with {before.load_g:g} g", Frame(image))
+        _require_in_middle(reading)
+        warnings = tuple(str(warning) for warning in reading.warnings)
+        return lambda: self._take(TakenPress(self._state.load_g, estimated_load_n(reading), warnings))
+
+    def _go_on(self, reference: BgrImage) -> None:
+        """Wait for the next load, or for a person once all are taken."""
+        was_lift, taken = self._state.phase is LoadPhase.LIFT, len(self._state.presses)
+        self._reference = reference
+        if taken < len(self.loads_g):
+            if was_lift:
+                self._set(load_g=self._next_load_g())
+            self._enter(LoadPhase.PRESS)
+        else:
+            self._enter(LoadPhase.COMPLETE)
+
+    def _next_load_g(self) -> float:
+        """Return the first suggested load that differs from all that were taken."""
+        taken = [press.grams for press in self._state.presses]
+        left = [load for load in self.loads_g if all(abs(np.log(load / each)) > _ALIKE for each in taken)]
+        return left[0] if left else self.loads_g[-1]
+
+    def _take(self, press: TakenPress) -> None:
+        """Keep a press and wait until its load is taken away."""
+        self._set_presses((*self._state.presses, press))
+        self._enter(LoadPhase.LIFT)
+
+
+def _require_in_middle(reading: Reading) -> None:
+    """Raise `ForceScaleImpossible` for a press that the image does not show, or that is far from the middle."""
+    centre_mm = reading.summary.contact_centre_mm
+    if reading.force is None or not reading.force.touching or centre_mm is None:
+        raise ForceScaleImpossible("expected a press that the image shows, got none; let the object rest on the skin")
+    if np.hypot(*centre_mm) > _MAX_OFF_CENTRE_MM:
+        raise ForceScaleImpossible(
+            f"expected a press within {_MAX_OFF_CENTRE_MM:g} mm of the middle, got one at x {round(centre_mm[0])}, y "
+            f"{round(centre_mm[1])} mm; press in the middle"
+        )

@@ -1,0 +1,185 @@
+"""The parts that the pages of guided procedures share: the sentence, the steps, the camera's image, its choice and its exposure.
+
+All controls of such a page are shared by all browsers, so that everybody, and a page that is loaded again, sees the same state.
+Only the place of the image is each browser's own: beside the controls, or on a phone among them.
+"""
+
+from collections.abc import Callable, Sequence
+from html import escape
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray as Array
+from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserServer
+
+from ninedtact.capture.frame_source import CameraExposure
+from ninedtact.errors import NinedtactError
+from ninedtact.studio.page_and_server import BACKGROUND, set_title_and_icon
+from ninedtact.studio.page_cards import DIM, TONES
+from ninedtact.studio.viewer import NARROW_PX, NOTICE_S, PHONE_STYLE, ControlFollower, is_from_browser
+from ninedtact.studio.watched_camera import ImageQuality
+
+_WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
+"""Width of the controls on a desktop, and limits of the width of the image beside them."""
+_TALL_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] "
+    "{ max-height: 100% !important; } }</style>"
+)
+"""Lets the controls fill the screen of a phone; there is nothing behind them."""
+_BRIGHTER = {"darker": 0.8, "brighter": 1.25}
+"""Factors of the exposure of the two buttons."""
+
+
+class BrowserImages:
+    """The camera's image in every browser of a guided page, and the look of that page."""
+
+    def __init__(self, server: ViserServer, title: str) -> None:
+        self._images: dict[int, GuiImageHandle] = {}
+        self._canvas = BACKGROUND
+        self.order_on_phone = 0.0
+        """Place of the image among the controls on a phone."""
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.set_panel_label(title)
+        server.scene.set_background_image(BACKGROUND)
+        server.gui.main_panel.dock_right()
+        server.gui.main_panel.set_width(_WIDTH_PX)
+        set_title_and_icon(server, f"{title} · 9DTact")
+
+    def serve(self, server: ViserServer) -> None:
+        """Give the image to every browser that connects, once all shared controls are there."""
+        server.on_client_connect(self._add)
+        server.on_client_disconnect(self._forget)
+
+    def show(self, canvas: UInt8[Array, "rows cols 3"]) -> None:
+        """Send an image (RGB) to all browsers."""
+        self._canvas = canvas
+        for handle in tuple(self._images.values()):
+            handle.image = canvas
+
+    def _forget(self, client: ClientHandle) -> None:
+        """Forget the image of a browser that has left."""
+        self._images.pop(client.client_id, None)
+
+    def _add(self, client: ClientHandle) -> None:
+        """Add the image to the page of one browser."""
+        gui, width_px = client.gui, client.camera.image_width
+        if width_px < NARROW_PX:
+            image = gui.add_image(self._canvas, format="jpeg", order=self.order_on_phone)
+        else:
+            panel = gui.add_panel()
+            panel.dock_left()
+            panel.set_width(int(np.clip(width_px - _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX)))
+            with panel.add_tab("Camera image", Icon.CAMERA):
+                image = gui.add_image(self._canvas, format="jpeg")
+        self._images[client.client_id] = image
+
+
+@runtime_checkable
+class _CameraSession(Protocol):
+    """A guided procedure whose camera can be chosen and exposed."""
+
+    source: str
+
+    def choose_source(self, source: str) -> None:
+        """Show another camera."""
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the exposure; raises `CameraSettingRefused`."""
+
+
+class CameraControls:
+    """The choice of the camera and its exposure, which are shown until the procedure begins."""
+
+    def __init__(self, gui: GuiApi, session: _CameraSession, cameras: dict[str, str]) -> None:
+        """cameras: address and name of each camera that can be chosen."""
+        self._session = session
+        self._labels = {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
+        self._camera = gui.add_dropdown(
+            "camera", tuple(self._labels.values()), initial_value=self._labels[session.source]
+        )
+        self._exposure = gui.add_number("exposure (ms)", 10.0, min=0.0, step=0.1, visible=False)
+        self._brighter = gui.add_button_group("image", tuple(_BRIGHTER), visible=False)
+        self._no_exposure = gui.add_html("")
+        self._limits: CameraExposure | None = None
+        self._follower = ControlFollower()
+        self._camera.on_update(self._choose_camera)
+        self._exposure.on_update(self._set_exposure)
+        self._brighter.on_click(self._brighten)
+
+    def show(self, source: str, exposure: CameraExposure | None, is_shown: bool, has_image: bool) -> None:
+        """Show the camera and its exposure, or nothing of them."""
+        self._limits = exposure
+        self._camera.visible = is_shown
+        self._follower.follow((self._camera, self._labels[source]))
+        self._exposure.visible = self._brighter.visible = is_shown and exposure is not None
+        if exposure is not None:
+            self._exposure.min, self._exposure.max = exposure.least_ms, exposure.most_ms
+            self._follower.follow((self._exposure, round(exposure.now_ms, 2)))
+        self._no_exposure.content = (
+            f'<div style="margin:0.2em 0.9em;font-size:0.85em;{DIM}">The exposure of this source cannot be set here; a camera has '
+            "its own tool for it.</div>"
+            if is_shown and has_image and exposure is None
+            else ""
+        )
+
+    def _choose_camera(self, event: GuiEvent[Any]) -> None:
+        """Show the chosen camera."""
+        if is_from_browser(event):
+            addresses = {label: address for address, label in self._labels.items()}
+            self._session.choose_source(addresses[self._camera.value])
+
+    def _set_exposure(self, event: GuiEvent[Any]) -> None:
+        """Set the exposure that a person has typed."""
+        if is_from_browser(event):
+            attempt(event.client, lambda: self._session.set_exposure(float(self._exposure.value)))
+
+    def _brighten(self, event: GuiEvent[Any]) -> None:
+        """Change the exposure by a factor, within its limits."""
+        limits = self._limits
+        if limits is not None:
+            wanted_ms = limits.now_ms * _BRIGHTER[self._brighter.value]
+            wanted_ms = float(np.clip(wanted_ms, limits.least_ms, limits.most_ms))
+            attempt(event.client, lambda: self._session.set_exposure(round(wanted_ms, 1)))
+
+
+def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
+    """Do what a button says, and show why where it is refused."""
+    try:
+        action()
+    except NinedtactError as refusal:
+        if client is not None:
+            client.add_notification("Not done", str(refusal), color="red", auto_close_seconds=NOTICE_S)
+
+
+def steps_html(names: Sequence[str], done: int) -> str:
+    """Return the steps as HTML, those that are done ticked and the present one marked; -1 marks none."""
+    chips = []
+    for number, name in enumerate(names):
+        colour = TONES["live"] if number < done else TONES["held"] if number == done else "transparent"
+        ink = "#fff" if number <= done else "inherit"
+        mark = "✓ " if number < done else ""
+        current = ' aria-current="step"' if number == done else ""
+        chips.append(
+            f'<span{current} style="padding:0.1em 0.5em;border-radius:1em;font-size:0.8em;background:{colour};color:{ink};'
+            f'border:1px solid var(--mantine-color-default-border)">{mark}{escape(name)}</span>'
+        )
+    return f'{PHONE_STYLE}{_TALL_STYLE}<div style="margin:0.5em;display:flex;flex-wrap:wrap;gap:0.3em">{"".join(chips)}</div>'
+
+
+def advice_html(sentence: str, detail: str, tone: str) -> str:
+    """Return what to do in one large sentence, and below it what the images say, as HTML."""
+    return (
+        f'<div role="status" style="margin:0.5em;padding:0.6em 0.8em;border-radius:6px;color:#fff;background:{TONES[tone]};'
+        f'overflow-wrap:anywhere"><div style="font-size:1.35em;font-weight:600;line-height:1.25">{escape(sentence)}</div>'
+        f'<div style="margin-top:0.3em;min-height:1.3em;font-size:1.1em">{escape(detail)}</div></div>'
+    )
+
+
+def quality_rows(quality: ImageQuality) -> dict[str, str]:
+    """Return the figures of a live image, with what is usual."""
+    return {
+        "brightness": f"{quality.mean_grey:.0f} of 255 (140 to 170 is usual)",
+        "overexposed": f"{quality.overexposed_share:.1%} of the image (below 1% is good)",
+        "sharpness": f"{quality.sharpness:.2f}, best so far {quality.best_sharpness:.2f}: turn the lens until it is largest",
+    }

@@ -1,0 +1,123 @@
+"""The camera of a guided procedure: the one that is chosen, its exposure, and the quality of its images.
+
+`WatchedCamera.images` opens the chosen camera and yields its images in the thread of the procedure. A camera that is absent or lost
+is waited for, and gets back the exposure that a person has set.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from threading import Event, RLock
+
+import cv2
+
+from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, to_grey_float
+from ninedtact.calibration.guidance import exposure_advice
+from ninedtact.capture.frame_pacing import LatestFrameSource
+from ninedtact.capture.frame_source import CameraExposure, FrameSource, SourceEnded
+from ninedtact.errors import NinedtactError
+
+MAX_AGE_MS = 2000.0
+"""Greatest age of an image that is used; still images need not be recent."""
+RETRY_S = 0.5
+"""Time between attempts to open a camera that is absent."""
+_SHARPNESS_BLUR_PX = 1.5
+"""Blur before the sharpness is measured, so that noise of the camera does not count as detail."""
+
+
+@dataclass(frozen=True)
+class ImageQuality:
+    """Brightness and sharpness of a live image."""
+
+    mean_grey: float
+    overexposed_share: float
+    """Share of the image that is too bright to measure."""
+    sharpness: float
+    """Standard deviation of the second derivative of the image, grey levels; larger is sharper."""
+    best_sharpness: float
+    """The largest sharpness of this preview."""
+    advice: str
+    """What to change of the exposure; empty where it is fine."""
+
+
+def measure_image_quality(image: BgrImage, last: ImageQuality | None) -> ImageQuality:
+    """Return brightness and sharpness of an image; `last` is that of the image before it."""
+    grey = to_grey_float(image)
+    curvature = cv2.Laplacian(cv2.GaussianBlur(grey, (0, 0), _SHARPNESS_BLUR_PX), cv2.CV_32F)
+    sharpness = float(curvature.std())
+    best = sharpness if last is None else max(sharpness, last.best_sharpness)
+    overexposed = float((grey >= OVEREXPOSED).mean())
+    return ImageQuality(float(grey.mean()), overexposed, sharpness, best, exposure_advice(image))
+
+
+@dataclass
+class WatchedCamera:
+    """Reads the chosen camera until it is closed; choices and the exposure may be set from any thread."""
+
+    open_source: Callable[[str], FrameSource]
+    """Returns the source of an address, not yet opened."""
+    source: str
+    is_recording: bool = field(default=False, init=False)
+    """Whether the source that was opened last is a recording, which ends."""
+    closing: Event = field(default_factory=Event, init=False)
+
+    def __post_init__(self) -> None:
+        self._lock, self._reopen = RLock(), False
+        self._opened: FrameSource | None = None
+        self._wanted_exposure_ms: dict[str, float] = {}
+
+    def choose(self, source: str) -> None:
+        """Read another source from the next image on."""
+        with self._lock:
+            self.source, self._reopen = source, True
+
+    def restart_recording(self) -> None:
+        """Begin a recording again with its first image; nothing happens with a camera."""
+        self._reopen = self.is_recording
+
+    @property
+    def exposure(self) -> CameraExposure | None:
+        """The exposure of the camera that is open; None where none is open, or where it cannot be set."""
+        with self._lock:
+            return None if self._opened is None else self._opened.exposure
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the exposure of the camera that is open, now and when it comes back; raises `CameraSettingRefused`."""
+        with self._lock:
+            if self._opened is not None:
+                self._opened.set_exposure(exposure_ms)
+                self._wanted_exposure_ms[self.source] = exposure_ms
+
+    def images(
+        self, is_wanted: Callable[[], bool], on_end: Callable[[], None], on_trouble: Callable[[str], None]
+    ) -> Iterator[BgrImage]:
+        """Yield the images of the source while they are wanted, until another is chosen or the source is lost.
+
+        on_end: called at the end of a recording. on_trouble: called with a sentence where no images arrive. After either, the next
+        attempt is due.
+        """
+        with self._lock:
+            self._reopen, source = False, self.source
+        try:
+            opened = self.open_source(source)
+            self.is_recording = not opened.is_live
+            with LatestFrameSource(opened, max_age_ms=MAX_AGE_MS) if opened.is_live else opened as camera:
+                self._adopt(opened, source)
+                while is_wanted() and not (self.closing.is_set() or self._reopen):
+                    yield camera.read().image
+        except SourceEnded:
+            on_end()
+            self.closing.wait(RETRY_S)
+        except (NinedtactError, OSError) as trouble:
+            if source == self.source:
+                on_trouble(str(trouble))
+            self.closing.wait(RETRY_S)
+        finally:
+            with self._lock:
+                self._opened = None
+
+    def _adopt(self, opened: FrameSource, source: str) -> None:
+        """Keep the source that was opened, and give it the exposure that was set before it was lost."""
+        with self._lock:
+            if source in self._wanted_exposure_ms:
+                opened.set_exposure(self._wanted_exposure_ms[source])
+            self._opened = opened

@@ -1,0 +1,154 @@
+"""Walks over all controls of a page in a browser: where they are, and what happens when each is used once."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from playwright.sync_api import TimeoutError as NotInTime
+from reading_clients import open_panel
+
+CONTROLS = """() => {
+  const label = e => {
+    for (let box = e; box; box = box.parentElement) {
+      const named = box.querySelector('label');
+      if (named) return named.innerText.trim();
+    }
+    return '';
+  };
+  const clip = e => {
+    let {left, right, top, bottom} = e.getBoundingClientRect();
+    for (let box = e.parentElement; box; box = box.parentElement) {
+      const style = getComputedStyle(box);
+      if (style.visibility === 'hidden' || style.display === 'none') return null;
+      if (style.overflowX !== 'visible' || style.overflowY !== 'visible') {
+        const edge = box.getBoundingClientRect();
+        [left, right] = [Math.max(left, edge.left), Math.min(right, edge.right)];
+        [top, bottom] = [Math.max(top, edge.top), Math.min(bottom, edge.bottom)];
+      }
+    }
+    return right - left > 1 && bottom - top > 1 ? [left, top, right, bottom] : null;
+  };
+  const found = [], seen = {};
+  for (const e of document.querySelectorAll('button, [role=slider], input:not([type=hidden]):not([type=file])')) {
+    const box = e.getBoundingClientRect();
+    if (box.width === 0 || e.disabled || e.closest('.mantine-Notifications-root') || !e.closest('[class*=mantine]')) continue;
+    if (getComputedStyle(e).visibility === 'hidden') continue;
+    const kind = e.tagName === 'BUTTON' ? 'button' : e.type === 'checkbox' ? 'checkbox' : e.inputMode ? 'number' : 'text';
+    const role = (e.getAttribute('role') || '').replace('combobox', 'menu') || kind;
+    if (role === 'tab') continue;
+    const name = role === 'button' ? e.innerText.trim() : label(e);
+    const times = seen[role + name] = (seen[role + name] || 0) + 1;
+    e.dataset.walk = `${role}|${name}|${times}`;
+    found.push({key: e.dataset.walk, role, name, box: clip(e), width: [box.left, box.right]});
+  }
+  return found;
+}"""
+"""All controls that can be used, by role and name, and the part of each that is not clipped by a scrolled panel."""
+
+
+def controls_of(tab: Any) -> list[dict[str, Any]]:
+    """The controls that are on the page now."""
+    return list(tab.evaluate(CONTROLS))
+
+
+def use_every_control(tab: Any, refresh: Callable[[], None], used: set[str], last: tuple[str, ...] = ()) -> None:
+    """Press every button, move every slider, choose every option and fill every field of what is open and not yet in `used`.
+
+    last: names of controls that are used after all others, in this order, because they take others away.
+    """
+    while True:
+        refresh()
+        fresh = [control for control in controls_of(tab) if control["key"] not in used and control["name"]]
+        if not fresh:
+            return
+        control = min(fresh, key=lambda each: last.index(each["name"]) + 1 if each["name"] in last else 0)
+        used.add(control["key"])
+        is_last = control["name"] in last
+        if is_last:
+            _settle(tab, refresh)
+        _use(tab, control, refresh, used)
+        if is_last:
+            _settle(tab, refresh)
+
+
+def _settle(tab: Any, refresh: Callable[[], None]) -> None:
+    """Give the page a while to follow."""
+    for _ in range(15):
+        refresh()
+        tab.wait_for_timeout(100)
+
+
+def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None], used: set[str]) -> None:
+    """Use one control as a person does."""
+    element = tab.locator(f"[data-walk={_quoted(control['key'])}]").first
+    if control["role"] in ("button", "checkbox"):
+        element.dispatch_event("click")
+    elif control["role"] == "slider":
+        element.focus()
+        tab.keyboard.press("ArrowRight")
+    elif control["role"] == "menu":
+        _choose_every_option(tab, element, refresh, used)
+    else:
+        element.fill("1.5" if control["role"] == "number" else "a name")
+        element.press("Enter")
+        element.blur()
+
+
+def _choose_every_option(tab: Any, element: Any, refresh: Callable[[], None], used: set[str]) -> None:
+    """Choose all options of a menu that no menu had before, one after the other, and at least one."""
+    names = _open_menu(tab, element).all_inner_texts()
+    fresh = [number for number, name in enumerate(names) if f"option|{name}" not in used] or [0]
+    for number in fresh:
+        used.add(f"option|{names[number]}")
+        _open_menu(tab, element).nth(number).dispatch_event("click")
+        refresh()
+
+
+def _open_menu(tab: Any, element: Any) -> Any:
+    """The options of a menu, which is open then; a click on one that has just been closed may come to nothing."""
+    options = tab.locator("[role=option]:visible")
+    for attempt in range(10):
+        with suppress(NotInTime):
+            options.first.wait_for(timeout=100 if attempt == 0 else 3000)
+            return options
+        element.click(force=True)
+    raise AssertionError("expected a menu that opens, got none")
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\a ")
+    return f'"{escaped}"'
+
+
+def find_layout_faults(tab: Any) -> list[str]:
+    """Controls outside of the browser's window or over each other, images that are not there, and sideways scrolling."""
+    width = tab.evaluate("innerWidth")
+    faults = [] if tab.evaluate("document.documentElement.scrollWidth") <= width else ["the page scrolls sideways"]
+    shown = [control for control in controls_of(tab) if control["box"] is not None]
+    faults += [
+        f"{control['key']} is outside: {control['width']}"
+        for control in shown
+        if control["width"][0] < -1 or control["width"][1] > width + 1
+    ]
+    for number, one in enumerate(shown):
+        faults += [f"{one['key']} is over {other['key']}" for other in shown[number + 1 :] if _overlap(one, other)]
+    broken = "[...document.querySelectorAll('img')].filter(i => !i.complete || i.naturalWidth === 0).length"
+    faults += ["an image is not there"] if tab.evaluate(broken) else []
+    return faults
+
+
+def _overlap(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two controls cover each other; two parts of one field may."""
+    if one["name"] == other["name"] or not (one["name"] and other["name"]):
+        return False
+    (a, b, c, d), (e, f, g, h) = one["box"], other["box"]
+    return min(c, g) - max(a, e) > 2 and min(d, h) - max(b, f) > 2
+
+
+def open_every_panel(tab: Any, refresh: Callable[[], None], then: Callable[[str], None]) -> None:
+    """Open each panel by its tab, and do something there."""
+    for name in [label.inner_text().strip() for label in tab.get_by_role("tab").all()]:
+        open_panel(tab, name)
+        for _ in range(3):
+            refresh()
+        then(name)
