@@ -36,7 +36,7 @@ from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.displayed_reading import PageController, PageMoment, SensorStatus
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecorderState
+from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedSensor, RecorderState
 from ninedtact.studio.reading_view import session_colour_scale
 from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
@@ -73,7 +73,9 @@ class Bench:
             WrenchHistory("estimated", "", states_errors=True),
         )
         self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
-        self.recorder = PageRecorder(self.folder, "bench", [self.true, self.estimated], out, self.quota)
+        self.recorder = PageRecorder(
+            [RecordedSensor(self.folder, "bench", [self.true, self.estimated])], out, self.quota
+        )
         self.sensor = sensor_on(SkinCamera())
         self.sensor.estimator = ScaledForce()
         self.kept: list[Reading] = []
@@ -155,7 +157,7 @@ def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(reco
         np.testing.assert_allclose([one.max_indentation_mm for one in recording.readings()], deep_mm, atol=1e-5)
     with ninedtact.open(source=str(path), force="none") as sensor:
         np.testing.assert_allclose([one.max_indentation_mm for one in sensor], deep_mm, atol=1e-5)
-    live = Live(str(path)).sensor_and_wrenches(bench.folder)[0]
+    live = Live((str(path),)).sensor_and_wrenches(bench.folder)[0]
     assert live.depth_reader is not None and deep_mm[0] > 0.5
 
 
@@ -387,7 +389,7 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
     tab.on("pageerror", lambda error: errors.append(str(error)))
     sensor.estimator = ScaledForce()
     estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
-    recorder = PageRecorder(folder, "bench", [estimated], out, SaveQuota(limits))
+    recorder = PageRecorder([RecordedSensor(folder, "bench", [estimated])], out, SaveQuota(limits))
 
     def keep(reading: Reading) -> None:
         estimated.add_estimate(scaled_force(reading))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.live import Live
-from ninedtact.cli.record import is_named, require_duration, run_together, split_named
+from ninedtact.cli.record import is_named, named_sensors, require_duration, run_together
 from ninedtact.cli.result_and_interrupt import (
     load_sensor_with_notices,
     named_sensor_with_notices,
@@ -90,8 +90,8 @@ class Ros2:
         if len(self.sensor) > 1:
             raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
         live = Live(
-            self.source[0],
-            Path(self.sensor[0]).expanduser() if self.sensor else None,
+            self.source[:1],
+            self.sensor[:1],
             force=self.force,
             follow_reference=self.follow_reference,
             automatic=self.automatic,
@@ -115,11 +115,7 @@ class Ros2:
 
     def _run_several(self) -> int:
         """Publish every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
-        sources, sensors = split_named("--source", self.source), split_named("--sensor", self.sensor)
-        if strangers := sensors.keys() - sources.keys():
-            raise RecordingRefused(
-                f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
-            )
+        named = named_sensors(self.source, self.sensor)
         common: dict[str, object] = {"--force": self.force, "--points-every": self.points_every, "--out": self.out}
         common |= {"--domain": self.domain, "--interface": self.interface, "--seconds": self.seconds}
         options = [f"{key}={value}" for key, value in common.items() if value is not None]
@@ -129,16 +125,16 @@ class Ros2:
         start = [sys.executable, "-m", "ninedtact", "ros2", *options]
         commands = {
             name: [*start, f"--name={name}", f"--source={address}"]
-            + ([f"--sensor={sensors[name]}"] if name in sensors else [])
-            for name, address in sources.items()
+            + ([f"--sensor={sensor}"] if sensor is not None else [])
+            for name, (address, sensor) in named.items()
         }
-        for name, address in sources.items():
+        for name, (address, _) in named.items():
             print(f"{name}: topics /{name}/… of {address}; Ctrl-C ends", flush=True)
         with stop_on_signal() as until:
             outputs = run_together(commands, lambda: until.requested)
         for name, output in outputs.items():
             print(f"{name}: {output.splitlines()[-1]}")
-        return 0 if len(outputs) == len(sources) else 1
+        return 0 if len(outputs) == len(named) else 1
 
 
 @dataclass(frozen=True)
@@ -179,8 +175,8 @@ class Serve:
 
         require_duration(self.seconds)
         live = Live(
-            self.source,
-            self.sensor,
+            (self.source,),
+            () if self.sensor is None else (str(self.sensor),),
             force=self.force,
             follow_reference=self.follow_reference,
             automatic=self.automatic,
@@ -211,7 +207,8 @@ def _require_libraries(extra: str, *names: str) -> None:
 @contextmanager
 def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor]]":
     """Yield the folder of a sensor and the sensor on its source with its estimator, not yet opened."""
-    with _folder_or_demo_twin(live.sensor, live.source) as folder:
+    source, path = live.named_sensors()[""]
+    with _folder_or_demo_twin(path, source) as folder:
         sensor = live.sensor_and_wrenches(folder)[0]
         if live.force != NONE:
             from ninedtact.force.estimator_loading import load_estimator

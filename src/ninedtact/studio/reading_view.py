@@ -3,7 +3,7 @@
 A `ReadingView` belongs to one reading. What it draws is drawn when a viewer first asks for it, and once for all viewers.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -38,6 +38,8 @@ _OUTLINE = (20, 20, 20)
 LINE_LIFT_MM = 0.2
 """Height of lines over the skin, so that the points of a coarse surface do not hide them."""
 _JPEG_QUALITY = 85
+TILE_WIDTH_PX = 320
+"""Width of the image of one sensor where those of several stand side by side."""
 
 T = TypeVar("T")
 Image = UInt8[Array, "rows cols 3"]
@@ -271,6 +273,28 @@ class ReadingView:
 def render_reading(reading: Reading, scale: ColourScale, press: TwinPress | None = None) -> ReadingView:
     """Return the view of a reading, with heights in the colours of `scale`."""
     return ReadingView(reading, scale, press)
+
+
+def tiles_jpeg(
+    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: TractionSource
+) -> bytes:
+    """Return the same image of several sensors in one JPEG, with their names, encoded once for all viewers."""
+    key = ("tiles", kind, with_outline, source, *((view.reading.stamp_ns, view.is_past) for view in views))
+    return views[0]._draw(key, lambda: _encode_tiles(views, names, kind, with_outline, source))
+
+
+def _encode_tiles(
+    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: TractionSource
+) -> bytes:
+    images = [view.image(kind, with_outline, source) for view in views]
+    rows, cols = images[0].shape[0] * TILE_WIDTH_PX // images[0].shape[1], TILE_WIDTH_PX
+    tiles = [np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8) for image in images]
+    for tile, name in zip(tiles, names, strict=True):
+        cv2.rectangle(tile, (0, 0), (9 * len(name) + 8, 18), (30, 30, 30), cv2.FILLED)
+        cv2.putText(tile, name, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    tiles += [np.full_like(tiles[0], 90)] * (len(tiles) % 2)
+    pairs = [np.hstack(tiles[at : at + 2]) for at in range(0, len(tiles), 2)]
+    return cv2.imencode(".jpg", np.vstack(pairs), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
 
 
 def session_colour_scale(curve: DepthCurve) -> ColourScale:
