@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import PIPE
@@ -15,6 +16,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
+from viser import ViserServer
 
 from ninedtact.calibration.guidance import locate_pins
 from ninedtact.calibration.procedure import CalibrationSettings
@@ -30,7 +32,19 @@ from ninedtact.studio.socket_guard import SocketGuard
 PATIENCE_S = 120.0
 
 
-def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(browser: Browser, tmp_path: Path) -> None:
+def run_callbacks_late(server: ViserServer, monkeypatch: pytest.MonkeyPatch, delay_s: float = 0.3) -> None:
+    """Run what a control of the page does some time after its value has arrived, as on a busy computer."""
+    submit = server.gui._thread_executor.submit
+
+    def submit_late(callback: Callable[..., Any], *args: Any) -> Any:
+        return submit(lambda: (time.sleep(delay_s), callback(*args)))
+
+    monkeypatch.setattr(server.gui._thread_executor, "submit", submit_late)
+
+
+def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     camera, settings = PluggedCamera(TWIN, SensorDesign(), rate_hz=60.0), CalibrationSettings(method="ratio")
     session = CalibrationSession(
         tmp_path / "s", lambda address: camera, "sim", settings=settings, sensor_id="s", on_step=camera.follow
@@ -59,6 +73,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(brow
         box = phone.get_by_role("button", name="Start").bounding_box()
         assert box is not None and box["width"] > 330  # the controls fill the phone
 
+        run_callbacks_late(server, monkeypatch)  # the page must not set the box back meanwhile
         desk.get_by_label("presses by itself").uncheck()
         wait(lambda: not camera.plays_by_itself)
         phone.get_by_role("button", name="Start").click()

@@ -302,7 +302,7 @@ def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, 
     with RecordedReadings(path, shape) as readings:
         assert save_surface_sequence(readings.readings(2, 4), tmp_path / "ply", bench.quota) == 3
         assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
-        assert save_video(readings.readings(), scale, 10.0, tmp_path / "all.mp4", bench.quota) == 8
+        assert save_video(readings.readings(), scale, 69.6971, tmp_path / "all.mp4", bench.quota) == 8
         video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
         assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
         for write in (
@@ -380,6 +380,11 @@ class Journey:
 
         wait_until(found, PATIENCE_S, pause_s=0.03)
         return next(self.out.glob(pattern))
+
+    def until_exported(self, pattern: str) -> Path:
+        path = self.until_found(pattern)
+        self.until_shown("Exported", path.name)  # before that, another export is refused
+        return path
 
 
 def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_path: Path) -> None:
@@ -471,10 +476,10 @@ def save_the_moment(journey: Journey) -> Path:
 def export_everything(journey: Journey, images: int) -> None:
     """Export tables of the whole recording, and surfaces and a video of the label."""
     journey.press("Images and tables")
-    tables = journey.until_found("recording_*_export_*")
+    tables = journey.until_exported("recording_*_export_*")
     assert (tables / "spans.csv").is_file() and len(list((tables / "images").iterdir())) == images
     journey.choose(journey.field("label", 1), "shallow")
     journey.press("Surfaces (PLY)")
-    assert 0 < len(list(journey.until_found("recording_*_surfaces_*").iterdir())) < images
+    assert 0 < len(list(journey.until_exported("recording_*_surfaces_*").iterdir())) < images
     journey.press("Video (MP4)")
-    journey.until_found("recording_*.mp4")
+    journey.until_exported("recording_*.mp4")

@@ -25,7 +25,7 @@ from ninedtact.simulation.calibration_camera import GaugePress, SimulatedCalibra
 from ninedtact.studio.calibration_session import CalibrationSession, CalibrationState, ImageQuality, Phase
 from ninedtact.studio.page_and_server import BACKGROUND, set_title_and_icon
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
-from ninedtact.studio.viewer import NARROW_PX, NOTICE_S, is_from_browser, set_control
+from ninedtact.studio.viewer import NARROW_PX, NOTICE_S, ControlFollower, is_from_browser, set_control
 
 REFRESH_HZ = 8.0
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
@@ -64,7 +64,7 @@ class CalibrationPage:
         self._labels = {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
         self._images: dict[int, GuiImageHandle] = {}
         self._drawn: tuple[int, int] | None = None
-        self._canvas = BACKGROUND
+        self._canvas, self._follower = BACKGROUND, ControlFollower()
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label("Calibration")
@@ -155,11 +155,11 @@ class CalibrationPage:
         held = simulated.held
         state = self._session.state
         self._presses.visible = is_simulated(state.source) and state.phase not in (Phase.FIT, Phase.RESULT)
-        set_control(self._plays, simulated.plays_by_itself)
+        self._follower.follow((self._plays, simulated.plays_by_itself))
         for slider, value in zip(
             (self._depth, self._tilt_x, self._tilt_y), (held.depth_mm, *held.tilt_deg), strict=True
         ):
-            set_control(slider, round(value, 2))
+            self._follower.follow((slider, round(value, 2)))
             slider.disabled = held.gauge == "nothing"
         self._held.content = _held_html(held, simulated.refusal)
 
@@ -220,7 +220,7 @@ class CalibrationPage:
         phase, complete = state.phase, state.step == len(_STEP_NAMES) - 1
         can_fit = phase is Phase.REFUSED and complete
         self._camera.visible = self._start.visible = phase is Phase.PREVIEW
-        set_control(self._camera, self._labels[state.source])
+        self._follower.follow((self._camera, self._labels[state.source]))
         self._start.disabled = bool(state.camera_trouble) or state.image is None
         self._replace.visible = (phase is Phase.PREVIEW or can_fit) and self._session.would_replace
         self._fit_again.visible = can_fit

@@ -35,7 +35,7 @@ from ninedtact.studio.press_control import (
     PressControl,
     state_from_rotation,
 )
-from ninedtact.studio.viewer import Side, Viewer, is_from_browser, set_control
+from ninedtact.studio.viewer import ControlFollower, Side, Viewer, is_from_browser
 
 HANDLE_LIFT_MM = 7.0
 """Height of the 3D handle over the lowest point of the object, so that both can be seen."""
@@ -57,7 +57,7 @@ class PressPanel:
     def __init__(self, viewer: Viewer, controls: Sequence[PressControl]) -> None:
         """controls: one for each sensor of the page."""
         self._viewer, self._controls = viewer, tuple(controls)
-        self._followed: tuple[int, int] = (-1, -1)
+        self._followed, self._follower = (-1, -1), ControlFollower()
         self._dragging = False
 
     @property
@@ -111,8 +111,7 @@ class PressPanel:
         """Follow what other viewers do, and say how the contact is."""
         state, followed = self._control.state, (self._viewer.options.sensor or 0, self._control.revision)
         if followed != self._followed:
-            self._followed = followed
-            self._follow(state)
+            self._followed = followed if self._follow(state) else (-1, -1)
         self._says.content = _contact_html(moment, self._control)
         self._show_handle(state, moment)
 
@@ -197,19 +196,17 @@ class PressPanel:
         else:
             self._viewer.notify("Mesh taken", " ".join(said), "green")
 
-    def _follow(self, state: HeldObject) -> None:
-        """Set all controls to the present state."""
+    def _follow(self, state: HeldObject) -> bool:
+        """Set all controls to the present state; return whether all show it, which one that is being changed does not yet."""
         names = OBJECTS_BY_KIND.get(state.kind, (self._control.own_mesh_name or "",))
         if tuple(self._family.options) != names:
             self._family.options = names
             self._thumbnails.image = thumbnails_of_kind(state.kind, self._control.simulation.hand.held_object)
-        set_control(self._mode, _mode_of(state))
-        for control, value in ((self._kind, state.kind), (self._family, state.family), (self._number, state.number)):
-            set_control(control, value)
         self._number.visible = state.kind not in ("primitives", OWN_KIND)
         self._depth.visible, self._load.visible = not state.by_load, state.by_load
-        for name, slider in self._sliders.items():
-            set_control(slider, round(getattr(state, name), 3))
+        chosen = (self._mode, _mode_of(state)), (self._kind, state.kind), (self._family, state.family)
+        moved = ((slider, round(getattr(state, name), 3)) for name, slider in self._sliders.items())
+        return self._follower.follow(*chosen, (self._number, state.number), *moved)
 
 
 def _mode_of(state: HeldObject) -> str:

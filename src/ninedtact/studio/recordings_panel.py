@@ -286,10 +286,11 @@ class RecordingsPanel:
 
     def _export(self, export: "Export") -> None:
         """Write into a new file or folder, one export at a time."""
-        with self._refusals("Not exported"), self._quota.one_export():
-            self._quota.count_save(0, self._out, "an export")
-            self._out.mkdir(parents=True, exist_ok=True)
-            path = export(f"{datetime.now():%Y%m%d_%H%M%S_%f}")
+        with self._refusals("Not exported"):
+            with self._quota.one_export():
+                self._quota.count_save(0, self._out, "an export")
+                self._out.mkdir(parents=True, exist_ok=True)
+                path = export(f"{datetime.now():%Y%m%d_%H%M%S_%f}")
             self._viewer.notify("Exported", path.name, "green")
         self._progress.content = ""
 

@@ -195,7 +195,8 @@ def save_video(readings: Iterable[Reading], scale: ColourScale, hz: float, path:
             first_ns = reading.stamp_ns if first_ns is None else first_ns
             picture = _draw_picture(reading, scale, (reading.stamp_ns - first_ns) / 1e9)
             if not writer.isOpened():
-                writer.open(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), hz, picture.shape[1::-1])
+                rate = round(hz, 2)  # MPEG-4 holds a rate as a fraction of numbers up to 65535
+                writer.open(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), rate, picture.shape[1::-1])
             writer.write(picture)
             count += 1
             quota.require_space(partial.stat().st_size if partial.exists() else 0, path.parent, "another video")

@@ -141,7 +141,7 @@ def _grip_html(grip: GripForce) -> str:
         f'<div title="{title}" style="display:flex;justify-content:space-between;align-items:baseline;gap:0.5em">'
         f'<span style="font-size:0.85em"><span style="color:{GRIP_COLOUR}">■</span> grip force '
         f"{escape(' and '.join(grip.fingers))}, {escape(grip.source)}</span>"
-        f'<span style="font-size:1.2em;font-weight:600;white-space:nowrap;'
+        f'<span style="font-size:1.1em;font-weight:600;white-space:nowrap;'
         f'font-variant-numeric:tabular-nums">{said}</span></div>'
     )
 

@@ -7,7 +7,7 @@ of a viewer get the same moment. To add one, write a class with `build` and `upd
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from threading import RLock
-from time import monotonic_ns
+from time import monotonic_ns, time
 from typing import Any, Literal, Protocol, runtime_checkable
 
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
@@ -209,3 +209,29 @@ def is_from_browser(event: GuiEvent[Any]) -> bool:
 def set_control(control: Any, value: Any) -> None:
     """Set a control of one viewer to a value; a control that has it already is left alone."""
     control.value = value
+
+
+class ControlFollower:
+    """Sets controls to the present values of what they control, again and again.
+
+    A control that a person changed within the last second is left alone. The change is in the control at once, but its callback
+    runs later in another thread, and would otherwise read back the value that is set here.
+    """
+
+    handled_within_s = 1.0
+    """Time within which the callback of a control has run."""
+
+    def __init__(self) -> None:
+        self._set_at: dict[int, float] = {}
+
+    def follow(self, *values: tuple[Any, Any]) -> bool:
+        """Set controls to values, given as pairs; return whether all controls show their values now."""
+        are_shown = True
+        for control, value in values:
+            changed_at = control.update_timestamp
+            if changed_at != self._set_at.get(id(control), changed_at) and time() - changed_at < self.handled_within_s:
+                are_shown &= bool(control.value == value)
+            else:
+                set_control(control, value)
+                self._set_at[id(control)] = control.update_timestamp
+        return are_shown
