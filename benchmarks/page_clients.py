@@ -68,18 +68,22 @@ def page_clients(clients: int = 20, rounds: int = 5, images: int = 240, json: bo
         stop.set()
         showing.join()
     lost = [
-        at_most(
-            f"lost with {sensors} sensors on one page and a client, %, of the sensor that loses most", 100 * share, 5
-        )
-        for sensors, share in several.items()
+        at_most(f"lost by the worst of {sensors} sensors on a page with a client, %", 100 * share, 5)
+        for sensors, (share, _) in several.items()
+    ]
+    lost += [
+        Figure(f"processor time of {sensors} sensors and their page, % of a core", 100 * share)
+        for sensors, (_, share) in several.items()
     ]
     answer(
         "Clients of the live page", [*figures(clients, rounds * images, alone, crowded, few, memory_mb), *lost], json
     )
 
 
-def lost_of_several(pictures: dict[str, np.ndarray], shape: CalibratedShape, sensors: int, images: int) -> float:
-    """The largest share of images that one of several sensors loses while a client watches all side by side."""
+def lost_of_several(
+    pictures: dict[str, np.ndarray], shape: CalibratedShape, sensors: int, images: int
+) -> tuple[float, float]:
+    """The largest share of images that one of several sensors loses while a client watches all, and processor time per time."""
     changed, stop = threading.Event(), threading.Event()
     pollers = [
         SensorPoller(
@@ -97,10 +101,12 @@ def lost_of_several(pictures: dict[str, np.ndarray], shape: CalibratedShape, sen
         showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
         showing.start()
         with crowd(server, 1, silent=0), ThreadPoolExecutor(sensors) as counters:
+            began_s, worked_s = time.monotonic(), time.process_time()
             lost = list(counters.map(lost_images, pollers, [images] * sensors))
+            load = (time.process_time() - worked_s) / (time.monotonic() - began_s)
         stop.set()
         showing.join()
-    return max(lost) / images
+    return max(lost) / images, load
 
 
 def figures(
