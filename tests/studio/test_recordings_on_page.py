@@ -39,7 +39,7 @@ from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedSensor, RecorderState
 from ninedtact.studio.reading_view import session_colour_scale
 from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
-from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel, _slider_marks
 from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
@@ -190,6 +190,12 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     assert deep.label == "deep" and bench.kept[2].stamp_ns <= deep.begin_ns <= bench.kept[4].stamp_ns <= deep.end_ns
     player = player_of(path, bench)
     player.add_span(0.0, player.duration_s, " whole ")
+    deep_s, (whole, *marks) = player.span_s(deep), _slider_marks(player)
+    assert (whole.value, whole.label) == (0.0, "whole") and marks[-1].value == player.duration_s
+    assert {round(mark.value, 6) for mark in marks} >= {round(at_s, 6) for at_s in deep_s}
+    assert [mark.label for mark in marks if mark.value == deep_s[0]] == [
+        "deep" if deep_s[0] > 0.2 * player.duration_s else None
+    ]
     size = path.stat().st_size
     player.add_span(0.0, 0.01, "first")
     assert path.stat().st_size < size + 200  # an earlier list of labels does not pile up

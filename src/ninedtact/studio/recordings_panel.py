@@ -14,6 +14,7 @@ from time import monotonic
 from typing import Any
 
 from viser import GuiApi, GuiEvent, Icon, ViserServer
+from viser._messages import GuiSliderMark
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -36,6 +37,8 @@ STEPS = {"back": -1, "play": 0, "next": 1}
 PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
+_MARK_LETTERS, _MARK_ROOM = 10, 0.2
+"""Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 _SMALL = "margin:0.2em 0.9em;font-size:0.85em"
 
 
@@ -277,6 +280,7 @@ class RecordingsPanel:
         if player is not None:
             names = [_span_name(player, span) for span in player.spans]
             self._label_choice.options = (WHOLE, *dict.fromkeys(names))
+            self._slider._marks = tuple(_slider_marks(player))  # viser 1.1 takes marks only when a slider is made
             self._list.content = f'<div style="{_SMALL}">' + "<br>".join(map(escape, names)) + "</div>"
             begin_s, end_s = self._marks_s
             self._marked.content = f'<div style="{_SMALL}">marked: {begin_s:.2f} to {end_s:.2f} s</div>'
@@ -376,6 +380,18 @@ class RecordingsPanel:
 
 Export = Callable[[str], Path]
 """Writes something under a name that contains this time, and returns its path."""
+
+
+def _slider_marks(player: RecordingPlayer) -> Iterator[GuiSliderMark]:
+    """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
+    duration_s, free_s = player.duration_s, 0.0
+    room_s = _MARK_ROOM * duration_s
+    ends = [(player.span_s(span)[end], "" if end else span.label) for span in player.spans for end in (0, 1)]
+    for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
+        has_room = bool(label) and free_s <= at_s <= duration_s - room_s
+        free_s = at_s + room_s if has_room else free_s
+        yield GuiSliderMark(at_s, label[:_MARK_LETTERS] if has_room else None)
+    yield GuiSliderMark(duration_s, f"{duration_s:.1f} s")
 
 
 def _file_name(path: Path) -> str:
