@@ -17,7 +17,7 @@ from ninedtact.force.traction.forward_model import (
     bulge_to_dent_slope_ratio,
     identify_substrate,
 )
-from ninedtact.force.traction.inversion import UncertaintyModel, _wrench_operator
+from ninedtact.force.traction.inversion import UncertaintyModel, _count_peaks, _wrench_operator
 from ninedtact.force.traction.linearisation import (
     DiscretePrior,
     LinearisedProblem,
@@ -209,15 +209,29 @@ RIGID = BrightnessObservationModel(
 )
 
 
-def test_thin_gel_and_blurred_light_widen_the_stated_error() -> None:
+def gaussian_peaks(rows: int, width: float = 3.0, apart: int = 24) -> np.ndarray:
+    y, x = np.mgrid[0 : (rows + 1) * apart, 0 : 2 * apart]
+    return np.asarray(sum(np.exp(-((x - apart) ** 2 + (y - (i + 1) * apart) ** 2) / 2 / width**2) for i in range(rows)))
+
+
+def test_separate_peaks_of_pressure_are_counted() -> None:
+    for scale, width in ((1.0, 2.0), (0.03, 3.0), (5.0, 4.0)):
+        assert _count_peaks(scale * gaussian_peaks(1, width)) == pytest.approx(1, rel=0.05)
+    for number in (2, 5):
+        assert _count_peaks(gaussian_peaks(number)) == pytest.approx(number, rel=0.05)
+    assert _count_peaks(np.zeros((4, 4))) == 1
+
+
+def test_thin_gel_blurred_light_and_fine_structure_widen_the_stated_error() -> None:
     cells, model = cell_grid_over_image((69, 92), 0.26, 3.0), UncertaintyModel()
-    sharp, blurred, thin = (
-        model.relative_std(ForwardModel(cells, thickness_mm, 0.499, point_spread_mm))
-        for thickness_mm, point_spread_mm in ((3.0, 0.4), (3.0, 0.6), (1.5, 0.4))
-    )
-    assert sharp < blurred < thin
-    heights = model.relative_std(ForwardModel(cells, 3.0, 0.499, 0.0))
-    assert 0.04 < heights < sharp  # heights are resolved no better than the cells
+
+    def unresolved(thickness_mm: float, point_spread_mm: float, peaks: int = 1) -> float:
+        return model._unresolved(gaussian_peaks(peaks), ForwardModel(cells, thickness_mm, 0.499, point_spread_mm))
+
+    assert 0 < unresolved(3.0, 0.0) < unresolved(3.0, 0.4)  # heights are resolved no better than the cells
+    assert unresolved(3.0, 0.4) < unresolved(3.0, 0.6) < unresolved(1.5, 0.4)
+    assert unresolved(3.0, 0.4, 4) == pytest.approx(16 * unresolved(3.0, 0.4), rel=0.1)
+    assert unresolved(1.5, 0.6, 40) == 1
 
 
 def test_a_calibration_on_a_rigid_base_is_left_as_it_is() -> None:

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.force.traction.forward_model import ForwardModel, InfluenceKernels, SkinField, Tractions, View
@@ -198,30 +198,67 @@ docs/force_physics.md)."""
 
 @dataclass(frozen=True)
 class UncertaintyModel:
-    """Relative standard deviations that cannot be estimated from a single image."""
+    """Errors of the wrench that the covariance of a single inversion does not contain.
 
+    What the scattered light blurs is not resolved, and pressure that is even over several thicknesses of an incompressible gel
+    hardly deforms it. So the force of one rounded contact is found well, and that of many fine ridges or dots is not.
+    """
+
+    model: float = 0.04
+    """Relative error of the mechanics and of the brightness law."""
     thickness: float = 0.02
     """Relative error of the gel's thickness, as fitted to the ball press."""
-    unresolved: float = 0.45
-    """Relative error per ratio of the resolution to the gel's thickness. Structure of a contact that the scattered light blurs is
-    not resolved, and the thinner the gel, the more of the force it carries. Found on simulated sensors."""
-    correlation: float = 1.8
-    """Factor on the posterior standard deviation for correlated errors of the cells: calibration errors are alike all around a
-    contact. Found on simulated sensors."""
-
-    def relative_std(self, forward: ForwardModel) -> float:
-        """Return the relative standard deviation of the model and the thickness combined."""
-        resolution_mm = max(forward.point_spread_mm, forward.cells.pitch_mm / 2)
-        unresolved = self.unresolved * resolution_mm / forward.thickness_mm
-        return float(np.hypot(unresolved, _THICKNESS_EXPONENT * self.thickness))
+    unresolved: float = 0.01
+    """Relative error of the force of one peak of pressure per ratio of the resolution to the gel's thickness. Found on simulated
+    sensors, as the two below."""
+    peaks_exponent: float = 2.0
+    """Exponent with which the relative error grows with the number of peaks."""
+    torque_arm: float = 0.5
+    """Arm of the unresolved force that makes a torque of its own, in radii of gyration of the pressure."""
 
     def wrench_covariance(
         self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float
     ) -> Float64[Array, "6 6"]:
         """Return the covariance of the wrench, N and N·m, without the error of the shear modulus, which scales all of it."""
-        from_image = _wrench_covariance(result) * (self.correlation * modulus_mpa) ** 2
-        relative_std = self.relative_std(result.problem.kernels.forward)
-        return from_image + np.diag((relative_std * six) ** 2)
+        cells = result.problem.kernels.forward.cells
+        pressure = result.tractions[0].astype(float)
+        unresolved = self._unresolved(pressure, result.problem.kernels.forward)
+        scales = np.array([self.model, _THICKNESS_EXPONENT * self.thickness, unresolved])
+        covariance = _wrench_covariance(result) * modulus_mpa**2 + np.diag((scales**2).sum() * six**2)
+        arm_m = self.torque_arm * _radius_of_gyration_mm(pressure, *cells.coordinates_mm) / 1e3
+        torque_nm = unresolved * abs(six[2]) * arm_m
+        return covariance + np.diag([0.0, 0.0, 0.0, torque_nm**2, torque_nm**2, torque_nm**2])
+
+    def _unresolved(self, pressure: Float64[Array, "rows cols"], forward: ForwardModel) -> float:
+        """Return the relative error of the force due to structure that is not resolved; at most one."""
+        resolution_mm = max(forward.point_spread_mm, forward.cells.pitch_mm / 2)
+        growth = _count_peaks(pressure) ** self.peaks_exponent
+        return min(self.unresolved * resolution_mm / forward.thickness_mm * growth, 1.0)
+
+
+def _count_peaks(pressure: Float64[Array, "rows cols"]) -> float:
+    """Return the number of separate Gaussian peaks that would have the mean pressure and the gradients of this one; at least one.
+
+    It is (Σp)² Σ|Δp|² / 4π (Σp²)², with the differences Δp of neighbours, and one for a Gaussian peak of any width and height.
+    """
+    square = float((pressure**2).sum())
+    if square == 0:
+        return 1.0
+    differences = sum(float((np.diff(pressure, axis=axis) ** 2).sum()) for axis in (0, 1))
+    return max(float(pressure.sum()) ** 2 * differences / (4 * np.pi * square**2), 1.0)
+
+
+def _radius_of_gyration_mm(
+    pressure: Float64[Array, "rows cols"], x_mm: Float32[Array, "rows cols"], y_mm: Float32[Array, "rows cols"]
+) -> float:
+    """Return the root mean square distance of the pressure from its centre along one axis; 0 without pressure."""
+    total = float(pressure.sum())
+    if total <= 0:
+        return 0.0
+    moments = [
+        float((pressure * mm**2).sum()) / total - (float((pressure * mm).sum()) / total) ** 2 for mm in (x_mm, y_mm)
+    ]
+    return float(np.sqrt(max(sum(moments) / 2, 0.0)))
 
 
 def _wrench_covariance(result: InversionResult) -> Float64[Array, "6 6"]:
